@@ -1,8 +1,9 @@
 //! What coupling adds to a step: finite elements and particles coupled, beside either of them alone.
 //!
-//! `cargo bench --bench coupled_step [particles [threads]]`; default 12 000 on one thread. The models are measured in turns,
-//! so that all see the same machine; printed are the shortest times per step of the run, their ratio
-//! `coupled / (particles + elements / ratio of the steps)`, and the interface's share per stored entry of `B`.
+//! `cargo bench --bench coupled_step [particles [threads]]`; default 12 000 on one thread. The models are
+//! measured in turns, so that all see the same machine; printed are the shortest times per step of the run,
+//! their ratio `coupled / (particles + elements / ratio of the steps)`, and the interface's share per
+//! stored entry of `B`.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin::core::nalgebra::Vector3;

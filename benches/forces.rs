@@ -1,5 +1,6 @@
-//! Internal forces of one body by every continuum model, in one run: nanoseconds per node and call, and the ratio to linear
-//! tetrahedra with as many nodes. Minimum of many calls, in turns, since other work on the machine only adds.
+//! Internal forces of one body by every continuum model, in one run: nanoseconds per node and call, and the
+//! ratio to linear tetrahedra with as many nodes. Minimum of many calls, in turns, since other work on the
+//! machine only adds.
 //!
 //! Run with `cargo bench --bench forces`; set `RAYON_NUM_THREADS` for the number of threads.
 #![allow(clippy::print_stdout, reason = "a benchmark shows its figures")]

@@ -1,5 +1,6 @@
-//! The table of decision 22: how hard the bonds of an overlap are loaded against the same bonds in a body of particles
-//! alone. `cargo run --release --example overlap_strain -- rest` or `-- shock`, each under two minutes.
+//! The table of decision 22: how hard the bonds of an overlap are loaded against the same bonds in a body
+//! of particles alone. `cargo run --release --example overlap_strain -- rest` or `-- shock`, each under two
+//! minutes.
 
 #![allow(clippy::print_stdout, reason = "an example prints what it measured")]
 

@@ -1,8 +1,8 @@
 //! Exchanges the coarse continuum of a coupled beam, natural elements for finite elements, by one line.
 //!
-//! A silica beam of 20 mm by 2 mm by 2 mm, clamped at the left and pulled with 1 kN at the right: the coarse model left of
-//! 14 mm, a fine one right of 10 mm. Printed side by side: tip displacement, first axial frequency, and what the
-//! undivided fine model gives.
+//! A silica beam of 20 mm by 2 mm by 2 mm, clamped at the left and pulled with 1 kN at the right: the
+//! coarse model left of 14 mm, a fine one right of 10 mm. Printed side by side: tip displacement, first
+//! axial frequency, and what the undivided fine model gives.
 //!
 //! `cargo run --release --example swap_continuum`
 
@@ -66,7 +66,8 @@ fn tip(run: &Coupled<f64>, q: &[f64]) -> f64 {
     end.iter().map(|n| q[3 * n]).sum::<f64>() / end.len() as f64
 }
 
-/// Static tip displacement [m], first axial frequency [Hz] from the mean crossings of the suddenly loaded beam, drift.
+/// Static tip displacement [m], first axial frequency [Hz] from the mean crossings of the suddenly loaded
+/// beam, drift.
 fn results(mut run: Coupled<f64>) -> Result<[f64; 3]> {
     let Equilibrium { displacements, .. } = run.equilibrium(0.0)?;
     let level = tip(&run, &displacements[1]);

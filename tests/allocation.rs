@@ -1,5 +1,5 @@
-//! A step in the steady state allocates nothing, on any thread, nor does the evaluation of natural-neighbour functions.
-//! One test only: the counter sees the whole process.
+//! A step in the steady state allocates nothing, on any thread, nor does the evaluation of
+//! natural-neighbour functions. One test only: the counter sees the whole process.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 

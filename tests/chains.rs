@@ -1,4 +1,5 @@
-//! Interfaces that share nodes are solved for together: chains of three models whose overlaps touch, or lie in one another.
+//! Interfaces that share nodes are solved for together: chains of three models whose overlaps touch, or lie
+//! in one another.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -132,8 +133,9 @@ fn a_tie_too_many_is_counted_and_does_no_harm() {
         assert_eq!(dropped, multipliers, "those of one of three equal mediators");
         c.run(200, &mut Silent).unwrap();
         assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
-        // Three interfaces have three sets of samples, so that the tie too many is one but for their round-off: modes below 1e-10 of
-        // the largest are dropped, and what is left of a jump is the root of that.
+        // Three interfaces have three sets of samples, so that the tie too many is one but for their
+        // round-off: modes below 1e-10 of the largest are dropped, and what is left of a jump is the root
+        // of that.
         assert!(
             c.constraint_residual() < 1e-5,
             "velocity jump {:e}",

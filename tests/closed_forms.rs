@@ -1,4 +1,5 @@
-//! Numbers that follow from a formula on a sheet of paper: junctions, absorber, loads, viscosity, operator, start.
+//! Numbers that follow from a formula on a sheet of paper: junctions, absorber, loads, viscosity, operator,
+//! start.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -138,7 +139,8 @@ fn bulk_viscosity_takes_b_rho_c_l_times_the_square_of_the_dilatation_rate() {
     assert!(power(&shear).abs() < 1e-12, "{}", power(&shear));
 }
 
-/// Two bars of unit elements and properties that share one element, which is the mediator too, with weights of one half.
+/// Two bars of unit elements and properties that share one element, which is the mediator too, with weights
+/// of one half.
 fn shared_element(stiffer: f64) -> Coupled<f64> {
     let bar = |name: &str, from: f64, density: f64| {
         let mesh = generate::bar(from, from + 4.0, 4, 1.0).unwrap();
@@ -253,15 +255,16 @@ fn junctions_and_layouts_are_those_that_their_names_say() {
     assert!(layout.turns());
 }
 
-/// A traction on both models along the whole body pushes it once, in the overlap as elsewhere: `dp/dt = t A`, as a load on
-/// facets and as one on unknowns.
+/// A traction on both models along the whole body pushes it once, in the overlap as elsewhere: `dp/dt = t
+/// A`, as a load on facets and as one on unknowns.
 #[test]
 fn a_load_over_an_overlap_counts_once() {
     let (traction, area) = (Vector3::new(0.25, -2.0, 0.5), 4.0);
     for on_facets in [true, false] {
         let w = solid::weights(Profile::Linear, 1e-9);
         let shares = [w.clone(), Weights::complement_of(&[w])];
-        // Both meshes have nodes on the borders of the overlap: the rules at centres and at nodes are exact there.
+        // Both meshes have nodes on the borders of the overlap: the rules at centres and at nodes are exact
+        // there.
         let meshes = [
             solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
             solid::block(ElementKind::Tet4, [2.0, 4.0], [8, 3, 3]),

@@ -1,6 +1,7 @@
-//! Partition of unity and consistency of the coupling on random meshes, packings, weights, profiles, mediators, junctions
-//! and turns, for every ordered pair of the three models: whoever is coarse and whoever is fine, action is reaction, a
-//! rigid motion passes without a jump, weights sum to one, and momenta stay.
+//! Partition of unity and consistency of the coupling on random meshes, packings, weights, profiles,
+//! mediators, junctions and turns, for every ordered pair of the three models: whoever is coarse and
+//! whoever is fine, action is reaction, a rigid motion passes without a jump, weights sum to one, and
+//! momenta stay.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -45,7 +46,8 @@ struct Case {
     junction: usize,
     /// Particles sample the integrals, or the field of natural neighbours between them takes their place.
     particles: bool,
-    /// Integrals over the cells of all three, on bodies of a few cells, or velocities taken at the mediator's nodes.
+    /// Integrals over the cells of all three, on bodies of a few cells, or velocities taken at the
+    /// mediator's nodes.
     cells: bool,
 }
 
@@ -153,7 +155,8 @@ impl Case {
                 let points = self.points(ends(x), steps, seed);
                 let spacing = ((x[1] - x[0]) / steps[0] as f64).max(1.0 / steps[1] as f64);
                 let model = packing(name, &points, spacing, x[1] - x[0], seed);
-                // Between particles there is a field of natural neighbours only; at them there is their own as well.
+                // Between particles there is a field of natural neighbours only; at them there is their own
+                // as well.
                 let field: Arc<dyn Interpolation<f64>> = if self.particles && alone {
                     model.particle_field()
                 } else {
@@ -175,8 +178,8 @@ impl Case {
     }
 
     fn mediator(&self, sampled: bool) -> Arc<dyn Mediator<f64>> {
-        // A hair inside of both bodies, whose faces are only as flat as the round-off of a turn leaves them; a hair outside
-        // where particles on these faces sample it.
+        // A hair inside of both bodies, whose faces are only as flat as the round-off of a turn leaves
+        // them; a hair outside where particles on these faces sample it.
         let hair = if sampled { -1e-6 } else { 1e-6 };
         let (inside, seed) = (Vector3::repeat(hair), self.seed + 77);
         let [low, high] = ends([2.0, self.end]);
@@ -241,9 +244,11 @@ impl Case {
             },
         };
         Coupled::new(parts.collect(), vec![spec], TimeStep::Fraction(0.8), None).map_err(|e| match e {
-            // Too few layers of particles for so short an overlap are refused by name; any other refusal is a fault.
+            // Too few layers of particles for so short an overlap are refused by name; any other refusal is
+            // a fault.
             Error::OverhangingMediator { .. } if sampled => TestCaseError::reject(e.to_string()),
-            // Nor need so few layers of loose spheres fill an overlap as the other body does (one case of some hundred).
+            // Nor need so few layers of loose spheres fill an overlap as the other body does (one case of
+            // some hundred).
             Error::PartitionMass { .. } | Error::UnequalShapes { .. } | Error::UnevenFilling { .. }
                 if dem != [false; 2] =>
             {

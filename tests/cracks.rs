@@ -22,7 +22,8 @@ fn steel() -> Elastic<f64> {
     Elastic::new(1.0, 0.3, 1.0).unwrap()
 }
 
-/// Elongation under a unit stress on both ends: work of the loads per force and area, the cut body held at three nodes.
+/// Elongation under a unit stress on both ends: work of the loads per force and area, the cut body held at
+/// three nodes.
 fn elongation<M: LinearModel<f64> + Model<f64>>(model: &M, facets: &[SurfaceFacet<f64>]) -> f64 {
     let nodes = model.nodes();
     let mut f = vec![0.0; 3 * nodes.len()];

@@ -97,7 +97,8 @@ fn a_state_of_other_own_steps_is_refused() {
     one.restore(&kept).unwrap();
 }
 
-/// 18 000 particles in an overlap: what multipliers gather from and add to them is cut, also within a row of threads.
+/// 18 000 particles in an overlap: what multipliers gather from and add to them is cut, also within a row
+/// of threads.
 #[test]
 fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
     let with = |threads: usize| {

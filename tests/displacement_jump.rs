@@ -15,8 +15,9 @@ use arlequin_studies::solid;
 use std::sync::Arc;
 use support::line::short;
 
-/// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back, jump of
-/// displacements over the pulse's amplitude of one and over the deformation of the overlap, drift of H.
+/// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back,
+/// jump of displacements over the pulse's amplitude of one and over the deformation of the overlap, drift
+/// of H.
 fn passage(m: usize) -> [f64; 4] {
     let line = Line {
         overlap: 40.0,
@@ -41,8 +42,8 @@ fn passage(m: usize) -> [f64; 4] {
     [moving(&c) / before, jump.largest, jump.share(), c.drift()]
 }
 
-/// The table of reflected energy and displacement jump for own steps of 0.9 of critical, as prototypes of the method gave it,
-/// within a factor of two; without own steps the jump is round-off.
+/// The table of reflected energy and displacement jump for own steps of 0.9 of critical, as prototypes of
+/// the method gave it, within a factor of two; without own steps the jump is round-off.
 #[test]
 fn the_jump_of_displacements_and_the_reflected_energy_grow_with_own_steps_as_known() {
     for (m, reflected, jump) in [
@@ -123,7 +124,8 @@ fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: 
     c
 }
 
-/// Neither a common motion of both models, which deforms nothing, nor the lie of the axes changes what is warned of.
+/// Neither a common motion of both models, which deforms nothing, nor the lie of the axes changes what is
+/// warned of.
 #[test]
 fn the_share_of_the_jump_is_the_same_in_a_rigid_flight_and_under_turned_axes() {
     let zero = Vector3::zeros();
@@ -162,7 +164,8 @@ fn bodies_that_only_fly_have_a_jump_of_round_off_that_is_no_share() {
     }
 }
 
-/// Twelve times the critical step of the chain in both: models part by more than half of what the overlap deforms.
+/// Twelve times the critical step of the chain in both: models part by more than half of what the overlap
+/// deforms.
 #[test]
 fn implicit_models_far_above_their_critical_steps_part_and_the_share_tells() {
     let line = Line {

@@ -21,7 +21,8 @@ fn steel() -> Elastic<f64> {
     Elastic::new(210e9, POISSON, 7850.0).unwrap()
 }
 
-/// A block `[−1, 1]² × [0, ¼]` slit at y = 0 for x < 0, its nodes doubled; numbers of the nodes of the upper lip.
+/// A block `[−1, 1]² × [0, ¼]` slit at y = 0 for x < 0, its nodes doubled; numbers of the nodes of the
+/// upper lip.
 fn slit(n: usize) -> (Mesh<f64>, Vec<usize>) {
     let [low, high] = [Point3::new(-1.0, -1.0, 0.0), Point3::new(1.0, 1.0, 0.25)];
     let mesh = fem_ref::generate::block(ElementKind::Hex8, low, high, [2 * n, 2 * n, 2]).unwrap();
@@ -50,7 +51,8 @@ fn slit(n: usize) -> (Mesh<f64>, Vec<usize>) {
     (mesh, upper)
 }
 
-/// Displacement around a crack in plane strain with the stress intensities of the three modes (Williams 1957).
+/// Displacement around a crack in plane strain with the stress intensities of the three modes (Williams
+/// 1957).
 fn williams(k: [f64; 3], x: &Point3<f64>, upper: bool) -> Vector3<f64> {
     let mu = steel().lame()[1];
     let (r, mut t) = (x.x.hypot(x.y), x.y.atan2(x.x));
@@ -123,7 +125,8 @@ fn fields_of_the_three_modes_release_the_energy_of_irwin() {
     }
 }
 
-/// A body that is turned, moved far off and of another size releases the same, but for the factor of its size.
+/// A body that is turned, moved far off and of another size releases the same, but for the factor of its
+/// size.
 #[test]
 fn turned_moved_and_scaled_bodies_release_the_same() {
     let (mesh, upper) = slit(6);
@@ -156,7 +159,8 @@ fn turned_moved_and_scaled_bodies_release_the_same() {
     }
 }
 
-/// A bar of natural elements with a crack that opens, pulled at its ends: `∫ J da` against the work of the loads.
+/// A bar of natural elements with a crack that opens, pulled at its ends: `∫ J da` against the work of the
+/// loads.
 #[test]
 fn cracks_of_natural_elements_release_what_the_bar_gains() {
     let (n, size) = (16, [2.0, 1.0, 0.25]);

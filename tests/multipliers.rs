@@ -304,7 +304,8 @@ fn sums_over_many_ranks_are_what_a_chebyshev_iteration_saves() {
     }
 }
 
-/// Nodes on the face `z` least are held in `z` alone, overlap included: the operator of that component is another one.
+/// Nodes on the face `z` least are held in `z` alone, overlap included: the operator of that component is
+/// another one.
 #[test]
 fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
     let run = |solver| {

@@ -78,9 +78,9 @@ where
     worst / 0.04
 }
 
-/// One weight for each Voronoi cell leaves `Σ α V B̃ᵀσ` outside of what the multipliers can balance: 1.4 % with
-/// elements on the other side and 2.3 % with natural elements on both; 1.3 and 1.5 % with all three spacings
-/// halved.
+/// One weight for each Voronoi cell leaves `Σ α V B̃ᵀσ` outside of what the multipliers can balance: 1.4 %
+/// with elements on the other side and 2.3 % with natural elements on both; 1.3 and 1.5 % with all three
+/// spacings halved.
 #[test]
 fn natural_elements_in_an_overlap_fail_the_patch_test_by_a_percent() {
     for (k, cells) in [(1, 2), (2, 4)] {

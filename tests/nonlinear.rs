@@ -112,7 +112,8 @@ fn block(x: [f64; 2], counts: [usize; 3]) -> Mesh<f64> {
     solid::block(ElementKind::Tet4, x, counts)
 }
 
-/// E.6: a sound law of finite strain passes all checks at any amplitude, and one whose forces have no energy does not.
+/// E.6: a sound law of finite strain passes all checks at any amplitude, and one whose forces have no
+/// energy does not.
 #[test]
 fn conformance_passes_a_sound_law_of_finite_strain_at_any_amplitude() {
     for amplitude in [1e-3, 1e-2, 0.03] {
@@ -167,8 +168,8 @@ fn run(speed: f64, step: f64, share: f64, own: usize) -> Coupled<f64> {
     .unwrap()
 }
 
-/// E.1: the drift of a law that is not linear is of second order in the step, is explained as such, and is not warned of; a
-/// law that loses energy is warned of and ended.
+/// E.1: the drift of a law that is not linear is of second order in the step, is explained as such, and is
+/// not warned of; a law that loses energy is warned of and ended.
 #[test]
 fn the_drift_of_finite_strain_is_of_second_order_and_explained() {
     let drifts = [0.04, 0.02, 0.01].map(|step| {
@@ -196,8 +197,8 @@ fn the_drift_of_finite_strain_is_of_second_order_and_explained() {
     assert!(end.is_err() || !wrong.warnings().is_empty());
 }
 
-/// B.1: angular momentum about present positions is claimed with one explicit step each, and kept; with more own steps it is not
-/// kept, not claimed, and the report says why.
+/// B.1: angular momentum about present positions is claimed with one explicit step each, and kept; with
+/// more own steps it is not kept, not claimed, and the report says why.
 #[test]
 fn angular_momentum_about_present_positions_is_claimed_only_with_one_step_each() {
     use arlequin::core::Claim;

@@ -1,4 +1,5 @@
-//! Own steps between reflections: nothing is lost or made for any ratio, and with one step for all it is the one-step scheme.
+//! Own steps between reflections: nothing is lost or made for any ratio, and with one step for all it is
+//! the one-step scheme.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -121,7 +122,8 @@ fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
     follow(waves::random_state(&line, [2, 1]).unwrap(), 1000);
 }
 
-/// Models that are strained at rest: accelerations of the start part them, and half a reflection is due before the first step.
+/// Models that are strained at rest: accelerations of the start part them, and half a reflection is due
+/// before the first step.
 #[test]
 fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
     let line = Line {
@@ -138,8 +140,9 @@ fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
     }
 }
 
-/// A random state of high frequency in both models over 20 000 units of time, and what came of it. Velocities are differences of
-/// noise: what drifts along loses digits of its displacements, and forces with them.
+/// A random state of high frequency in both models over 20 000 units of time, and what came of it.
+/// Velocities are differences of noise: what drifts along loses digits of its displacements, and forces
+/// with them.
 fn long_run(step: f64, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
     long_run_of(&short(), step, own)
 }

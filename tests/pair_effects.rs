@@ -10,8 +10,8 @@ use arlequin::core::{
 };
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 
-/// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second side. With
-/// `c < 0` it makes energy.
+/// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second
+/// side. With `c < 0` it makes energy.
 struct Link {
     stiffness: f64,
     damping: f64,

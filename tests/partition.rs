@@ -1,4 +1,5 @@
-//! Models share everything exactly once: the partition of unity is checked before the first step, by name and number.
+//! Models share everything exactly once: the partition of unity is checked before the first step, by name
+//! and number.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -79,7 +80,8 @@ fn a_model_that_ends_inside_the_overlap_is_refused_with_point_and_sum() {
             found.missing < 1e-12 && found.excess_mass.abs() < 1e-12,
             "{found:?}"
         );
-        // The coarse bar ends inside, or the fine one begins inside, by half of the overlap down to a tenth of an element.
+        // The coarse bar ends inside, or the fine one begins inside, by half of the overlap down to a tenth
+        // of an element.
         for (coarse, fine) in [
             ([0.0, 2.5], [2.0, 5.0]),
             ([0.0, 3.0], [2.5, 5.0]),
@@ -209,7 +211,8 @@ fn gaps_in_space_are_refused_unless_the_study_says_so() {
 
 #[test]
 fn structured_tetrahedra_have_an_overlap_of_the_exact_measure() {
-    // Faces of the three meshes coincide up to round-off, as thirds and halves do; turned, they do so nowhere exactly.
+    // Faces of the three meshes coincide up to round-off, as thirds and halves do; turned, they do so
+    // nowhere exactly.
     let turn = nalgebra::Rotation3::new(nalgebra::Vector3::new(0.3, -0.5, 0.7));
     for turned in [false, true] {
         let mesh = |x: [f64; 2], counts: [usize; 3]| {

@@ -20,7 +20,8 @@ use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use std::ops::ControlFlow;
 use support::solid::{self, bodies, couple, mediator};
 
-/// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never stopped.
+/// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never
+/// stopped.
 fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> Coupled<f64> {
     let mut whole = build();
     whole.run(first, &mut Silent).unwrap();
@@ -173,7 +174,8 @@ fn a_restart_keeps_the_work_of_a_model_that_evolves() {
     assert!(line.name == "bar/fracture" && line.work < 0.0, "{line:?}");
 }
 
-/// What counts as equilibrium is part of the state: a run that was given another start holds still where the first one did.
+/// What counts as equilibrium is part of the state: a run that was given another start holds still where
+/// the first one did.
 #[test]
 fn a_restart_keeps_the_state_that_prestress_balances() {
     let built = std::cell::Cell::new(0);
@@ -255,8 +257,8 @@ fn an_observer_ends_a_run_after_the_step_it_saw() {
     assert_eq!(run.steps(), 3);
 }
 
-/// What the report says of the jump is what `B` and the displacements say, the largest of both sides, and goes on after a
-/// restart.
+/// What the report says of the jump is what `B` and the displacements say, the largest of both sides, and
+/// goes on after a restart.
 #[test]
 fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
     let build = || {

@@ -1,5 +1,5 @@
-//! Couplings of solids in space: momenta, patch test, sampling choices, several interfaces, prescribed motion, effects
-//! in the ledger, single precision.
+//! Couplings of solids in space: momenta, patch test, sampling choices, several interfaces, prescribed
+//! motion, effects in the ledger, single precision.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -79,7 +79,8 @@ fn overhanging_mediator_is_refused_with_the_measure_outside() {
     assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
 }
 
-/// Deviation from uniform tension of a bar fixed at the left and pulled at the right, in displacement and in strain.
+/// Deviation from uniform tension of a bar fixed at the left and pulled at the right, in displacement and
+/// in strain.
 fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon: f64) -> [f64; 2] {
     let left = solid::block(coarse, [0.0, 3.0], [7, 2, 2]);
     patch_of(left, solid::block(fine, [2.0, 4.0], [9, 3, 3]), profile, epsilon).0
@@ -209,7 +210,8 @@ fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how
 
 #[test]
 fn patch_test_in_space() {
-    // Exact with a linear weight, its gradient in the mediator space, and element means: simplices and aligned boxes.
+    // Exact with a linear weight, its gradient in the mediator space, and element means: simplices and
+    // aligned boxes.
     for (coarse, fine) in [
         (ElementKind::Tet4, ElementKind::Tet4),
         (ElementKind::Hex8, ElementKind::Hex8),

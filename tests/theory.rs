@@ -1,5 +1,6 @@
-//! The checks of the method against theory and print, one test per case of the table in `arlequin_studies::checks`, which
-//! `arlequin verify` prints; the cases on the line that take longer, beams and parameter studies run there.
+//! The checks of the method against theory and print, one test per case of the table in
+//! `arlequin_studies::checks`, which `arlequin verify` prints; the cases on the line that take longer,
+//! beams and parameter studies run there.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 

@@ -81,7 +81,8 @@ enum Command {
         #[arg(long, value_name = "N")]
         ranks: Option<usize>,
     },
-    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams for given ones.
+    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams
+    /// for given ones.
     Calibrate(calibrate::Calibrate),
     /// Run the decks of the literature and compare with their numbers.
     Verify(verify::Args),

@@ -18,7 +18,8 @@ const WAIT: f64 = 600.0;
 // No comment for documentation: it would become the help of the program.
 #[derive(Debug, Clone, Copy, Args)]
 pub(crate) struct Waiting {
-    /// Under mpirun: seconds that a rank waits for another before all of them end with an error [default: 600]
+    /// Under mpirun: seconds that a rank waits for another before all of them end with an error [default:
+    /// 600]
     #[arg(long, value_name = "SECONDS")]
     wait: Option<f64>,
 }

@@ -64,7 +64,8 @@ struct Terminal {
 }
 
 impl Terminal {
-    /// Watches for Ctrl-C only from now on, unless there are links: without them a set-up leaves nothing behind.
+    /// Watches for Ctrl-C only from now on, unless there are links: without them a set-up leaves nothing
+    /// behind.
     fn new(json: bool) -> Result<Self> {
         let stop = watch_interrupt()?;
         STEPS.store(true, Ordering::Relaxed);
@@ -100,8 +101,8 @@ impl Observer for Terminal {
     }
 }
 
-/// A flag that Ctrl-C and SIGTERM raise; waits for other programs and packings end with it. A second signal during the set-up
-/// ends the process.
+/// A flag that Ctrl-C and SIGTERM raise; waits for other programs and packings end with it. A second signal
+/// during the set-up ends the process.
 pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     if let Some(stop) = STOP.get() {
         return Ok(stop.clone());

@@ -1,5 +1,5 @@
-//! `arlequin sweep`: its runs one after another, each in a process of its own: no two share the cores, each has its own
-//! peak of memory, and what one does wrong ends with it.
+//! `arlequin sweep`: its runs one after another, each in a process of its own: no two share the cores, each
+//! has its own peak of memory, and what one does wrong ends with it.
 
 use crate::error::{Error, Located, Result, key, write};
 use crate::report::{self, Progress};

@@ -4,8 +4,8 @@ use crate::error::{Error, Result, value};
 use crate::report;
 use arlequin_scene::threads;
 
-/// Number of threads for a wish, of the command line or else of `RAYON_NUM_THREADS`; one per core without a wish. Says
-/// so where the machine bounds it.
+/// Number of threads for a wish, of the command line or else of `RAYON_NUM_THREADS`; one per core without a
+/// wish. Says so where the machine bounds it.
 pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     if wanted == Some(0) {
         return Err(value("--threads", 0, "must be at least 1"));

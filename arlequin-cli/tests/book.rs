@@ -1,4 +1,5 @@
-//! The book: its reference is the schema's, its pages are there and point at what exists, and what it says runs does run.
+//! The book: its reference is the schema's, its pages are there and point at what exists, and what it says
+//! runs does run.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! The report of a sweep, and the page of a run, in a headless browser: they render, say nothing on the console and ask for
-//! nothing outside.
+//! The report of a sweep, and the page of a run, in a headless browser: they render, say nothing on the
+//! console and ask for nothing outside.
 //!
 //! Ignored by default, since a user's `cargo test` needs no browser. `.ci/run` installs one and runs
 //! `cargo test --release --workspace --test browser -- --ignored`, which fails if there is none.
@@ -117,7 +117,8 @@ fn pages_that_misbehave_are_flagged() {
     }
 }
 
-/// How much of the picture is not background, how many colours it has, and a sum by which pictures are told apart.
+/// How much of the picture is not background, how many colours it has, and a sum by which pictures are told
+/// apart.
 const PIXELS: &str = "(() => {
     const from = document.getElementById('canvas'), to = document.createElement('canvas');
     [to.width, to.height] = [from.width, from.height];

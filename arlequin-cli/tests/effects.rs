@@ -70,9 +70,10 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
     table.lines().skip(1).map(line).collect()
 }
 
-/// Hard cases of one run: bonds break inside the overlap until particles have none left, bonds break on its border,
-/// and fragments fly off. Outcome: the constraint holds, the balance closes, no effect creates energy. Particles that
-/// lost all bonds in the overlap stay tied by the multipliers with their reference weight.
+/// Hard cases of one run: bonds break inside the overlap until particles have none left, bonds break on its
+/// border, and fragments fly off. Outcome: the constraint holds, the balance closes, no effect creates
+/// energy. Particles that lost all bonds in the overlap stay tied by the multipliers with their reference
+/// weight.
 #[test]
 fn breakage_in_and_on_the_border_of_an_overlap_keeps_the_balance() {
     let folder = scratch("effects-overlap");
@@ -186,7 +187,8 @@ fn prestress_makes_the_initial_shape_an_equilibrium() {
     assert!(free > 1e-3 && held < 1e-12, "{free} {held}");
 }
 
-/// A crack that runs into the overlap is said with time and place, stands in the summary, and ends the run where wanted.
+/// A crack that runs into the overlap is said with time and place, stands in the summary, and ends the run
+/// where wanted.
 #[test]
 fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     let folder = scratch("effects-into-overlap");
@@ -222,7 +224,8 @@ fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     assert!(folder.join("ended/checkpoint.bin").exists());
 }
 
-/// Where breakage in the overlap cannot be right, the set-up says so; with the defaults it has nothing to say.
+/// Where breakage in the overlap cannot be right, the set-up says so; with the defaults it has nothing to
+/// say.
 #[test]
 fn an_overlap_in_which_breakage_cannot_be_right_is_warned_of_before_the_run() {
     let folder = scratch("effects-warned");

@@ -1,4 +1,5 @@
-//! Runs that are killed half way and go on: what is told at the end is told of the whole run; what changed is noticed.
+//! Runs that are killed half way and go on: what is told at the end is told of the whole run; what changed
+//! is noticed.
 
 mod common;
 
@@ -7,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
-/// Runs a scene that writes one checkpoint about half way and kills it there; the output folder that can be resumed.
+/// Runs a scene that writes one checkpoint about half way and kills it there; the output folder that can be
+/// resumed.
 fn killed_half_way(scene: &Path) -> PathBuf {
     let out = scene.with_file_name("killed");
     let checkpoint = out.with_extension("unfinished").join("checkpoint.bin");
@@ -41,8 +43,8 @@ fn both(scene: &Path) -> [serde_json::Value; 2] {
     found
 }
 
-/// Waves that die out: energy and velocity jumps (of a lumped constraint) are largest at the start, which a run that goes
-/// on from half way has not seen.
+/// Waves that die out: energy and velocity jumps (of a lumped constraint) are largest at the start, which a
+/// run that goes on from half way has not seen.
 #[test]
 fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
     let head = SMALL.split("[[support]]").next().expect("models");

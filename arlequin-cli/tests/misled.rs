@@ -302,7 +302,8 @@ fn the_advised_mediator_spacing_knows_the_dimension() {
             &format!("mediator = {{ spacing = {h:?} }}"),
         )
     };
-    // 9³ nodes over 4 x 4 x 2 m at 0.5 m of both against 3 x 5 x 5 coarse ones at 1 m: the cube root, not the ratio.
+    // 9³ nodes over 4 x 4 x 2 m at 0.5 m of both against 3 x 5 x 5 coarse ones at 1 m: the cube root, not
+    // the ratio.
     let h = advised(&with(0.5)).expect("an advice");
     assert!((h / (0.5 * (405.0_f64 / 75.0).cbrt()) - 1.0).abs() < 1e-3, "{h}");
     assert_eq!(advised(&with(1.0)), None);

@@ -271,7 +271,8 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     refused("right_00000000_1.vtu");
 }
 
-/// Started by `mpirun` of another MPI library, each process is alone in its world: the environment tells of more.
+/// Started by `mpirun` of another MPI library, each process is alone in its world: the environment tells of
+/// more.
 #[test]
 fn a_launcher_of_another_mpi_library_is_refused_by_name() {
     let out = scratch("ranks-launcher").join("out");
@@ -344,7 +345,8 @@ fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     packages
 }
 
-/// Another feature of a package compiles it again, and everything above it: with `syn` that was faer and the core.
+/// Another feature of a package compiles it again, and everything above it: with `syn` that was faer and
+/// the core.
 #[test]
 fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
     let release = features(&[]);
@@ -354,7 +356,8 @@ fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
         &["-p", "arlequin-py"],
     ] {
         for (package, sets) in features(build) {
-            // A set of features that is missing there is a build script's; the others must be those of the release build.
+            // A set of features that is missing there is a build script's; the others must be those of the
+            // release build.
             if let Some(compiled) = release.get(&package) {
                 assert!(
                     !compiled.is_disjoint(&sets),

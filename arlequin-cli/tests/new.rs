@@ -27,7 +27,8 @@ fn run(name: &str) -> PathBuf {
 #[test]
 fn the_beam_conserves_energy_and_moves() {
     let s = summary(&run("beam"));
-    // The blow moves the end of a bar by ∫F dt/(ρ c A), with half the peak over 8 µs, until the clamp's answer is there.
+    // The blow moves the end of a bar by ∫F dt/(ρ c A), with half the peak over 8 µs, until the clamp's
+    // answer is there.
     let bar = 1000.0 * 4e-6 / ((72.5e9_f64 * 2200.0).sqrt() * 1e-4);
     let largest = number(&s, "/probes/struck-end/min").abs();
     assert!((0.9..1.2).contains(&(largest / bar)), "{largest} {bar}");

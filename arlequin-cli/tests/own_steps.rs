@@ -66,8 +66,8 @@ fn tables_of_own_steps_that_make_no_sense_are_refused_by_their_key() {
     refused(&format!("{long}\n{two}"), &words);
 }
 
-/// Half of the coarse bar's critical step has room for two steps of the fine one, whose elements are a fifth as long;
-/// four are made if asked for, at the price of a jump that the report warns of.
+/// Half of the coarse bar's critical step has room for two steps of the fine one, whose elements are a
+/// fifth as long; four are made if asked for, at the price of a jump that the report warns of.
 #[test]
 fn own_steps_are_chosen_and_reported_and_change_little() {
     let folder = scratch("own-steps");

@@ -5,7 +5,8 @@ mod common;
 use common::{arlequin, number, scene, scratch, succeed, summary, text};
 use std::path::Path;
 
-/// Coarser meshes and a mediator of tetrahedra where two continua meet: their cells are intersected, which takes time.
+/// Coarser meshes and a mediator of tetrahedra where two continua meet: their cells are intersected, which
+/// takes time.
 const CONTINUA: [&str; 4] = [
     "--set",
     "model.right.spacing=0.3e-3",
@@ -43,8 +44,8 @@ fn sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
     momenta_stay(out, kinds);
 }
 
-/// The blow of 100 N and 3 µs, `sin²` over time, leaves its impulse along the beam and nothing across; from its end on the
-/// linear and the angular momentum of the two models together stay what they are.
+/// The blow of 100 N and 3 µs, `sin²` over time, leaves its impulse along the beam and nothing across; from
+/// its end on the linear and the angular momentum of the two models together stay what they are.
 fn momenta_stay(out: &Path, kinds: [&str; 2]) {
     let (header, rows) = table(&out.join("energy.csv"));
     let first = header
@@ -79,7 +80,8 @@ fn momenta_stay(out: &Path, kinds: [&str; 2]) {
     assert!(across < 1e-12 * impulse, "{kinds:?}: {across} kg m/s across");
 }
 
-/// Velocity at the two probes: peak before the overlap, largest value there after the pulse has passed, peak behind.
+/// Velocity at the two probes: peak before the overlap, largest value there after the pulse has passed,
+/// peak behind.
 fn pulse(kinds: [&str; 2]) -> [f64; 3] {
     let folder = scratch(&format!("pair-{}-{}", kinds[0], kinds[1]));
     let out = folder.join("out");
@@ -201,7 +203,8 @@ energy_every = 2
 plots = false
 "#;
 
-/// The field of natural neighbours between the particles, on either side or on both: cells in place of points.
+/// The field of natural neighbours between the particles, on either side or on both: cells in place of
+/// points.
 #[test]
 fn natural_neighbours_between_particles_on_either_side() {
     // Both as natural neighbours where both are particles: points of one are not points of the other.
@@ -244,7 +247,8 @@ fn gradient_junctions_on_particles() {
         let plan = plan.unwrap_or_else(|| panic!("{more:?}: {message}"));
         number(&plan, "/interface/0/condition")
     };
-    // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator drawn into their hull.
+    // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator drawn into their
+    // hull.
     let h1 = "interface.middle.junction.kind=h1-gradient";
     let natural = [
         "model.right.dem.field=natural",

@@ -72,8 +72,8 @@ fn reference(folder: &Path, scene: &Path) -> PathBuf {
     out
 }
 
-/// Kills a run at random moments, at most so often, and resumes it until it is done; how often it was killed. The run
-/// that is begun again shares one stream of random numbers, `state`.
+/// Kills a run at random moments, at most so often, and resumes it until it is done; how often it was
+/// killed. The run that is begun again shares one stream of random numbers, `state`.
 fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: impl Fn() -> Child) -> usize {
     let unfinished = out.with_extension("unfinished");
     let mut child = start();

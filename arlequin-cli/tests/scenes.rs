@@ -87,7 +87,8 @@ fn cantilever() {
     assert!((number(&s, "/energy/final") / number(&s, "/energy/initial") - 1.0).abs() < 5e-3);
 }
 
-/// Fewer and larger spheres: the frame of elements around them, its mediator, and a ball that breaks bonds and leaves.
+/// Fewer and larger spheres: the frame of elements around them, its mediator, and a ball that breaks bonds
+/// and leaves.
 #[test]
 fn plate_impact() {
     let coarser = [
@@ -210,7 +211,8 @@ fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tie
         plan.is_none() && message.contains("of the overlap lies outside the mediator"),
         "{message}"
     );
-    // As shipped: initial displacements are made to agree, and a square mediator ties nearly all particles of a circle.
+    // As shipped: initial displacements are made to agree, and a square mediator ties nearly all particles
+    // of a circle.
     let (plan, message) = check("cantilever.toml", &[]);
     let plan = plan.unwrap_or_else(|| panic!("{message}"));
     assert!((number(&plan, "/interface/0/initial_jump") - 7.938e-6).abs() < 1e-8);
@@ -231,6 +233,7 @@ fn masses_of_natural_elements_are_a_choice_of_the_scene() {
         number(&plan, "/models/0/critical_dt")
     };
     let ratio = step("centroids") / step("cells");
-    // A node beyond the weight's floor keeps a share of its neighbours' mass: the step of a coupled model grows.
+    // A node beyond the weight's floor keeps a share of its neighbours' mass: the step of a coupled model
+    // grows.
     assert!((1.2..1.3).contains(&ratio), "{ratio}");
 }

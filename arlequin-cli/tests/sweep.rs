@@ -404,8 +404,9 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
     assert!(kept == again, "finished runs are not touched");
 }
 
-/// Amplitudes that an overlap reflects grow with the square of the frequency, the lag of a lattice with its cube: at twice the
-/// frequency an error is four to eight times as large, and needs a finer mesh to stay what it was.
+/// Amplitudes that an overlap reflects grow with the square of the frequency, the lag of a lattice with its
+/// cube: at twice the frequency an error is four to eight times as large, and needs a finer mesh to stay
+/// what it was.
 #[test]
 fn the_frequency_that_is_asked_for_decides_the_error() {
     let path = folder("suggest-frequency", SWEEP);

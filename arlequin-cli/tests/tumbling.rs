@@ -134,7 +134,8 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
     assert_eq!(m["keeps"], "neither");
     assert_eq!(m["because"], "supports of 'left'");
     assert!(m["linear_drift"].is_null() && said.contains("no claim about either: supports of 'left'"));
-    // Elements do not turn, these spheres do: no angular momentum is kept exactly, and the run says that it has changed.
+    // Elements do not turn, these spheres do: no angular momentum is kept exactly, and the run says that it
+    // has changed.
     let mixed = PAIR
         .replace(
             "role = \"fine\"\n",
@@ -169,7 +170,8 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
     }
 }
 
-/// A sleeping scene hands a body that tumbles beside it over with its orientation, not with the spin it added up.
+/// A sleeping scene hands a body that tumbles beside it over with its orientation, not with the spin it
+/// added up.
 #[test]
 fn a_body_that_tumbles_keeps_its_orientation_when_another_wakes() {
     let stick = r#"
@@ -208,8 +210,8 @@ spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
     assert!(number(stick, "/angular_drift") < 1e-11, "{stick}");
 }
 
-/// Multipliers act where the material was, and yet keep the angular momentum of two models that turn: what they hold together
-/// has no jump. Not so with a junction of strains, which is told.
+/// Multipliers act where the material was, and yet keep the angular momentum of two models that turn: what
+/// they hold together has no jump. Not so with a junction of strains, which is told.
 #[test]
 fn two_models_that_turn_keep_their_angular_momentum_across_an_interface() {
     let grains = "dem = { count = 400, protocol = \"quench\", finite_rotations = true }\n";

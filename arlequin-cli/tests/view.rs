@@ -1,4 +1,5 @@
-//! `arlequin view`: the page holds what the frames say, and no more than asked for; what it cannot show it says.
+//! `arlequin view`: the page holds what the frames say, and no more than asked for; what it cannot show it
+//! says.
 
 mod common;
 

@@ -125,8 +125,8 @@ fn sleeps_to_the_end() {
     assert!(number(&s, "/time") >= 26.0 && !out.join("asleep").exists());
 }
 
-/// The shipped scene: spheres wake, take momentum and most of the energy over, and break at the clamp; same bits for any
-/// number of threads.
+/// The shipped scene: spheres wake, take momentum and most of the energy over, and break at the clamp; same
+/// bits for any number of threads.
 #[test]
 fn spheres_wake() {
     let path = scene("waking-bar.toml");

@@ -16,7 +16,8 @@ pub struct Adjacency<E = u32> {
 }
 
 impl<E: Copy + Default> Adjacency<E> {
-    /// Sorts `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below `count`.
+    /// Sorts `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below
+    /// `count`.
     pub fn new(count: usize, entries: impl Iterator<Item = (u32, E)> + Clone) -> Self {
         let mut starts = vec![0; count + 1];
         entries.clone().for_each(|(row, _)| starts[row as usize + 1] += 1);
@@ -100,8 +101,8 @@ impl Adjacency {
     }
 }
 
-/// Smallest number among all that each of `count` things is connected with, directly or through others, by pairs of them;
-/// numbers of pairs must lie below `count`.
+/// Smallest number among all that each of `count` things is connected with, directly or through others, by
+/// pairs of them; numbers of pairs must lie below `count`.
 pub fn lowest_connected(count: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
     fn root(parent: &mut [u32], mut i: u32) -> u32 {
         while parent[i as usize] != i {

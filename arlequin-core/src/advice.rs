@@ -1,5 +1,5 @@
-//! What an overlap is known not to do well, before the first step: measured ranges of the absorber and of bonds that
-//! break there (decision 0022). Advice refuses nothing; callers say it.
+//! What an overlap is known not to do well, before the first step: measured ranges of the absorber and of
+//! bonds that break there (decision 0022). Advice refuses nothing; callers say it.
 
 use std::fmt;
 
@@ -18,20 +18,23 @@ const ABSORBER_RATIO: f64 = 4.0;
 /// Error of a period that counts as resolved.
 const PERIOD: f64 = 0.05;
 
-/// `ω Δt` at which average acceleration, `tan(ω̃ Δt/2) = ω Δt/2`, has periods that are [`PERIOD`] too long: eight steps a period.
+/// `ω Δt` at which average acceleration, `tan(ω̃ Δt/2) = ω Δt/2`, has periods that are [`PERIOD`] too long:
+/// eight steps a period.
 const STEP_RESOLVES: f64 = 0.788;
 
-/// The same of the critical step where lumped elements have such periods, `ω = (2/Δt_c) sin(kh/2)` for waves of `k c`: six
-/// elements a wave.
+/// The same of the critical step where lumped elements have such periods, `ω = (2/Δt_c) sin(kh/2)` for
+/// waves of `k c`: six elements a wave.
 const MESH_RESOLVES: f64 = 1.025;
 
-/// Share by which a nearly incompressible body may be stiffer than a compressible one before it is said to lock.
+/// Share by which a nearly incompressible body may be stiffer than a compressible one before it is said to
+/// lock.
 const LOCKS: f64 = 0.05;
 
 /// The same of the error of a stress.
 const STRESS_LOCKS: f64 = 0.1;
 
-/// Something measured that the choices of an overlap, of a step or of a material lie outside of. Lengths \[m\], times \[s\].
+/// Something measured that the choices of an overlap, of a step or of a material lie outside of. Lengths
+/// \[m\], times \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Advice {
@@ -157,8 +160,8 @@ impl fmt::Display for Advice {
     }
 }
 
-/// What bonds that can break meet in an overlap of that `width` (where it has one) with mediator elements of length
-/// `element`, a smallest weight of `floor` of their model, and an absorber or none.
+/// What bonds that can break meet in an overlap of that `width` (where it has one) with mediator elements
+/// of length `element`, a smallest weight of `floor` of their model, and an absorber or none.
 pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) -> Vec<Advice> {
     let mut out = Vec::new();
     if let Some(width) = width.filter(|w| *w < (LEAST_LAYERS - 0.01) * element) {
@@ -173,9 +176,9 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
     out
 }
 
-/// Locking of `elements` at a Poisson's ratio, if it matters; `measured` are rows of Poisson's ratio, how much too stiff a
-/// thick-walled ring under inner pressure is, and the error of its hoop stress at the inner face, both relative, by rising ratio; the
-/// first row is that of a material in which nothing locks.
+/// Locking of `elements` at a Poisson's ratio, if it matters; `measured` are rows of Poisson's ratio, how
+/// much too stiff a thick-walled ring under inner pressure is, and the error of its hoop stress at the
+/// inner face, both relative, by rising ratio; the first row is that of a material in which nothing locks.
 /// Between rows the logarithm of `1 − 2ν` decides; beyond the last row it counts.
 pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> Option<Advice> {
     let place = |nu: f64| (1.0 - 2.0 * nu).ln();
@@ -199,15 +202,15 @@ pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> O
     })
 }
 
-/// What an implicit model with that step and that critical step of the explicit scheme \[s\] does not resolve, if it is more than
-/// half of what its mesh does.
+/// What an implicit model with that step and that critical step of the explicit scheme \[s\] does not
+/// resolve, if it is more than half of what its mesh does.
 pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
     let lost = STEP_RESOLVES / step < 0.5 * MESH_RESOLVES / critical;
     lost.then_some(Advice::LongImplicitStep { step, critical })
 }
 
-/// What keeps an absorber from reflecting 0.8 % of short waves at most: `jump` of the weight at its borders, coarse
-/// elements of length `element`, a fine model of that `spacing`.
+/// What keeps an absorber from reflecting 0.8 % of short waves at most: `jump` of the weight at its
+/// borders, coarse elements of length `element`, a fine model of that `spacing`.
 pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
     let mut out = Vec::new();
     if jump > LEAST_FLOOR {

@@ -1,7 +1,7 @@
 //! Sparse matrices in rows of small square blocks, and the internal forces `−K q` they give.
 //!
-//! For models that store an assembled stiffness. Every row is gathered by itself and in a fixed order: results have the
-//! same bits for any number of threads.
+//! For models that store an assembled stiffness. Every row is gathered by itself and in a fixed order:
+//! results have the same bits for any number of threads.
 
 use crate::Real;
 use crate::ranks::{self, Portion};
@@ -12,8 +12,8 @@ use std::ops::Range;
 /// Block rows per parallel task.
 const CHUNK: usize = 512;
 
-/// Rows with fewer values in all are multiplied on the calling thread: waking others costs more than it saves. These are
-/// some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
+/// Rows with fewer values in all are multiplied on the calling thread: waking others costs more than it
+/// saves. These are some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
 const SERIAL: usize = 1 << 18;
 
 /// A square matrix, or some rows of one, in compressed rows of square blocks: 3 × 3, or single numbers.
@@ -29,14 +29,15 @@ pub struct BlockMatrix<T> {
 }
 
 impl<T: Real> BlockMatrix<T> {
-    /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the ascending block
-    /// columns `columns[starts[i]..starts[i + 1]]`.
+    /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the
+    /// ascending block columns `columns[starts[i]..starts[i + 1]]`.
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
         let values = vec![T::zero(); columns.len() * size * size];
         Self::new(size, starts, columns, values)
     }
 
-    /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by rows.
+    /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by
+    /// rows.
     pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
@@ -48,8 +49,8 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// Some block `rows` of it, in their order, for unknowns of which there are `width` blocks: `column` tells the place among them of
-    /// those that the rows name, and keeps their order.
+    /// Some block `rows` of it, in their order, for unknowns of which there are `width` blocks: `column`
+    /// tells the place among them of those that the rows name, and keeps their order.
     ///
     /// # Panics
     /// For rows that are not there.
@@ -110,8 +111,8 @@ impl<T: Real> BlockMatrix<T> {
         self.subtract_some(0..self.starts.len() - 1, &|_| true, q, f);
     }
 
-    /// The same of those of a range of block rows that are `wanted`, with the same bits; `f` are all forces. `q` need not be known where
-    /// these rows do not name it.
+    /// The same of those of a range of block rows that are `wanted`, with the same bits; `f` are all
+    /// forces. `q` need not be known where these rows do not name it.
     ///
     /// # Panics
     /// For rows that are not there.
@@ -183,12 +184,14 @@ impl<T: Real> BlockMatrix<T> {
         y
     }
 
-    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads. Allocates nothing.
+    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
+    /// Allocates nothing.
     pub fn energy(&self, q: &[T]) -> T {
         self.energy_of_all(q, q, None)
     }
 
-    /// The same of the rows that all ranks have: `own` are the unknowns of those here, `q` all that they name. All ranks must ask.
+    /// The same of the rows that all ranks have: `own` are the unknowns of those here, `q` all that they
+    /// name. All ranks must ask.
     pub fn energy_of_all(&self, own: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
             1 => self.energy_of::<1>(own.as_chunks().0, q.as_chunks().0, portion),

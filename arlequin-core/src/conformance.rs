@@ -23,7 +23,8 @@ pub struct ShapeDefect<T> {
     pub unity: T,
     /// Largest `|Σ N x_k − x|`, relative to the extent of the nodes.
     pub linear: T,
-    /// Largest `|Σ ∇N|` and `|Σ ∇N x_k − 1|`, the former times the extent; zero if gradients were not asked for.
+    /// Largest `|Σ ∇N|` and `|Σ ∇N x_k − 1|`, the former times the extent; zero if gradients were not asked
+    /// for.
     pub gradient: T,
     /// Most negative value.
     pub negative: T,
@@ -78,8 +79,8 @@ pub fn shapes<T: Real>(
     Ok(worst)
 }
 
-/// Momentum that an effect between two subdomains makes at an instant: `|Σ F|` over all nodes of both sides, relative to
-/// `Σ |F|`; zero where nothing pushes. `layouts` are those of the models.
+/// Momentum that an effect between two subdomains makes at an instant: `|Σ F|` over all nodes of both
+/// sides, relative to `Σ |F|`; zero where nothing pushes. `layouts` are those of the models.
 ///
 /// # Errors
 /// Those of the effect.
@@ -123,9 +124,9 @@ pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>)
     q
 }
 
-/// Largest force under a rigid motion, relative to that under random displacements of the given amplitude \[m\]. The motion
-/// is a translation and a small turn of that amplitude; for a law that balances about present positions
-/// ([`Arms::Current`]) it is a translation and a turn by half a radian.
+/// Largest force under a rigid motion, relative to that under random displacements of the given amplitude
+/// \[m\]. The motion is a translation and a small turn of that amplitude; for a law that balances about
+/// present positions ([`Arms::Current`]) it is a translation and a turn by half a radian.
 ///
 /// # Errors
 /// Those of the model.
@@ -151,8 +152,8 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
     Ok(rigid / largest_force(model, &random)?)
 }
 
-/// Translation by `shift` and rotation by the vector `turn` about the mean place of the nodes, as displacements of a model; its
-/// rotations are that vector.
+/// Translation by `shift` and rotation by the vector `turn` about the mean place of the nodes, as
+/// displacements of a model; its rotations are that vector.
 fn finite_motion<T: Real>(model: &dyn Model<T>, shift: Vector3<T>, turn: Vector3<T>) -> Vec<T> {
     let (layout, nodes) = (model.layout(), model.nodes());
     let sum: Vector3<T> = nodes
@@ -186,9 +187,9 @@ pub(crate) fn fixed_noise<T: Real>(i: usize) -> T {
     T::of(2.0 * x.fract() - 1.0)
 }
 
-/// Largest relative difference between `−∇U` (central differences) and the internal forces at a displacement of the
-/// given amplitude \[m\], rotations being varied about those reached. For a nodal weighting this is of order one: its
-/// law has no potential.
+/// Largest relative difference between `−∇U` (central differences) and the internal forces at a
+/// displacement of the given amplitude \[m\], rotations being varied about those reached. For a nodal
+/// weighting this is of order one: its law has no potential.
 ///
 /// # Errors
 /// Those of the model.
@@ -215,8 +216,8 @@ pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T
     Ok(worst)
 }
 
-/// Relative difference between the unweighted translational mass per component and `expected` \[kg\]; infinite where
-/// a mass is not positive.
+/// Relative difference between the unweighted translational mass per component and `expected` \[kg\];
+/// infinite where a mass is not positive.
 ///
 /// # Errors
 /// Those of the model.
@@ -231,9 +232,10 @@ pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     Ok((total / T::of(layout.components as f64) / expected - T::one()).abs())
 }
 
-/// Whether work depends on the way, at displacements of the given amplitude \[m\]: the smaller of the relative asymmetries of the
-/// secant, `|f(a)·b − f(b)·a|`, which is round-off for a linear law, and of the tangent, `|aᵀK b − bᵀK a|` at random displacements,
-/// from central differences, which is small for any law that has an energy (1e-8 and below).
+/// Whether work depends on the way, at displacements of the given amplitude \[m\]: the smaller of the
+/// relative asymmetries of the secant, `|f(a)·b − f(b)·a|`, which is round-off for a linear law, and of the
+/// tangent, `|aᵀK b − bᵀK a|` at random displacements, from central differences, which is small for any law
+/// that has an energy (1e-8 and below).
 ///
 /// # Errors
 /// Those of the model.
@@ -282,19 +284,20 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     Ok(if secant < tangent { secant } else { tangent })
 }
 
-/// Defects of a [`Participant`], all but [`Self::travelled`] and [`Self::gained`] zero up to round-off for one that keeps what
-/// the coupling relies on.
+/// Defects of a [`Participant`], all but [`Self::travelled`] and [`Self::gained`] zero up to round-off for
+/// one that keeps what the coupling relies on.
 ///
-/// What only the solver knows cannot be seen from outside: whether its forces are those of the material, whether its stiffness
-/// has the weights that its inertia has, whether loads of its own are right.
+/// What only the solver knows cannot be seen from outside: whether its forces are those of the material,
+/// whether its stiffness has the weights that its inertia has, whether loads of its own are right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParticipantDefect<T> {
-    /// What nodes travel in a step beside the step times the mean of their velocities before and after, less one: 1 if they
-    /// stand still or make two steps, ½ after half a step. Measured on a uniform velocity four times as fast as the motion,
-    /// below 0.04 for velocity Verlet up to its critical step.
+    /// What nodes travel in a step beside the step times the mean of their velocities before and after,
+    /// less one: 1 if they stand still or make two steps, ½ after half a step. Measured on a uniform
+    /// velocity four times as fast as the motion, below 0.04 for velocity Verlet up to its critical step.
     pub travelled: T,
-    /// The same of velocities and accelerations: 1 if no force acts, zero for velocity Verlet, `tan(x)/x − 1` with half the
-    /// phase `x` of a step for a scheme without error; zero where the participant tells no accelerations.
+    /// The same of velocities and accelerations: 1 if no force acts, zero for velocity Verlet, `tan(x)/x −
+    /// 1` with half the phase `x` of a step for a scheme without error; zero where the participant tells no
+    /// accelerations.
     pub gained: T,
     /// Velocities after an impulse `p` beside those before and `p/M`, relative to the latter.
     pub kick: T,
@@ -302,15 +305,17 @@ pub struct ParticipantDefect<T> {
     pub moved: T,
     /// Change of the invariant over the steps relative to its size; zero where the participant tells none.
     pub drift: T,
-    /// Change of the invariant by an impulse less its work `p·(v + p/2M)`, relative to that work; zero without invariant.
+    /// Change of the invariant by an impulse less its work `p·(v + p/2M)`, relative to that work; zero
+    /// without invariant.
     pub work: T,
-    /// Largest difference of velocities in the same steps made again from what was saved, relative to the largest; zero
-    /// where the participant cannot be saved.
+    /// Largest difference of velocities in the same steps made again from what was saved, relative to the
+    /// largest; zero where the participant cannot be saved.
     pub resumed: T,
 }
 
-/// Kicks a participant, lets it go on for `steps` steps of `step` \[s\], and again from where it was. It is weighed with
-/// weights of one, and should be in motion. The step is to be that of the run: of others nothing is learnt.
+/// Kicks a participant, lets it go on for `steps` steps of `step` \[s\], and again from where it was. It is
+/// weighed with weights of one, and should be in motion. The step is to be that of the run: of others
+/// nothing is learnt.
 ///
 /// # Errors
 /// Those of the participant.
@@ -384,11 +389,12 @@ pub fn participant<T: Real>(
     })
 }
 
-/// What a participant travels and gains in a step while it moves at an additional uniform `speed`: `Σ Δq·w/Σ w² − 1` with
-/// `w = ½Δt(v₀ + v₁)`, and the same of velocities and accelerations, without their signs.
+/// What a participant travels and gains in a step while it moves at an additional uniform `speed`: `Σ
+/// Δq·w/Σ w² − 1` with `w = ½Δt(v₀ + v₁)`, and the same of velocities and accelerations, without their
+/// signs.
 ///
-/// The uniform velocity has no forces, so that it is kept whatever the scheme; the rest of the motion adds what the trapezium
-/// rule misses of it, `(ωΔt)²/4` of its share.
+/// The uniform velocity has no forces, so that it is kept whatever the scheme; the rest of the motion adds
+/// what the trapezium rule misses of it, `(ωΔt)²/4` of its share.
 fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step: T) -> Result<[T; 2]> {
     let layout = solver.layout();
     let mut impulse: Vec<T> = inertia.iter().map(|m| *m * speed).collect();
@@ -424,7 +430,8 @@ fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step:
     Ok([share(0), if told { share(1) } else { T::zero() }])
 }
 
-/// Largest violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: the operators are each other's transpose.
+/// Largest violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: the operators are each other's
+/// transpose.
 pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     let mut worst = T::zero();
     for i in &run.interfaces {
@@ -441,8 +448,8 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     worst
 }
 
-/// Force and moment that a random multiplier exerts on both sides together, relative to the force on one side:
-/// whether an interface conserves linear and angular momentum.
+/// Force and moment that a random multiplier exerts on both sides together, relative to the force on one
+/// side: whether an interface conserves linear and angular momentum.
 pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
     let mut worst = [T::zero(); 2];
     for i in &run.interfaces {

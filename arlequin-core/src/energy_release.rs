@@ -1,20 +1,23 @@
-//! The energy that a crack releases as it grows, per area: Rice's J as an integral over a domain around the front.
+//! The energy that a crack releases as it grows, per area: Rice's J as an integral over a domain around the
+//! front.
 //!
-//! A field `s = q d` moves material points along the direction `d` in which the crack would grow: `q` is one around its front, up to
-//! an inner radius, and falls to zero at an outer one. The energy released as the front moves by `∫ q dl` is (Li, Shih and
-//! Needleman 1985; de Lorenzi 1982 as a virtual extension of the crack)
+//! A field `s = q d` moves material points along the direction `d` in which the crack would grow: `q` is
+//! one around its front, up to an inner radius, and falls to zero at an outer one. The energy released as
+//! the front moves by `∫ q dl` is (Li, Shih and Needleman 1985; de Lorenzi 1982 as a virtual extension of
+//! the crack)
 //!
 //! ```text
 //! J ∫ q dl = ∫ (σ_ij u_i,k − W δ_jk) s_k,j dV − Σ_a (f_a − m_a ü_a)·(∇u s)_a
 //! ```
 //!
-//! with the forces `f_a` on the nodes. `q` has nodal values, and stress and energy density `W` are those of the integration points of
-//! the model: without forces the integral is then minus the derivative of the model's own potential energy as its nodes move by `s`,
-//! exactly. By the balance of the nodes `f − m ü` is minus the internal force: loads, body forces and inertia in the domain need no
-//! words of their own. Where supports prescribe a displacement it is taken for uniform along `d`.
+//! with the forces `f_a` on the nodes. `q` has nodal values, and stress and energy density `W` are those of
+//! the integration points of the model: without forces the integral is then minus the derivative of the
+//! model's own potential energy as its nodes move by `s`, exactly. By the balance of the nodes `f − m ü` is
+//! minus the internal force: loads, body forces and inertia in the domain need no words of their own. Where
+//! supports prescribe a displacement it is taken for uniform along `d`.
 //!
-//! Small strains, linear elasticity. Faces of the crack, and all other surfaces and borders of materials in the ring between the radii, are
-//! parallel to `d`; others are refused.
+//! Small strains, linear elasticity. Faces of the crack, and all other surfaces and borders of materials in
+//! the ring between the radii, are parallel to `d`; others are refused.
 
 mod front;
 
@@ -55,13 +58,15 @@ pub trait Gradients<T: Real> {
     fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, T>));
 }
 
-/// Share of a node's surface that may face the direction of the crack: faces a few degrees off count as parallel.
+/// Share of a node's surface that may face the direction of the crack: faces a few degrees off count as
+/// parallel.
 const FACING: f64 = 0.02;
 /// The same of a node that lies on a surface at all.
 const ON_SURFACE: f64 = 0.05;
 /// Distance from the front over the inner radius below which a node lies on it.
 const AT_FRONT: f64 = 1e-3;
-/// Part of the inner radius that faces of a slit may reach ahead of the front: its tip is well within the radius.
+/// Part of the inner radius that faces of a slit may reach ahead of the front: its tip is well within the
+/// radius.
 const BEHIND: f64 = 0.25;
 /// Distance over the outer radius below which two nodes lie at one place.
 const COINCIDENT: f64 = 1e-6;
@@ -91,8 +96,8 @@ pub struct EnergyRelease<T: Real> {
     unknowns: usize,
 }
 
-/// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its tip, or the direction
-/// leads back.
+/// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its
+/// tip, or the direction leads back.
 fn check_slits<T: Real>(
     model: &dyn Model<T>,
     q: &[T],
@@ -119,7 +124,8 @@ fn check_slits<T: Real>(
     Ok(())
 }
 
-/// Takes `q` from nodes that do not hang together with some where it is not zero: another front on the same line is another crack.
+/// Takes `q` from nodes that do not hang together with some where it is not zero: another front on the same
+/// line is another crack.
 fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mut [T]) {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     for cell in 0..gradients.count() {
@@ -147,9 +153,10 @@ impl<T: Real> EnergyRelease<T> {
     /// The domain around a crack front in a model with its field and the weight `α` of its energy.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model without [`Model::gradients`]; [`Error::InvalidParameter`] for radii, a front or a direction that
-    /// make no sense, a front without material ahead or without a surface around it, surfaces or borders of materials across the
-    /// ring, and a domain in which the weight is not one.
+    /// [`Error::Unsupported`] for a model without [`Model::gradients`]; [`Error::InvalidParameter`] for
+    /// radii, a front or a direction that make no sense, a front without material ahead or without a
+    /// surface around it, surfaces or borders of materials across the ring, and a domain in which the
+    /// weight is not one.
     pub fn new(
         model: &dyn Model<T>,
         field: &dyn Interpolation<T>,
@@ -249,8 +256,9 @@ impl<T: Real> EnergyRelease<T> {
         &self.rows[p.rows[0]..p.rows[1]]
     }
 
-    /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that face the direction of the
-    /// crack; and a front without a surface around it. `Σ V ∇N` over the points of a material around a node is its surface there.
+    /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that
+    /// face the direction of the crack; and a front without a surface around it. `Σ V ∇N` over the points
+    /// of a material around a node is its surface there.
     fn check_surfaces(
         &self,
         model: &dyn Model<T>,
@@ -313,9 +321,10 @@ impl<T: Real> EnergyRelease<T> {
         ))
     }
 
-    /// Derivatives of displacements along `s` at the nodes that move, by least squares over the nodes of their cells; at the surface over those
-    /// that lie in it, so that the sum over the faces of a crack is that of parts. A node of the front belongs to both faces, whose forces on it
-    /// cancel: what it should have is told by the nodes beside it, from the front to which they have half of their own share.
+    /// Derivatives of displacements along `s` at the nodes that move, by least squares over the nodes of
+    /// their cells; at the surface over those that lie in it, so that the sum over the faces of a crack is
+    /// that of parts. A node of the front belongs to both faces, whose forces on it cancel: what it should
+    /// have is told by the nodes beside it, from the front to which they have half of their own share.
     fn find_slopes(&mut self, model: &dyn Model<T>, cylinder: &Cylinder<T>, facing: &[Facing<T>]) {
         let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
         for p in &self.places {
@@ -358,8 +367,8 @@ impl<T: Real> EnergyRelease<T> {
         &self.nodes
     }
 
-    /// Energy released per area of crack \[J/m²\], the mean over the part of the front, at displacements `q` and internal forces `f` of the
-    /// model; `free` tells of an unknown that no support prescribes.
+    /// Energy released per area of crack \[J/m²\], the mean over the part of the front, at displacements
+    /// `q` and internal forces `f` of the model; `free` tells of an unknown that no support prescribes.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for displacements or forces of another model.
@@ -399,8 +408,8 @@ impl<T: Real> EnergyRelease<T> {
     }
 }
 
-/// Factors of the derivative along `s` at a node: `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)`, `M = Σ d dᵀ/|d|` over the arms `d` to others. Along a line
-/// this is the difference over both intervals.
+/// Factors of the derivative along `s` at a node: `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)`, `M = Σ d dᵀ/|d|` over
+/// the arms `d` to others. Along a line this is the difference over both intervals.
 fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u32, T)> {
     let spread = arms
         .iter()

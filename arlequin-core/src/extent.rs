@@ -5,11 +5,13 @@ use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{BoxTree, Cell, HalfSpace, Sample, bounds_of};
 use nalgebra::{Point3, Vector3};
 
-/// Largest distance between the surfaces of two meshes of one body, in units of the sum of their element lengths: regular
-/// a square and a regular polygon of equal area differ by 0.12 of it, polygons of more sides by less.
+/// Largest distance between the surfaces of two meshes of one body, in units of the sum of their element
+/// lengths: regular a square and a regular polygon of equal area differ by 0.12 of it, polygons of more
+/// sides by less.
 const FACETS: f64 = 0.15;
-/// Distance from a centre up to which holes between particles belong to the packing, in radii of a ball of the volume of
-/// the largest particle: balls of their volumes overlap, and a hole is not deeper than another radius.
+/// Distance from a centre up to which holes between particles belong to the packing, in radii of a ball of
+/// the volume of the largest particle: balls of their volumes overlap, and a hole is not deeper than
+/// another radius.
 const HOLE: f64 = 2.0;
 /// The same for the roughness of walls, edges and corners.
 const ROUGH: f64 = 3.0;

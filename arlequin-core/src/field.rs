@@ -38,8 +38,8 @@ impl<T: Real> ShapeRow<T> {
 
 /// A continuous field on nodes or particles: finite elements, natural neighbours, moving least squares ...
 ///
-/// The coupling conserves momenta only with shape functions that sum to one and reproduce linear fields at every
-/// point (checked by [`crate::conformance`]).
+/// The coupling conserves momenta only with shape functions that sum to one and reproduce linear fields at
+/// every point (checked by [`crate::conformance`]).
 pub trait Interpolation<T: Real>: Send + Sync {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
@@ -50,8 +50,8 @@ pub trait Interpolation<T: Real>: Send + Sync {
     /// [`Error::OutsideDomain`] outside the closed domain; [`Error::NoGradient`] if the field has none.
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()>;
 
-    /// Shape functions at a point known to lie in cell `cell` of [`Interpolation::cells`]; a field that can skip its
-    /// point location does so.
+    /// Shape functions at a point known to lie in cell `cell` of [`Interpolation::cells`]; a field that can
+    /// skip its point location does so.
     ///
     /// # Errors
     /// As [`Interpolation::shape_at`].
@@ -60,13 +60,15 @@ pub trait Interpolation<T: Real>: Send + Sync {
         self.shape_at(x, gradient, row)
     }
 
-    /// Cells on which the shape functions are smooth and which fill the domain; empty if the field has no such thing.
+    /// Cells on which the shape functions are smooth and which fill the domain; empty if the field has no
+    /// such thing.
     fn cells(&self) -> Vec<Cell<T>> {
         Vec::new()
     }
 
-    /// The cells whose boxes meet a box given by its low and high corner, with their numbers in [`Interpolation::cells`];
-    /// none if the field has no cells at all. A field of many cells need not make all of them for that.
+    /// The cells whose boxes meet a box given by its low and high corner, with their numbers in
+    /// [`Interpolation::cells`]; none if the field has no cells at all. A field of many cells need not make
+    /// all of them for that.
     fn cells_within(&self, [low, high]: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
         let all = self.cells();
         let meets = |c: &Cell<T>| {
@@ -81,8 +83,9 @@ pub trait Interpolation<T: Real>: Send + Sync {
         1
     }
 
-    /// How far faces of its elements are from planes, relative to the elements' lengths; the largest one. Cells with planar
-    /// faces fill such elements only nearly, and shape functions are no polynomials on them.
+    /// How far faces of its elements are from planes, relative to the elements' lengths; the largest one.
+    /// Cells with planar faces fill such elements only nearly, and shape functions are no polynomials on
+    /// them.
     fn warp(&self) -> T {
         T::zero()
     }
@@ -111,8 +114,8 @@ pub struct ParticleField<T: Real> {
     samples: Vec<Sample<T>>,
     /// Particles by the bits of their positions: four bytes each, a hash map takes sixty.
     order: Vec<u32>,
-    /// Gradients are computed from them when asked for, which happens once per particle of an overlap: storing them for
-    /// all would take 250 bytes each.
+    /// Gradients are computed from them when asked for, which happens once per particle of an overlap:
+    /// storing them for all would take 250 bytes each.
     neighbours: Option<Adjacency>,
 }
 
@@ -120,8 +123,8 @@ impl<T: Real> ParticleField<T> {
     /// Field on particle centres \[m\] with the volume each stands for \[m³\].
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`], [`Error::NotFinite`], or [`Error::InvalidParameter`] for coincident particles and
-    /// volumes that are not positive.
+    /// [`Error::SizeMismatch`], [`Error::NotFinite`], or [`Error::InvalidParameter`] for coincident
+    /// particles and volumes that are not positive.
     pub fn new(centres: Vec<Point3<T>>, volumes: &[T]) -> Result<Self> {
         if centres.len() != volumes.len() {
             return Err(Error::SizeMismatch {
@@ -168,9 +171,10 @@ impl<T: Real> ParticleField<T> {
     ///
     /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
     ///
-    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta stay
-    /// exact. A particle whose neighbours nearly lie in a plane takes those of its neighbours as well, up to four rings;
-    /// where these do not span space either, asking for the gradient is an error.
+    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that
+    /// momenta stay exact. A particle whose neighbours nearly lie in a plane takes those of its neighbours
+    /// as well, up to four rings; where these do not span space either, asking for the gradient is an
+    /// error.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for a pair beyond the particles.

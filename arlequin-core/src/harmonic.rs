@@ -1,9 +1,10 @@
-//! Harmonic analysis of an overlap: reflection and transmission per frequency, with exact radiation on both sides.
+//! Harmonic analysis of an overlap: reflection and transmission per frequency, with exact radiation on both
+//! sides.
 //!
-//! The coupled system is cut at two ends, each continued by a uniform lattice of springs `k`, masses `m` and spacing
-//! `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. What remains is one small complex system per
-//! frequency,
-//! `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds: the way to choose weight, mediator and overlap width.
+//! The coupled system is cut at two ends, each continued by a uniform lattice of springs `k`, masses `m`
+//! and spacing `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. What remains is one small
+//! complex system per frequency, `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds: the way to choose
+//! weight, mediator and overlap width.
 
 use crate::coupled::Coupled;
 use crate::error::invalid;
@@ -38,8 +39,8 @@ pub struct Scattering<T> {
     pub transmitted_power: T,
     /// Wavelength on the incident side \[m\].
     pub wavelength: T,
-    /// Smallest and largest modulus of the strain between two neighbouring nodes of either model, those of the overlap
-    /// included, over that of the incident wave: one where the overlap is not seen.
+    /// Smallest and largest modulus of the strain between two neighbouring nodes of either model, those of
+    /// the overlap included, over that of the incident wave: one where the overlap is not seen.
     pub strain: [T; 2],
 }
 
@@ -56,7 +57,8 @@ pub struct HarmonicOverlap<T: Real> {
 }
 
 impl<T: Real> HarmonicOverlap<T> {
-    /// Takes the matrices of a run of bars and chains; the wave comes in at `incident` and leaves at `outgoing`.
+    /// Takes the matrices of a run of bars and chains; the wave comes in at `incident` and leaves at
+    /// `outgoing`.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for models that are not linear or not one-dimensional.
@@ -139,7 +141,8 @@ impl<T: Real> HarmonicOverlap<T> {
         })
     }
 
-    /// Response at the angular frequency `omega` \[rad/s\], which must be below the incident lattice's cutoff.
+    /// Response at the angular frequency `omega` \[rad/s\], which must be below the incident lattice's
+    /// cutoff.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] above the cutoff; [`Error::SingularSystem`].

@@ -37,14 +37,15 @@ impl Needs {
 /// How the components of the two vector fields meet in a junction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Components {
-    /// Each with its own kind: every block is a multiple of the identity, and a third of the unknowns is solved for at a
-    /// time.
+    /// Each with its own kind: every block is a multiple of the identity, and a third of the unknowns is
+    /// solved for at a time.
     Separate,
     /// Each with all; right for any junction.
     Mixed,
 }
 
-/// A scalar product between two vector fields: symmetric and positive, and the same wherever it is evaluated twice.
+/// A scalar product between two vector fields: symmetric and positive, and the same wherever it is
+/// evaluated twice.
 pub trait Junction<T: Real>: Send + Sync {
     /// Name for messages and reports.
     fn name(&self) -> &'static str;
@@ -60,8 +61,8 @@ pub trait Junction<T: Real>: Send + Sync {
     /// Density of `⟨N_row e_a, N_col e_b⟩` at the point `x` \[m\], as a matrix over the components `a`, `b`.
     fn block(&self, x: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T>;
 
-    /// `[a, b]` where every component has the density `a N_row N_col + b ∇N_row·∇N_col` at `x`: what [`Self::block`] says,
-    /// summed without a call per pair of shape functions. None for any other density.
+    /// `[a, b]` where every component has the density `a N_row N_col + b ∇N_row·∇N_col` at `x`: what
+    /// [`Self::block`] says, summed without a call per pair of shape functions. None for any other density.
     fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
         None
     }

@@ -1,6 +1,6 @@
-//! Couples mechanics models by the Arlequin (bridging-domain) method: the traits of models, fields, weights, mediators and
-//! junctions, and the algorithms between them. It knows no particle, no element and no Voronoi cell, has no input or output,
-//! no clock and no random numbers.
+//! Couples mechanics models by the Arlequin (bridging-domain) method: the traits of models, fields,
+//! weights, mediators and junctions, and the algorithms between them. It knows no particle, no element and
+//! no Voronoi cell, has no input or output, no clock and no random numbers.
 //!
 //! # Modules in reading order
 //!

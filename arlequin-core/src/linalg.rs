@@ -16,8 +16,8 @@ const AT_ONCE: usize = 3;
 
 /// A factor of a symmetric positive definite matrix that solves in place without allocating.
 pub trait SpdFactor<T>: Send + std::fmt::Debug {
-    /// Overwrites right-hand sides, one after another in `b`, with the solutions; three at a time take hardly longer than
-    /// one.
+    /// Overwrites right-hand sides, one after another in `b`, with the solutions; three at a time take
+    /// hardly longer than one.
     fn solve(&mut self, b: &mut [T]);
     /// Number of rows.
     fn size(&self) -> usize;
@@ -91,7 +91,8 @@ fn view<'a, T>(matrix: &'a CsMat<T>, starts: &'a [usize]) -> SparseColMatRef<'a,
     SparseColMatRef::new(symbolic, matrix.data())
 }
 
-/// Entries that the Cholesky factor of a symmetric matrix will have; more than any machine holds where that cannot be said.
+/// Entries that the Cholesky factor of a symmetric matrix will have; more than any machine holds where that
+/// cannot be said.
 pub(crate) fn cholesky_entries<T: Real>(matrix: &CsMat<T>) -> usize {
     let matrix = columns(matrix);
     let starts = matrix.indptr().to_proper().to_vec();

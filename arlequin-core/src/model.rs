@@ -30,19 +30,21 @@ impl<T: Real> std::fmt::Debug for Shared<T> {
     }
 }
 
-/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then `rotations` per node
-/// in the same order, which the coupling never touches.
+/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then
+/// `rotations` per node in the same order, which the coupling never touches.
 ///
-/// The velocity of a rotation is the spin about fixed axes, its acceleration the torque over the inertia, and the
-/// unknown itself the spin added up over time: the rotation vector for small rotations and for those about one axis, and
-/// no orientation otherwise. Orientations belong to the model, see [`Model::advance`].
+/// The velocity of a rotation is the spin about fixed axes, its acceleration the torque over the inertia,
+/// and the unknown itself the spin added up over time: the rotation vector for small rotations and for
+/// those about one axis, and no orientation otherwise. Orientations belong to the model, see
+/// [`Model::advance`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DofLayout {
     /// Number of nodes (or particles).
     pub nodes: usize,
     /// Displacement components per node: 3 in space, 1 for bars and chains along x.
     pub components: usize,
-    /// Rotations per node, stored behind all displacements: 3 for particles that turn (about x, y and z), otherwise 0.
+    /// Rotations per node, stored behind all displacements: 3 for particles that turn (about x, y and z),
+    /// otherwise 0.
     pub rotations: usize,
 }
 
@@ -121,8 +123,8 @@ impl<T: Real> State<T> {
 /// ½ (e(q_n) + e(q_{n+1})) + ¼ (q_{n+1} − q_n)·(g(q_{n+1}) − g(q_n))
 /// ```
 ///
-/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces must be taken out of `f_before`
-/// and `f`: then the energy balance closes to round-off in spite of the break.
+/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces must be taken out of
+/// `f_before` and `f`: then the energy balance closes to round-off in spite of the break.
 #[derive(Debug)]
 pub struct Evolution<'a, T> {
     /// Time of the new positions \[s\].
@@ -137,7 +139,8 @@ pub struct Evolution<'a, T> {
     pub f: &'a mut [T],
 }
 
-/// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling forces.
+/// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling
+/// forces.
 ///
 /// A model never meets another model, the multipliers or the time integrator.
 pub trait Model<T: Real>: Send {
@@ -153,29 +156,31 @@ pub trait Model<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Writes the lumped inertia of every unknown \[kg, kg m²\]: each integration cell (element, bond) contributes its
-    /// mass times the **mean** of the weight over the cell.
+    /// Writes the lumped inertia of every unknown \[kg, kg m²\]: each integration cell (element, bond)
+    /// contributes its mass times the **mean** of the weight over the cell.
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> Result<()>;
 
-    /// Stores the weight `α` of the internal energy, by its means over the cells like [`Model::lumped_inertia`].
+    /// Stores the weight `α` of the internal energy, by its means over the cells like
+    /// [`Model::lumped_inertia`].
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()>;
 
-    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`; torques are those on spins, about fixed axes.
-    /// Must not allocate.
+    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`; torques are those on spins, about
+    /// fixed axes. Must not allocate.
     ///
     /// # Errors
     /// Failure of the constitutive law (an inverted element, a broken bond that cannot be).
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> Result<()>;
 
-    /// [`Model::add_internal_forces`] at displacements that the run has reached: called once per step, and once before
-    /// the first, in its place. What is not a vector (an orientation) goes on from here: with `θ` the rotations reached
-    /// last, those of any `q` mean `R(q) = exp(q − θ) R(θ)`. A model that wraps another one must pass the call on.
+    /// [`Model::add_internal_forces`] at displacements that the run has reached: called once per step, and
+    /// once before the first, in its place. What is not a vector (an orientation) goes on from here: with
+    /// `θ` the rotations reached last, those of any `q` mean `R(q) = exp(q − θ) R(θ)`. A model that wraps
+    /// another one must pass the call on.
     ///
     /// # Errors
     /// Those of [`Model::add_internal_forces`].
@@ -192,8 +197,8 @@ pub trait Model<T: Real>: Send {
         Ok(self.internal_energy(q))
     }
 
-    /// The model as one that makes whole steps itself, if it can: the core lets it where nothing but the model acts on the
-    /// unknowns within a step (no effects, no moving support, no evolution).
+    /// The model as one that makes whole steps itself, if it can: the core lets it where nothing but the
+    /// model acts on the unknowns within a step (no effects, no moving support, no evolution).
     fn stepping(&mut self) -> Option<&mut dyn Stepping<T>> {
         None
     }
@@ -207,8 +212,9 @@ pub trait Model<T: Real>: Send {
     /// respect to rotations at those reached last.
     fn internal_energy(&self, q: &[T]) -> T;
 
-    /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed).
-    /// The default computes `2/ω_max` by Lanczos iterations on the forces of a linear law; a nonlinear model overrides it.
+    /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed). The
+    /// default computes `2/ω_max` by Lanczos iterations on the forces of a linear law; a nonlinear model
+    /// overrides it.
     ///
     /// # Errors
     /// Those of the internal forces.
@@ -216,8 +222,8 @@ pub trait Model<T: Real>: Send {
         crate::spectrum::critical_step(inverse_inertia, &mut |q, f| self.add_internal_forces(q, f))
     }
 
-    /// The model as one that changes itself as it moves (bonds that break), if it does. Only then the state before the
-    /// step is kept.
+    /// The model as one that changes itself as it moves (bonds that break), if it does. Only then the state
+    /// before the step is kept.
     fn evolving(&mut self) -> Option<&mut dyn Evolving<T>> {
         None
     }
@@ -227,8 +233,8 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is, whatever field
-    /// interpolates between them. None for a model that fills the cells of its field.
+    /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is,
+    /// whatever field interpolates between them. None for a model that fills the cells of its field.
     fn particles(&self) -> Option<&[Sample<T>]> {
         None
     }
@@ -248,8 +254,8 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Becomes the part of the model that the rank of `communicator` holds, before it has gone anywhere: weights are set, all of the model
-    /// is the same on every rank.
+    /// Becomes the part of the model that the rank of `communicator` holds, before it has gone anywhere:
+    /// weights are set, all of the model is the same on every rank.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model that cannot be in parts, as most cannot; what the transport says.
@@ -263,13 +269,15 @@ pub trait Model<T: Real>: Send {
         })
     }
 
-    /// What this rank holds of the model, if it is a part of one: nodes, unknowns, weights and forces are then those of the
-    /// part, energies and the critical step those of all of it, and every call that all ranks must make together says so.
+    /// What this rank holds of the model, if it is a part of one: nodes, unknowns, weights and forces are
+    /// then those of the part, energies and the critical step those of all of it, and every call that all
+    /// ranks must make together says so.
     fn portion(&self) -> Option<&Portion> {
         None
     }
 
-    /// Effects that live in the model itself, by the names they have in reports: "fracture", "finite-rotations".
+    /// Effects that live in the model itself, by the names they have in reports: "fracture",
+    /// "finite-rotations".
     fn effects(&self) -> &[&'static str] {
         &[]
     }
@@ -279,7 +287,8 @@ pub trait Model<T: Real>: Send {
         Vec::new()
     }
 
-    /// What the model must remember to go on with the same bits: bonds that broke, orientations. Nothing for most.
+    /// What the model must remember to go on with the same bits: bonds that broke, orientations. Nothing
+    /// for most.
     fn save(&self) -> Record<T> {
         Record::default()
     }
@@ -324,8 +333,8 @@ pub struct Drawn<T> {
     pub moving: T,
 }
 
-/// A model that makes whole steps itself: one that is fast enough for passes over its unknowns to count, and accelerates
-/// nodes in the pass that finds their forces, while they are in the cache.
+/// A model that makes whole steps itself: one that is fast enough for passes over its unknowns to count,
+/// and accelerates nodes in the pass that finds their forces, while they are in the cache.
 pub trait Stepping<T: Real> {
     /// Makes the step
     ///
@@ -333,8 +342,8 @@ pub trait Stepping<T: Real> {
     /// v₊ = v + Δt/2 a    q += Δt v₊    a = w f(q)    v = v₊ + Δt/2 a
     /// ```
     ///
-    /// with the bits of the core: every product and every sum is rounded. Replaces [`Model::advance`], and like it must not
-    /// allocate. The energies are those of the step if [`Stride::inertia`] is there.
+    /// with the bits of the core: every product and every sum is rounded. Replaces [`Model::advance`], and
+    /// like it must not allocate. The energies are those of the step if [`Stride::inertia`] is there.
     ///
     /// # Errors
     /// Those of [`Model::advance`].
@@ -347,8 +356,8 @@ pub trait Evolving<T: Real> {
     fn effect(&self) -> &'static str;
 
     /// Lets the model change itself: called once per step, right after [`Model::advance`] to the new
-    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the rule of
-    /// [`Evolution`].
+    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the
+    /// rule of [`Evolution`].
     ///
     /// # Errors
     /// Whatever keeps the model from doing so.
@@ -366,8 +375,8 @@ pub struct Finding {
 
 /// A model that can tell which effects a state would need.
 pub trait Watching<T: Real> {
-    /// What this state would need effects for that may not be on. May take as long as a few steps; never called
-    /// during a step.
+    /// What this state would need effects for that may not be on. May take as long as a few steps; never
+    /// called during a step.
     fn watch(&self, state: &State<T>) -> Vec<Finding>;
 }
 

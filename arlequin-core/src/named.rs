@@ -1,6 +1,7 @@
 //! Choices that have names in scenes and reports.
 
-/// Gives an enum its list of variants and their names, `name`, `Display`, `FromStr`, and `Deserialize` with the feature.
+/// Gives an enum its list of variants and their names, `name`, `Display`, `FromStr`, and `Deserialize` with
+/// the feature.
 macro_rules! named {
     ($kind:ident, $what:literal: $($variant:ident = $name:literal),+ $(,)?) => {
         impl $kind {

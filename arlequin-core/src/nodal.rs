@@ -16,8 +16,9 @@ use sprs::CsMat;
 /// A linear model whose assembled forces and lumped inertia are multiplied by the weight at their node:
 /// `β(x_i) M_i q̈_i = −α(x_i) (K q)_i`, [`crate::Weighting::Nodal`].
 ///
-/// `D K` with the diagonal `D` of weights is not symmetric: no energy has these forces, and the model is not offered as a
-/// linear one, so that the static twin and the harmonic analysis refuse it. Its internal energy is `½ qᵀ D K q` \[J\].
+/// `D K` with the diagonal `D` of weights is not symmetric: no energy has these forces, and the model is
+/// not offered as a linear one, so that the static twin and the harmonic analysis refuse it. Its internal
+/// energy is `½ qᵀ D K q` \[J\].
 pub struct NodallyWeighted<T: Real> {
     model: Box<dyn Model<T>>,
     /// `α(x_i)` per unknown.
@@ -147,9 +148,9 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
         T::of(0.5) * parallel::sum(q.len(), &sum)
     }
 
-    // The critical step is that of the trait, from the weighted forces. It looks at the quadratic form of `M⁻¹ D K` in the
-    // metric of the weighted masses, which also bounds the model under constraints; the spectrum of the model alone, in
-    // which equal weights of force and mass cancel, does not.
+    // The critical step is that of the trait, from the weighted forces. It looks at the quadratic form of
+    // `M⁻¹ D K` in the metric of the weighted masses, which also bounds the model under constraints; the
+    // spectrum of the model alone, in which equal weights of force and mass cancel, does not.
 
     fn portion(&self) -> Option<&Portion> {
         self.model.portion()

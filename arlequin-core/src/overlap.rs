@@ -12,7 +12,8 @@ pub enum Place<T> {
     Coarse,
     /// Only the fine model lives here.
     Fine,
-    /// In the overlap, at position `s`: 0 at the border to the fine model's own region, 1 at that to the coarse one's.
+    /// In the overlap, at position `s`: 0 at the border to the fine model's own region, 1 at that to the
+    /// coarse one's.
     Overlap(T),
 }
 
@@ -51,8 +52,8 @@ pub struct Slab<T: Real> {
 }
 
 impl<T: Real> Slab<T> {
-    /// Layer between the fine border through `fine` and the coarse border through `coarse` \[m\], normal to the
-    /// line between these two points.
+    /// Layer between the fine border through `fine` and the coarse border through `coarse` \[m\], normal to
+    /// the line between these two points.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for coincident or non-finite points.
@@ -156,8 +157,9 @@ impl<T: Real> Region<T> for Primitive<T> {
 
 /// A general overlap: the part of an outer region that is outside an inner core.
 ///
-/// The fine model alone fills `fine_core`; the coarse model alone fills what lies outside `fine_domain`; between the
-/// two borders `s = φ_D/(φ_C + φ_D)` with the distances to the fine core and to the outer border.
+/// The fine model alone fills `fine_core`; the coarse model alone fills what lies outside `fine_domain`;
+/// between the two borders `s = φ_D/(φ_C + φ_D)` with the distances to the fine core and to the outer
+/// border.
 #[derive(Debug, Clone)]
 pub struct Shell<R> {
     /// Region in which only the fine model lives.

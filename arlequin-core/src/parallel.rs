@@ -1,8 +1,8 @@
 //! Loops over unknowns on all threads, with the same bits for any number of them.
 //!
-//! A step passes over every unknown a few times; on one thread those passes would cost a fast model as much as its
-//! forces. Element-wise loops give the same result however they are cut; sums are cut at fixed places and added in a
-//! fixed order. Nothing here allocates.
+//! A step passes over every unknown a few times; on one thread those passes would cost a fast model as much
+//! as its forces. Element-wise loops give the same result however they are cut; sums are cut at fixed
+//! places and added in a fixed order. Nothing here allocates.
 
 use crate::Real;
 use rayon::prelude::*;

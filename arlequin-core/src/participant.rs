@@ -6,12 +6,12 @@ use crate::weight::{Weight, Weights};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
-/// A solver with a stepping of its own, as the coupling sees it: it advances, tells its velocities, accepts an impulse and
-/// has a lumped mass.
+/// A solver with a stepping of its own, as the coupling sees it: it advances, tells its velocities, accepts
+/// an impulse and has a lumped mass.
 ///
-/// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two reflections
-/// nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole impulse `2 Bᵀμ` at once, of
-/// which velocities *at* the instant have half.
+/// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two
+/// reflections nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole
+/// impulse `2 Bᵀμ` at once, of which velocities *at* the instant have half.
 /// [`crate::conformance::participant`] checks an implementation.
 pub trait Participant<T: Real>: Send {
     /// Name for messages and reports.
@@ -28,9 +28,10 @@ pub trait Participant<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called before any step,
-    /// first with weights of one and then with those it is to have. A solver that cannot weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the
-    /// other model the rest) and writes what it has.
+    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called
+    /// before any step, first with weights of one and then with those it is to have. A solver that cannot
+    /// weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the other model the rest) and
+    /// writes what it has.
     ///
     /// # Errors
     /// Weights that the solver cannot have.
@@ -45,7 +46,8 @@ pub trait Participant<T: Real>: Send {
     /// Writes the velocities of all unknowns now \[m/s, rad/s\].
     fn velocities(&self, out: &mut [T]);
 
-    /// Writes the displacements of all unknowns now \[m, rad\]: for probes, pictures and the displacement jump.
+    /// Writes the displacements of all unknowns now \[m, rad\]: for probes, pictures and the displacement
+    /// jump.
     fn displacements(&self, out: &mut [T]);
 
     /// Changes the momentum of every unknown \[kg m/s\]: its velocity by impulse over inertia.
@@ -54,8 +56,8 @@ pub trait Participant<T: Real>: Send {
     /// Whatever keeps the solver from doing so.
     fn kick(&mut self, impulse: &[T]) -> Result<()>;
 
-    /// Writes the accelerations of all unknowns now \[m/s²\], if the solver has them: with these the first reflection is as
-    /// smooth as all others.
+    /// Writes the accelerations of all unknowns now \[m/s²\], if the solver has them: with these the first
+    /// reflection is as smooth as all others.
     fn accelerations(&self, out: &mut [T]) -> bool {
         let _ = out;
         false
@@ -66,9 +68,10 @@ pub trait Participant<T: Real>: Send {
         None
     }
 
-    /// Energy \[J\] that its stepping keeps but for impulses, and less what loads of its own did: exactly for a linear law, to
-    /// second order in the step for others. `None` if it knows none: the ledger then takes what impulses brought, the run warns that
-    /// the energy is not known ([`crate::Warning::EnergyUnknown`]), and velocities are held against the impulses.
+    /// Energy \[J\] that its stepping keeps but for impulses, and less what loads of its own did: exactly
+    /// for a linear law, to second order in the step for others. `None` if it knows none: the ledger then
+    /// takes what impulses brought, the run warns that the energy is not known
+    /// ([`crate::Warning::EnergyUnknown`]), and velocities are held against the impulses.
     fn invariant(&self) -> Option<T> {
         None
     }
@@ -84,8 +87,8 @@ pub trait Participant<T: Real>: Send {
         })
     }
 
-    /// Goes back to what [`Self::save`] returned. What it tells afterwards is held against what it told then: inertia, centre of
-    /// mass, displacements, velocities ([`Error::NotRestored`]).
+    /// Goes back to what [`Self::save`] returned. What it tells afterwards is held against what it told
+    /// then: inertia, centre of mass, displacements, velocities ([`Error::NotRestored`]).
     ///
     /// # Errors
     /// A record of another solver; [`Error::Unsupported`] unless it can.

@@ -1,4 +1,5 @@
-//! Profiles: how a weight grows across an overlap, `p(s)` with `s` from 0 at the fine border to 1 at the coarse one.
+//! Profiles: how a weight grows across an overlap, `p(s)` with `s` from 0 at the fine border to 1 at the
+//! coarse one.
 
 use crate::error::invalid;
 use crate::named::named;
@@ -16,8 +17,9 @@ pub enum Profile<T> {
     Cubic,
     /// `p = 10s³ − 15s⁴ + 6s⁵` (C2).
     Quintic,
-    /// A C1 profile whose derivative is piecewise linear between stations of `s`, those of the mediator nodes: then
-    /// `grad f` lies in the mediator space and the patch test is exact. Built by [`Profile::mediator_compatible`].
+    /// A C1 profile whose derivative is piecewise linear between stations of `s`, those of the mediator
+    /// nodes: then `grad f` lies in the mediator space and the patch test is exact. Built by
+    /// [`Profile::mediator_compatible`].
     Compatible(CompatibleProfile<T>),
     /// A function of one's own. Built by [`Profile::custom`].
     Custom(CustomProfile<T>),
@@ -82,8 +84,9 @@ impl<T: Real> Profile<T> {
         }))
     }
 
-    /// A profile of one's own: a function that rises from `p(0) = 0` to `p(1) = 1` and never falls. Means over cells are
-    /// exact where it is a polynomial of degree five on every eighth of the overlap, and close to that if it is smooth.
+    /// A profile of one's own: a function that rises from `p(0) = 0` to `p(1) = 1` and never falls. Means
+    /// over cells are exact where it is a polynomial of degree five on every eighth of the overlap, and
+    /// close to that if it is smooth.
     ///
     /// ```
     /// use arlequin_core::Profile;
@@ -94,8 +97,8 @@ impl<T: Real> Profile<T> {
     /// ```
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] for ends other than 0 and 1, and where it falls or is not a number at one of
-    /// 1025 places.
+    /// [`crate::Error::InvalidParameter`] for ends other than 0 and 1, and where it falls or is not a
+    /// number at one of 1025 places.
     pub fn custom(p: impl Fn(T) -> T + Send + Sync + 'static) -> Result<Self> {
         let refuse = |s: T, p: T, rule: &str| {
             let found = format_args!("{p} at s = {s}");
@@ -171,8 +174,8 @@ pub enum ProfileKind {
 }
 
 impl ProfileKind {
-    /// The profile of this kind: with the `value` given if it is constant (one half by default), with the positions of the
-    /// mediator nodes as `stations` if it is the mediator-compatible one.
+    /// The profile of this kind: with the `value` given if it is constant (one half by default), with the
+    /// positions of the mediator nodes as `stations` if it is the mediator-compatible one.
     ///
     /// # Errors
     /// Those of [`Profile::mediator_compatible`].

@@ -1,6 +1,7 @@
 //! A field beyond its surface: where particles of the other model stick out.
 //!
-//! From a point `a` of the surface and a point `b` behind it, on a line through `x`, shape functions go on linearly:
+//! From a point `a` of the surface and a point `b` behind it, on a line through `x`, shape functions go on
+//! linearly:
 //!
 //! ```text
 //! N(x) = (1 + t) N(a) − t N(b),   x = a + t (a − b),   0 ≤ t ≤ 1
@@ -38,8 +39,8 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         }
     }
 
-    /// Shape functions at a point outside, as long as it is no farther from the surface than the mean of the nearest
-    /// nodes is behind it; `work` is memory to use.
+    /// Shape functions at a point outside, as long as it is no farther from the surface than the mean of
+    /// the nearest nodes is behind it; `work` is memory to use.
     ///
     /// # Errors
     /// [`Error::OutsideDomain`] farther away; those of the field.

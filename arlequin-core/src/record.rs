@@ -2,7 +2,8 @@
 
 use crate::{Error, Result};
 
-/// Numbers and counts of an object whose layout only the object knows: an effect with a history, a model that evolved.
+/// Numbers and counts of an object whose layout only the object knows: an effect with a history, a model
+/// that evolved.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Record<T> {

@@ -1,14 +1,16 @@
 //! Stress and strain at the nodes of a model, recovered from where its law knows them.
 //!
-//! A model offers what it can through [`Recovery`]; [`Patches`] is the tool with which models of elements and of cells do so.
-//! Stresses are those of the material, without the weight of the energy: in an overlap both models tell the same.
+//! A model offers what it can through [`Recovery`]; [`Patches`] is the tool with which models of elements
+//! and of cells do so. Stresses are those of the material, without the weight of the energy: in an overlap
+//! both models tell the same.
 
 use crate::error::invalid;
 use crate::{Real, Result};
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-/// A symmetric tensor by its components `xx, yy, zz, xy, yz, xz`; those of a strain are tensor components, not twice them.
+/// A symmetric tensor by its components `xx, yy, zz, xy, yz, xz`; those of a strain are tensor components,
+/// not twice them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SymmetricTensor<T>(pub [T; 6]);
 
@@ -93,29 +95,32 @@ pub trait Links<T: Real> {
     /// Nodes of every bond.
     fn pairs(&self) -> &[[u32; 2]];
 
-    /// What the bonds carry at displacements `q`, without weights, appended to `out` in the order of [`Links::pairs`]; nothing
-    /// in those that are broken.
+    /// What the bonds carry at displacements `q`, without weights, appended to `out` in the order of
+    /// [`Links::pairs`]; nothing in those that are broken.
     ///
     /// # Errors
     /// Displacements of another length.
     fn forces(&self, q: &[T], out: &mut Vec<LinkForce<T>>) -> Result<()>;
 
-    /// Strain energy density of every node \[J/m³\] at displacements `q`, without weights, appended to `out`: the energy of its
-    /// bonds, each shared between its two nodes, over the volume that the node stands for. Broken bonds hold none. Where no weight
-    /// is below one, the sum over all nodes with their volumes is the strain energy of the model.
+    /// Strain energy density of every node \[J/m³\] at displacements `q`, without weights, appended to
+    /// `out`: the energy of its bonds, each shared between its two nodes, over the volume that the node
+    /// stands for. Broken bonds hold none. Where no weight is below one, the sum over all nodes with their
+    /// volumes is the strain energy of the model.
     ///
     /// # Errors
     /// Displacements of another length.
     fn energy_densities(&self, q: &[T], out: &mut Vec<T>) -> Result<()>;
 }
 
-/// How far outside of its samples a node may lie along one of their principal directions, over their root of squared
-/// distances there: beyond, the values are constant along it. A corner of a cube of hexahedra has 0.7.
+/// How far outside of its samples a node may lie along one of their principal directions, over their root
+/// of squared distances there: beyond, the values are constant along it. A corner of a cube of hexahedra
+/// has 0.7.
 const REACH: f64 = 2.0;
 
-/// Values at nodes from values at samples by least squares: to the samples of a patch a linear polynomial is fitted and
-/// evaluated at the node, so that linear fields are exact wherever a patch spans the body (patch recovery, Zienkiewicz and Zhu
-/// 1992). Along directions in which a patch has no extent the value is constant.
+/// Values at nodes from values at samples by least squares: to the samples of a patch a linear polynomial
+/// is fitted and evaluated at the node, so that linear fields are exact wherever a patch spans the body
+/// (patch recovery, Zienkiewicz and Zhu 1992). Along directions in which a patch has no extent the value is
+/// constant.
 #[derive(Debug, Clone)]
 pub struct Patches<T> {
     starts: Vec<usize>,
@@ -168,7 +173,8 @@ impl<T: Real> Patches<T> {
         samples.zip(self.factors[range].iter().copied())
     }
 
-    /// Appends strain and stress at `nodes` of `model` to `out`, from those `of` every one of `count` samples.
+    /// Appends strain and stress at `nodes` of `model` to `out`, from those `of` every one of `count`
+    /// samples.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a node that is not there.
@@ -262,7 +268,8 @@ mod tests {
         assert!(pressure.von_mises().abs() < 1e-15_f64);
     }
 
-    /// Nodes of a cube, of a plate one sample thick, and of a line: linear fields come out exactly, however the body lies.
+    /// Nodes of a cube, of a plate one sample thick, and of a line: linear fields come out exactly, however
+    /// the body lies.
     #[test]
     fn linear_fields_are_exact_where_patches_span_the_body() {
         let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 1.9);

@@ -38,8 +38,9 @@ pub trait Real:
     /// Entries that such a factor will have.
     fn cholesky_entries(matrix: &CsMat<Self>) -> usize;
 
-    /// Rows of a symmetric matrix (both triangles stored) that have a negative pivot once `shift` is taken off its diagonal:
-    /// as many as it has eigenvalues below `shift`. None where the factorisation breaks down.
+    /// Rows of a symmetric matrix (both triangles stored) that have a negative pivot once `shift` is taken
+    /// off its diagonal: as many as it has eigenvalues below `shift`. None where the factorisation breaks
+    /// down.
     fn negative_pivots(matrix: &CsMat<Self>, shift: Self) -> Option<Vec<usize>>;
 
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.

@@ -13,8 +13,9 @@ pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
 /// Most steps towards the eigenvalue itself.
 const STEPS: usize = 80;
 
-/// Numbers that all its vectors may take (32 MB). Beyond, each is made orthogonal to the last two only: what round-off brings
-/// back of the others are copies of eigenvalues that are found already, and none lies above the largest.
+/// Numbers that all its vectors may take (32 MB). Beyond, each is made orthogonal to the last two only:
+/// what round-off brings back of the others are copies of eigenvalues that are found already, and none lies
+/// above the largest.
 const STORED: usize = 1 << 22;
 
 /// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
@@ -23,8 +24,8 @@ const LEAN: usize = 300;
 /// Relative residual at which its largest Ritz value is taken.
 const RESIDUAL: f64 = 1e-4;
 
-/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its own in
-/// [`crate::Model::critical_step`].
+/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its
+/// own in [`crate::Model::critical_step`].
 ///
 /// # Errors
 /// Those of `add_forces`.
@@ -41,8 +42,8 @@ pub fn step_of<T: Real>(largest: T) -> T {
     }
 }
 
-/// The critical step of [`critical_step`] for unknowns of `layout`, or of the part of a model that is here: the same bits on any number
-/// of ranks, all of which must ask.
+/// The critical step of [`critical_step`] for unknowns of `layout`, or of the part of a model that is here:
+/// the same bits on any number of ranks, all of which must ask.
 ///
 /// # Errors
 /// Those of `add_forces`.
@@ -56,8 +57,9 @@ pub fn critical_step_of_nodes<T: Real>(
     Ok(step_of(largest_in(inverse_inertia, &space, add_forces)?))
 }
 
-/// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks prescribed
-/// unknowns. To round-off for most models; up to 80 vectors, all of them stored for small models only.
+/// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks
+/// prescribed unknowns. To round-off for most models; up to 80 vectors, all of them stored for small models
+/// only.
 ///
 /// # Errors
 /// Those of `add_forces`.
@@ -92,9 +94,9 @@ fn largest_in<T: Real>(
     Ok(top)
 }
 
-/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by more than the
-/// relative 1e-4, in memory of a few vectors; zero if nothing moves. The unknowns are those of `layout`, or of the part of a
-/// model that is here: the same bits on any number of ranks.
+/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by
+/// more than the relative 1e-4, in memory of a few vectors; zero if nothing moves. The unknowns are those
+/// of `layout`, or of the part of a model that is here: the same bits on any number of ranks.
 ///
 /// # Errors
 /// Those of `add_forces`, which adds `−K q`.
@@ -149,7 +151,8 @@ impl<T: Real> Tridiagonal<T> {
 /// Takes out of a new vector what must not be in it: the one before (which is handed over) and others.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
-/// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until `settled`.
+/// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until
+/// `settled`.
 fn lanczos<T: Real>(
     (root, space): (&[T], &Space<'_>),
     limit: usize,
@@ -272,8 +275,8 @@ impl Space<'_> {
         sum
     }
 
-    /// Takes the parts of orthonormal vectors out of `w`: one after the other, or all at once, for one sum over ranks. Twice is enough
-    /// either way.
+    /// Takes the parts of orthonormal vectors out of `w`: one after the other, or all at once, for one sum
+    /// over ranks. Twice is enough either way.
     fn take_out<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
@@ -315,8 +318,9 @@ impl Space<'_> {
 mod tests {
     use super::*;
 
-    /// A chain of unit masses and springs with one stiff spring, whose mode stands off the others. The largest eigenvalue
-    /// does not depend on how many springs there are: it is found with stored vectors and without.
+    /// A chain of unit masses and springs with one stiff spring, whose mode stands off the others. The
+    /// largest eigenvalue does not depend on how many springs there are: it is found with stored vectors
+    /// and without.
     #[test]
     fn large_models_have_the_eigenvalue_of_small_ones_without_stored_vectors() {
         let top = |n: usize| -> f64 {

@@ -25,7 +25,8 @@ impl Formula {
         }
     }
 
-    /// Value at time `t` \[s\]. Before time zero the formula goes on, or has its value at zero where it makes no sense there.
+    /// Value at time `t` \[s\]. Before time zero the formula goes on, or has its value at zero where it
+    /// makes no sense there.
     pub fn at(&self, t: f64) -> f64 {
         let value = (self.at)(t);
         if t < 0.0 && !value.is_finite() {
@@ -68,8 +69,8 @@ pub enum TimeFunction<T> {
     Table(Vec<(T, T)>),
     /// Any formula.
     Formula(Formula),
-    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas, of which
-    /// pieces are halved until two rules of quadrature agree to round-off.
+    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas,
+    /// of which pieces are halved until two rules of quadrature agree to round-off.
     Integral(Box<Self>),
 }
 
@@ -119,8 +120,8 @@ impl<T: Real> TimeFunction<T> {
         T::of(self.at_wide(t.as_f64()))
     }
 
-    /// The same in double precision: prescribed motions take differences over a step, of which single precision would
-    /// leave nothing.
+    /// The same in double precision: prescribed motions take differences over a step, of which single
+    /// precision would leave nothing.
     pub(crate) fn at_wide(&self, t: f64) -> f64 {
         match self {
             Self::Step => f64::from(u8::from(t >= 0.0)),

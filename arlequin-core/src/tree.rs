@@ -105,7 +105,8 @@ mod tests {
         pub(super) static LOOKED: Cell<usize> = const { Cell::new(0) };
     }
 
-    /// Set-up stays near-linear because of this: eight times as many cells on both sides cost little more a cell.
+    /// Set-up stays near-linear because of this: eight times as many cells on both sides cost little more a
+    /// cell.
     #[test]
     fn cells_that_meet_a_cell_are_found_at_a_cost_that_hardly_grows_with_their_number() {
         let boxes = |n: usize, shift: f64| -> Vec<_> {

@@ -1,8 +1,9 @@
 //! Weight functions: how overlapping models share energy, mass and load.
 //!
-//! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap
-//! `f = ε + (1 − ε − ε_D) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine border,
-//! `ε` the smallest weight of the coarse model and `ε_D` that of the fine one (`ε` as well unless it is given).
+//! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap `f = ε +
+//! (1 − ε − ε_D) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine
+//! border, `ε` the smallest weight of the coarse model and `ε_D` that of the fine one (`ε` as well unless
+//! it is given).
 
 use crate::error::invalid;
 use crate::geometry::{self, Cell, HalfSpace};
@@ -17,12 +18,12 @@ use crate::profile::Profile;
 /// How weights enter a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Weighting {
-    /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass. Conserves the
-    /// weighted energy and leaves the critical step as it is for any weight.
+    /// Every element or bond carries the mean of the weight over itself, in stiffness **and** mass.
+    /// Conserves the weighted energy and leaves the critical step as it is for any weight.
     #[default]
     Energy,
-    /// Nodal forces and masses are multiplied by the weight at the node, see [`crate::NodallyWeighted`]. Not conservative;
-    /// kept for comparison with the literature.
+    /// Nodal forces and masses are multiplied by the weight at the node, see [`crate::NodallyWeighted`].
+    /// Not conservative; kept for comparison with the literature.
     Nodal,
 }
 
@@ -74,8 +75,9 @@ impl<T: Real> Weight<T> for Complement<T> {
     }
 }
 
-/// Product of weights: the share of a model in what a coarser one leaves, `(1 − f) g`. All shares of a chain, `f`, `(1 − f) g`,
-/// `(1 − f)(1 − g)`, … are positive and sum to one, also where more than two models are.
+/// Product of weights: the share of a model in what a coarser one leaves, `(1 − f) g`. All shares of a
+/// chain, `f`, `(1 − f) g`, `(1 − f)(1 − g)`, … are positive and sum to one, also where more than two
+/// models are.
 #[derive(Clone)]
 pub struct Product<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
 
@@ -89,7 +91,8 @@ impl<T: Real> Weight<T> for Product<T> {
     fn at(&self, x: &Point3<T>) -> T {
         self.0.iter().fold(T::one(), |p, w| p * w.at(x))
     }
-    /// That of the only factor that varies over the cell times the others, exactly; numerically where several do.
+    /// That of the only factor that varies over the cell times the others, exactly; numerically where
+    /// several do.
     fn mean(&self, cell: &Cell<T>) -> T {
         let corners = cell.corners();
         // Profiles are monotone: what is zero or one at all corners is so between them.
@@ -155,10 +158,12 @@ impl<T: Real> Ramp<T> {
         })
     }
 
-    /// The same with a smallest weight of the fine model of its own, at the border to the coarse model's region.
+    /// The same with a smallest weight of the fine model of its own, at the border to the coarse model's
+    /// region.
     ///
-    /// Where it vanishes, the forces that the packing's scatter leaves unbalanced strain next to no stiffness: the skin of
-    /// particles there is loaded several times as hard as the body. A floor of 0.1 takes that away (decision 0022).
+    /// Where it vanishes, the forces that the packing's scatter leaves unbalanced strain next to no
+    /// stiffness: the skin of particles there is loaded several times as hard as the body. A floor of 0.1
+    /// takes that away (decision 0022).
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a value outside `[0, 0.5)`.
@@ -185,7 +190,8 @@ impl<T: Real> Ramp<T> {
         }
     }
 
-    /// Exact mean where `s(x) = gradient · x + offset`: cut the cell at the kinks, integrate each piece exactly.
+    /// Exact mean where `s(x) = gradient · x + offset`: cut the cell at the kinks, integrate each piece
+    /// exactly.
     fn exact_mean(&self, cell: &Cell<T>, gradient: nalgebra::Vector3<T>, offset: T) -> T {
         let (one, zero) = (T::one(), T::zero());
         let corners = cell.corners();

@@ -1,5 +1,5 @@
-//! What an exchange over a link costs, beside 50 µs + bytes/2.5 GB/s: a step (velocities, displacements and invariant come back)
-//! and an impulse, with a solver that does nothing in another thread.
+//! What an exchange over a link costs, beside 50 µs + bytes/2.5 GB/s: a step (velocities, displacements and
+//! invariant come back) and an impulse, with a solver that does nothing in another thread.
 //!
 //! `cargo bench -p arlequin-link`; the shortest of many, as others may load the machine.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]

@@ -13,8 +13,8 @@ pub const VARIABLE: &str = "ARLEQUIN_LINK";
 
 /// An address: `unix:PATH`, `tcp:127.0.0.1:PORT`, or `tcp-open:IP:PORT`.
 ///
-/// `tcp` takes addresses of this machine alone. The protocol has no password and no cipher: whoever wants it on a network
-/// that is closed to strangers says so with `tcp-open`.
+/// `tcp` takes addresses of this machine alone. The protocol has no password and no cipher: whoever wants
+/// it on a network that is closed to strangers says so with `tcp-open`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A socket in the file system: who may open the file may speak.
@@ -223,8 +223,8 @@ impl Listener {
         })
     }
 
-    /// Waits at an address that nobody else knows: a socket in a new folder that only this user may enter; a free port of
-    /// the loopback where there are no such sockets.
+    /// Waits at an address that nobody else knows: a socket in a new folder that only this user may enter;
+    /// a free port of the loopback where there are no such sockets.
     ///
     /// # Errors
     /// [`Error::System`].

@@ -54,7 +54,8 @@ impl Channel {
         self.timeout.map(|t| Instant::now() + t)
     }
 
-    /// How long to wait now: what is left of the time, at most until the next look for Ctrl-C. None if it may last for ever.
+    /// How long to wait now: what is left of the time, at most until the next look for Ctrl-C. None if it
+    /// may last for ever.
     ///
     /// # Errors
     /// [`Error::Silent`] if no time is left, [`Error::Interrupted`].
@@ -156,8 +157,8 @@ impl Channel {
         Ok(())
     }
 
-    /// Receives one of these kinds, of which the first is named in messages, with `lengths` in bytes that it may have;
-    /// [`Kind::Failed`] becomes the error it tells. What came lies in [`Self::content`].
+    /// Receives one of these kinds, of which the first is named in messages, with `lengths` in bytes that
+    /// it may have; [`Kind::Failed`] becomes the error it tells. What came lies in [`Self::content`].
     pub(crate) fn receive(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
         let expected = due.first().map_or(String::new(), Kind::to_string);
         loop {

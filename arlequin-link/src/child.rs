@@ -36,8 +36,8 @@ pub fn shown(command: &[String]) -> String {
 }
 
 impl Started {
-    /// Starts a command in a folder; it finds the address in its environment. What it prints goes to where this process
-    /// prints its errors.
+    /// Starts a command in a folder; it finds the address in its environment. What it prints goes to where
+    /// this process prints its errors.
     pub(crate) fn new(command: &[String], folder: &Path, address: &Address) -> Result<Self> {
         let text = shown(command);
         let Some((program, arguments)) = command.split_first() else {
@@ -59,7 +59,8 @@ impl Started {
         #[cfg(unix)]
         {
             use std::os::unix::process::CommandExt;
-            // A group of its own: all that it starts can be ended, and Ctrl-C reaches the run alone, which ends it in order.
+            // A group of its own: all that it starts can be ended, and Ctrl-C reaches the run alone, which
+            // ends it in order.
             start.process_group(0);
         }
         let child = start.spawn().map_err(|e| Error::Command {

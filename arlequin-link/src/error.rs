@@ -1,4 +1,5 @@
-//! What can go wrong between two processes: each error names the other side, the value, the limit and a way out.
+//! What can go wrong between two processes: each error names the other side, the value, the limit and a way
+//! out.
 
 use crate::wire::Kind;
 use std::time::Duration;

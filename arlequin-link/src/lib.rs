@@ -1,13 +1,13 @@
-//! Solvers in other processes as participants of the Arlequin coupling: a small protocol over Unix sockets and the loopback,
-//! and both of its ends.
+//! Solvers in other processes as participants of the Arlequin coupling: a small protocol over Unix sockets
+//! and the loopback, and both of its ends.
 //!
-//! [`Remote`] is the run's end: it starts a command or waits at an [`Address`], and is a [`Participant`] like one in this
-//! process. [`serve`] is the solver's end in Rust: it takes any [`Participant`], and [`Verlet`] makes one of any
-//! [`Model`](arlequin_core::Model). Clients in Python (numpy alone) and C stand in `clients/`; `docs/link.md` of the
-//! repository has the protocol byte by byte.
+//! [`Remote`] is the run's end: it starts a command or waits at an [`Address`], and is a [`Participant`]
+//! like one in this process. [`serve`] is the solver's end in Rust: it takes any [`Participant`], and
+//! [`Verlet`] makes one of any [`Model`](arlequin_core::Model). Clients in Python (numpy alone) and C stand
+//! in `clients/`; `docs/link.md` of the repository has the protocol byte by byte.
 //!
-//! Nothing that comes from the other side is trusted: lengths are held against a limit before memory is taken, numbers must
-//! be finite, and every wait ends. What it says is data; none of it is ever run.
+//! Nothing that comes from the other side is trusted: lengths are held against a limit before memory is
+//! taken, numbers must be finite, and every wait ends. What it says is data; none of it is ever run.
 //!
 //! # A chain in a thread of its own, behind a socket
 //!

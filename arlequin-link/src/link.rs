@@ -7,8 +7,9 @@ use crate::message::{Description, Fields};
 use crate::wire::{Header, Kind, SMALL};
 use std::time::Duration;
 
-/// Relative error of a result of few operations that is let pass. No solver says in what precision it computes: four
-/// roundings, of impulse, mass, quotient and sum, to single precision and as much again for those that convert units.
+/// Relative error of a result of few operations that is let pass. No solver says in what precision it
+/// computes: four roundings, of impulse, mass, quotient and sum, to single precision and as much again for
+/// those that convert units.
 pub(crate) const ROUNDED: f64 = 8.0 * f32::EPSILON as f64;
 /// An impulse tells of the mass if round-off hides no more than this share of what it does.
 const TELLING: f64 = 1e-3;
@@ -167,7 +168,8 @@ impl Link {
     }
 
     pub(crate) fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        // Impulses show whether the mass that was told is the one that moves, from the first that is strong enough on.
+        // Impulses show whether the mass that was told is the one that moves, from the first that is strong
+        // enough on.
         let test = !self.trusted && impulse.iter().any(|p| *p != 0.0);
         let before = if test {
             self.know(Fields::VELOCITIES)?;
@@ -189,7 +191,8 @@ impl Link {
         Ok(())
     }
 
-    /// Refuses changes of velocity by something else than impulse over inertia; whether the impulse was strong enough to tell.
+    /// Refuses changes of velocity by something else than impulse over inertia; whether the impulse was
+    /// strong enough to tell.
     fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<bool> {
         let wanted = |i: usize| {
             let m = self.inertia[i];

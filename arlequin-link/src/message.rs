@@ -68,8 +68,8 @@ impl Element {
 /// What interfaces see of a solver: where it is, and its shape functions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// It exists at its nodes only (spheres): the volume that each stands for \[m³\], and pairs of neighbours, from which
-    /// gradients come; none if it has none.
+    /// It exists at its nodes only (spheres): the volume that each stands for \[m³\], and pairs of
+    /// neighbours, from which gradients come; none if it has none.
     Particles {
         /// Volume of every node \[m³\].
         volumes: Vec<f64>,

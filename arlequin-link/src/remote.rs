@@ -24,9 +24,11 @@ const QUESTIONS_PER_NODE: usize = 200;
 /// What a run allows the other side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// How long it may take to start and to connect: an interpreter with its packages takes seconds on a busy machine.
+    /// How long it may take to start and to connect: an interpreter with its packages takes seconds on a
+    /// busy machine.
     pub start: Duration,
-    /// How long it may take to answer once it is connected; a solver that needs longer sends [`Kind::Working`] meanwhile.
+    /// How long it may take to answer once it is connected; a solver that needs longer sends
+    /// [`Kind::Working`] meanwhile.
     pub timeout: Duration,
     /// Longest message in bytes.
     pub limit: u64,
@@ -61,11 +63,12 @@ pub struct Remote {
 }
 
 impl Remote {
-    /// Starts a command in a folder and waits for it to connect. It finds the address in the environment variable
-    /// [`crate::VARIABLE`]. `name` is that of the model in the run.
+    /// Starts a command in a folder and waits for it to connect. It finds the address in the environment
+    /// variable [`crate::VARIABLE`]. `name` is that of the model in the run.
     ///
     /// # Errors
-    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and everything that may be wrong with what it says of itself.
+    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and everything that may be wrong with
+    /// what it says of itself.
     pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
         let listener = Listener::private()?;
         let child = Started::new(command, folder, listener.address())?;

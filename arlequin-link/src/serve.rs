@@ -64,12 +64,13 @@ impl Weight<f64> for Asked {
     }
 }
 
-/// Offers a solver to the run that waits at an address, and does as the run says until it ends. `shape` is what interfaces
-/// see of the solver.
+/// Offers a solver to the run that waits at an address, and does as the run says until it ends. `shape` is
+/// what interfaces see of the solver.
 ///
 /// # Errors
-/// [`Error::System`] where nobody waits within 5 s, [`Error::Closed`] where the run is gone before it says so, and
-/// everything that may be wrong with what it sends. Errors of the solver are told to the run and are none here.
+/// [`Error::System`] where nobody waits within 5 s, [`Error::Closed`] where the run is gone before it says
+/// so, and everything that may be wrong with what it sends. Errors of the solver are told to the run and
+/// are none here.
 pub fn serve(address: &Address, solver: &mut dyn Participant<f64>, shape: &Shape) -> Result<()> {
     let until = Instant::now() + LOOK;
     let stream = loop {

@@ -27,8 +27,8 @@ impl Verlet {
     /// A model in the state given, displacements \[m, rad\] and velocities \[m/s, rad/s\].
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] unless there is one of each per unknown; [`Error::Unsupported`] for a model that changes
-    /// itself, such as one whose bonds break.
+    /// [`Error::SizeMismatch`] unless there is one of each per unknown; [`Error::Unsupported`] for a model
+    /// that changes itself, such as one whose bonds break.
     pub fn new(mut model: Box<dyn Model<f64>>, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         arlequin_core::check_size(&*model, "displacements", q.len())?;
         arlequin_core::check_size(&*model, "velocities", v.len())?;
@@ -78,7 +78,8 @@ impl Participant<f64> for Verlet {
     }
 
     /// # Errors
-    /// [`Error::Unsupported`] for weights at the nodes; [`Error::InvalidParameter`] for an unknown without inertia.
+    /// [`Error::Unsupported`] for weights at the nodes; [`Error::InvalidParameter`] for an unknown without
+    /// inertia.
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         if weights.weighting == Weighting::Nodal {
             return Err(Error::Unsupported {

@@ -1,4 +1,5 @@
-//! Bytes of the protocol: headers, numbers and texts, little-endian. What it means is in docs/link.md, byte by byte.
+//! Bytes of the protocol: headers, numbers and texts, little-endian. What it means is in docs/link.md, byte
+//! by byte.
 
 use crate::error::{Error, Result};
 
@@ -327,7 +328,8 @@ impl<'a> Content<'a> {
         Err(self.wrong(format!("{what} is {x}, not a finite number")))
     }
 
-    /// A count of things of `size` bytes each, of which the message has room for no more than it has bytes left.
+    /// A count of things of `size` bytes each, of which the message has room for no more than it has bytes
+    /// left.
     ///
     /// # Errors
     /// [`Error::Content`] naming `what`.
@@ -359,7 +361,8 @@ impl<'a> Content<'a> {
         Err(self.wrong(format!("{what}: entry {at} is {}, not a finite number", out[at])))
     }
 
-    /// The next numbers, finite, as many as said; the message must be long enough before anything is allocated.
+    /// The next numbers, finite, as many as said; the message must be long enough before anything is
+    /// allocated.
     ///
     /// # Errors
     /// Those of [`Self::numbers`].
@@ -396,7 +399,8 @@ impl<'a> Content<'a> {
         Ok(chunks.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// The next text; control characters in it become blanks, so that no message of a stranger moves a terminal's cursor.
+    /// The next text; control characters in it become blanks, so that no message of a stranger moves a
+    /// terminal's cursor.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`] for one that is too long or not UTF-8.

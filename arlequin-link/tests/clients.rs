@@ -79,8 +79,8 @@ fn start(command: &[String]) -> Remote {
     Remote::start("fine", command, "".as_ref(), patient()).unwrap()
 }
 
-/// A run with the client beside one with our chain: the same within 1e-12, for one own step and for four, and after it was
-/// saved and went on in another process; and what the coupling relies on.
+/// A run with the client beside one with our chain: the same within 1e-12, for one own step and for four,
+/// and after it was saved and went on in another process; and what the coupling relies on.
 fn as_ours(command: &[String], kind: &str) {
     let lines = (0..BONDS as u32).flat_map(|k| [k, k + 1]).collect();
     let shape = Shape::Mesh {

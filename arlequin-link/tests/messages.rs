@@ -1,4 +1,5 @@
-//! What comes from the other side, mutated: read or refused, with bounded memory; and messages as they are written, read again.
+//! What comes from the other side, mutated: read or refused, with bounded memory; and messages as they are
+//! written, read again.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -125,7 +125,8 @@ fn a_chain_in_single_precision_runs_and_is_ours_to_its_digits() {
     assert!(other.join().unwrap());
 }
 
-/// Impulses that round-off may hide tell nothing of the mass, and are no reason to refuse it; the first that does is looked at.
+/// Impulses that round-off may hide tell nothing of the mass, and are no reason to refuse it; the first
+/// that does is looked at.
 #[test]
 fn faint_impulses_on_a_fast_solver_are_let_pass_and_strong_ones_with_another_mass_are_not() {
     for (answer, refused) in [(1.0, false), (1.00002, true), (0.5, true)] {

@@ -1,4 +1,5 @@
-//! The other side goes wrong in a run, or stays behind: an error that names it, in time, and nothing left behind.
+//! The other side goes wrong in a run, or stays behind: an error that names it, in time, and nothing left
+//! behind.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 

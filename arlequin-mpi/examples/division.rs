@@ -1,5 +1,6 @@
-//! What ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`, the cells of a lattice of particles
-//! and of blocks of finite elements along each edge. With the name of a Gmsh mesh, that of its elements.
+//! What ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`, the
+//! cells of a lattice of particles and of blocks of finite elements along each edge. With the name of a
+//! Gmsh mesh, that of its elements.
 #![allow(clippy::print_stdout, reason = "a table is all it makes")]
 
 use arlequin_core::nalgebra::Point3;
@@ -77,7 +78,8 @@ fn busy() -> f64 {
     first.map_or(f64::NAN, |ns: f64| 1e-9 * ns)
 }
 
-/// What an evaluation of the forces costs the busiest rank, without its waits; least of three rounds in turns.
+/// What an evaluation of the forces costs the busiest rank, without its waits; least of three rounds in
+/// turns.
 fn times(mesh: &Mesh<f64>) -> Done<()> {
     let whole = FemModel::new("timed", mesh.clone(), Elastic::new(75e9, 0.17, 2200.0)?)?;
     let mut least = [f64::INFINITY; 3];

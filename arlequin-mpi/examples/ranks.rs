@@ -1,14 +1,16 @@
-//! What ranks send, hold and take, as processes that speak MPI: one command makes the whole table and starts all ranks itself.
+//! What ranks send, hold and take, as processes that speak MPI: one command makes the whole table and
+//! starts all ranks itself.
 //!
 //! ```text
 //! cargo run --release -p arlequin-mpi --features mpi --example ranks -- 47 3
 //! ```
 //!
-//! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their times counts. Two more numbers
-//! tie the first cells to elements: cells along an element (4, where 4 divides the cells), of which the overlap has two across, and
-//! how multipliers are solved for: as chosen by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). A body without
-//! elements comes to ranks in parts, unless the last number says that every rank is to make all of it first (0, 0, 1). "Waiting" are
-//! ranks that find no forces while messages are on their way.
+//! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their
+//! times counts. Two more numbers tie the first cells to elements: cells along an element (4, where 4
+//! divides the cells), of which the overlap has two across, and how multipliers are solved for: as chosen
+//! by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). A body without elements comes
+//! to ranks in parts, unless the last number says that every rank is to make all of it first (0, 0, 1).
+//! "Waiting" are ranks that find no forces while messages are on their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -61,12 +63,14 @@ impl Deck {
     }
 }
 
-/// Batches of steps of which the fastest counts, and steps in each: as many as between two drawings of the ledger.
+/// Batches of steps of which the fastest counts, and steps in each: as many as between two drawings of the
+/// ledger.
 const BATCHES: usize = 8;
 const STEPS: usize = 10;
 
-/// What a rank tells: nanoseconds per step, kB in use before the set-up, then and at most, particles with and without ghosts, messages,
-/// bytes, reductions and their words in all steps, imbalance in parts of a million.
+/// What a rank tells: nanoseconds per step, kB in use before the set-up, then and at most, particles with
+/// and without ghosts, messages, bytes, reductions and their words in all steps, imbalance in parts of a
+/// million.
 type Told = [i64; 11];
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -368,7 +372,8 @@ fn memory(what: &str) -> i64 {
     number.unwrap_or(0)
 }
 
-/// What exact sums cost beside sums over fixed cuts, as a kinetic energy of as many particles: once per drawing of the ledger.
+/// What exact sums cost beside sums over fixed cuts, as a kinetic energy of as many particles: once per
+/// drawing of the ledger.
 fn sums(cells: usize) -> Result<(), Failure> {
     let nodes = 2 * cells * cells * cells;
     let layout = DofLayout {

@@ -9,7 +9,8 @@ pub struct Launched {
     pub ranks: usize,
 }
 
-/// Variables of launchers: number of the process, and processes in the job. Open MPI; MPICH and its kin; `srun --mpi=pmix`.
+/// Variables of launchers: number of the process, and processes in the job. Open MPI; MPICH and its kin;
+/// `srun --mpi=pmix`.
 const VARIABLES: [(&str, &[&str]); 3] = [
     ("OMPI_COMM_WORLD_RANK", &["OMPI_COMM_WORLD_SIZE"]),
     ("PMI_RANK", &["PMI_SIZE", "SLURM_STEP_NUM_TASKS", "SLURM_NTASKS"]),
@@ -19,7 +20,8 @@ const VARIABLES: [(&str, &[&str]); 3] = [
 impl Launched {
     /// Reads the environment of this process; none where no launcher started it.
     ///
-    /// Slurm tells every process of a job the number of tasks: it counts only beside a rank that a launcher gave.
+    /// Slurm tells every process of a job the number of tasks: it counts only beside a rank that a launcher
+    /// gave.
     pub fn from_environment() -> Option<Self> {
         Self::from_variables(&|name| std::env::var(name).ok())
     }

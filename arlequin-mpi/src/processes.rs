@@ -1,8 +1,9 @@
 //! Ranks as processes that speak MPI.
 //!
-//! MPI knows no time-outs, and after an error of its own promises nothing. So everything is sent and received without waiting and
-//! then looked after until a limit of time; a rank that meets its limit, an error or a panic tells the others, says what happened,
-//! and ends the whole job ([`run`]). Waiting ranks yield their core: more ranks than cores are slow, but not stuck.
+//! MPI knows no time-outs, and after an error of its own promises nothing. So everything is sent and
+//! received without waiting and then looked after until a limit of time; a rank that meets its limit, an
+//! error or a panic tells the others, says what happened, and ends the whole job ([`run`]). Waiting ranks
+//! yield their core: more ranks than cores are slow, but not stuck.
 
 use crate::launcher::Launched;
 use ::mpi::Threading;
@@ -41,12 +42,13 @@ pub struct Ending {
     pub echo: bool,
 }
 
-/// Does `work` as one rank of the job that `mpirun` started, or alone without it. Where work fails on a rank, or a rank waits too long,
-/// each says why through [`Ending::report`] and the job ends with its code: this function does not return then.
+/// Does `work` as one rank of the job that `mpirun` started, or alone without it. Where work fails on a
+/// rank, or a rank waits too long, each says why through [`Ending::report`] and the job ends with its code:
+/// this function does not return then.
 ///
 /// # Errors
-/// [`RankError::Transport`] where MPI is in use already, with an MPI library that lets one thread alone call it, and where the
-/// launcher started more processes than this library sees.
+/// [`RankError::Transport`] where MPI is in use already, with an MPI library that lets one thread alone
+/// call it, and where the launcher started more processes than this library sees.
 pub fn run<R, E: Display>(
     ending: Ending,
     work: impl FnOnce(Arc<dyn Communicator>) -> Result<R, E>,
@@ -80,8 +82,8 @@ pub fn run<R, E: Display>(
     }
 }
 
-/// Refuses fewer ranks than the launcher started: `mpirun` of another MPI library leaves each process alone in a world of its own,
-/// and each would make the whole run.
+/// Refuses fewer ranks than the launcher started: `mpirun` of another MPI library leaves each process alone
+/// in a world of its own, and each would make the whole run.
 fn check_launcher(ranks: usize) -> Result<(), RankError> {
     let Some(launched) = Launched::from_environment().filter(|l| l.ranks > ranks) else {
         return Ok(());
@@ -134,7 +136,8 @@ impl Process {
         SimpleCommunicator::world().abort(self.ending.code)
     }
 
-    /// Looks after `step` until it is done; the job ends if that takes too long, or when another rank says its last word.
+    /// Looks after `step` until it is done; the job ends if that takes too long, or when another rank says
+    /// its last word.
     fn look_after(&self, what: &'static str, peer: impl Fn() -> String, mut step: impl FnMut() -> bool) {
         let (mut looks, mut until) = (0_u32, None);
         while !step() {
@@ -285,7 +288,8 @@ impl Communicator for Process {
                 std::thread::sleep(Duration::from_millis(1));
             }
             if open.iter().any(Option::is_some) {
-                // A rank that takes no message of a line will take nothing: to wait for it is what must not happen.
+                // A rank that takes no message of a line will take nothing: to wait for it is what must not
+                // happen.
                 world.abort(self.ending.code);
             }
         });

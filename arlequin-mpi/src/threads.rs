@@ -5,8 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Does `work` on so many ranks at once, each on a thread and with `threads` more for its loops; no rank waits for another longer
-/// than `wait`. Results in the order of ranks; [`RankError::Lost`] for one that panicked.
+/// Does `work` on so many ranks at once, each on a thread and with `threads` more for its loops; no rank
+/// waits for another longer than `wait`. Results in the order of ranks; [`RankError::Lost`] for one that
+/// panicked.
 ///
 /// ```
 /// use arlequin_core::ranks::Reduction;

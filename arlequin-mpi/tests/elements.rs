@@ -212,7 +212,8 @@ fn single_precision_has_the_bits_of_one_rank() {
     assert!(all == whole.0);
 }
 
-/// A rank hears of those nodes alone that share an element with its own, once each, and has the field of its elements.
+/// A rank hears of those nodes alone that share an element with its own, once each, and has the field of
+/// its elements.
 #[test]
 fn halos_are_what_elements_ask_for() {
     for kind in ["ell", "gmsh"] {

@@ -1,4 +1,5 @@
-//! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever the division.
+//! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever
+//! the division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -274,7 +275,8 @@ fn junctions_and_solvers_have_the_bits_of_one_rank() {
     ] {
         check(Case { sort, ..PLAIN }, &[3]);
     }
-    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks together.
+    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks
+    // together.
     let fine = Case {
         sort: Sort::Iterated,
         elements: 4,
@@ -312,8 +314,8 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     }
 }
 
-/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four ranks; multiplier unknowns;
-/// coupled particles.
+/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four
+/// ranks; multiplier unknowns; coupled particles.
 fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
     let steps = 8;
     let count = |tied: bool| {
@@ -355,7 +357,8 @@ fn interfaces_tell_of_multipliers_and_not_of_particles() {
         assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
     }
     let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
-    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes each.
+    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes
+    // each.
     let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
     assert!(
         growth[1] > 8.0 && growth[0] < 0.5 * growth[1],
@@ -372,7 +375,8 @@ const NARROW: Case = Case {
     ..PLAIN
 };
 
-/// Of six ranks some hold no particle of either overlap, some one overlap alone; of eight two hold nothing at all.
+/// Of six ranks some hold no particle of either overlap, some one overlap alone; of eight two hold nothing
+/// at all.
 #[test]
 fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_one_rank() {
     let coupled = threads::run(8, 1, WAIT, |c| {

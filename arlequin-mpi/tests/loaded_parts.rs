@@ -17,7 +17,8 @@ use dem_beam::LoadShare;
 use std::sync::Arc;
 use support::{Along, Told, WAIT, bar, bits, first, same_on, shared, unknowns};
 
-/// A bar under all effects that particles have, its ends held and moved; no rank but the outer ones has any node of these.
+/// A bar under all effects that particles have, its ends held and moved; no rank but the outer ones has any
+/// node of these.
 fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = bar(finite);
     let start = model.select(|x| x.x < 4e-4);
@@ -98,7 +99,8 @@ fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
 fn effects_and_moving_supports_have_the_bits_of_one_rank() {
     for finite in [false, true] {
         let whole = told(loaded(finite, None));
-        // Every effect and support did something, and the balance is that of round-off where the law is linear.
+        // Every effect and support did something, and the balance is that of round-off where the law is
+        // linear.
         assert!(whole.1[5..14].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(finite || whole.1[3].abs() < 1e-12 * whole.1[1], "{:?}", whole.1);
         same_on(&[1, 2, 3, 4, 8], &finite, &whole, |c| {

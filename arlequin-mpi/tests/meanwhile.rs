@@ -176,8 +176,8 @@ fn large_bodies() -> [Body; 3] {
     bodies(100, [70, 8, 8])
 }
 
-/// Where messages get lost, forces of units within a rank are there all the same, with the bits of the whole body; those of units
-/// at the border are not begun, and the loss is told.
+/// Where messages get lost, forces of units within a rank are there all the same, with the bits of the
+/// whole body; those of units at the border are not begun, and the loss is told.
 #[test]
 fn forces_within_a_rank_are_final_before_messages_come() {
     for body in small_bodies() {

@@ -1,7 +1,8 @@
 //! What all ranks together have in memory at most, while a run of particles is set up and steps.
 //!
-//! A binary of its own: bytes are counted for all of the process, of which ranks are threads. So nothing here depends on which
-//! rank is first: all of them together never have more than the sum of what each has at most.
+//! A binary of its own: bytes are counted for all of the process, of which ranks are threads. So nothing
+//! here depends on which rank is first: all of them together never have more than the sum of what each has
+//! at most.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;

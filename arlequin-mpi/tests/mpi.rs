@@ -1,4 +1,5 @@
-//! Processes that speak MPI: the bits of one rank, and ends by name. Each test starts this program again under `mpirun`.
+//! Processes that speak MPI: the bits of one rank, and ends by name. Each test starts this program again
+//! under `mpirun`.
 #![cfg(feature = "mpi")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(

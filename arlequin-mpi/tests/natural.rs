@@ -1,4 +1,5 @@
-//! Bodies of natural elements on several ranks, their geometry whole on all of them: the bits of one, whatever the division.
+//! Bodies of natural elements on several ranks, their geometry whole on all of them: the bits of one,
+//! whatever the division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 #[path = "support/continua.rs"]
@@ -19,8 +20,8 @@ use continua::{Falling, bits, evaluated, unknowns};
 use std::sync::{Arc, LazyLock};
 use support::{Told, WAIT, same_on, shared};
 
-/// 1 050 nodes of a bar, in five units, none of them at its place in a grid; or with the mass of cells around their centroids, and without
-/// stabilisation.
+/// 1 050 nodes of a bar, in five units, none of them at its place in a grid; or with the mass of cells
+/// around their centroids, and without stabilisation.
 fn body(plain: bool) -> CnemModel {
     static BODIES: LazyLock<[CnemModel; 2]> = LazyLock::new(|| {
         let inner = |k: usize, n: usize| f64::from(u8::from(k > 0 && k + 1 < n));

@@ -42,7 +42,8 @@ fn body(moved: bool) -> DemModel {
     .unwrap()
 }
 
-/// What a rank would know of a body if it had never been whole, in an order and with ends of bonds that nothing depends on.
+/// What a rank would know of a body if it had never been whole, in an order and with ends of bonds that
+/// nothing depends on.
 fn piece(whole: &DemModel, division: &Division, rank: usize) -> Piece {
     let mine = |i: u32| division.owner(i as usize) == rank;
     let all = whole.body().pairs().iter().rev();

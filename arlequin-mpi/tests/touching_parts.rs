@@ -1,4 +1,5 @@
-//! Contact and obstacles of a body of particles on several ranks: the bits of one, and checkpoints for any number of them.
+//! Contact and obstacles of a body of particles on several ranks: the bits of one, and checkpoints for any
+//! number of them.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -14,7 +15,8 @@ use fem_ref::{ElementKind, FemField, generate};
 use std::sync::Arc;
 use support::{Told, WAIT, bar, bits, first, part, same_on, shared};
 
-/// A block of `n` spheres along each edge, bonded in twos, apart from each other by a twentieth of their size: turned, and shifted far.
+/// A block of `n` spheres along each edge, bonded in twos, apart from each other by a twentieth of their
+/// size: turned, and shifted far.
 fn dumbbells(n: usize) -> DemModel {
     let radius = 1e-4;
     let turn = arlequin_core::nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 1.1);
@@ -187,8 +189,8 @@ fn contacts_of_three_ranks_go_on_on_others() {
     }
 }
 
-/// A bonded bar whose end a wall hits, so that it breaks there and its pieces touch, while the other end is absorbed: particles of
-/// most ranks touch nothing.
+/// A bonded bar whose end a wall hits, so that it breaks there and its pieces touch, while the other end is
+/// absorbed: particles of most ranks touch nothing.
 fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let spec = Fracture {
         scatter: Scatter::Weibull { modulus: 5.0 },

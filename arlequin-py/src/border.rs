@@ -38,8 +38,8 @@ pub(crate) fn raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// Whether Ctrl-C was pressed, or another signal raised an exception: for long loops and waits of the crates. The interpreter
-/// handles signals on its main thread alone; elsewhere the answer is no.
+/// Whether Ctrl-C was pressed, or another signal raised an exception: for long loops and waits of the
+/// crates. The interpreter handles signals on its main thread alone; elsewhere the answer is no.
 pub(crate) fn is_interrupted() -> bool {
     if RAISED.with_borrow(Option::is_some) {
         return true;
@@ -83,8 +83,8 @@ impl Pulse {
     }
 }
 
-/// A reference to an object of Python: that of a model in the core, which the subdomain or run around it shows to the
-/// interpreter's garbage collector. One reference for both: the collector counts.
+/// A reference to an object of Python: that of a model in the core, which the subdomain or run around it
+/// shows to the interpreter's garbage collector. One reference for both: the collector counts.
 pub(crate) type Shared = Arc<Py<PyAny>>;
 
 /// What a subdomain or a run has in Python: objects that it asks, and where their exceptions wait.
@@ -122,8 +122,8 @@ impl Heard {
         self.pending.iter().any(Pending::waits)
     }
 
-    /// Shows the objects to the garbage collector. There is nothing to clear: whatever refers back to a run is an object of
-    /// Python that the collector can empty.
+    /// Shows the objects to the garbage collector. There is nothing to clear: whatever refers back to a run
+    /// is an object of Python that the collector can empty.
     pub(crate) fn show(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
         self.objects.iter().try_for_each(|o| visit.call(&**o))
     }
@@ -148,8 +148,8 @@ impl Pending {
     }
 }
 
-/// An object of Python that keeps weights or a state, for as long as one run has it: a second run would change them behind
-/// the back of the first.
+/// An object of Python that keeps weights or a state, for as long as one run has it: a second run would
+/// change them behind the back of the first.
 pub(crate) struct Claim(usize);
 
 static CLAIMED: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());

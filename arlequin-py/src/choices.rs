@@ -58,7 +58,8 @@ impl Elastic {
     }
 }
 
-/// A flat overlap: a layer between the fine model's border through `fine` and the coarse model's through `coarse` [m].
+/// A flat overlap: a layer between the fine model's border through `fine` and the coarse model's through
+/// `coarse` [m].
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Slab(Arc<dyn Overlap<f64>>);
@@ -123,9 +124,9 @@ fn overlap_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Overlap<f64>>> {
 
 /// The weight of the coarse model across an overlap: 1 where only it is, 0 where only the fine one is.
 ///
-/// `profile` is "cubic", "linear", "quintic", "constant" (with `value`) or "mediator-compatible" (with the positions of the
-/// mediator's nodes across the overlap, from 0 to 1, as `stations`); inside the overlap the weight stays within `epsilon`
-/// and `1 - epsilon`.
+/// `profile` is "cubic", "linear", "quintic", "constant" (with `value`) or "mediator-compatible" (with the
+/// positions of the mediator's nodes across the overlap, from 0 to 1, as `stations`); inside the overlap
+/// the weight stays within `epsilon` and `1 - epsilon`.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Ramp(Arc<arlequin::core::Ramp<f64>>);
@@ -201,7 +202,8 @@ impl Weights {
     }
 }
 
-/// The scalar product in which velocities of two models agree; made by `L2`, `H1Strain`, `H1Gradient` and `H1Seminorm`.
+/// The scalar product in which velocities of two models agree; made by `L2`, `H1Strain`, `H1Gradient` and
+/// `H1Seminorm`.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Junction(JunctionKind, f64);
@@ -306,7 +308,8 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
         Python::attach(|py| {
             let value = function.call1(py, (t,)).and_then(|v| v.extract::<f64>(py));
             value.unwrap_or_else(|e| {
-                // Before time zero the core takes the value at zero where there is none; Ctrl-C counts at any time.
+                // Before time zero the core takes the value at zero where there is none; Ctrl-C counts at
+                // any time.
                 if t >= 0.0 || !e.is_instance_of::<PyException>(py) {
                     kept.keep(e);
                 }
@@ -320,7 +323,8 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
 
 type Made = Result<Box<dyn EffectSpec<f64>>, Fault>;
 
-/// Something that acts on a model; made by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and `LocalDamping`.
+/// Something that acts on a model; made by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and
+/// `LocalDamping`.
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Effect {
     pub(crate) make: Box<dyn Fn() -> Made + Send + Sync>,

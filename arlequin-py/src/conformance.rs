@@ -28,15 +28,16 @@ fn with(
     heard.raised().map_or(made, Err)
 }
 
-/// Largest force under a rigid motion, relative to that under a random one of `amplitude` [m]: a small turn, or one of half a
-/// radian for a law that balances about present positions.
+/// Largest force under a rigid motion, relative to that under a random one of `amplitude` [m]: a small
+/// turn, or one of half a radian for a law that balances about present positions.
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
 pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::rigid_forces(m, amplitude)?))
 }
 
-/// Largest relative difference between forces and minus the slope of the energy, at displacements of `amplitude` [m].
+/// Largest relative difference between forces and minus the slope of the energy, at displacements of
+/// `amplitude` [m].
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
 pub(crate) fn forces_derive_from_energy(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
@@ -58,7 +59,8 @@ pub(crate) fn mass(model: &Bound<'_, PyAny>, expected: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::mass(m, expected)?))
 }
 
-/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, the most negative value.
+/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, the most
+/// negative value.
 #[pyfunction]
 #[pyo3(signature = (field, points, gradients = false))]
 pub(crate) fn shapes<'py>(
@@ -77,7 +79,8 @@ pub(crate) fn shapes<'py>(
     Ok(out)
 }
 
-/// Kicks a solver in motion and lets it make so many steps of `step` [s]: defects of what the coupling relies on.
+/// Kicks a solver in motion and lets it make so many steps of `step` [s]: defects of what the coupling
+/// relies on.
 #[pyfunction]
 #[pyo3(signature = (solver, step, steps = 100))]
 pub(crate) fn participant<'py>(

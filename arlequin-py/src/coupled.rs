@@ -31,10 +31,10 @@ const COLUMNS: [&str; 9] = [
 
 /// A coupled run: `Coupled(subdomains, interfaces, fraction=0.9)`.
 ///
-/// The step of the run is the longest of which every own step is at most a `fraction` of the critical one of its model; or as
-/// `chosen` at such a fraction with as many own steps as models need; or `seconds` [s]. The balance of energy is drawn every
-/// `energy_every` steps, and a run that gains or loses more than `growth`
-/// of the energy in play without an effect that did so ends.
+/// The step of the run is the longest of which every own step is at most a `fraction` of the critical one
+/// of its model; or as `chosen` at such a fraction with as many own steps as models need; or `seconds` [s].
+/// The balance of energy is drawn every `energy_every` steps, and a run that gains or loses more than
+/// `growth` of the energy in play without an effect that did so ends.
 #[pyclass(frozen, subclass, module = "arlequin")]
 pub(crate) struct Coupled {
     run: Mutex<Inner>,
@@ -235,9 +235,10 @@ impl Coupled {
         })
     }
 
-    /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps; returns how many
-    /// were made. Ctrl-C ends it between two steps, and the next call goes on; but within a model written in Python, Ctrl-C is
-    /// an exception like others: after it, a run goes on from a snapshot only.
+    /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps;
+    /// returns how many were made. Ctrl-C ends it between two steps, and the next call goes on; but within
+    /// a model written in Python, Ctrl-C is an exception like others: after it, a run goes on from a
+    /// snapshot only.
     #[pyo3(signature = (steps, observer = None, every = 1))]
     fn run(
         slf: &Bound<'_, Self>,
@@ -410,7 +411,8 @@ impl Coupled {
         Ok(out)
     }
 
-    /// Displacements of every model in equilibrium under the loads and supports of time `t` [s]; all must be linear.
+    /// Displacements of every model in equilibrium under the loads and supports of time `t` [s]; all must
+    /// be linear.
     #[pyo3(signature = (t = 0.0))]
     fn equilibrium<'py>(&self, py: Python<'py>, t: f64) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
         let found = self.compute(py, |run| Ok(run.equilibrium(t)?))?;

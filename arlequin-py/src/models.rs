@@ -234,8 +234,8 @@ impl FemModel {
     }
 }
 
-/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. Closed triangles
-/// `surface` of points bound bodies that are not convex.
+/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. Closed
+/// triangles `surface` of points bound bodies that are not convex.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct CnemModel;
@@ -290,7 +290,8 @@ impl Spheres {
 
 #[pymethods]
 impl Spheres {
-    /// About so many spheres in a cylinder along x from 0 to `length`, of `radius` [m]; `quench` is faster and less even.
+    /// About so many spheres in a cylinder along x from 0 to `length`, of `radius` [m]; `quench` is faster
+    /// and less even.
     #[staticmethod]
     #[pyo3(signature = (length, radius, count, seed = 1, quench = false))]
     fn cylinder(
@@ -350,9 +351,9 @@ impl Spheres {
     }
 }
 
-/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)` of a `Packing`, or of
-/// `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and `poisson` are those of beams, by default of silica;
-/// `order` has the packing's number of every particle.
+/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)` of a
+/// `Packing`, or of `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and `poisson` are
+/// those of beams, by default of silica; `order` has the packing's number of every particle.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct DemModel {

@@ -30,7 +30,8 @@ impl Place {
     }
 }
 
-/// Meets a solver that answers within `timeout` [s], and starts within `start` [s], by default 30 s or `timeout`; and its field.
+/// Meets a solver that answers within `timeout` [s], and starts within `start` [s], by default 30 s or
+/// `timeout`; and its field.
 pub(crate) fn meet(
     name: &str,
     place: &Place,

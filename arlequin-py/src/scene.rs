@@ -117,7 +117,8 @@ impl Scene {
         made
     }
 
-    /// Makes all steps; results go to a folder if there is one. The exception that ended it, if one did, comes with them.
+    /// Makes all steps; results go to a folder if there is one. The exception that ended it, if one did,
+    /// comes with them.
     fn run(
         &self,
         py: Python<'_>,

@@ -20,8 +20,8 @@ type Row<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
 /// A finite element mesh: bars along x, tetrahedra or hexahedra of corner nodes.
 ///
-/// `kind` is "bar", "tet" or "hex", `points` are nodes [m], `cells` the corners of each element, `section` the cross-section
-/// of bars [m2].
+/// `kind` is "bar", "tet" or "hex", `points` are nodes [m], `cells` the corners of each element, `section`
+/// the cross-section of bars [m2].
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Mesh(pub(crate) Arc<FemField<f64>>);
@@ -97,7 +97,8 @@ impl Mesh {
         Ok(Self::of(generate::bar_at(&crate::arrays::flat(&x), section)?))
     }
 
-    /// A box from corner `low` to corner `high` [m] with so many elements (boxes of six, for "tet") along x, y and z.
+    /// A box from corner `low` to corner `high` [m] with so many elements (boxes of six, for "tet") along
+    /// x, y and z.
     #[staticmethod]
     fn block(kind: &str, low: Numbers<'_>, high: Numbers<'_>, counts: [usize; 3]) -> Result<Self, Fault> {
         let corners = [point("low", &low)?, point("high", &high)?];
@@ -182,7 +183,8 @@ impl Field {
         })
     }
 
-    /// At particles only, each standing for a volume [m3]; `pairs` of neighbours give gradients, which H1 junctions need.
+    /// At particles only, each standing for a volume [m3]; `pairs` of neighbours give gradients, which H1
+    /// junctions need.
     #[staticmethod]
     #[pyo3(signature = (points, volumes, pairs = None))]
     fn particles(

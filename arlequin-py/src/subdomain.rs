@@ -16,7 +16,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 type Inner = core::Subdomain<f64>;
 
-/// One model with its weights, supports, effects and initial state; made by `coarse`, `fine` or `participant`.
+/// One model with its weights, supports, effects and initial state; made by `coarse`, `fine` or
+/// `participant`.
 ///
 /// What is said by `with_…` goes for the subdomain itself, which is returned as well.
 #[pyclass(frozen, module = "arlequin")]
@@ -129,9 +130,10 @@ impl Subdomain {
         Ok(Self::made(name, inner, heard))
     }
 
-    /// A whole solver in another process, as `name`: started by a `command`, such as `["python3", "solver.py"]`, or awaited at an
-    /// `address`, such as `unix:solver.sock`. It must connect within `start_timeout` [s], by default 30 s or `timeout` if that is
-    /// longer, and answer within `timeout` [s]. Ctrl-C ends the wait.
+    /// A whole solver in another process, as `name`: started by a `command`, such as `["python3",
+    /// "solver.py"]`, or awaited at an `address`, such as `unix:solver.sock`. It must connect within
+    /// `start_timeout` [s], by default 30 s or `timeout` if that is longer, and answer within `timeout`
+    /// [s]. Ctrl-C ends the wait.
     #[staticmethod]
     #[pyo3(signature = (name, command = None, weights = None, *, address = None, timeout = 4.0, start_timeout = None))]
     #[allow(clippy::too_many_arguments, reason = "names of Python")]
@@ -191,8 +193,8 @@ impl Subdomain {
         Ok(slf)
     }
 
-    /// How it steps between two reflections: in so many steps of its own (`ratio`), in as few as stay below a `fraction` of its
-    /// critical step, or in an `implicit` one.
+    /// How it steps between two reflections: in so many steps of its own (`ratio`), in as few as stay below
+    /// a `fraction` of its critical step, or in an `implicit` one.
     #[pyo3(signature = (*, ratio = None, fraction = None, implicit = false))]
     fn with_step(
         slf: PyRef<'_, Self>,
@@ -267,8 +269,9 @@ impl Which {
     }
 }
 
-/// What ties a coarse to a fine subdomain, both given by number or name: `mediator` is a mesh whose nodes carry the multipliers
-/// (or points, for natural neighbours), `junction` by default `L2()`, `sampling` "intersection", "projection" or "particles".
+/// What ties a coarse to a fine subdomain, both given by number or name: `mediator` is a mesh whose nodes
+/// carry the multipliers (or points, for natural neighbours), `junction` by default `L2()`, `sampling`
+/// "intersection", "projection" or "particles".
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Interface {
     #[pyo3(get)]

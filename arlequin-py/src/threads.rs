@@ -8,8 +8,8 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Whether this process was forked from one that had loaded the package: threads of that one do not exist here, and work that
-/// is given to them never ends.
+/// Whether this process was forked from one that had loaded the package: threads of that one do not exist
+/// here, and work that is given to them never ends.
 static FORKED: AtomicBool = AtomicBool::new(false);
 /// Threads that a forked process computes with; 0 for as many as the process it was forked from.
 static COUNT: AtomicUsize = AtomicUsize::new(0);
@@ -25,8 +25,8 @@ thread_local! {
 
 /// Does work with threads of this process.
 ///
-/// In a forked process, the first thread becomes part of a new pool: it still hears Ctrl-C. Work of other threads is handed to
-/// a second pool.
+/// In a forked process, the first thread becomes part of a new pool: it still hears Ctrl-C. Work of other
+/// threads is handed to a second pool.
 pub(crate) fn with_threads<V: Send>(work: impl FnOnce() -> V + Send) -> Result<V, Fault> {
     if !FORKED.load(Ordering::Relaxed) || JOINED.get() {
         return Ok(work());
@@ -47,8 +47,8 @@ fn builder() -> ThreadPoolBuilder {
     ThreadPoolBuilder::new().num_threads(count)
 }
 
-/// Makes this thread part of a new pool that lasts as long as the process. False where it is part of one already: that of the
-/// process from which this one was forked, if that one was forked as well.
+/// Makes this thread part of a new pool that lasts as long as the process. False where it is part of one
+/// already: that of the process from which this one was forked, if that one was forked as well.
 fn join() -> bool {
     FIRST.set(false);
     let built = builder().use_current_thread().build();

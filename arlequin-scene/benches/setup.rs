@@ -1,7 +1,7 @@
 //! How the time of a set-up grows with the number of unknowns, and into which phases it goes.
 //!
-//! Two blocks of 30 × 10 × 10 mm that share a third of their length, a mediator of twice the coarse spacing between them;
-//! the kinds of the coarse and of the fine model and the unknowns of a side are chosen:
+//! Two blocks of 30 × 10 × 10 mm that share a third of their length, a mediator of twice the coarse spacing
+//! between them; the kinds of the coarse and of the fine model and the unknowns of a side are chosen:
 //!
 //! ```text
 //! cargo bench -p arlequin-scene --bench setup -- fem-fem 1e4 1e5 1e6
@@ -9,7 +9,8 @@
 //! cargo bench -p arlequin-scene --bench setup -- fem-dem 1e4 1e5
 //! ```
 //!
-//! Packings come from the cache where they were made before: `ARLEQUIN_CACHE=FOLDER` names an empty one. Every line is one run: other work on the machine adds to it.
+//! Packings come from the cache where they were made before: `ARLEQUIN_CACHE=FOLDER` names an empty one.
+//! Every line is one run: other work on the machine adds to it.
 #![allow(clippy::print_stdout, reason = "a benchmark shows its figures")]
 
 use arlequin_scene::{Result, Scene};

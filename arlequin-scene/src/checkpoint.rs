@@ -4,9 +4,9 @@
 //! "ARLQCKPT"   format, u32   length of the payload, u64   payload (postcard)   CRC-32 of all before, u32
 //! ```
 //!
-//! Numbers are little-endian. The file is written beside its place, synced and renamed: whenever the program dies, the
-//! last whole checkpoint is found. The payload holds the text of the scene, so that a resumed run cannot meet another
-//! one, and check sums of the files the scene reads.
+//! Numbers are little-endian. The file is written beside its place, synced and renamed: whenever the
+//! program dies, the last whole checkpoint is found. The payload holds the text of the scene, so that a
+//! resumed run cannot meet another one, and check sums of the files the scene reads.
 
 use crate::error::{Error, Result, write};
 use crate::recorder::Records;

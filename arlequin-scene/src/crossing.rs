@@ -1,4 +1,5 @@
-//! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where wanted.
+//! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where
+//! wanted.
 
 use crate::setup;
 use crate::spec::{Effect, EffectKind, SceneSpec};

@@ -1,6 +1,7 @@
 //! Runs a scene as given and with each effect off, and says what each one changes and costs.
 //!
-//! Results are the same in every run; times are not, so each variant runs several times, in turns, and its least counts.
+//! Results are the same in every run; times are not, so each variant runs several times, in turns, and its
+//! least counts.
 
 use crate::PhaseClock;
 use crate::Scene;

@@ -230,7 +230,8 @@ impl Error {
         }
     }
 
-    /// Whether every rank of a run knows of the error: that of sums over all of them, or one that they have told each other.
+    /// Whether every rank of a run knows of the error: that of sums over all of them, or one that they have
+    /// told each other.
     pub fn is_everywhere(&self) -> bool {
         use arlequin::core::Error as Core;
         use arlequin::core::ranks::RankError;

@@ -1,5 +1,6 @@
-//! Scenes as a library: read a file, change values, build what it asks for, run it. Nothing is printed; results
-//! are written by [`Prepared::run_into`] alone. Packings of spheres are kept in the user's cache, or where `ARLEQUIN_CACHE` says.
+//! Scenes as a library: read a file, change values, build what it asks for, run it. Nothing is printed;
+//! results are written by [`Prepared::run_into`] alone. Packings of spheres are kept in the user's cache,
+//! or where `ARLEQUIN_CACHE` says.
 //!
 //! ```
 //! use arlequin_scene::{Scene, Silent};
@@ -69,5 +70,6 @@ pub use run::{
 pub use scene::{Scene, Source};
 pub use spec::SceneSpec;
 
-/// Told what is being done, how much of it is done and how much there is to do; workers call it from threads of their own.
+/// Told what is being done, how much of it is done and how much there is to do; workers call it from
+/// threads of their own.
 pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);

@@ -52,13 +52,15 @@ pub struct Preview {
     pub frames: usize,
     /// Bytes of all frames.
     pub output_bytes: usize,
-    /// Bytes of memory: those in use now that everything is built, or where the system does not tell, an estimate.
+    /// Bytes of memory: those in use now that everything is built, or where the system does not tell, an
+    /// estimate.
     pub memory_bytes: usize,
     /// Seconds the set-up took.
     pub setup_seconds: f64,
     /// Parts of them, in order.
     pub setup_phases: Vec<PhaseTime>,
-    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail, and of a scene at rest.
+    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail, and of a
+    /// scene at rest.
     pub stepping_seconds: Option<f64>,
     /// What a user should know.
     pub warnings: Vec<String>,

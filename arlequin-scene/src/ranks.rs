@@ -1,7 +1,8 @@
 //! Scenes on several ranks: which models go in parts, and what ranks must agree on.
 //!
-//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if the scene asks nothing of it that needs the
-//! whole body on one rank; every other model stays whole and makes the same steps on every rank. Rank 0 alone writes and speaks.
+//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if
+//! the scene asks nothing of it that needs the whole body on one rank; every other model stays whole and
+//! makes the same steps on every rank. Rank 0 alone writes and speaks.
 
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
@@ -202,8 +203,8 @@ impl Ranks {
         Ok(own)
     }
 
-    /// What all ranks got to together: where some failed, the first of these has its error, as [`Error::Agreed`], and all others
-    /// [`Error::Elsewhere`].
+    /// What all ranks got to together: where some failed, the first of these has its error, as
+    /// [`Error::Agreed`], and all others [`Error::Elsewhere`].
     ///
     /// # Errors
     /// Those, and what the transport says.

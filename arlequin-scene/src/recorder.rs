@@ -211,7 +211,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records the state before the first step, unless it is `known`, or none: that of a scene at rest is no equilibrium.
+    /// Records the state before the first step, unless it is `known`, or none: that of a scene at rest is
+    /// no equilibrium.
     pub fn new(
         run: &mut Coupled<f64>,
         mut readers: Vec<ProbeReader>,

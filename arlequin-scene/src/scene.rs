@@ -132,7 +132,8 @@ impl Scene {
         })
     }
 
-    /// Sets one value by its path, such as `time.end` or `support.0.model`; a text is a TOML value, or else itself.
+    /// Sets one value by its path, such as `time.end` or `support.0.model`; a text is a TOML value, or else
+    /// itself.
     ///
     /// # Errors
     /// A path that the scene does not have, a value that it cannot take.
@@ -141,8 +142,9 @@ impl Scene {
         Ok(self)
     }
 
-    /// Runs as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Rank 0 alone writes files and hears
-    /// warnings; [`Observer::step`](crate::Observer::step) is asked on every rank, and one of them ends the steps of all.
+    /// Runs as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Rank 0 alone
+    /// writes files and hears warnings; [`Observer::step`](crate::Observer::step) is asked on every rank,
+    /// and one of them ends the steps of all.
     ///
     /// # Errors
     /// Scenes, or files that they name, that differ between ranks: on every rank.
@@ -152,7 +154,8 @@ impl Scene {
         Ok(self)
     }
 
-    /// Plans for so many ranks: [`Scene::prepare`] tells how models would be held there ([`crate::setup::Built::holdings`]).
+    /// Plans for so many ranks: [`Scene::prepare`] tells how models would be held there
+    /// ([`crate::setup::Built::holdings`]).
     #[must_use]
     pub fn for_ranks(mut self, ranks: usize) -> Self {
         self.ranks = Ranks::planned(ranks);
@@ -178,7 +181,8 @@ impl Scene {
         Ok(self)
     }
 
-    /// Refuses what can be seen to be wrong from the scene alone; nothing is built, and no program of a link started.
+    /// Refuses what can be seen to be wrong from the scene alone; nothing is built, and no program of a
+    /// link started.
     ///
     /// # Errors
     /// The key, its value, the limit and a way out.
@@ -187,7 +191,8 @@ impl Scene {
         self.ranks.together(found)
     }
 
-    /// What [`Self::prepare`] would start or wait for: models and commands or addresses, as a user would type them.
+    /// What [`Self::prepare`] would start or wait for: models and commands or addresses, as a user would
+    /// type them.
     pub fn links(&self) -> Vec<(String, String)> {
         let models = self.spec.model.iter();
         models
@@ -379,7 +384,8 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
     Ok(())
 }
 
-/// Parts of a path as TOML writes it (`probe."my tip".at`); `support[0]`, as messages write it, is `support.0`.
+/// Parts of a path as TOML writes it (`probe."my tip".at`); `support[0]`, as messages write it, is
+/// `support.0`.
 fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
     let dotted = if path.contains(['"', '\'']) {
         path.to_owned()
@@ -412,7 +418,8 @@ fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value
     }
 }
 
-/// A TOML value; a number that TOML writes otherwise, such as a whole one beyond its integers; or else the text itself.
+/// A TOML value; a number that TOML writes otherwise, such as a whole one beyond its integers; or else the
+/// text itself.
 fn parse_value(text: &str) -> Value {
     let parsed = toml::from_str::<toml::Table>(&format!("x = {text}"));
     if let Some(v) = parsed.ok().and_then(|mut t| t.remove("x")) {

@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 
 /// Fewest samples from which frequencies are read.
 const FEWEST: usize = 32;
-/// Peaks below this share of the largest amplitude are side lobes or noise (a Hann window's own are at 0.027).
+/// Peaks below this share of the largest amplitude are side lobes or noise (a Hann window's own are at
+/// 0.027).
 const FLOOR: f64 = 0.05;
 /// Most peaks that are listed.
 const MOST: usize = 12;
@@ -69,8 +70,8 @@ fn amplitude(samples: &[f64], step: f64, frequency: f64) -> f64 {
     re.hypot(im)
 }
 
-/// Frequency \[Hz\] of the highest peak within 12 % of a guess: a scan, then golden sections. With ten periods or more
-/// in the window it is good to 1e-4.
+/// Frequency \[Hz\] of the highest peak within 12 % of a guess: a scan, then golden sections. With ten
+/// periods or more in the window it is good to 1e-4.
 pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
     let at = |f: f64| amplitude(samples, step, f);
     let width = 0.25 / (samples.len() as f64 * step);

@@ -146,7 +146,8 @@ fn handbook() -> f64 {
     k * k * (1.0 - 0.09) / 70e9
 }
 
-/// A slit of a file, a box and a named inner surface that are cut open: one body, for finite and for natural elements.
+/// A slit of a file, a box and a named inner surface that are cut open: one body, for finite and for
+/// natural elements.
 #[test]
 fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements() {
     for (kind, allowed, same) in [("fem", 0.08, 1e-9), ("cnem", 0.15, 1e-2)] {
@@ -164,10 +165,12 @@ fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements()
     }
 }
 
-/// Pressure on both lips does what the pull on the ends does, by superposition; on one lip, named by the file, half of the force acts.
+/// Pressure on both lips does what the pull on the ends does, by superposition; on one lip, named by the
+/// file, half of the force acts.
 #[test]
 fn lips_of_natural_elements_take_pressure() {
-    // J of natural elements takes the pressure on the lips by the sums of cells beside the front: 4.4 % more here.
+    // J of natural elements takes the pressure on the lips by the sums of cells beside the front: 4.4 %
+    // more here.
     for (kind, most) in [("fem", 2e-3), ("cnem", 0.06)] {
         let model = format!("kind = \"{kind}\"\nshape.file = '{}'", file(true));
         let pull = released(&(plate(&model) + &pulled()));

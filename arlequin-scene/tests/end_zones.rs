@@ -1,5 +1,5 @@
-//! Zones of particles at the surface of a body: at its end, along an edge, in a corner. Little or nothing holds them there but the
-//! rest of the body on the other side, and they must yield as elements would.
+//! Zones of particles at the surface of a body: at its end, along an edge, in a corner. Little or nothing
+//! holds them there but the rest of the body on the other side, and they must yield as elements would.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
@@ -101,8 +101,8 @@ impl Case {
         out + "$EndElements\n"
     }
 
-    /// Displacement of the end along the block over the unit of length, under a pull that is alike in all units; of the
-    /// models named, and what beams the zone has.
+    /// Displacement of the end along the block over the unit of length, under a pull that is alike in all
+    /// units; of the models named, and what beams the zone has.
     fn pulled(&self, kind: &str, probed: &[&str]) -> (Vec<f64>, Option<Likeness>) {
         let u = self.unit;
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("end-zones");
@@ -174,7 +174,8 @@ impl Case {
             .0
     }
 
-    /// How far displacements are from those of `alone`, with spheres in the zone, and how many of them are across its border.
+    /// How far displacements are from those of `alone`, with spheres in the zone, and how many of them are
+    /// across its border.
     fn off(&self, seed: u64, probed: &[&str], alone: &[f64]) -> (Vec<f64>, Option<f64>) {
         let kind = format!(
             "kind = \"dem\"\nspacing = {:?}\ndem.seed = {seed}",

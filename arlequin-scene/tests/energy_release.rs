@@ -1,4 +1,5 @@
-//! The energy that a crack releases: a plate with an edge crack against the handbook, the change of its own energy, and itself.
+//! The energy that a crack releases: a plate with an edge crack against the handbook, the change of its own
+//! energy, and itself.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin_scene::{Results, Scene, Silent};
@@ -223,7 +224,8 @@ fn handbook(crack: f64) -> f64 {
 
 const STATIC: &str = "[static]\nsteps = 1\n";
 
-/// Errors fall with the size of the elements, as those of the energy at a crack do; what they go to is the handbook's.
+/// Errors fall with the size of the elements, as those of the energy at a crack do; what they go to is the
+/// handbook's.
 #[test]
 fn an_edge_crack_releases_the_energy_of_the_handbook_whatever_the_domain() {
     let crack = 0.04;
@@ -277,7 +279,8 @@ fn the_energy_of_the_plate_changes_by_what_the_probe_tells() {
     assert!((mean / change - 1.0).abs() < 0.005, "{mean}, {change}");
 }
 
-/// Lengths in millimetres, and pressure on the faces of the crack in place of the pull on the ends: by superposition the same.
+/// Lengths in millimetres, and pressure on the faces of the crack in place of the pull on the ends: by
+/// superposition the same.
 #[test]
 fn cracks_of_other_sizes_and_under_pressure_release_the_same() {
     let plate = Plate {
@@ -331,7 +334,8 @@ fn a_part_of_the_front_within_the_body_releases_what_the_whole_does() {
     assert!((inner / whole - 1.0).abs() < 1e-3 && (outer / whole - 1.0).abs() < 1e-3);
 }
 
-/// Under a blow on its ends inertia has a part in the balance around the front: domains tell the same at every instant.
+/// Under a blow on its ends inertia has a part in the balance around the front: domains tell the same at
+/// every instant.
 #[test]
 fn domains_agree_while_waves_pass_through_them() {
     let plate = Plate {
@@ -517,7 +521,8 @@ fn parts_of_the_front_that_end_between_nodes_release_the_same() {
     assert!((inner / whole - 1.0).abs() < 0.01 && (short / whole - 1.0).abs() < 0.01);
 }
 
-/// Where a slit goes on ahead of the front, the front is not there, or the direction points back along the faces.
+/// Where a slit goes on ahead of the front, the front is not there, or the direction points back along the
+/// faces.
 #[test]
 fn fronts_within_a_slit_and_directions_along_its_faces_are_refused() {
     let plate = Plate {

@@ -54,7 +54,8 @@ fn mesh(thick: f64) -> PathBuf {
     file
 }
 
-/// Stresses over the load and displacements over that of the end, at all places; and what the packing is like.
+/// Stresses over the load and displacements over that of the end, at all places; and what the packing is
+/// like.
 fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
     let file = mesh(thick);
     let mut text = format!(
@@ -104,7 +105,8 @@ fn mass(built: &Built) -> f64 {
     all.sum()
 }
 
-/// Mass of the particles between two radii around the hole \[mm\], weights left out, over that of the plate there.
+/// Mass of the particles between two radii around the hole \[mm\], weights left out, over that of the plate
+/// there.
 fn ring(built: &Built, thick: f64, low: f64, high: f64) -> f64 {
     let hole = built
         .run

@@ -164,7 +164,8 @@ fn modes_and_pieces_survive_a_checkpoint() {
     );
 }
 
-/// What the frames show of the energy of particles is what the ledger counts, under both laws, after bonds broke.
+/// What the frames show of the energy of particles is what the ledger counts, under both laws, after bonds
+/// broke.
 #[test]
 fn energy_densities_in_frames_sum_to_the_internal_energy_of_the_ledger() {
     for law in ["false", "true"] {

@@ -4,7 +4,8 @@ use arlequin_scene::{Error, Results, Scene, Silent};
 
 const SOLID: &str = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
 
-/// A bar from 0 to 6 m, 5 m wide, with a zone in the middle of the end face that the overlap parts from its edges.
+/// A bar from 0 to 6 m, 5 m wide, with a zone in the middle of the end face that the overlap parts from its
+/// edges.
 fn bar(body: &str, zone: &str, rest: &str) -> String {
     format!(
         "[body]\n{body}\nspacing = 1.0\n{SOLID}\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [6.0, 5.0, 5.0] }}\n\
@@ -64,7 +65,8 @@ fn wrench(at: [f64; 3], f: [f64; 3], moment: [f64; 3]) -> [f64; 6] {
 /// Keys of a load, a point \[m\], and the force \[N\] and moment \[N m\] about it that are asked for.
 type Asked = (&'static str, [f64; 3], [f64; 3], [f64; 3]);
 
-/// What loads on the end face say, and force and moment they then have: on all of it, and on a box that cuts through zone and overlap.
+/// What loads on the end face say, and force and moment they then have: on all of it, and on a box that
+/// cuts through zone and overlap.
 const LOADS: [Asked; 5] = [
     (
         "where = \"x-max\"\nforce = [0.02, 0.01, -0.03]",
@@ -226,7 +228,8 @@ fn what_an_overlap_takes_of_a_load_on_one_model_is_told() {
     let load = |model: &str, what: &str| {
         format!("[[load]]\nmodel = \"{model}\"\nwhere = \"z-max\"\n{what}\ntime = \"step\"\n")
     };
-    // A quarter of the surface of `left` is lost: half of it lies in the overlap, where the weight is a half in the mean.
+    // A quarter of the surface of `left` is lost: half of it lies in the overlap, where the weight is a
+    // half in the mean.
     for what in ["traction = [0.0, 0.0, 1e-3]", "pressure = 1e-3"] {
         let said = told(&load("left", what));
         assert!(said.len() == 1 && said[0].contains("25.0 % is lost"), "{said:?}");
@@ -235,7 +238,8 @@ fn what_an_overlap_takes_of_a_load_on_one_model_is_told() {
             Vec::<String>::new()
         );
     }
-    // A moment acts by the squares of levers: along x, an eighth more is lost than the mean of the weights on half of the face.
+    // A moment acts by the squares of levers: along x, an eighth more is lost than the mean of the weights
+    // on half of the face.
     let said = told(&load("left", "torque = [0.0, 1.0, 0.0]"));
     assert!(said.len() == 1 && said[0].contains("N m act"), "{said:?}");
 }

@@ -1,6 +1,7 @@
-//! Locking near incompressibility, in the thick-walled cylinder under inner pressure of `MacNeal` and Harder (Finite Elements in
-//! Analysis and Design 1, 1985): radii 3 and 9 m, plane strain, five elements through the wall.
-//! Lamé: `u(r) = (1 + ν) p a²/(E (b² − a²)) ((1 − 2ν) r + b²/r)`, hoop stress `p a²/(b² − a²) (1 + b²/r²)`.
+//! Locking near incompressibility, in the thick-walled cylinder under inner pressure of `MacNeal` and
+//! Harder (Finite Elements in Analysis and Design 1, 1985): radii 3 and 9 m, plane strain, five elements
+//! through the wall. Lamé: `u(r) = (1 + ν) p a²/(E (b² − a²)) ((1 − 2ν) r + b²/r)`, hoop stress `p a²/(b² −
+//! a²) (1 + b²/r²)`.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin_scene::{Scene, Silent};
@@ -19,7 +20,8 @@ const KINDS: [(&str, &str); 3] = [
     ("natural elements", "cnem"),
 ];
 
-/// A quarter of the ring as a Gmsh file, with the surface `inner`; every element parted into `parts` along the radius and around.
+/// A quarter of the ring as a Gmsh file, with the surface `inner`; every element parted into `parts` along
+/// the radius and around.
 fn ring(kind: &str, parts: usize) -> PathBuf {
     let between = |r: &[f64]| -> Vec<f64> {
         (0..parts)
@@ -87,8 +89,8 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
     path
 }
 
-/// How much too stiff the ring is, by the mean displacement of its inner face, how far the hoop stress there is from Lamé's, both
-/// relative, and what the scene warns of.
+/// How much too stiff the ring is, by the mean displacement of its inner face, how far the hoop stress
+/// there is from Lamé's, both relative, and what the scene warns of.
 fn measured(kind: (&str, &str), poisson: f64, parts: usize) -> (f64, f64, Vec<String>) {
     let file = ring(kind.0, parts).display().to_string();
     let plane = |axis: &str, low: &str, high: &str| {

@@ -1,4 +1,5 @@
-//! Frames in pieces: those of all ranks together are the frame that one rank writes, bit for bit, whatever became of earlier ones.
+//! Frames in pieces: those of all ranks together are the frame that one rank writes, bit for bit, whatever
+//! became of earlier ones.
 #![allow(clippy::print_stdout, reason = "a test says what it could not run")]
 
 use arlequin::core::Coupled;
@@ -13,8 +14,8 @@ use std::time::Duration;
 
 const WAIT: Duration = Duration::from_secs(60);
 
-/// Spheres that are torn apart and struck by a ball, tied to elements (two units: in parts on two ranks, whole on more), and natural
-/// elements beside them.
+/// Spheres that are torn apart and struck by a ball, tied to elements (two units: in parts on two ranks,
+/// whole on more), and natural elements beside them.
 const BODIES: &str = r#"
 [model.bar]
 kind = "dem"

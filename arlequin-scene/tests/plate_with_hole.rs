@@ -22,7 +22,8 @@ const BEYOND: usize = 10;
 /// Through the thickness.
 const LAYERS: usize = 2;
 
-/// Nodes and hexahedra of a quarter of the plate: rays from the hole to the sides of a square, and a block beyond it.
+/// Nodes and hexahedra of a quarter of the plate: rays from the hole to the sides of a square, and a block
+/// beyond it.
 fn mesh() -> (Vec<[f64; 3]>, Vec<[usize; 8]>) {
     let mut nodes = Vec::new();
     let layer = |nodes: &mut Vec<[f64; 3]>, z: f64| {
@@ -105,8 +106,9 @@ fn gmsh(nodes: &[[f64; 3]], solids: &[[usize; 8]]) -> String {
     out
 }
 
-/// `d/W = 0.2`: 3.14 times the mean stress of the whole section (Howland 1930; Peterson's formula has 3.149). In plane
-/// strain and plane stress alike: the stresses of plane problems under given tractions do not depend on the material.
+/// `d/W = 0.2`: 3.14 times the mean stress of the whole section (Howland 1930; Peterson's formula has
+/// 3.149). In plane strain and plane stress alike: the stresses of plane problems under given tractions do
+/// not depend on the material.
 #[test]
 fn a_plate_with_a_hole_has_the_stress_concentration_of_howland() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("plate-with-hole");
@@ -157,7 +159,8 @@ fn a_plate_with_a_hole_has_the_stress_concentration_of_howland() {
     );
     assert!((peak / (2.512 / 0.8) - 1.0).abs() < 0.02, "K_t = {peak}");
     assert!((middle - 1.0).abs() < 0.02, "far from the hole {middle}");
-    // Compression of about one where the pull meets the hole; -1.0 in a wide plate, a little more in this one.
+    // Compression of about one where the pull meets the hole; -1.0 in a wide plate, a little more in this
+    // one.
     assert!((-1.25..-1.0).contains(&side), "{side}");
     let held = last("held") * 1e6 / (1e6 * HALF * THICK);
     assert!((held + 1.0).abs() < 1e-10, "the reaction is the pull: {held}");

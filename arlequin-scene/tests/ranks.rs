@@ -1,4 +1,5 @@
-//! Scenes on several ranks, as threads: the files of one rank, ends that all ranks agree on, and checkpoints for any number of them.
+//! Scenes on several ranks, as threads: the files of one rank, ends that all ranks agree on, and
+//! checkpoints for any number of them.
 
 mod shipped;
 
@@ -122,8 +123,8 @@ energy_every = 5
 fields = ["displacement", "velocity", "bond-forces", "stress"]
 "#;
 
-/// The same, drawn out less and pushed back together, so that pieces touch; a free ball strikes one end, a driven wall the other,
-/// and elements absorb what they cannot carry.
+/// The same, drawn out less and pushed back together, so that pieces touch; a free ball strikes one end, a
+/// driven wall the other, and elements absorb what they cannot carry.
 fn touching() -> String {
     let more = r#"
 [model.grip]
@@ -302,8 +303,8 @@ impl Observer for Stop {
     }
 }
 
-/// Stops on the word of the last of some ranks after so many steps, and goes on with others, beside the files of one rank;
-/// `stopped` looks at what so many ranks have reached.
+/// Stops on the word of the last of some ranks after so many steps, and goes on with others, beside the
+/// files of one rank; `stopped` looks at what so many ranks have reached.
 fn goes_on_elsewhere(scene: &Scene, whole: &Path, steps: usize, stopped: impl Fn(&Results, usize) + Sync) {
     for (first, then) in [(3, 2), (2, 1), (1, 4)] {
         let name = whole.file_name().expect("a name").to_string_lossy();

@@ -1,7 +1,9 @@
-//! Reactions, loads and inertia balance to round-off, step by step, for every kind of model and across overlaps.
+//! Reactions, loads and inertia balance to round-off, step by step, for every kind of model and across
+//! overlaps.
 //!
-//! What is compared knows nothing of how reactions are found: the momentum of all models, whose change in a step of velocity
-//! Verlet is the trapezoidal sum of all outer forces, `P_{n+1} − P_n = Δt/2 (F_n + F_{n+1})`.
+//! What is compared knows nothing of how reactions are found: the momentum of all models, whose change in a
+//! step of velocity Verlet is the trapezoidal sum of all outer forces, `P_{n+1} − P_n = Δt/2 (F_n +
+//! F_{n+1})`.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin::core::nalgebra::Vector3;
@@ -156,7 +158,8 @@ fn forces_and_moments_balance_inertia_across_an_overlap_that_is_held_and_loaded(
     balanced("fem | dem", &coupled(coarse, grains), &["left", "right"], "");
 }
 
-/// Own steps and the implicit scheme: the force is that of the instant, the multipliers' their mean over the step of the run.
+/// Own steps and the implicit scheme: the force is that of the instant, the multipliers' their mean over
+/// the step of the run.
 #[test]
 fn reactions_balance_at_the_instant_whatever_the_steps_of_the_models() {
     let coarse = "kind = \"fem\"\nspacing = 1.0";
@@ -327,8 +330,9 @@ fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
     );
 }
 
-/// A force on a side of which a part lies in the overlap: each half is spread over another surface, and the sum is another force, which
-/// the scene says. On a face that both models have whole in the overlap, or outside of it, it is the force that is asked for.
+/// A force on a side of which a part lies in the overlap: each half is spread over another surface, and the
+/// sum is another force, which the scene says. On a face that both models have whole in the overlap, or
+/// outside of it, it is the force that is asked for.
 #[test]
 fn total_forces_that_an_overlap_changes_are_told() {
     let solid = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";

@@ -138,7 +138,8 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
     assert!(apart.and_then(|s| s.prepare()).is_ok());
 }
 
-/// What two supports hold at rest is held once: the run is that of supports that do not meet, and the first of two has the force.
+/// What two supports hold at rest is held once: the run is that of supports that do not meet, and the first
+/// of two has the force.
 #[test]
 fn supports_that_hold_the_same_components_at_rest_are_united() {
     let support = |place: &str, components: &str| {
@@ -187,7 +188,8 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
     assert!(force(&united, "y1").iter().any(|f| f.abs() > 1e-9));
 }
 
-/// Names of loads and rigid bodies head columns: with a comma in one, all numbers behind it would stand under a wrong head.
+/// Names of loads and rigid bodies head columns: with a comma in one, all numbers behind it would stand
+/// under a wrong head.
 #[test]
 fn names_that_would_break_tables_are_refused() {
     for name in ["tip, end", "a\"b", "two\nlines", " ", "a;b"] {

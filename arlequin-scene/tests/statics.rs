@@ -98,7 +98,8 @@ fn reactions_balance_loads_at_rest_for_every_pair_of_models() {
                 .iter()
                 .all(|s| s.method == "direct" && s.iterations == 0 && s.residual < 1e-10)
         );
-        // Loads are those of their load step: the energy of a linear body under twice the pull, gravity being there at half.
+        // Loads are those of their load step: the energy of a linear body under twice the pull, gravity
+        // being there at half.
         assert_eq!(results.recorded.probes.times, [0.5, 1.0]);
     }
 }
@@ -118,7 +119,8 @@ fn a_bar_at_rest_has_the_displacement_of_the_textbook() {
     assert!((tip / exact - 1.0).abs() < 1e-10, "{tip:e}, {exact:e}");
 }
 
-/// Large rotations are no linear system: relaxed, a body that turns little has the equilibrium of the small ones.
+/// Large rotations are no linear system: relaxed, a body that turns little has the equilibrium of the small
+/// ones.
 #[test]
 fn relaxed_equilibria_are_those_of_the_direct_solution() {
     let body = |finite: bool| {
@@ -268,7 +270,8 @@ fn static_scenes_refuse_what_needs_time() {
     );
 }
 
-/// Free to move along y and z and to turn about x: round-off over round-off is no displacement, whatever the residual says.
+/// Free to move along y and z and to turn about x: round-off over round-off is no displacement, whatever
+/// the residual says.
 #[test]
 fn bodies_that_can_move_freely_have_no_equilibrium() {
     for kind in ["fem", "cnem"] {
@@ -353,7 +356,8 @@ fn a_piece_that_came_loose_under_a_load_is_named() {
     );
 }
 
-/// Load steps of a linear model have one matrix and one factor: ten cost little more than one, and are what each alone is.
+/// Load steps of a linear model have one matrix and one factor: ten cost little more than one, and are what
+/// each alone is.
 #[test]
 fn load_steps_of_a_linear_model_are_those_of_runs_of_their_own() {
     let text = |times: &str| {
@@ -384,7 +388,8 @@ fn the_moment_of_a_clamp_is_about_its_own_middle() {
     assert!((moment / (-6.0 * 1e-3) - 1.0).abs() < 1e-9, "{moment:e}");
 }
 
-/// Loads change over some steps of relaxation: at once, the wave they set off breaks bonds that the equilibrium would not.
+/// Loads change over some steps of relaxation: at once, the wave they set off breaks bonds that the
+/// equilibrium would not.
 #[test]
 fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponents = [\"x\"]\nmotion = { amplitude = 4e-7, time.ramp = { duration = 1.0 } }";
@@ -399,8 +404,8 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     assert!(breaks(1) > 0.0);
 }
 
-/// Contact with a plane that is far away keeps a linear scene from the direct solution: what it relaxes to is that, across a tie with
-/// particles, which take several own steps in time.
+/// Contact with a plane that is far away keeps a linear scene from the direct solution: what it relaxes to
+/// is that, across a tie with particles, which take several own steps in time.
 #[test]
 fn ties_relax_to_the_direct_solution() {
     for left in ["kind = \"fem\"", "kind = \"cnem\""] {
@@ -450,7 +455,8 @@ fn ties_relax_to_the_direct_solution() {
     }
 }
 
-/// What is torn into parts carries nothing any more, and each of its load steps is an equilibrium all the same.
+/// What is torn into parts carries nothing any more, and each of its load steps is an equilibrium all the
+/// same.
 #[test]
 fn bodies_torn_apart_come_to_rest() {
     let grip = |far: f64| {

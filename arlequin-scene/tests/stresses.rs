@@ -306,9 +306,9 @@ fn frames_show_rigid_bodies_and_the_forces_of_contact() {
     assert_eq!(index.matches("rigid-my ball-grains").count(), 2, "{index}");
 }
 
-/// Over a whole body of particles the mean stress by volume is `−1/V Σ x F_int`, whatever the sizes of the spheres, to the digits in which
-/// bonds are kept. A mean
-/// that counts particles alike is a few per cent off.
+/// Over a whole body of particles the mean stress by volume is `−1/V Σ x F_int`, whatever the sizes of the
+/// spheres, to the digits in which bonds are kept. A mean that counts particles alike is a few per cent
+/// off.
 #[test]
 fn the_mean_stress_of_particles_is_that_of_their_volume() {
     let text = format!(
@@ -353,7 +353,8 @@ fn the_mean_stress_of_particles_is_that_of_their_volume() {
     }
 }
 
-/// Spheres of the outer layer have bonds on one side only: a probe of stress there is warned of, one inside or of displacements is not.
+/// Spheres of the outer layer have bonds on one side only: a probe of stress there is warned of, one inside
+/// or of displacements is not.
 #[test]
 fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
     let place = |low: &str, high: &str| format!("where.box = {{ low = [{low}], high = [{high}] }}");

@@ -225,7 +225,8 @@ fn volumes_and_materials_that_are_not_there_are_refused() {
     }
 }
 
-/// Two bricks alike but for what they are made of: `√(E ρ)` of each in the viscosity, `√(E/ρ)` of each in a wave.
+/// Two bricks alike but for what they are made of: `√(E ρ)` of each in the viscosity, `√(E/ρ)` of each in a
+/// wave.
 #[test]
 fn viscosity_and_waves_know_what_each_volume_is_made_of() {
     let stiff = "materials.stiff = { young = 4.0, density = 3.0 }\n";

@@ -17,8 +17,8 @@ fn built(text: &str) -> Built {
     build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
-/// Deviation of displacements from uniform tension along x, relative to the largest one, of the static twin; and that of its
-/// energy in a body of the given volume.
+/// Deviation of displacements from uniform tension along x, relative to the largest one, of the static
+/// twin; and that of its energy in a body of the given volume.
 ///
 /// The scene pulls where it says, and Poisson's ratio is zero: `u = (x, 0, 0)/1000`.
 fn off_uniform_tension(built: &mut Built, volume: f64) -> [f64; 2] {
@@ -217,7 +217,8 @@ fn a_zone_of_an_stl_body_keeps_momenta_and_energy() {
     }
 }
 
-/// Supports that a bar of L shape needs for `u = (x, 0, 0)/1000` without Poisson's ratio: on every face across x.
+/// Supports that a bar of L shape needs for `u = (x, 0, 0)/1000` without Poisson's ratio: on every face
+/// across x.
 fn ell_pulled(zone: &str) -> String {
     let mut out = format!(
         "[body]\nkind = \"fem\"\nshape.file = \"ell.msh\"\nscale = 1e-3\nmaterial = {STEEL}\n\
@@ -249,8 +250,9 @@ fn ell_pulled(zone: &str) -> String {
     out + "[time]\nsteps = 1\n[output]\nplots = false\n"
 }
 
-/// Elements of any form leave the gradient of the weights to vary from one to the next, which multipliers cannot follow: nodes
-/// that are next to weightless move most, the energy hardly knows. 2.1 % with the linear weight of zones, 10.6 % with the cubic one.
+/// Elements of any form leave the gradient of the weights to vary from one to the next, which multipliers
+/// cannot follow: nodes that are next to weightless move most, the energy hardly knows. 2.1 % with the
+/// linear weight of zones, 10.6 % with the cubic one.
 #[test]
 fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
     let zone = "kind = \"fem\"\nspacing = 3.5e-3";
@@ -259,8 +261,8 @@ fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
     assert!(off < 0.025 && energy < 1e-3, "{off:e} {energy:e}");
 }
 
-/// The same of an L of STL, whose body is natural elements on tetrahedra of ours: 1.7 %, and 1.0 % with multipliers as fine as the zone's
-/// elements, whose functions are not those of the body.
+/// The same of an L of STL, whose body is natural elements on tetrahedra of ours: 1.7 %, and 1.0 % with
+/// multipliers as fine as the zone's elements, whose functions are not those of the body.
 #[test]
 fn uniform_strain_of_an_stl_body_with_a_zone_has_nearly_its_energy() {
     for more in ["", "mediator.spacing = 4.5e-3"] {
@@ -273,8 +275,8 @@ fn uniform_strain_of_an_stl_body_with_a_zone_has_nearly_its_energy() {
     }
 }
 
-/// With multipliers as fine as the zone's elements `σ grad f` is tested by all of them, and every weight passes: on tetrahedra, around
-/// corners, with the cubic weight as with the linear one.
+/// With multipliers as fine as the zone's elements `σ grad f` is tested by all of them, and every weight
+/// passes: on tetrahedra, around corners, with the cubic weight as with the linear one.
 #[test]
 fn uniform_strain_passes_a_zone_exactly_with_a_mediator_as_fine_as_its_elements() {
     let block = |zone: &str| {
@@ -338,7 +340,8 @@ fn uniform_strain_passes_a_zone_at_least_as_well_as_the_explicit_shell() {
         eprintln!("shell {weight}: explicit {written:e} zone {derived:e}");
         found.push([written, derived]);
     }
-    // Without a word a zone has the linear weight, which feels its round corners less than the cubic one of the shell its own.
+    // Without a word a zone has the linear weight, which feels its round corners less than the cubic one of
+    // the shell its own.
     let [[flat, by_default], [written, linear]] = found[..] else {
         unreachable!()
     };

@@ -1,6 +1,6 @@
-//! Seconds for the Delaunay tetrahedralisation and the Voronoi cells; shape functions per second (divan's item rate).
-//! Where Qhull is installed through `SciPy`, the ratio to `scipy.spatial.Delaunay` on the same points is printed first.
-//! Run with `cargo bench -p cnem --bench geometry`.
+//! Seconds for the Delaunay tetrahedralisation and the Voronoi cells; shape functions per second (divan's
+//! item rate). Where Qhull is installed through `SciPy`, the ratio to `scipy.spatial.Delaunay` on the same
+//! points is printed first. Run with `cargo bench -p cnem --bench geometry`.
 
 use cnem::constraint::Surface;
 use cnem::delaunay::Delaunay;
@@ -115,7 +115,8 @@ fn delaunay_grid(bencher: Bencher, n: usize) {
     bencher.bench_local(|| Delaunay::new(&points));
 }
 
-/// Rates at random points of a random domain of 10 000 nodes; the argument tells whether gradients are computed.
+/// Rates at random points of a random domain of 10 000 nodes; the argument tells whether gradients are
+/// computed.
 #[divan::bench(args = [false, true], consts = [0, 1], sample_count = 5, sample_size = 1)]
 fn shape<const LAPLACE: usize>(bencher: Bencher, gradients: bool) {
     let Ok(domain) = Domain::new(&random(10_000), &Surface::convex_hull()) else {

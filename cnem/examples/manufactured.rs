@@ -1,5 +1,5 @@
-//! Errors and observed orders of a manufactured solution for both kinds of shape functions and several amounts of
-//! stabilisation, on regular and jittered nodes; then what forces and field evaluations cost.
+//! Errors and observed orders of a manufactured solution for both kinds of shape functions and several
+//! amounts of stabilisation, on regular and jittered nodes; then what forces and field evaluations cost.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,

@@ -1,8 +1,9 @@
 //! Circumcentres that stay accurate on nearly flat tetrahedra.
 //!
-//! Double precision loses `1e-16 * size^3 / volume` of the centre. Below a relative volume of 1e-3 the numerator and the
-//! determinant are computed in double-double arithmetic from exact differences, which carries the loss to below 1e-16
-//! down to the flattest tetrahedra that exact predicates let through in practice.
+//! Double precision loses `1e-16 * size^3 / volume` of the centre. Below a relative volume of 1e-3 the
+//! numerator and the determinant are computed in double-double arithmetic from exact differences, which
+//! carries the loss to below 1e-16 down to the flattest tetrahedra that exact predicates let through in
+//! practice.
 
 use nalgebra::{Point3, Vector3};
 use std::ops::{Add, Mul, Sub};
@@ -63,8 +64,8 @@ fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Vector from the first corner to the centre of the sphere through four points, and `b x c . d` (six volumes).
-/// The centre is not finite if the determinant is zero.
+/// Vector from the first corner to the centre of the sphere through four points, and `b x c . d` (six
+/// volumes). The centre is not finite if the determinant is zero.
 #[inline]
 pub(crate) fn circumcentre(corners: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
     let [o, p, q, r] = corners;
@@ -115,7 +116,8 @@ mod tests {
 
     #[test]
     fn flat_tetrahedra_keep_their_centre() {
-        // Four points on a circle of radius 1 about (0, 0, 0.25), one lifted by 2^-40: the centre moves up the axis.
+        // Four points on a circle of radius 1 about (0, 0, 0.25), one lifted by 2^-40: the centre moves up
+        // the axis.
         let lift = 2.0_f64.powi(-40);
         let p = [
             [1.0, 0.0, 0.25],

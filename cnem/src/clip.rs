@@ -22,7 +22,8 @@ pub(crate) struct FaceSum {
 }
 
 impl Polyhedron {
-    /// Starts again from a tetrahedron of positive volume, faces tagged in the order of [`crate::tet::FACES`].
+    /// Starts again from a tetrahedron of positive volume, faces tagged in the order of
+    /// [`crate::tet::FACES`].
     pub(crate) fn set_tetrahedron(&mut self, corners: [Vector3<f64>; 4], tags: [u64; 4]) {
         self.points.clear();
         self.faces.clear();
@@ -71,9 +72,9 @@ impl Polyhedron {
         self.clip_near(normal, offset, tag, 0.0, |_| false)
     }
 
-    /// As `clip`; corners with `|normal . y - offset| <= snap` lie on the plane. A face with such corners only is the cut
-    /// itself and gets `tag`, if `free` says so of the tag it has: whether round-off puts it before or behind the plane
-    /// must not decide over its area.
+    /// As `clip`; corners with `|normal . y - offset| <= snap` lie on the plane. A face with such corners
+    /// only is the cut itself and gets `tag`, if `free` says so of the tag it has: whether round-off puts
+    /// it before or behind the plane must not decide over its area.
     pub(crate) fn clip_near(
         &mut self,
         normal: &Vector3<f64>,

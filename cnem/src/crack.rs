@@ -1,10 +1,10 @@
 //! Cracks that open: every lip has its own copy of the nodes on it.
 //!
-//! At a node of a crack face the tetrahedra of the domain fall into groups that are joined over faces without a wall.
-//! Each group is one unknown: the first keeps the node, every other one gets a copy of it at the same place. Around a
-//! node of the crack front the tetrahedra are one group, so the front is shared; a crack that cuts the whole body
-//! leaves no common unknown. The tetrahedra themselves carry the copies, hence shape functions, cells, gradients, masses
-//! and loads use them without further ado.
+//! At a node of a crack face the tetrahedra of the domain fall into groups that are joined over faces
+//! without a wall. Each group is one unknown: the first keeps the node, every other one gets a copy of it
+//! at the same place. Around a node of the crack front the tetrahedra are one group, so the front is
+//! shared; a crack that cuts the whole body leaves no common unknown. The tetrahedra themselves carry the
+//! copies, hence shape functions, cells, gradients, masses and loads use them without further ado.
 
 use crate::delaunay::Delaunay;
 use crate::domain::Domain;
@@ -29,8 +29,8 @@ pub struct CrackCopy {
 pub struct Lips {
     /// Index of the triangle in [`Domain::constrained_faces`].
     pub face: usize,
-    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle; none where the domain
-    /// has only flat tetrahedra on that side, whose other triangles are listed instead.
+    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle; none
+    /// where the domain has only flat tetrahedra on that side, whose other triangles are listed instead.
     pub below: Option<[usize; 3]>,
     /// Nodes of the lip on the side of the normal, in the same order.
     pub above: Option<[usize; 3]>,
@@ -88,8 +88,8 @@ impl Copies {
 }
 
 impl Domain {
-    /// Nodes that were copied because a crack separates what is around them, in order of their indices, which follow
-    /// those of all other nodes. A node with several copies lies where cracks cross.
+    /// Nodes that were copied because a crack separates what is around them, in order of their indices,
+    /// which follow those of all other nodes. A node with several copies lies where cracks cross.
     pub fn copies(&self) -> impl Iterator<Item = CrackCopy> + '_ {
         let first = self.copies.first as usize;
         let copy = move |(k, &v): (usize, &u32)| CrackCopy {
@@ -138,8 +138,8 @@ impl Domain {
         usize::from((b - a).cross(&(c - a)).dot(direction) > 0.0)
     }
 
-    /// The unknown that a node with copies has in and around a tetrahedron: that of the tetrahedron with the node that is
-    /// reached over the fewest faces without crossing a wall; of several the first.
+    /// The unknown that a node with copies has in and around a tetrahedron: that of the tetrahedron with
+    /// the node that is reached over the fewest faces without crossing a wall; of several the first.
     pub(crate) fn copy_at(&self, tet: u32, original: u32, reached: &mut Vec<u32>) -> u32 {
         let all = self.copies.of(original);
         let Some(&itself) = all.first() else {

@@ -15,9 +15,9 @@ use nalgebra::{Point3, Vector3};
 use search::Starts;
 use std::collections::HashMap;
 
-/// Distance to the domain, relative to the largest coordinate, at which a point counts as being on its boundary.
-/// Centroids of boundary faces computed in double precision are within 1e-15 of it; linear precision to 1e-12 asks
-/// for less than 1e-12.
+/// Distance to the domain, relative to the largest coordinate, at which a point counts as being on its
+/// boundary. Centroids of boundary faces computed in double precision are within 1e-15 of it; linear
+/// precision to 1e-12 asks for less than 1e-12.
 pub(crate) const ON_BOUNDARY: f64 = 1e-13;
 
 /// Domain of the constrained natural element method: nodes, the constrained Delaunay complex, and its inside.
@@ -61,19 +61,20 @@ pub(crate) fn largest_coordinate(points: &[Point3<f64>]) -> f64 {
 }
 
 impl Domain {
-    /// Builds the domain of `points` bounded by `surface`. Up to `1000 + 4 * faces` points may be inserted on faces
-    /// that are not in the Delaunay complex; see [`Domain::recovery`].
+    /// Builds the domain of `points` bounded by `surface`. Up to `1000 + 4 * faces` points may be inserted
+    /// on faces that are not in the Delaunay complex; see [`Domain::recovery`].
     ///
     /// # Errors
-    /// Those of [`Delaunay::new`] and [`Surface::check`], `AllCollinear` and `AllCoplanar` up to round-off too;
-    /// `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`, `NodesTooClose`, `EmptyDomain`, `TooManyNeighbours` for more
-    /// than 1000 nodes on one sphere.
+    /// Those of [`Delaunay::new`] and [`Surface::check`], `AllCollinear` and `AllCoplanar` up to round-off
+    /// too; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`, `NodesTooClose`, `EmptyDomain`,
+    /// `TooManyNeighbours` for more than 1000 nodes on one sphere.
     pub fn new(points: &[Point3<f64>], surface: &Surface) -> Result<Self> {
         let faces = surface.boundary_faces().len() + surface.crack_faces().len();
         Self::with_limit(points, surface, 1000 + 4 * faces)
     }
 
-    /// As [`Domain::new`], with the largest number of points that may be inserted (0: stop with an error instead).
+    /// As [`Domain::new`], with the largest number of points that may be inserted (0: stop with an error
+    /// instead).
     ///
     /// # Errors
     /// As [`Domain::new`].
@@ -111,8 +112,8 @@ impl Domain {
         Ok(domain)
     }
 
-    /// All nodes: the given ones, those inserted on constrained faces (see [`Domain::recovery`]), and the copies for the
-    /// second lips of cracks (see [`Domain::copies`]).
+    /// All nodes: the given ones, those inserted on constrained faces (see [`Domain::recovery`]), and the
+    /// copies for the second lips of cracks (see [`Domain::copies`]).
     pub fn nodes(&self) -> &[Point3<f64>] {
         &self.delaunay.points
     }
@@ -138,8 +139,9 @@ impl Domain {
         inside.map(|t| t.0.v.map(|v| v as usize))
     }
 
-    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes from. Of a crack
-    /// face the nodes of one lip are given, of a boundary face those on the inside; see also [`Domain::lips`].
+    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes
+    /// from. Of a crack face the nodes of one lip are given, of a boundary face those on the inside; see
+    /// also [`Domain::lips`].
     pub fn constrained_faces(&self) -> impl Iterator<Item = ([usize; 3], bool, usize)> + '_ {
         self.mesh.faces.iter().enumerate().map(|(i, f)| {
             let inside = |side: &usize| self.inside[(self.copies.sides[i][*side] >> 2) as usize];

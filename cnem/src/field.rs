@@ -1,7 +1,7 @@
 //! Natural-neighbour fields and multiplier spaces: what the coupling evaluates.
 //!
-//! Shape functions sum to one and reproduce linear fields at every point of the closed domain, whatever the nodes: the
-//! centres of particles will do, without any mesh or connectivity.
+//! Shape functions sum to one and reproduce linear fields at every point of the closed domain, whatever the
+//! nodes: the centres of particles will do, without any mesh or connectivity.
 
 use crate::constraint::Surface;
 use crate::delaunay::linear_gradients;
@@ -13,12 +13,13 @@ use arlequin_core::{Interpolation, Mediator, ShapeRow, outside};
 use nalgebra::Point3;
 use std::sync::{Mutex, PoisonError};
 
-/// Distance outside the domain, relative to its largest coordinate, up to which points are served by the linear functions of the
-/// nearest tetrahedron. Intersections of cells and points moved to a surface are off by 1e-12 or so.
+/// Distance outside the domain, relative to its largest coordinate, up to which points are served by the
+/// linear functions of the nearest tetrahedron. Intersections of cells and points moved to a surface are
+/// off by 1e-12 or so.
 const NEAR: f64 = 1e-9;
 
-/// Volume of a cell over the cube of its longest edge below which it is left out: of a needle no face has a direction, so that the
-/// half-spaces of one of 1e-20 would hold the bodies beside it.
+/// Volume of a cell over the cube of its longest edge below which it is left out: of a needle no face has a
+/// direction, so that the half-spaces of one of 1e-20 would hold the bodies beside it.
 const NEEDLE: f64 = 64.0 * f64::EPSILON;
 
 /// A natural-neighbour field on nodes or particle centres.
@@ -89,8 +90,8 @@ impl NaturalField {
     /// Field on points within a surface. The nodes are the given points: nothing is inserted.
     ///
     /// # Errors
-    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be inserted;
-    /// [`crate::Error::Parameter`] where cracks would split nodes.
+    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be
+    /// inserted; [`crate::Error::Parameter`] where cracks would split nodes.
     pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Interpolant) -> Result<Self> {
         let domain = Domain::with_limit(points, surface, 0)?;
         match domain.copies().count() {
@@ -246,7 +247,8 @@ impl Interpolation<f64> for NaturalField {
     }
 }
 
-/// A multiplier space on nodes of its own, which need no mesh: `h_B` is the mean edge length of the tetrahedra.
+/// A multiplier space on nodes of its own, which need no mesh: `h_B` is the mean edge length of the
+/// tetrahedra.
 impl Mediator<f64> for NaturalField {
     fn spacing(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);

@@ -62,8 +62,8 @@ impl Cylinder {
     /// The nodes, layer by layer from the first end, ring by ring from the axis.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for an axis without a length, a radius that is not positive, less than one ring or two
-    /// layers, or a jitter outside `[0, 0.45]`.
+    /// [`crate::Error::Parameter`] for an axis without a length, a radius that is not positive, less than
+    /// one ring or two layers, or a jitter outside `[0, 0.45]`.
     pub fn nodes(&self) -> Result<Vec<Point3<f64>>> {
         self.check()?;
         let mut next = noise(self.seed);
@@ -128,7 +128,8 @@ impl Cylinder {
     }
 }
 
-/// Nodes of a box on a grid with the given numbers of steps, x fastest; those inside are moved by up to `jitter` steps.
+/// Nodes of a box on a grid with the given numbers of steps, x fastest; those inside are moved by up to
+/// `jitter` steps.
 ///
 /// # Errors
 /// [`crate::Error::Parameter`] for an empty box, no steps, or a jitter outside `[0, 0.45]`.

@@ -1,7 +1,8 @@
 //! Insertion order: biased random rounds, each along a Hilbert curve.
 //!
-//! Random rounds (each eight times the one before) keep the expected work of incremental insertion near-linear for any
-//! input; the curve inside a round keeps consecutive points close, so walks are short and memory accesses local.
+//! Random rounds (each eight times the one before) keep the expected work of incremental insertion
+//! near-linear for any input; the curve inside a round keeps consecutive points close, so walks are short
+//! and memory accesses local.
 
 use nalgebra::Point3;
 
@@ -29,9 +30,10 @@ pub(crate) fn insertion_order(points: &[Point3<f64>]) -> Vec<u32> {
 
 /// Order of points along the curve: a permutation of their indices.
 ///
-/// Nodes that are close in space should be close in memory: the internal forces of a model on nodes in a random order
-/// wait for it. Number nodes this way before the domain is made, and translate surfaces with
-/// [`crate::constraint::Surface::renumbered`]; the node sets of [`crate::generate`] are in a good order already.
+/// Nodes that are close in space should be close in memory: the internal forces of a model on nodes in a
+/// random order wait for it. Number nodes this way before the domain is made, and translate surfaces with
+/// [`crate::constraint::Surface::renumbered`]; the node sets of [`crate::generate`] are in a good order
+/// already.
 ///
 /// ```
 /// use nalgebra::Point3;

@@ -11,19 +11,21 @@ const ROUND_OFF: f64 = 1e-12;
 
 /// Which nodes carry the mass `m_I = ρ V_I` of a cell. Body forces go with the masses.
 ///
-/// Measured against the three-dimensional solution of a cylinder five times as long as wide, clamped at one end (see
-/// decision 0019), 209, 629 and 1586 nodes: torsional frequencies −5.5, −2.9, −1.8 % with [`Inertia::Cells`], −0.8,
-/// +0.3, +0.3 % with [`Inertia::Centroids`]. What that costs: 4 to 7 % of the critical step, and twice the error of a static
-/// solution under body forces where all of the surface is held; its order stays 2.
+/// Measured against the three-dimensional solution of a cylinder five times as long as wide, clamped at one
+/// end (see decision 0019), 209, 629 and 1586 nodes: torsional frequencies −5.5, −2.9, −1.8 % with
+/// [`Inertia::Cells`], −0.8, +0.3, +0.3 % with [`Inertia::Centroids`]. What that costs: 4 to 7 % of the
+/// critical step, and twice the error of a static solution under body forces where all of the surface is
+/// held; its order stays 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Inertia {
-    /// The cell's own node, `M_I = m_I`. That of a cell on the surface is outside its centroid, which makes the
-    /// rotational inertia of coarse bodies too large.
+    /// The cell's own node, `M_I = m_I`. That of a cell on the surface is outside its centroid, which makes
+    /// the rotational inertia of coarse bodies too large.
     #[default]
     Cells,
-    /// The nodes around the centroid `c_I` of the cell, `M_j = Σ_I m_I N_j(c_I)`: the first moments of the mass are those of the
-    /// body, since the functions interpolate linear fields. A cell stays on its own node where its centroid lies
-    /// outside the domain, next to a re-entrant edge, or where a function is negative.
+    /// The nodes around the centroid `c_I` of the cell, `M_j = Σ_I m_I N_j(c_I)`: the first moments of the
+    /// mass are those of the body, since the functions interpolate linear fields. A cell stays on its own
+    /// node where its centroid lies outside the domain, next to a re-entrant edge, or where a function is
+    /// negative.
     Centroids,
 }
 

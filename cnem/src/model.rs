@@ -1,16 +1,19 @@
-//! The natural element model: weighted stiffness by nodal integration, lumped mass, both roles of the coupling.
+//! The natural element model: weighted stiffness by nodal integration, lumped mass, both roles of the
+//! coupling.
 //!
-//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and `M_β,I = β_I ρ V_I`, where `V_I` is
-//! the volume of the constrained Voronoi cell of node `I` and `α_I`, `β_I` are the means of the weights over it. The mass of a
-//! cell can go to the nodes around its centroid instead ([`Inertia`]). With nodal weighting, kept for comparison with the
-//! literature, the unweighted force and mass of node `I` are multiplied by `α(x_I)` and `β(x_I)`; such a model has no
-//! symmetric stiffness and is not offered as a linear one.
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and `M_β,I = β_I
+//! ρ V_I`, where `V_I` is the volume of the constrained Voronoi cell of node `I` and `α_I`, `β_I` are the
+//! means of the weights over it. The mass of a cell can go to the nodes around its centroid instead
+//! ([`Inertia`]). With nodal weighting, kept for comparison with the literature, the unweighted force and
+//! mass of node `I` are multiplied by `α(x_I)` and `β(x_I)`; such a model has no symmetric stiffness and is
+//! not offered as a linear one.
 //!
-//! By default the mass of a node is that of its own cell alone, but its stiffness comes from the cells around it as well: a weight
-//! that falls to zero within one spacing leaves light nodes on stiff neighbours. The critical step therefore depends
-//! on the smallest weight, unlike that of models whose mass is shared over elements. Measured with a weight that falls
-//! to `ε` over four spacings: 0.99 / 0.87 / 0.35 of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005, and
-//! 1.00 / 1.00 / 0.76 with masses around the centroids.
+//! By default the mass of a node is that of its own cell alone, but its stiffness comes from the cells
+//! around it as well: a weight that falls to zero within one spacing leaves light nodes on stiff
+//! neighbours. The critical step therefore depends on the smallest weight, unlike that of models whose mass
+//! is shared over elements. Measured with a weight that falls to `ε` over four spacings: 0.99 / 0.87 / 0.35
+//! of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005, and 1.00 / 1.00 / 0.76 with masses around the
+//! centroids.
 
 mod patch_test;
 
@@ -34,8 +37,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of its hoop stress at the
-/// inner face. Measured in `arlequin-scene/tests/locking.rs`.
+/// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of
+/// its hoop stress at the inner face. Measured in `arlequin-scene/tests/locking.rs`.
 const LOCKING: [[f64; 3]; 6] = [
     [0.3, -0.007, 0.048],
     [0.4, -0.004, 0.079],
@@ -87,7 +90,8 @@ pub struct CnemModel {
 }
 
 impl CnemModel {
-    /// Model with all weights one: a body that is not coupled. Its nodes are those of the domain, in the same order.
+    /// Model with all weights one: a body that is not coupled. Its nodes are those of the domain, in the
+    /// same order.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -193,8 +197,8 @@ impl CnemModel {
         self.field.clone()
     }
 
-    /// Facets of cells whose centroid lies outside the domain, next to a re-entrant edge; the linear functions of a
-    /// tetrahedron are used there.
+    /// Facets of cells whose centroid lies outside the domain, next to a re-entrant edge; the linear
+    /// functions of a tetrahedron are used there.
     pub fn extrapolated_facets(&self) -> usize {
         self.smoothing.extrapolated
     }
@@ -204,9 +208,9 @@ impl CnemModel {
         &self.smoothing.boundary
     }
 
-    /// Surface facets for loads, those of [`CnemModel::boundary`] that satisfy a condition. A facet's share of a node is its
-    /// area times the node's shape function at its centre: the rule of the nodal integration, so that a constant
-    /// stress is in equilibrium with its tractions to round-off.
+    /// Surface facets for loads, those of [`CnemModel::boundary`] that satisfy a condition. A facet's share
+    /// of a node is its area times the node's shape function at its centre: the rule of the nodal
+    /// integration, so that a constant stress is in equilibrium with its tractions to round-off.
     ///
     /// # Errors
     /// [`Error::EmptySelection`].

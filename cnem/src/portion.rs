@@ -1,8 +1,9 @@
 //! A body in parts on several ranks, its geometry whole on all of them.
 //!
-//! A rank has whole units of nodes in their order. It finds the stresses of all cells that its nodes gather from, those of nodes of
-//! other ranks as well: they cost less than a second round of messages. Displacements of the nodes that these cells name come
-//! from their ranks, once per evaluation. What is gathered is in the order of the whole body, so that forces have its bits.
+//! A rank has whole units of nodes in their order. It finds the stresses of all cells that its nodes gather
+//! from, those of nodes of other ranks as well: they cost less than a second round of messages.
+//! Displacements of the nodes that these cells name come from their ranks, once per evaluation. What is
+//! gathered is in the order of the whole body, so that forces have its bits.
 
 use crate::field::NaturalField;
 use crate::model::CnemModel;
@@ -76,8 +77,8 @@ impl Part {
         self.reach.halo().portion()
     }
 
-    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others are found while displacements
-    /// of these are on their way.
+    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others
+    /// are found while displacements of these are on their way.
     pub(crate) fn subtract_product(
         &mut self,
         forces: &mut MatrixFree,
@@ -108,7 +109,8 @@ impl Part {
         Ok(x)
     }
 
-    /// Displacements of the whole body's nodes, those that own patches name, and the numbers there of some own `nodes`.
+    /// Displacements of the whole body's nodes, those that own patches name, and the numbers there of some
+    /// own `nodes`.
     pub(crate) fn heard_around(
         &self,
         model: &CnemModel,
@@ -167,16 +169,16 @@ impl Named {
 }
 
 impl CnemModel {
-    /// The units of the body: middle \[m\], and entries of the rows that the forces are gathered from, the motion of nodes
-    /// included.
+    /// The units of the body: middle \[m\], and entries of the rows that the forces are gathered from, the
+    /// motion of nodes included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let entries = |i: usize| self.forces.entries(i) + MOVING;
         Unit::all(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the other side. None for a
-    /// whole body.
+    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
+    /// other side. None for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())

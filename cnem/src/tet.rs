@@ -90,7 +90,8 @@ impl EdgeTable {
         *slot
     }
 
-    /// Stores `payload` for the edge between two local vertices, or returns the payload its other half has stored.
+    /// Stores `payload` for the edge between two local vertices, or returns the payload its other half has
+    /// stored.
     #[inline]
     pub(crate) fn pair(&mut self, a: u32, b: u32, payload: u32) -> Option<u32> {
         let (low, high) = if a < b { (a, b) } else { (b, a) };

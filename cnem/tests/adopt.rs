@@ -1,6 +1,6 @@
-//! GOAL: a flat face of many nodes on one circle keeps its nodes whatever its diagonals and its direction in space.
-//! MODEL: turned prisms over regular polygons, their caps given as fans from two different corners.
-//! EXPECTED: no point inserted, the volume `n/2 sin(2π/n)` times the height.
+//! GOAL: a flat face of many nodes on one circle keeps its nodes whatever its diagonals and its direction
+//! in space. MODEL: turned prisms over regular polygons, their caps given as fans from two different
+//! corners. EXPECTED: no point inserted, the volume `n/2 sin(2π/n)` times the height.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use cnem::constraint::Surface;

@@ -12,7 +12,8 @@ mod common;
 use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::{Options, Stabilisation};
 
-/// 627 nodes, the number of the published run; mean elongation under 1 kN and the first three axial frequencies.
+/// 627 nodes, the number of the published run; mean elongation under 1 kN and the first three axial
+/// frequencies.
 #[test]
 fn slender_beam_in_tension() {
     for jitter in [0.0, 0.2] {
@@ -31,7 +32,8 @@ fn slender_beam_in_tension() {
     }
 }
 
-/// Differences from the truth at the two sizes \[%\]: frequencies axial, bending, torsion, then the static deflections.
+/// Differences from the truth at the two sizes \[%\]: frequencies axial, bending, torsion, then the static
+/// deflections.
 fn thick(rings: usize, layers: usize, jitter: f64, options: Options) -> [f64; 6] {
     let b = study(options, &cylinder(false, rings, layers, jitter));
     let mut out = [0.0; 6];

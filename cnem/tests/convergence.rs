@@ -40,8 +40,8 @@ fn manufactured_solution_converges() {
     }
 }
 
-/// Elastic modes of a free cube that are saw-teeth: the tetrahedra see more than five times the energy of the cells.
-/// Their numbers in ascending frequency, up to `count`.
+/// Elastic modes of a free cube that are saw-teeth: the tetrahedra see more than five times the energy of
+/// the cells. Their numbers in ascending frequency, up to `count`.
 fn saw_teeth(domain: &Domain, stabilisation: Stabilisation, count: usize) -> Vec<usize> {
     let make = |stabilisation| {
         let options = Options {

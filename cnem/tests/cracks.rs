@@ -21,8 +21,8 @@ use std::f64::consts::PI;
 /// An axis, the layer across it, and the grid faces of that layer that are cracked.
 type Cut<'a> = (usize, usize, &'a dyn Fn(usize, usize) -> bool);
 
-/// Grid of `n` cells of size `h`, with a crack on the faces of cells in the plane of index `at` across the axis that `cut`
-/// keeps; the other two indices are given in the order of the axes.
+/// Grid of `n` cells of size `h`, with a crack on the faces of cells in the plane of index `at` across the
+/// axis that `cut` keeps; the other two indices are given in the order of the axes.
 fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     let size = n.map(|c| c as f64 * h);
     let mut points = generate::block(Point3::origin(), Point3::from(size), n, jitter, 3).unwrap();
@@ -55,7 +55,8 @@ fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     Domain::with_limit(&points, &surface, 0).unwrap()
 }
 
-/// `f·u` under a unit stress along the axis on both ends \[J/Pa²·…\], with a linear elastic body; `held` unknowns are zero.
+/// `f·u` under a unit stress along the axis on both ends \[J/Pa²·…\], with a linear elastic body; `held`
+/// unknowns are zero.
 fn compliance(model: &CnemModel, axis: usize, held: &dyn Fn(&Point3<f64>, usize) -> bool) -> f64 {
     let n = model.layout().dofs();
     let mut f = vec![0.0; n];
@@ -187,7 +188,8 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
     assert_relative_eq!(mass.iter().sum::<f64>(), 3.0, epsilon = 0.0, max_relative = 1e-13);
 }
 
-/// A cut right through: the masses of each half have its total and its first moments, wherever cells put them.
+/// A cut right through: the masses of each half have its total and its first moments, wherever cells put
+/// them.
 #[test]
 fn masses_around_centroids_stay_on_their_side_of_a_crack() {
     let domain = cracked([4, 4, 4], 0.25, 0.3, &[(0, 2, &|_, _| true)]);
@@ -292,8 +294,8 @@ fn functions_on_a_lip_are_those_of_its_side() {
     }
 }
 
-/// Centre crack of length `2 a` in a strip of width `2 w` in plane strain: `K = σ √(π a sec(π a / 2w))`, from the energy
-/// released, `G = ½ dC/da` per thickness, `K² = G E / (1 − ν²)`.
+/// Centre crack of length `2 a` in a strip of width `2 w` in plane strain: `K = σ √(π a sec(π a / 2w))`,
+/// from the energy released, `G = ½ dC/da` per thickness, `K² = G E / (1 − ν²)`.
 #[test]
 fn stress_intensity_of_a_centre_crack_is_within_five_percent() {
     let (cells, h) = (20, 0.1);

@@ -1,5 +1,5 @@
-//! Natural-neighbour values through every door: by point and by cell, with and without gradients, fields and mediators,
-//! inside, on faces, edges and nodes, and outside by round-off.
+//! Natural-neighbour values through every door: by point and by cell, with and without gradients, fields
+//! and mediators, inside, on faces, edges and nodes, and outside by round-off.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
@@ -21,7 +21,8 @@ fn defect(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &ShapeRow<f64>) 
     f64::max(f64::abs(unity), place.norm())
 }
 
-/// Points inside the cells, on their faces, edges and corners, and 1e-12 outside of the unit cube, with a cell each.
+/// Points inside the cells, on their faces, edges and corners, and 1e-12 outside of the unit cube, with a
+/// cell each.
 fn places(field: &dyn Interpolation<f64>) -> Vec<(Option<usize>, Point3<f64>)> {
     let mut out = Vec::new();
     let mut samples = Vec::new();

@@ -1,5 +1,5 @@
-//! Internal forces without a matrix: the same as those of the assembled stiffness, with the same bits for any number of
-//! threads.
+//! Internal forces without a matrix: the same as those of the assembled stiffness, with the same bits for
+//! any number of threads.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;

@@ -72,7 +72,8 @@ impl Weight<f64> for Rest {
     }
 }
 
-/// Convex bodies: total and first moments of the body, to round-off; masses on their own nodes miss the latter.
+/// Convex bodies: total and first moments of the body, to round-off; masses on their own nodes miss the
+/// latter.
 #[test]
 fn centroid_masses_keep_the_total_and_the_first_moments() {
     for (steps, jitter) in [(4, 0.0), (4, 0.3), (6, 0.3)] {
@@ -93,7 +94,8 @@ fn centroid_masses_keep_the_total_and_the_first_moments() {
     }
 }
 
-/// Means of weights multiply the masses before they are spread: weights that add up to one give masses that do.
+/// Means of weights multiply the masses before they are spread: weights that add up to one give masses that
+/// do.
 #[test]
 fn weighted_centroid_masses_add_up() {
     for domain in [
@@ -117,7 +119,8 @@ fn weighted_centroid_masses_add_up() {
     }
 }
 
-/// Polar moment, frequencies and critical step of cylinders, masses on their own nodes and around the centroids.
+/// Polar moment, frequencies and critical step of cylinders, masses on their own nodes and around the
+/// centroids.
 #[test]
 fn centroid_masses_turn_coarse_cylinders_at_the_right_frequency() {
     for (rings, layers, jitter, polar_limit, torsion_limit) in [

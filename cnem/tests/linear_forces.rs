@@ -1,8 +1,7 @@
 //! GOAL: rigid motions and constant strains leave nothing but the tractions at the boundary, in bodies that
-//! are hard to cut up.
-//! MODEL: blocks with an oblique crack of a fan of triangles, blocky bodies and boxes of twelve triangles with
-//! nodes on their faces, turned.
-//! EXPECTED: forces in equilibrium to 1e-11 of those around a node; no body refused, no node added by a turn.
+//! are hard to cut up. MODEL: blocks with an oblique crack of a fan of triangles, blocky bodies and boxes
+//! of twelve triangles with nodes on their faces, turned. EXPECTED: forces in equilibrium to 1e-11 of those
+//! around a node; no body refused, no node added by a turn.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;

@@ -38,8 +38,8 @@ fn residual(domain: &Domain, options: Options) -> f64 {
     largest(&error) / largest(&exact)
 }
 
-/// A block of 4 × 4 × 4 with a V-notch of a depth and half opening across its upper side: coarse faces with `layers` of
-/// nodes along the notch, and scattered nodes inside.
+/// A block of 4 × 4 × 4 with a V-notch of a depth and half opening across its upper side: coarse faces with
+/// `layers` of nodes along the notch, and scattered nodes inside.
 fn scattered(half: f64, depth: f64, layers: usize, inside: usize, seed: u64) -> (Vec<Point3<f64>>, Surface) {
     let width = 2.0;
     let outline = [
@@ -81,8 +81,8 @@ fn scattered(half: f64, depth: f64, layers: usize, inside: usize, seed: u64) -> 
     (points, Surface::boundary(faces))
 }
 
-/// Refined until it conformed, the first body had 475 more nodes, the second 392 (spacing down to 1e-3) and a residual
-/// of 2e-8, the third 537.
+/// Refined until it conformed, the first body had 475 more nodes, the second 392 (spacing down to 1e-3) and
+/// a residual of 2e-8, the third 537.
 #[test]
 fn a_v_notch_keeps_its_nodes_and_passes_the_patch_test() {
     for (half, layers, seed, allowed) in [(0.1, 8, 0, 0), (0.1, 8, 1, 0), (0.1, 2, 0, 6), (1.0, 8, 0, 0)] {

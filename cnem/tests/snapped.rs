@@ -1,7 +1,7 @@
-//! GOAL: lattices whose nodes are off their lines, planes and circles by 1e-9, as particle centres on the grid of their bonds
-//! are, are bodies like any other: cells tile, functions are linear to round-off.
-//! MODEL: a bar of 12 by 3 by 3 cells, scattered inside or not, turned, sheared, shifted, of 3 m, 3e-6 m and 3e6 m, its nodes
-//! moved to a grid of 2⁻³⁰ of the longest bond.
+//! GOAL: lattices whose nodes are off their lines, planes and circles by 1e-9, as particle centres on the
+//! grid of their bonds are, are bodies like any other: cells tile, functions are linear to round-off.
+//! MODEL: a bar of 12 by 3 by 3 cells, scattered inside or not, turned, sheared, shifted, of 3 m, 3e-6 m
+//! and 3e6 m, its nodes moved to a grid of 2⁻³⁰ of the longest bond.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
@@ -13,7 +13,8 @@ use cnem::natural::Interpolant;
 use common::bodies::Map;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Distance to the surface of the points that are looked at there: that of mediators which must not leave a model.
+/// Distance to the surface of the points that are looked at there: that of mediators which must not leave a
+/// model.
 const HAIR: f64 = 1e-6;
 
 struct Case {
@@ -47,8 +48,8 @@ impl Case {
         Point3::from(map.matrix * p.coords + map.shift)
     }
 
-    /// Largest errors of unity and of linear functions, and of their gradients, at points inside and by faces, edges, lines and
-    /// ends of the lattice, which round-off may leave outside.
+    /// Largest errors of unity and of linear functions, and of their gradients, at points inside and by
+    /// faces, edges, lines and ends of the lattice, which round-off may leave outside.
     fn linear_errors(&self, field: &NaturalField, next: &mut impl FnMut() -> f64) -> [f64; 2] {
         let mut row = ShapeRow::default();
         let mut worst = [0.0_f64; 2];

@@ -1,8 +1,8 @@
-//! GOAL: a body is the same body turned, sheared, far away, tiny or huge, and with cospherical nodes; what cannot be
-//! trusted is refused.
-//! MODEL: structured and scattered blocks, cylinders, cones, prisms, tori, L-shapes, holes, blocky random bodies; their own
-//! surface, the hull, or the surface of a mesh of tetrahedra.
-//! EXPECTED: the energy of the six linear displacement fields to 1e-10, no node added in a turn, surface points inside.
+//! GOAL: a body is the same body turned, sheared, far away, tiny or huge, and with cospherical nodes; what
+//! cannot be trusted is refused. MODEL: structured and scattered blocks, cylinders, cones, prisms, tori,
+//! L-shapes, holes, blocky random bodies; their own surface, the hull, or the surface of a mesh of
+//! tetrahedra. EXPECTED: the energy of the six linear displacement fields to 1e-10, no node added in a
+//! turn, surface points inside.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
@@ -134,7 +134,8 @@ fn the_generated_cylinder_turned() {
     assert_exact(&[body], [map].into_iter(), true);
 }
 
-/// Coordinates of a file with fewer digits are not planar, but by much more than round-off: exact, or refused by name.
+/// Coordinates of a file with fewer digits are not planar, but by much more than round-off: exact, or
+/// refused by name.
 #[test]
 fn coordinates_with_few_digits_are_exact_or_refused() {
     let bodies = [
@@ -200,7 +201,8 @@ fn a_turned_cantilever_bends_as_far() {
     };
     for degrees in [25.0, 45.0, 55.0] {
         let ratio = deflection(degrees, Stabilisation::None) / deflection(0.0, Stabilisation::None);
-        // The boundary is integrated triangle by triangle, and equal diagonals of a grid are chosen by round-off.
+        // The boundary is integrated triangle by triangle, and equal diagonals of a grid are chosen by
+        // round-off.
         assert!((ratio - 1.0).abs() < 1e-3, "{degrees}: {ratio}");
         // So are those of the tetrahedra that stabilise: 0.7 % with two cells across.
         let stable = Stabilisation::default();

@@ -1,8 +1,8 @@
-//! The forces of the model: ns per bond, bytes per bond, share of the measured memory bandwidth; peak memory at a million
-//! particles.
+//! The forces of the model: ns per bond, bytes per bond, share of the measured memory bandwidth; peak
+//! memory at a million particles.
 //!
-//! `cargo bench -p dem-beam --bench kernel` prints a table of minima over many short runs (the number that repeats on
-//! a shared machine), then divan's statistics of the same runs at 20 000 particles.
+//! `cargo bench -p dem-beam --bench kernel` prints a table of minima over many short runs (the number that
+//! repeats on a shared machine), then divan's statistics of the same runs at 20 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Weights};
@@ -17,8 +17,8 @@ type Outcome<T> = Result<T, Box<dyn Error>>;
 /// Argument of the process that measures peak memory.
 const MEMORY: &str = "peak-memory-of-a-million";
 
-/// A bar of packed spheres (single quench, kept on disk between runs), or a million on a cubic lattice: 6 neighbours
-/// against the packing's 6.2.
+/// A bar of packed spheres (single quench, kept on disk between runs), or a million on a cubic lattice: 6
+/// neighbours against the packing's 6.2.
 fn packing(count: usize) -> Outcome<Packing> {
     if count > 200_000 {
         let edge = (count as f64).cbrt().round() as usize;

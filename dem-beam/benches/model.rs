@@ -1,8 +1,8 @@
-//! The forces of the model alone, the core's whole step, the step with its ledger, and what watching strengths adds to it,
-//! measured in turns.
+//! The forces of the model alone, the core's whole step, the step with its ledger, and what watching
+//! strengths adds to it, measured in turns.
 //!
-//! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000 (packed) and 1 000 000 (a cubic lattice: 6
-//! neighbours against the packing's 6.2). Strengths are looked at up to 200 000 particles.
+//! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000 (packed) and 1 000 000 (a cubic
+//! lattice: 6 neighbours against the packing's 6.2). Strengths are looked at up to 200 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin_core::{Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
@@ -110,8 +110,8 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     Ok(())
 }
 
-/// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and with bonds
-/// compared one by one. Every bond is loaded far below its strength.
+/// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and
+/// with bonds compared one by one. Every bond is loaded far below its strength.
 fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let guard = Guard {
         interval: 1_000_000,

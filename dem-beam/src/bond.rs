@@ -33,9 +33,9 @@ pub struct BeamMaterial {
     pub radius_ratio: f64,
 }
 
-/// Beam radius over mean particle radius, Poisson's ratio of the packing, its modulus over that of the beams
-/// (`arlequin calibrate --periodic --count 4000 --seeds 2 --young 1e9 --radius-ratio …`). Between two samples moduli differ by
-/// up to 0.4 %, Poisson's ratios by 5e-4.
+/// Beam radius over mean particle radius, Poisson's ratio of the packing, its modulus over that of the
+/// beams (`arlequin calibrate --periodic --count 4000 --seeds 2 --young 1e9 --radius-ratio …`). Between two
+/// samples moduli differ by up to 0.4 %, Poisson's ratios by 5e-4.
 const BULK: [[f64; 3]; 8] = [
     [0.2, 0.35678, 8.2988e-3],
     [0.3, 0.31421, 25.313e-3],
@@ -55,9 +55,10 @@ impl BeamMaterial {
         radius_ratio: 0.71,
     };
 
-    /// Beams of a packing with the Young's modulus `young` \[Pa\] and Poisson's ratio `poisson`: what periodic samples of 6.2
-    /// bonds per particle showed (onset of jamming, 4000 spheres of radii within 25 %, beams of Poisson's ratio 0.3),
-    /// interpolated. Walls and few spheres across make a body softer: [`crate::calibrate`] tests one of its own.
+    /// Beams of a packing with the Young's modulus `young` \[Pa\] and Poisson's ratio `poisson`: what
+    /// periodic samples of 6.2 bonds per particle showed (onset of jamming, 4000 spheres of radii within 25
+    /// %, beams of Poisson's ratio 0.3), interpolated. Walls and few spheres across make a body softer:
+    /// [`crate::calibrate`] tests one of its own.
     ///
     /// ```
     /// use dem_beam::BeamMaterial;
@@ -97,8 +98,8 @@ impl BeamMaterial {
     /// Poisson's ratios that packings can have by [`Self::of_bulk`].
     pub const BULK_POISSON: [f64; 2] = [BULK[BULK.len() - 1][1], BULK[0][1]];
 
-    /// The inverse of [`Self::of_bulk`]: Young's modulus \[Pa\] and Poisson's ratio of packings of these beams, beyond the
-    /// measured radius ratios by continuation.
+    /// The inverse of [`Self::of_bulk`]: Young's modulus \[Pa\] and Poisson's ratio of packings of these
+    /// beams, beyond the measured radius ratios by continuation.
     #[must_use]
     pub fn bulk(&self) -> [f64; 2] {
         let end = BULK[1..BULK.len() - 1].partition_point(|row| row[0] < self.radius_ratio) + 1;

@@ -38,8 +38,8 @@ pub struct Elasticity {
     pub iterations: usize,
 }
 
-/// Largest accepted difference between the two moduli, relative. Beyond it the packing has an axial density wave, as
-/// starts that are not stratified along the bar make them.
+/// Largest accepted difference between the two moduli, relative. Beyond it the packing has an axial density
+/// wave, as starts that are not stratified along the bar make them.
 pub const UNIFORM: f64 = 0.03;
 
 impl Elasticity {
@@ -273,12 +273,13 @@ pub const RATIOS: [f64; 2] = [0.2, 1.5];
 /// How near the wanted Poisson's ratio is met: below any seed spread.
 const NEAR: f64 = 1e-4;
 
-/// Finds the beams for a wanted E \[Pa\] and nu, whatever `test` measures them by: it gives E \[Pa\] and nu that beams
-/// lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of the beams.
+/// Finds the beams for a wanted E \[Pa\] and nu, whatever `test` measures them by: it gives E \[Pa\] and nu
+/// that beams lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of
+/// the beams.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] if E is not positive; [`Error::PoissonOutOfReach`] if nu is not between what the ends
-/// of [`RATIOS`] give; [`Error::NoConvergence`]; those of `test`.
+/// [`Error::OutOfRange`] if E is not positive; [`Error::PoissonOutOfReach`] if nu is not between what the
+/// ends of [`RATIOS`] give; [`Error::NoConvergence`]; those of `test`.
 pub fn beam_for(
     young: f64,
     poisson: f64,

@@ -87,7 +87,8 @@ pub enum Error {
         /// The length needed.
         expected: usize,
     },
-    /// Particles that start inside an obstacle or inside those of another body: contact would hold them there, or throw them out.
+    /// Particles that start inside an obstacle or inside those of another body: contact would hold them
+    /// there, or throw them out.
     #[error(
         "{count} particles start inside {object}: the deepest is {depth:.3e} m behind its surface at ({:.3e}, {:.3e}, {:.3e}) m, \
          above the limit of {limit:.3e} m, one radius, beyond which a centre lies inside; move one of the two, and turn the \

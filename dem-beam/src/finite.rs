@@ -72,8 +72,8 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
             + 2.0 * k.bending * (ei.dot(&ei) + ei.dot(&ej) + ej.dot(&ej)))
 }
 
-/// Forces and torques of a bond on its two particles: the gradient of [`energy`] with respect to displacements and
-/// spins.
+/// Forces and torques of a bond on its two particles: the gradient of [`energy`] with respect to
+/// displacements and spins.
 #[must_use]
 pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twist, Twist) {
     let Deformed {

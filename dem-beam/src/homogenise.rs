@@ -64,7 +64,8 @@ fn voigt(s: &Matrix3<f64>) -> Vector6<f64> {
 /// ```
 ///
 /// # Errors
-/// [`Error::NotPeriodic`], [`Error::SeveralParts`], those of [`BondedParticles::new`], [`Error::NoConvergence`].
+/// [`Error::NotPeriodic`], [`Error::SeveralParts`], those of [`BondedParticles::new`],
+/// [`Error::NoConvergence`].
 pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     if packing.period.is_none() {
         return Err(Error::NotPeriodic);

@@ -1,11 +1,11 @@
 //! Particles joined by beams: the flat arrays every solver of this crate reads.
 //!
-//! Masses: `m_i = rho V r_i^3 / sum r^3` for a body of volume `V` (the spheres fill only part of
-//! it, so sphere volume times density would be far too light), for each body of a packing with several on its own
-//! ([`crate::packing::parts`]), and `I_i = 2/5 m_i r_i^2`.
-//! Weights follow the energy-consistent rule: bond b carries the factor `w_b`, and the mass and
-//! inertia of a particle are multiplied by the mean of `w` over its bonds. Then the weighted
-//! critical step is never below the smallest one of the single weighted bonds.
+//! Masses: `m_i = rho V r_i^3 / sum r^3` for a body of volume `V` (the spheres fill only part of it, so
+//! sphere volume times density would be far too light), for each body of a packing with several on its own
+//! ([`crate::packing::parts`]), and `I_i = 2/5 m_i r_i^2`. Weights follow the energy-consistent rule: bond
+//! b carries the factor `w_b`, and the mass and inertia of a particle are multiplied by the mean of `w`
+//! over its bonds. Then the weighted critical step is never below the smallest one of the single weighted
+//! bonds.
 
 mod check;
 
@@ -71,7 +71,8 @@ pub(crate) struct Contents<'a> {
     pub(crate) loose: bool,
     /// Edges of the periodic box \[m\].
     pub(crate) period: Option<[f64; 3]>,
-    /// Whether centres move to the kernel's grid and stiffnesses to its 24 bits, so that all of a model is one law.
+    /// Whether centres move to the kernel's grid and stiffnesses to its 24 bits, so that all of a model is
+    /// one law.
     pub(crate) rounded: bool,
     /// Of a part: what only the whole body knows.
     pub(crate) whole: Option<Extents>,
@@ -103,7 +104,8 @@ impl BondedParticles {
         Self::with_period(positions, radii, pairs, matter, None)
     }
 
-    /// As [`Self::new`]; with a period, each beam joins the first particle to the nearest image of the second.
+    /// As [`Self::new`]; with a period, each beam joins the first particle to the nearest image of the
+    /// second.
     pub(crate) fn with_period(
         positions: Vec<Vector3<f64>>,
         radii: Vec<f64>,
@@ -231,8 +233,8 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Gives every particle its own stiffness and density, over those of the packing's material. A bond between two
-    /// stiffnesses `a` and `b` is half of each in a row, `2 a b/(a + b)`.
+    /// Gives every particle its own stiffness and density, over those of the packing's material. A bond
+    /// between two stiffnesses `a` and `b` is half of each in a row, `2 a b/(a + b)`.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`]; [`Error::OutOfRange`] unless all are positive.
@@ -279,8 +281,8 @@ impl BondedParticles {
         sum.iter().enumerate().map(mean).collect()
     }
 
-    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have here; and the numbers of
-    /// these bonds here.
+    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have
+    /// here; and the numbers of these bonds here.
     pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
         let mut places = vec![u32::MAX; self.len()];
         for (k, i) in (0..).zip(own.iter().chain(ghosts)) {

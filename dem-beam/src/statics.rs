@@ -13,8 +13,8 @@ use arlequin_core::adjacency::Adjacency;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
-/// Particles per parallel task and per partial sum. It is fixed, not chosen from the number of threads, so that sums keep
-/// their order.
+/// Particles per parallel task and per partial sum. It is fixed, not chosen from the number of threads, so
+/// that sums keep their order.
 const CHUNK: usize = 512;
 
 type Six = Vector6<f64>;

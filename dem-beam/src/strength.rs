@@ -1,14 +1,16 @@
 //! Strength of a packing in direct tension: a bar is pulled until it breaks.
 //!
-//! The bar lies along x; the spheres that touch its two end faces are held along x and moved apart, free to the sides. The
-//! law is linear up to the first broken bond, so the static solution says at which elongation `u_1` that one breaks. The
-//! bar starts at `0.9 u_1` in that solution, moving in that shape: no wave runs through it. It is pulled at the
-//! constant rate that takes [`LOADING`] transits of a wave along the bar to `u_1`, with a stiffness damping of
-//! [`DAMPING`] transits of a mean diameter, until its force has fallen to half of the highest.
+//! The bar lies along x; the spheres that touch its two end faces are held along x and moved apart, free to
+//! the sides. The law is linear up to the first broken bond, so the static solution says at which
+//! elongation `u_1` that one breaks. The bar starts at `0.9 u_1` in that solution, moving in that shape: no
+//! wave runs through it. It is pulled at the constant rate that takes [`LOADING`] transits of a wave along
+//! the bar to `u_1`, with a stiffness damping of [`DAMPING`] transits of a mean diameter, until its force
+//! has fallen to half of the highest.
 //!
-//! Forces are means over a fifth of a transit: the work of the ends over the elongation. The strength is the highest.
-//! Time scales with the root of the density and loads with the strength of the beams, so that the ratio of beam strength
-//! over body strength is a number of the packing, of the criterion and of the scatter alone.
+//! Forces are means over a fifth of a transit: the work of the ends over the elongation. The strength is
+//! the highest. Time scales with the root of the density and loads with the strength of the beams, so that
+//! the ratio of beam strength over body strength is a number of the packing, of the criterion and of the
+//! scatter alone.
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::{Bar, end_layers};
@@ -52,8 +54,8 @@ pub struct Strength {
     pub broken: usize,
     /// Bonds in all.
     pub bonds: usize,
-    /// Nominal stress of the beams \[Pa\]: their strength; for [`Criterion::Energy`] the axial stress `√(2 E_b G/d)` at
-    /// which a beam of a mean diameter `d` holds the energy per section `G`.
+    /// Nominal stress of the beams \[Pa\]: their strength; for [`Criterion::Energy`] the axial stress `√(2
+    /// E_b G/d)` at which a beam of a mean diameter `d` holds the energy per section `G`.
     pub beam: f64,
 }
 
@@ -68,8 +70,9 @@ impl Strength {
 /// Pulls a bar until it breaks.
 ///
 /// # Errors
-/// [`Error::SeveralParts`]; [`Error::OutOfRange`] for the bar, the strength or no sphere at an end; those of
-/// [`DemModel::new`] and of the static solution; [`Error::NotBroken`] if it stretches without end; those of the run.
+/// [`Error::SeveralParts`]; [`Error::OutOfRange`] for the bar, the strength or no sphere at an end; those
+/// of [`DemModel::new`] and of the static solution; [`Error::NotBroken`] if it stretches without end; those
+/// of the run.
 pub fn strength_test(
     packing: &Packing,
     beam: BeamMaterial,

@@ -64,8 +64,8 @@ impl Place {
     }
 }
 
-/// Bonds per sphere, and mass per volume over that of the body, of what lies between two sections and a diameter or more
-/// within the sides.
+/// Bonds per sphere, and mass per volume over that of the body, of what lies between two sections and a
+/// diameter or more within the sides.
 fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     let mut bonds = vec![0_u32; packing.radii.len()];
     packing

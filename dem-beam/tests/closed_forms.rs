@@ -50,8 +50,8 @@ fn breaks(criterion: Criterion, strength: f64, deformation: [f64; 3]) -> bool {
     !locked(&log).events().is_empty()
 }
 
-/// A round beam of radius r = 0.71 R and length 2R: tension `E u/l`, bending `2 E r φ/l` at the rim where the ends turn by
-/// `±φ` (curvature `2φ/l`), shear `G r θ/l` at the rim where one end is twisted by `θ`.
+/// A round beam of radius r = 0.71 R and length 2R: tension `E u/l`, bending `2 E r φ/l` at the rim where
+/// the ends turn by `±φ` (curvature `2φ/l`), shear `G r θ/l` at the rim where one end is twisted by `θ`.
 #[test]
 fn bonds_break_at_the_stress_of_beam_theory() {
     let (young, poisson) = (265e9, 0.3);
@@ -127,8 +127,8 @@ fn pairs(at: &[Vector3<f64>]) -> DemModel {
     DemModel::from_spheres("pairs", &x, &radii, &bonds, &matter(&radii)).unwrap()
 }
 
-/// A collision of two free spheres lasts half a period of `k = E R` and the reduced mass `m/2`: the velocity goes as
-/// `½ v (1 + cos ω t)`, from 0.9 to 0.1 of it in `2 asin(0.8)/ω`.
+/// A collision of two free spheres lasts half a period of `k = E R` and the reduced mass `m/2`: the
+/// velocity goes as `½ v (1 + cos ω t)`, from 0.9 to 0.1 of it in `2 asin(0.8)/ω`.
 #[test]
 fn a_collision_lasts_half_a_period_of_its_spring() {
     let young = 70e9;

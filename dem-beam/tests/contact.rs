@@ -1,4 +1,5 @@
-//! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never created.
+//! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never
+//! created.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use approx::assert_abs_diff_eq;

@@ -63,7 +63,8 @@ fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f
     Coupled::of(parts, TimeStep::Fraction(fraction), None).unwrap()
 }
 
-/// Bodies that turn balance about where they are, as contact does; linear laws about where they were, and the ledger says so.
+/// Bodies that turn balance about where they are, as contact does; linear laws about where they were, and
+/// the ledger says so.
 #[test]
 fn angular_momentum_is_kept_when_bodies_that_turn_collide_with_friction() {
     let law = ContactLaw {

@@ -1,5 +1,5 @@
-//! Contact never gives back more than it took in: collisions over speed, phase of the first touch and step, alone and with
-//! bonds behind; random pairs; clouds between walls.
+//! Contact never gives back more than it took in: collisions over speed, phase of the first touch and step,
+//! alone and with bonds behind; random pairs; clouds between walls.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::EffectSpec;
@@ -23,7 +23,8 @@ fn matter(radii: &[f64]) -> Matter {
     }
 }
 
-/// Two bodies along x with `gap` between them: of one sphere abreast with its twin (`length` 1), or rods of `length`.
+/// Two bodies along x with `gap` between them: of one sphere abreast with its twin (`length` 1), or rods of
+/// `length`.
 fn two_bodies(length: usize, radii: [f64; 2], gap: f64) -> (DemModel, Vec<f64>) {
     let (mut x, mut r, mut pairs, mut side) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (body, sign) in [(0, -1.0), (1, 1.0)] {
@@ -77,7 +78,8 @@ fn meeting(
     with(speed * dt * (1.0 + phase))
 }
 
-/// Least and largest kinetic energy after over before, and the most that contact ever created (over the energy).
+/// Least and largest kinetic energy after over before, and the most that contact ever created (over the
+/// energy).
 fn sweep(length: usize, radii: [f64; 2], restitution: f64, fraction: f64) -> [f64; 3] {
     let law = ContactLaw {
         restitution,
@@ -210,7 +212,8 @@ proptest! {
     }
 }
 
-/// Spheres of a lattice whose bonds break in the first step, moving as `velocity` says, maybe between six walls.
+/// Spheres of a lattice whose bonds break in the first step, moving as `velocity` says, maybe between six
+/// walls.
 fn cloud(
     (kind, count): (Lattice, usize),
     law: ContactLaw,

@@ -1,4 +1,5 @@
-//! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the counter is global.
+//! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the
+//! counter is global.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::PairSpec;

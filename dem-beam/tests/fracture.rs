@@ -315,8 +315,8 @@ fn rotations_beyond_the_small_range_are_reported() {
     assert!(bar(4).with_finite_rotations().watch(&state).is_empty());
 }
 
-/// A block of 8 × 4 × 4 spheres whose eight corners are pulled off, then torn in two: bonds that broke, and whether they are a crack
-/// in an overlap. All bonds have the `weight`.
+/// A block of 8 × 4 × 4 spheres whose eight corners are pulled off, then torn in two: bonds that broke, and
+/// whether they are a crack in an overlap. All bonds have the `weight`.
 fn torn(weight: f64) -> [(usize, bool); 2] {
     let packing = lattice(Lattice::Cubic, [8, 4, 4], R).unwrap();
     let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0).unwrap();

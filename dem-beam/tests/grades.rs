@@ -36,7 +36,8 @@ fn one_grade_everywhere_scales_energy_and_mass() {
     );
 }
 
-/// A row of spheres pulled apart: springs `k` in a row, three soft ones, the one between of half of each, four stiff ones.
+/// A row of spheres pulled apart: springs `k` in a row, three soft ones, the one between of half of each,
+/// four stiff ones.
 #[test]
 fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
     let row = lattice(Lattice::Cubic, [8, 1, 1], 0.5e-3).unwrap();

@@ -349,7 +349,8 @@ fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
     }
 }
 
-/// The same spheres as VTK itself writes them: base64 with 32-bit headers, plain and zlib, in place and appended.
+/// The same spheres as VTK itself writes them: base64 with 32-bit headers, plain and zlib, in place and
+/// appended.
 #[test]
 fn vtu_forms_agree() {
     const POINTS: [&str; 2] = [

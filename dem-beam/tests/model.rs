@@ -378,7 +378,8 @@ fn product(k: &sprs::CsMat<f64>, q: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Lengths are differences of places, so a body at rest has forces in its last digits; what they add up to is no growth.
+/// Lengths are differences of places, so a body at rest has forces in its last digits; what they add up to
+/// is no growth.
 #[test]
 fn a_body_at_rest_with_finite_rotations_is_not_stopped_for_its_last_digits() {
     for size in [1.0, 1e-9, 1e6] {
@@ -410,7 +411,8 @@ fn reached(model: &mut DemModel, q: &[f64]) -> Vec<u64> {
     f.iter().map(|f| f.to_bits()).collect()
 }
 
-/// Whatever was asked for before: weights, a law or a record come to a model that has found forces as to one that has not.
+/// Whatever was asked for before: weights, a law or a record come to a model that has found forces as to
+/// one that has not.
 #[test]
 fn a_model_that_has_found_forces_is_like_a_new_one_after_other_weights_laws_and_records() {
     let light = Steep { low: 0.2 };

@@ -166,8 +166,9 @@ fn a_ball_that_spins_at_first_gives_its_angular_momentum_to_what_it_rubs() {
     assert!((smooth.spin() - first).norm() <= 0.0);
 }
 
-/// In a field that pulls ball and spheres alike nothing changes between them: momentum grows by weight times time, what they
-/// do to each other is what it was without the field, and no energy is lost from sight.
+/// In a field that pulls ball and spheres alike nothing changes between them: momentum grows by weight
+/// times time, what they do to each other is what it was without the field, and no energy is lost from
+/// sight.
 #[test]
 fn a_free_ball_falls_with_what_it_strikes() {
     let law = ContactLaw {
@@ -239,8 +240,8 @@ fn planes_and_cylinders_do_not_turn() {
     assert!(refuse(ball, flat).contains("moment of inertia of an obstacle"));
 }
 
-/// A ball that is taken up from a snapshot in the middle of a stroke goes on with the same bits: its list of near
-/// particles, which is made anew then, decides nothing.
+/// A ball that is taken up from a snapshot in the middle of a stroke goes on with the same bits: its list
+/// of near particles, which is made anew then, decides nothing.
 #[test]
 fn a_stroke_goes_on_with_the_same_bits() {
     let packing = lattice(Lattice::Cubic, [5, 5, 5], R).unwrap();

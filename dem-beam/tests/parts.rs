@@ -74,7 +74,8 @@ fn grid(low: f64, n: [usize; 3], r: f64, out: &mut Vec<Vector3<f64>>) {
     }
 }
 
-/// Two cubes in one surface: each keeps the mass of its own volume, 8 to 1. One of them vanished, and the rest was heavier.
+/// Two cubes in one surface: each keeps the mass of its own volume, 8 to 1. One of them vanished, and the
+/// rest was heavier.
 #[test]
 fn two_shells_keep_the_mass_of_their_own_volume() {
     let spec = PackingSpec::quench(Container::Surface(two_cubes()), 900, 3);
@@ -171,7 +172,8 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
     );
 }
 
-/// At 1.5 bonds per sphere a third hangs on nothing: refused by number, or kept as grains, each with its own mass.
+/// At 1.5 bonds per sphere a third hangs on nothing: refused by number, or kept as grains, each with its
+/// own mass.
 #[test]
 fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
     let mut spec = PackingSpec::quench(boxed([2e-3; 3]), 400, 1);
@@ -256,7 +258,8 @@ fn notch(x: f64, low: f64) -> impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool {
     }
 }
 
-/// One seed in some leaves a sphere at the notch without a bond; it goes with the cut and takes its mass along.
+/// One seed in some leaves a sphere at the notch without a bond; it goes with the cut and takes its mass
+/// along.
 #[test]
 fn a_hundred_seeds_of_a_notched_bar_have_no_sphere_without_a_bond() {
     let mut trimmed = 0;
@@ -465,8 +468,8 @@ fn what_to_expect_of_narrow_bodies_is_monotone_and_measured() {
     }
 }
 
-/// GOAL: beams of `200 MPa`; the bar's strength over theirs. EXPECTED: 4.1 by axial tension, 11.7 by the principal one
-/// (trials without scatter), and the ratio does not depend on the strength of the beams.
+/// GOAL: beams of `200 MPa`; the bar's strength over theirs. EXPECTED: 4.1 by axial tension, 11.7 by the
+/// principal one (trials without scatter), and the ratio does not depend on the strength of the beams.
 #[test]
 fn beams_are_four_times_as_strong_as_their_bar_by_axial_tension_and_twelve_times_by_rankine() {
     use dem_beam::strength::strength_test;

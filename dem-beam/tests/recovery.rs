@@ -34,8 +34,9 @@ impl Weight<f64> for Falling {
     }
 }
 
-/// The sum over particles with their volumes is `Σ_i x_i ⊗ F_i`, with the forces `F_i` that hold each particle against its bonds: in
-/// equilibrium those of the boundary. Any state, small and finite rotations, with weights in the model.
+/// The sum over particles with their volumes is `Σ_i x_i ⊗ F_i`, with the forces `F_i` that hold each
+/// particle against its bonds: in equilibrium those of the boundary. Any state, small and finite rotations,
+/// with weights in the model.
 #[test]
 fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
     for finite in [false, true] {
@@ -178,7 +179,8 @@ fn total(model: &DemModel, densities: &[f64], factor: impl Fn(&Point3<f64>) -> f
     all.map(|(w, v)| w * v.measure * factor(&v.point)).sum()
 }
 
-/// Random states under both laws. Weights change the energy that the ledger counts, but not the density of the material.
+/// Random states under both laws. Weights change the energy that the ledger counts, but not the density of
+/// the material.
 #[test]
 fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() {
     for finite in [false, true] {

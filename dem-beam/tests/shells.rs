@@ -1,4 +1,5 @@
-//! Several shells in one surface, as files bring them: bodies that touch, cavities that touch the wall, crossings.
+//! Several shells in one surface, as files bring them: bodies that touch, cavities that touch the wall,
+//! crossings.
 
 use dem_beam::{Error, Surface};
 use nalgebra::Vector3;

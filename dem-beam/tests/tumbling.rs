@@ -61,8 +61,9 @@ fn free(spin: Vector3<f64>, step: f64) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(step), Some(guard)).unwrap()
 }
 
-/// The spin is about no principal axis, so that the axis wanders. A quarter of a turn per 13 000 steps: the balance of a law
-/// that is not linear is of second order in the angle of a step, `(w dt)^2/3` where a body begins to spin at once.
+/// The spin is about no principal axis, so that the axis wanders. A quarter of a turn per 13 000 steps: the
+/// balance of a law that is not linear is of second order in the angle of a step, `(w dt)^2/3` where a body
+/// begins to spin at once.
 #[test]
 fn a_free_box_of_120_spheres_tumbles_ten_turns_and_keeps_momentum_and_energy() {
     let spin = Vector3::new(180.0, 400.0, 300.0);
@@ -101,7 +102,8 @@ fn a_free_box_of_120_spheres_tumbles_ten_turns_and_keeps_momentum_and_energy() {
     assert!(run.watch().is_empty());
 }
 
-/// Strained by 1e-3 by its own spin: momentum does not depend on the step, the balance is of second order in it.
+/// Strained by 1e-3 by its own spin: momentum does not depend on the step, the balance is of second order
+/// in it.
 #[test]
 fn angular_momentum_is_kept_at_any_speed_and_energy_to_second_order() {
     let spin = Vector3::new(2e4, 5e4, -3e4);

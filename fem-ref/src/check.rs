@@ -75,8 +75,8 @@ fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u
     }
 }
 
-/// Refuses two elements with the same set of nodes, in whatever order: their mass and stiffness would count twice, and
-/// their faces would all be inner ones.
+/// Refuses two elements with the same set of nodes, in whatever order: their mass and stiffness would count
+/// twice, and their faces would all be inner ones.
 fn repeated<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
     let elements = connectivity.chunks_exact(kind.corners());
     let mut keyed: Vec<(NodeSet, u32)> = elements.map(node_set).zip(0..).collect();

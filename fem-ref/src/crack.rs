@@ -29,9 +29,9 @@ impl<T: Real> Mesh<T> {
         Ok(out)
     }
 
-    /// The mesh with a crack along the faces between two elements all of whose nodes are on it, by number and place. The lips
-    /// have nodes of their own, the front is shared. Groups of facets stay with their elements; groups of nodes get the copies
-    /// of their nodes as well.
+    /// The mesh with a crack along the faces between two elements all of whose nodes are on it, by number
+    /// and place. The lips have nodes of their own, the front is shared. Groups of facets stay with their
+    /// elements; groups of nodes get the copies of their nodes as well.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -44,8 +44,8 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::EmptyGroup`] if no face between two elements is on it; [`Error::SeparatePieces`] if it cuts the mesh in two; as
-    /// [`Mesh::new`], for a crack around a single element.
+    /// [`Error::EmptyGroup`] if no face between two elements is on it; [`Error::SeparatePieces`] if it cuts
+    /// the mesh in two; as [`Mesh::new`], for a crack around a single element.
     pub fn with_crack(&self, on_crack: impl Fn(usize, &Point3<T>) -> bool) -> Result<Self> {
         let on: Vec<bool> = self
             .nodes()
@@ -124,7 +124,8 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Number of the lip that each of the elements around a node belongs to, from 0; `joined` are pairs that no wall parts.
+/// Number of the lip that each of the elements around a node belongs to, from 0; `joined` are pairs that no
+/// wall parts.
 fn lips(elements: &[u32], joined: &[[u32; 2]]) -> Vec<u32> {
     let mut lip = vec![u32::MAX; elements.len()];
     let mut count = 0;

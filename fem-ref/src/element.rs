@@ -1,7 +1,8 @@
 //! The three elements: shape functions, Gauss points, inverse mapping.
 //!
-//! Node order is that of Gmsh and VTK: a tetrahedron has corner 3 on the side of `(1 − 0) × (2 − 0)`, a hexahedron its
-//! bottom loop and then its top loop. The hexahedron is integrated with 2 × 2 × 2 Gauss points, simplices with one.
+//! Node order is that of Gmsh and VTK: a tetrahedron has corner 3 on the side of `(1 − 0) × (2 − 0)`, a
+//! hexahedron its bottom loop and then its top loop. The hexahedron is integrated with 2 × 2 × 2 Gauss
+//! points, simplices with one.
 
 use arlequin_core::Real;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -47,7 +48,8 @@ impl ElementKind {
         }
     }
 
-    /// Local corners of every face, in the order that makes its loop normal point outwards. A bar's faces are its ends.
+    /// Local corners of every face, in the order that makes its loop normal point outwards. A bar's faces
+    /// are its ends.
     pub const fn faces(self) -> &'static [&'static [usize]] {
         match self {
             Self::Bar2 => &[&[0], &[1]],
@@ -217,7 +219,8 @@ pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], sect
     out
 }
 
-/// Local coordinates of `x` in a hexahedron by Newton's method, `None` where it does not settle near the element.
+/// Local coordinates of `x` in a hexahedron by Newton's method, `None` where it does not settle near the
+/// element.
 pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<Vector3<T>> {
     let reach = T::of(3.0);
     let settled = T::epsilon() * T::of(16.0);
@@ -241,9 +244,9 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
     None
 }
 
-/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do not hold it,
-/// each cut along the diagonal from its own lowest corner. Neighbours cut their common face alike, and so do the two lips of a slit
-/// if `rank` is that of a node's place.
+/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do
+/// not hold it, each cut along the diagonal from its own lowest corner. Neighbours cut their common face
+/// alike, and so do the two lips of a slit if `rank` is that of a node's place.
 pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[u32; 4]; 6] {
     let apex = (0..8).min_by_key(|&k| rank(corners[k])).unwrap_or(0);
     let mut out = [[0; 4]; 6];

@@ -1,9 +1,10 @@
-//! The displacement field of a mesh: point location, shape functions, integration cells. A mediator is such a field.
+//! The displacement field of a mesh: point location, shape functions, integration cells. A mediator is such
+//! a field.
 //!
-//! A point is located through a box tree in `O(log n)`. It belongs to the element of lowest number whose local
-//! coordinates it violates by no more than 1e-9 of the element's size (more in single precision), so the choice on a
-//! common face is reproducible. Values within that tolerance are the element's own polynomial, which keeps partition
-//! of unity and linear completeness exact.
+//! A point is located through a box tree in `O(log n)`. It belongs to the element of lowest number whose
+//! local coordinates it violates by no more than 1e-9 of the element's size (more in single precision), so
+//! the choice on a common face is reproducible. Values within that tolerance are the element's own
+//! polynomial, which keeps partition of unity and linear completeness exact.
 
 use crate::element::{self, ElementKind};
 use crate::error::Result;
@@ -19,7 +20,8 @@ struct HexShape<T: Real> {
     centre: Point3<T>,
     /// Inverse Jacobian where the map is affine (a parallelepiped), or nearly so.
     inverse: Option<Matrix3<T>>,
-    /// Whether it is affine to the last digits. Otherwise a correction with the same inverse doubles their number.
+    /// Whether it is affine to the last digits. Otherwise a correction with the same inverse doubles their
+    /// number.
     affine: bool,
     /// Largest distance of a face's corners from a plane, relative to the element's size.
     warp: T,
@@ -94,8 +96,8 @@ impl<T: Real> FemField<T> {
         }
     }
 
-    /// Piecewise linear field on points along a line \[m\], such as the particles of a chain, with cells of the given
-    /// cross-section \[m²\]. The points may come in any order; the field keeps their numbers.
+    /// Piecewise linear field on points along a line \[m\], such as the particles of a chain, with cells of
+    /// the given cross-section \[m²\]. The points may come in any order; the field keeps their numbers.
     ///
     /// ```
     /// use arlequin_core::{Interpolation, nalgebra::Point3};
@@ -182,7 +184,8 @@ impl<T: Real> FemField<T> {
         })
     }
 
-    /// The element that holds `x`; where none does, one whose warped face makes `x` a point of its integration cells.
+    /// The element that holds `x`; where none does, one whose warped face makes `x` a point of its
+    /// integration cells.
     fn locate(&self, x: &Point3<T>) -> Option<Located<T>> {
         let mut best: Option<Located<T>> = None;
         let mut near: Option<Located<T>> = None;
@@ -337,7 +340,8 @@ impl<T: Real> Interpolation<T> for FemField<T> {
         gradient: bool,
         row: &mut ShapeRow<T>,
     ) -> arlequin_core::Result<()> {
-        // With warped hexahedra, which are cut into several cells, cells and elements are numbered differently.
+        // With warped hexahedra, which are cut into several cells, cells and elements are numbered
+        // differently.
         if self.warped {
             return self.shape_at(x, gradient, row);
         }

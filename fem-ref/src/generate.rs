@@ -1,7 +1,7 @@
 //! Structured meshes: bars, boxes, cylinders, balls.
 //!
-//! Nodes are numbered layer by layer along x, which keeps the bandwidth small for beams. Every solid names its faces;
-//! bars name their ends `x-min` and `x-max`.
+//! Nodes are numbered layer by layer along x, which keeps the bandwidth small for beams. Every solid names
+//! its faces; bars name their ends `x-min` and `x-max`.
 
 mod ball;
 
@@ -14,7 +14,8 @@ use arlequin_core::Real;
 use nalgebra::Point3;
 use std::ops::Range;
 
-/// Bar along x from `x0` to `x1` \[m\] with `n` equal elements and a cross-section \[m²\]. Groups `x-min`, `x-max`.
+/// Bar along x from `x0` to `x1` \[m\] with `n` equal elements and a cross-section \[m²\]. Groups `x-min`,
+/// `x-max`.
 ///
 /// ```
 /// let bar = fem_ref::generate::bar(0.0, 0.1, 20, 1e-4)?;
@@ -36,7 +37,8 @@ pub fn bar<T: Real>(x0: T, x1: T, n: usize, section: T) -> Result<Mesh<T>> {
 /// Bar along x with nodes at the given ascending coordinates \[m\] and a cross-section \[m²\].
 ///
 /// # Errors
-/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; as [`Mesh::new`] otherwise.
+/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; as [`Mesh::new`]
+/// otherwise.
 pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     for w in x.windows(2) {
         ascending("bar coordinate", w[0], w[1])?;
@@ -49,8 +51,8 @@ pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     mesh.with_surfaces(&[("x-min", &|p| p.x <= low), ("x-max", &|p| p.x >= high)])
 }
 
-/// Box between two corners \[m\] with `counts` hexahedra along x, y, z, or six tetrahedra in place of each (Kuhn's
-/// conforming cut). Groups `x-min`, `x-max`, `y-min`, `y-max`, `z-min`, `z-max`.
+/// Box between two corners \[m\] with `counts` hexahedra along x, y, z, or six tetrahedra in place of each
+/// (Kuhn's conforming cut). Groups `x-min`, `x-max`, `y-min`, `y-max`, `z-min`, `z-max`.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;
@@ -72,8 +74,9 @@ pub fn block<T: Real>(
     cuboid(kind, &sides(low, high, counts)?, counts, |_| true)
 }
 
-/// The box of [`block`] without the hexahedra inside another box, `hole`: what a coarse model has around the region of a
-/// fine one. Faces of the hole lie on faces of hexahedra; where the hole reaches beyond the box, it is open.
+/// The box of [`block`] without the hexahedra inside another box, `hole`: what a coarse model has around
+/// the region of a fine one. Faces of the hole lie on faces of hexahedra; where the hole reaches beyond the
+/// box, it is open.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;
@@ -86,8 +89,8 @@ pub fn block<T: Real>(
 /// ```
 ///
 /// # Errors
-/// As [`block`]; [`Error::Parameter`] for a face of the hole off the faces of hexahedra by more than 1e-6 of their length,
-/// and for a hole that takes none or all of them.
+/// As [`block`]; [`Error::Parameter`] for a face of the hole off the faces of hexahedra by more than 1e-6
+/// of their length, and for a hole that takes none or all of them.
 pub fn hollow_block<T: Real>(
     kind: ElementKind,
     low: Point3<T>,
@@ -101,7 +104,8 @@ pub fn hollow_block<T: Real>(
     cuboid(kind, &sides, counts, |at| !inside(at))
 }
 
-/// The hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first of them, and the first behind them.
+/// The hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first of them, and the
+/// first behind them.
 ///
 /// # Errors
 /// Those of [`hollow_block`] that speak of the hole.
@@ -207,9 +211,9 @@ fn cuboid<T: Real>(
 /// Where the side nodes of a meshed cylinder lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Rim {
-    /// On a circle slightly larger than the cylinder's, such that the polygon has the area of the circle: mass, axial
-    /// stiffness and end loads of a beam are then those of the true cylinder on every mesh. The default, as these
-    /// errors would otherwise dominate (2.6 % with 16 sides).
+    /// On a circle slightly larger than the cylinder's, such that the polygon has the area of the circle:
+    /// mass, axial stiffness and end loads of a beam are then those of the true cylinder on every mesh. The
+    /// default, as these errors would otherwise dominate (2.6 % with 16 sides).
     #[default]
     EqualArea,
     /// On the cylinder: the mesh never leaves it.
@@ -270,8 +274,8 @@ impl<T: Real> Cylinder<T> {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for a zero count, ends that do not ascend or a radius that is not positive; [`Error::Kind`]
-/// for bars.
+/// [`Error::Parameter`] for a zero count, ends that do not ascend or a radius that is not positive;
+/// [`Error::Kind`] for bars.
 pub fn cylinder<T: Real>(kind: ElementKind, shape: &Cylinder<T>) -> Result<Mesh<T>> {
     let [x0, x1] = shape.ends;
     ascending("cylinder end x1", x0, x1)?;

@@ -1,12 +1,12 @@
 //! Import of Gmsh meshes, formats 4.1 and 2.2, ascii or binary.
 //!
-//! One element kind fills the domain: hexahedra, tetrahedra, or lines where there are no solids. Those of second order are
-//! read as linear ones, without the nodes in the middle of their edges, and the mesh says so. Physical groups
-//! become named groups: those of surfaces get facets (their boundary faces; inner surfaces are groups of nodes only),
-//! all get nodes. A group without a name in the file is called `point-1`, `curve-2`, `surface-3` or `volume-4` after
-//! its dimension and tag. An element that one entity lists twice is read once, whatever the order of its nodes; on two
-//! entities it is refused, as volumes in one place may be of two materials. Nodes are renumbered for locality; Gmsh's own
-//! tags are not kept.
+//! One element kind fills the domain: hexahedra, tetrahedra, or lines where there are no solids. Those of
+//! second order are read as linear ones, without the nodes in the middle of their edges, and the mesh says
+//! so. Physical groups become named groups: those of surfaces get facets (their boundary faces; inner
+//! surfaces are groups of nodes only), all get nodes. A group without a name in the file is called
+//! `point-1`, `curve-2`, `surface-3` or `volume-4` after its dimension and tag. An element that one entity
+//! lists twice is read once, whatever the order of its nodes; on two entities it is refused, as volumes in
+//! one place may be of two materials. Nodes are renumbered for locality; Gmsh's own tags are not kept.
 
 mod assemble;
 mod contents;
@@ -47,8 +47,8 @@ pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
 /// ```
 ///
 /// # Errors
-/// [`Error::Gmsh`] for another version, a broken section, mixed or unsupported elements, unknown or repeated node
-/// tags; as [`Mesh::new`] for meshes that are not valid.
+/// [`Error::Gmsh`] for another version, a broken section, mixed or unsupported elements, unknown or
+/// repeated node tags; as [`Mesh::new`] for meshes that are not valid.
 pub fn parse<T: Real>(bytes: &[u8]) -> Result<Mesh<T>> {
     assemble::mesh(&contents(bytes)?)
 }

@@ -1,8 +1,9 @@
 //! Linear finite elements: the reference continuum model of the Arlequin workspace.
 //!
-//! Small-strain isotropic elastodynamics `M q̈ = F − K q` on bars, tetrahedra and hexahedra of first order with lumped
-//! mass, small enough to trust by reading. What it leaves out: higher order, several element kinds in one mesh, several
-//! materials in one model, shear-locking cures (a thin beam in bending needs at least four hexahedra across).
+//! Small-strain isotropic elastodynamics `M q̈ = F − K q` on bars, tetrahedra and hexahedra of first order
+//! with lumped mass, small enough to trust by reading. What it leaves out: higher order, several element
+//! kinds in one mesh, several materials in one model, shear-locking cures (a thin beam in bending needs at
+//! least four hexahedra across).
 //!
 //! ```
 //! use arlequin_core::{LinearModel, Model};

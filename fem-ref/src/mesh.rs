@@ -47,8 +47,8 @@ pub struct Mesh<T: Real> {
 }
 
 impl<T: Real> Mesh<T> {
-    /// Mesh from node positions \[m\] and the corners of every element in a row. Bars get a section of 1 m², the
-    /// problem per unit section; see [`Mesh::with_section`].
+    /// Mesh from node positions \[m\] and the corners of every element in a row. Bars get a section of 1
+    /// m², the problem per unit section; see [`Mesh::with_section`].
     ///
     /// ```
     /// use fem_ref::{ElementKind, Mesh};
@@ -63,9 +63,9 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements (hexahedra:
-    /// Jacobian at all corners), elements with the same nodes, unreferenced nodes, or coincident ones that are no lips of a
-    /// slit.
+    /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements
+    /// (hexahedra: Jacobian at all corners), elements with the same nodes, unreferenced nodes, or
+    /// coincident ones that are no lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
         Self::of_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
     }
@@ -187,8 +187,8 @@ impl<T: Real> Mesh<T> {
             .sum()
     }
 
-    /// Integration cells of element `e`: a segment, a tetrahedron, a hexahedron with planar faces, or, where a face
-    /// is warped, six tetrahedra that meet those of the neighbours.
+    /// Integration cells of element `e`: a segment, a tetrahedron, a hexahedron with planar faces, or,
+    /// where a face is warped, six tetrahedra that meet those of the neighbours.
     pub(crate) fn cells_of(&self, e: usize, planar: bool, out: &mut Vec<Cell<T>>) {
         let p = self.corners(e);
         match self.kind {
@@ -211,8 +211,8 @@ impl<T: Real> Mesh<T> {
         }
     }
 
-    /// The same domain cut into tetrahedra, six per hexahedron, conforming; nodes and groups stay. The structured box
-    /// becomes a Kuhn triangulation. A mesh of tetrahedra is returned as it is.
+    /// The same domain cut into tetrahedra, six per hexahedron, conforming; nodes and groups stay. The
+    /// structured box becomes a Kuhn triangulation. A mesh of tetrahedra is returned as it is.
     ///
     /// # Errors
     /// [`Error::Kind`] for bars; as [`Mesh::new`] where a warped hexahedron has no valid cut.
@@ -254,13 +254,14 @@ impl<T: Real> Mesh<T> {
         Ok(mesh)
     }
 
-    /// Names of the volumes that the file told apart, in its order: physical groups, or entities where there is none; empty
-    /// for meshes of other sources.
+    /// Names of the volumes that the file told apart, in its order: physical groups, or entities where
+    /// there is none; empty for meshes of other sources.
     pub fn volumes(&self) -> &[String] {
         &self.volumes
     }
 
-    /// Number of every element's volume, in the order of [`Mesh::volumes`]; empty where nothing tells them apart.
+    /// Number of every element's volume, in the order of [`Mesh::volumes`]; empty where nothing tells them
+    /// apart.
     pub fn regions(&self) -> &[u32] {
         &self.regions
     }

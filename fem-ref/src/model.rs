@@ -1,7 +1,7 @@
 //! The finite element model: weighted stiffness, lumped mass, both roles of the coupling.
 //!
-//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_e α_e K_e` and `M_β,i = Σ_e β_e ρ ∫_e N_i dV`, where `α_e` and `β_e` are
-//! the means of the weights over the element.
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_e α_e K_e` and `M_β,i = Σ_e β_e ρ ∫_e N_i dV`, where `α_e` and
+//! `β_e` are the means of the weights over the element.
 
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result, parameter};
@@ -21,8 +21,9 @@ use rayon::prelude::*;
 use sprs::CsMat;
 use std::sync::{Arc, OnceLock};
 
-/// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff,
-/// error of its hoop stress at the inner face. Measured in `arlequin-scene/tests/locking.rs`.
+/// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner
+/// pressure is too stiff, error of its hoop stress at the inner face. Measured in
+/// `arlequin-scene/tests/locking.rs`.
 const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
     (
         ElementKind::Hex8,
@@ -78,8 +79,8 @@ impl<T: Real> FemModel<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::BarDirection`] for bars that are not parallel to x; [`Error::Parameter`] for materials of another number of
-    /// elements.
+    /// [`Error::BarDirection`] for bars that are not parallel to x; [`Error::Parameter`] for materials of
+    /// another number of elements.
     pub fn new(name: &str, mesh: Mesh<T>, material: impl Into<Materials<T>>) -> Result<Self> {
         let materials = material.into();
         if let Some(n) = materials.elements().filter(|n| *n != mesh.element_count()) {

@@ -5,8 +5,9 @@ use arlequin_core::Real;
 use arlequin_core::adjacency::Adjacency;
 
 impl<T: Real> Mesh<T> {
-    /// The same mesh with nodes in reverse Cuthill-McKee order and elements in the order of their lowest node; groups
-    /// follow. For imported meshes, whose numbers jump; generated ones are in a good order already.
+    /// The same mesh with nodes in reverse Cuthill-McKee order and elements in the order of their lowest
+    /// node; groups follow. For imported meshes, whose numbers jump; generated ones are in a good order
+    /// already.
     #[must_use]
     pub fn renumbered(self) -> Self {
         let order = node_order(&self);

@@ -23,8 +23,8 @@ const CORNERS: [[usize; 3]; 8] = [
 ];
 
 impl<T: Real> Mesh<T> {
-    /// The mesh of the elements that are kept, with the nodes they have, in the same order; groups and volumes are cut to
-    /// them, and groups without a node left are gone.
+    /// The mesh of the elements that are kept, with the nodes they have, in the same order; groups and
+    /// volumes are cut to them, and groups without a node left are gone.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -76,8 +76,8 @@ impl<T: Real> Mesh<T> {
         Ok(out)
     }
 
-    /// Every element divided into eight, with new nodes in the middle of edges, faces and hexahedra; groups and volumes go
-    /// along. The body stays what it is: polygons do not become rounder.
+    /// Every element divided into eight, with new nodes in the middle of edges, faces and hexahedra; groups
+    /// and volumes go along. The body stays what it is: polygons do not become rounder.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -115,7 +115,8 @@ impl<T: Real> Mesh<T> {
             of_node.all(|p| of.binary_search(p).is_ok())
         };
         for (name, group) in self.groups() {
-            // Middles on a surface are those of its facets: between two of its nodes may be an edge through the body.
+            // Middles on a surface are those of its facets: between two of its nodes may be an edge through
+            // the body.
             let new = if group.facets.is_empty() {
                 parents.len()
             } else {

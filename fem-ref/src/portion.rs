@@ -1,9 +1,10 @@
 //! A body in parts on several ranks.
 //!
-//! A rank has whole units of nodes in their order, and the rows of the stiffness that belong to them, as they stand in the whole
-//! body: products with them have its bits. Displacements of nodes of other ranks that these rows name come from there, once per
-//! evaluation. Elements around these nodes are here as well, in the order of the whole body, so that masses and stiffnesses of
-//! other weights and recovered stresses are sums of the same terms: a patch asks for the elements around the nodes of the own ones.
+//! A rank has whole units of nodes in their order, and the rows of the stiffness that belong to them, as
+//! they stand in the whole body: products with them have its bits. Displacements of nodes of other ranks
+//! that these rows name come from there, once per evaluation. Elements around these nodes are here as well,
+//! in the order of the whole body, so that masses and stiffnesses of other weights and recovered stresses
+//! are sums of the same terms: a patch asks for the elements around the nodes of the own ones.
 
 use crate::field::FemField;
 use crate::mesh::Mesh;
@@ -19,7 +20,8 @@ use std::sync::{Arc, OnceLock};
 /// Blocks of the stiffness that take as long as moving a node.
 const MOVING: usize = 3;
 
-/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a millisecond.
+/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a
+/// millisecond.
 const PIECE: usize = 1_024;
 
 /// Number of a node that is not there.
@@ -67,8 +69,8 @@ impl<T: Real> Part<T> {
         self.reach.places(model, nodes)
     }
 
-    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that name no others while
-    /// displacements of these are on their way, then of the rest.
+    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that
+    /// name no others while displacements of these are on their way, then of the rest.
     pub(crate) fn subtract_product(
         &mut self,
         stiffness: &BlockMatrix<T>,
@@ -214,8 +216,8 @@ impl<T: Real> FemModel<T> {
         Unit::all(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the other side. None for a
-    /// whole body.
+    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
+    /// other side. None for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())

@@ -9,7 +9,8 @@ use arlequin_core::{
 };
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Centroid and mean shape gradients of an element, where displacements of linear elements have their best gradients.
+/// Centroid and mean shape gradients of an element, where displacements of linear elements have their best
+/// gradients.
 struct Centre<T: Real> {
     at: Point3<T>,
     gradients: [Vector3<T>; 8],
@@ -31,8 +32,8 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
     }
 }
 
-/// Patches of all nodes: the elements around an inner node; for a node of the surface those around the nearest inner nodes that
-/// share an element with it, or its own and their neighbours where there is none.
+/// Patches of all nodes: the elements around an inner node; for a node of the surface those around the
+/// nearest inner nodes that share an element with it, or its own and their neighbours where there is none.
 pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
     let corners = mesh.kind().corners();
     let samples: Vec<Point3<T>> = (0..mesh.element_count()).map(|e| centre(mesh, e).at).collect();

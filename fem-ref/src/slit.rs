@@ -14,9 +14,9 @@ pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh
     lips(&mesh, pairs).map(|()| mesh)
 }
 
-/// Refuses nodes that coincide unless they are the lips of a slit: every one of them lies on facets of the surface that face another
-/// facet at the same place, none lies on two that look the same way, the body hangs together around the slit, and no lip is
-/// wrapped around one element or around one node.
+/// Refuses nodes that coincide unless they are the lips of a slit: every one of them lies on facets of the
+/// surface that face another facet at the same place, none lies on two that look the same way, the body
+/// hangs together around the slit, and no lip is wrapped around one element or around one node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
     let same = |pair: &[u32; 2]| {
@@ -64,8 +64,9 @@ pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     place
 }
 
-/// Length of the sum of a lip's area vectors over its area, below which a lip with one node of its own is bent too much for a
-/// crack: a plane has 1, a right angle 0.71, the corner of a cube 0.58, that of a tetrahedron 0.33.
+/// Length of the sum of a lip's area vectors over its area, below which a lip with one node of its own is
+/// bent too much for a crack: a plane has 1, a right angle 0.71, the corner of a cube 0.58, that of a
+/// tetrahedron 0.33.
 const BENT: f64 = 0.7;
 
 /// A facet of the surface at whose place there is another one.
@@ -114,8 +115,9 @@ impl Facing {
         Self(out)
     }
 
-    /// A node of a lip that is wrapped around a single element, or around the few elements at a single node, and faces one other lip.
-    /// A mesh that lacks a connection looks so; the faces of a crack bend less.
+    /// A node of a lip that is wrapped around a single element, or around the few elements at a single
+    /// node, and faces one other lip. A mesh that lacks a connection looks so; the faces of a crack bend
+    /// less.
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
         // Facets that share a node that is not shared with the other side belong to one lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {

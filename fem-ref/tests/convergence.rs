@@ -1,4 +1,5 @@
-//! GOAL: observed orders. Manufactured static solution on hexahedra and tetrahedra; axial frequencies of a beam.
+//! GOAL: observed orders. Manufactured static solution on hexahedra and tetrahedra; axial frequencies of a
+//! beam.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -30,7 +31,8 @@ fn body_force(x: &Point3<f64>, lambda: f64, mu: f64) -> Vector3<f64> {
     k * (k.dot(&w) * (lambda + mu)) + w * (mu * k.norm_squared())
 }
 
-/// L2 error of the finite element solution on the unit cube with `n` cells per side, inner nodes moved by `jitter`.
+/// L2 error of the finite element solution on the unit cube with `n` cells per side, inner nodes moved by
+/// `jitter`.
 fn l2_error(kind: ElementKind, n: usize, jitter: f64) -> f64 {
     let mut next = noise(n as u64);
     let mut moves = Vec::new();
@@ -101,8 +103,8 @@ fn manufactured_solution_converges_with_second_order() {
     }
 }
 
-/// Lowest axial frequencies \[Hz\]: inverse iteration on a block of vectors with the lumped mass, Rayleigh-Ritz at
-/// every turn.
+/// Lowest axial frequencies \[Hz\]: inverse iteration on a block of vectors with the lumped mass,
+/// Rayleigh-Ritz at every turn.
 fn axial_frequencies(shape: &Cylinder<f64>, kind: ElementKind) -> (usize, [f64; 3]) {
     let mesh = generate::cylinder(kind, shape).unwrap();
     let clamped = mesh.group_nodes("x-min").unwrap();

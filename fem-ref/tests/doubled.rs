@@ -1,4 +1,5 @@
-//! Elements that are listed twice, nodes that share a place: what is one element, what is a slit, what is two pieces.
+//! Elements that are listed twice, nodes that share a place: what is one element, what is a slit, what is
+//! two pieces.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::nalgebra::Point3;
@@ -15,12 +16,14 @@ fn bricks(format: &str) -> String {
     std::fs::read_to_string(path).unwrap()
 }
 
-/// The same nodes in another order that turns around the last one: the same tetrahedron, as little inverted as before.
+/// The same nodes in another order that turns around the last one: the same tetrahedron, as little inverted
+/// as before.
 fn turned(nodes: &[u64]) -> Vec<u64> {
     vec![nodes[1], nodes[2], nodes[0], nodes[3]]
 }
 
-/// Bricks in format 2.2, every tetrahedron of the volumes 1 and 2 followed by what `again` makes of its group, entity and nodes.
+/// Bricks in format 2.2, every tetrahedron of the volumes 1 and 2 followed by what `again` makes of its
+/// group, entity and nodes.
 fn with_again(again: impl Fn([i64; 2], &[u64]) -> ([i64; 2], Vec<u64>)) -> String {
     let text = bricks("22-text");
     let (head, tail) = text.split_once("$Elements\n").unwrap();

@@ -1,4 +1,5 @@
-//! One body in every format of Gmsh that is read, written by Gmsh itself: two bricks of one metre, soft and stiff.
+//! One body in every format of Gmsh that is read, written by Gmsh itself: two bricks of one metre, soft and
+//! stiff.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::nalgebra::{Point3, Vector3};
@@ -131,8 +132,8 @@ fn broken_files_of_format_2_are_refused_by_section_and_number() {
     assert!(cut.contains("$Elements") || cut.contains("$Nodes"), "{cut}");
 }
 
-/// In tension of two materials in a row without lateral strain each has the stress `p = u/(Σ l_i/M_i)`, and the energy of
-/// the exact field is `½ Σ M_i ε_i² V_i`.
+/// In tension of two materials in a row without lateral strain each has the stress `p = u/(Σ l_i/M_i)`, and
+/// the energy of the exact field is `½ Σ M_i ε_i² V_i`.
 #[test]
 fn every_volume_has_its_own_material() {
     let mesh = read("1-41-binary");
@@ -200,7 +201,8 @@ fn halves_of_elements_fill_the_same_body_with_the_same_groups() {
                 "{name}"
             );
             if !group.facets.is_empty() {
-                // Two triangles of one edge have five nodes and nine with their halves: Euler's rule of a disc.
+                // Two triangles of one edge have five nodes and nine with their halves: Euler's rule of a
+                // disc.
                 let area = |m: &Mesh<f64>| m.surface(name).unwrap().iter().map(|f| f.area()).sum::<f64>();
                 assert!((area(&fine) / area(&mesh) - 1.0).abs() < 0.02);
                 let of_facets: std::collections::BTreeSet<u32> = fine

@@ -9,8 +9,8 @@ use approx::assert_abs_diff_eq;
 use arlequin_core::nalgebra::Point3;
 use fem_ref::{ElementKind, Error, Mesh, gmsh};
 
-/// Two tetrahedra on a common face, "clamp" and "load" on two triangles, the volume named "body", a nameless point.
-/// Node tags are dense but not in order, as Gmsh writes them after a renumbering.
+/// Two tetrahedra on a common face, "clamp" and "load" on two triangles, the volume named "body", a
+/// nameless point. Node tags are dense but not in order, as Gmsh writes them after a renumbering.
 const TETS: &str = r#"$MeshFormat
 4.1 0 8
 $EndMeshFormat

@@ -7,8 +7,8 @@ use arlequin_core::nalgebra::Vector3;
 use arlequin_core::{Coupled, OwnStep, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 use fem_ref::{Elastic, FemModel, generate};
 
-/// A free bar that is accelerated as a whole, ever more: `v` is the integral of the load to round-off, `q` that of `v` by
-/// trapezia.
+/// A free bar that is accelerated as a whole, ever more: `v` is the integral of the load to round-off, `q`
+/// that of `v` by trapezia.
 #[test]
 fn the_implicit_scheme_takes_its_loads_in_the_middle_of_a_step() {
     let (rate, end) = (3e-3_f64, 200.0_f64);

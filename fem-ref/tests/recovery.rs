@@ -88,7 +88,8 @@ fn stresses_converge_with_second_order_but_at_the_surface_of_tetrahedra() {
             x.x * c,
         ))
     };
-    // Means of tetrahedra have errors of first order that cancel around inner nodes, and do not in the slopes of a patch.
+    // Means of tetrahedra have errors of first order that cancel around inner nodes, and do not in the
+    // slopes of a patch.
     for (kind, surface) in [(ElementKind::Tet4, 0.9), (ElementKind::Hex8, 1.6)] {
         let error = |n: usize| {
             let (low, high) = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
@@ -161,7 +162,8 @@ fn bars_and_plates_one_element_thick_are_recovered_too() {
     );
 }
 
-/// What a surface node is told is of the elements around the nearest inner node, not of those around all that share an element with it.
+/// What a surface node is told is of the elements around the nearest inner node, not of those around all
+/// that share an element with it.
 #[test]
 fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
     let mesh = generate::block(

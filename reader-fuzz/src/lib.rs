@@ -1,8 +1,9 @@
-//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. For the tests of crates that own readers.
+//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. For the tests of crates that own
+//! readers.
 //!
-//! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces of one put
-//! into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long as that with new
-//! random numbers. What fails is shrunk by proptest and shown; it belongs into the corpus.
+//! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces
+//! of one put into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long
+//! as that with new random numbers. What fails is shrunk by proptest and shown; it belongs into the corpus.
 //!
 //! [`property_config`] is the configuration of every property test of the workspace.
 
@@ -201,7 +202,8 @@ impl Corpus {
             .collect()
     }
 
-    /// Feeds mutants to a reader that says whether it accepted; `allocated` counts bytes since the start of the process.
+    /// Feeds mutants to a reader that says whether it accepted; `allocated` counts bytes since the start of
+    /// the process.
     pub fn run(&self, name: &str, allocated: &dyn Fn() -> usize, reader: &dyn Fn(&[u8]) -> bool) {
         let seconds = std::env::var("ARLEQUIN_FUZZ_SECONDS").ok();
         let seconds = seconds.map(|s| {
@@ -310,8 +312,8 @@ impl Watchdog {
     }
 }
 
-/// What a test file of a reader begins with: `allocated()` counts the bytes that the whole process asked for, so that its tests
-/// hold `ALONE` one after the other.
+/// What a test file of a reader begins with: `allocated()` counts the bytes that the whole process asked
+/// for, so that its tests hold `ALONE` one after the other.
 #[macro_export]
 macro_rules! counted {
     () => {

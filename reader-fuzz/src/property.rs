@@ -5,11 +5,12 @@ use proptest::test_runner::{Config, RngSeed};
 /// Seed of all property tests, unless `PROPTEST_RNG_SEED` names another one.
 const SEED: u64 = 20_261_122;
 
-/// Returns the configuration of a property test with so many cases: it draws from a fixed seed, so that `cargo test` gives the
-/// same result each time it runs on the same source.
+/// Returns the configuration of a property test with so many cases: it draws from a fixed seed, so that
+/// `cargo test` gives the same result each time it runs on the same source.
 ///
 /// `PROPTEST_RNG_SEED`, which `.ci/draw` sets, replaces the seed. Every `proptest!` block begins with
-/// `#![proptest_config(reader_fuzz::property_config(64))]`; a test of this crate looks for blocks that do not.
+/// `#![proptest_config(reader_fuzz::property_config(64))]`; a test of this crate looks for blocks that do
+/// not.
 pub fn property_config(cases: u32) -> Config {
     let config = Config::with_cases(cases);
     let rng_seed = match config.rng_seed {

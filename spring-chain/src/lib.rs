@@ -1,8 +1,8 @@
 //! A harmonic chain written against the traits as any third party would: masses, springs, nothing else.
 //!
-//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted by the
-//! mean of the weight over the bond. That is all there is to a model of one's own: copy this crate and change the law.
-//! `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
+//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted
+//! by the mean of the weight over the bond. That is all there is to a model of one's own: copy this crate
+//! and change the law. `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
 
 mod solver;
 
@@ -28,8 +28,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass` \[kg\] per particle
-    /// (half at the ends).
+    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass`
+    /// \[kg\] per particle (half at the ends).
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for a value that is not positive and finite, or too many bonds.

@@ -1,4 +1,5 @@
-//! The same chain as a whole solver that steps itself: what an existing program offers in the place of a [`Model`].
+//! The same chain as a whole solver that steps itself: what an existing program offers in the place of a
+//! [`Model`].
 
 use crate::Chain;
 use arlequin::core::Participant;

@@ -1,4 +1,5 @@
-//! Whatever loses, creates or hides energy is told, and ended by name where it is much; solvers with faults and sound ones.
+//! Whatever loses, creates or hides energy is told, and ended by name where it is much; solvers with faults
+//! and sound ones.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -178,7 +179,8 @@ fn observers_hear_each_warning_once_the_moment_it_happens() {
     assert!(again.heard.is_empty() && other.warnings().len() == run.warnings().len());
 }
 
-/// E.1: a run that loses energy ends by name, one that loses little is warned of, and a sound one has no warning.
+/// E.1: a run that loses energy ends by name, one that loses little is warned of, and a sound one has no
+/// warning.
 #[test]
 fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
     let mut sound = coupled(1.0, Fault::Sound, true).unwrap();
@@ -217,7 +219,8 @@ fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
     }
 }
 
-/// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are looked at.
+/// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are
+/// looked at.
 #[test]
 fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     let mut sound = coupled(1.0, Fault::Sound, false).unwrap();

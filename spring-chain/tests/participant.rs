@@ -161,7 +161,8 @@ fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() 
     assert!((energy(&model) / energy(&solver) - 1.0).abs() < 1e-12);
 }
 
-/// The chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are solved for together.
+/// The chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are solved
+/// for together.
 fn between(solver: bool) -> Coupled<f64> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let share = |end: f64| {
@@ -230,7 +231,8 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     );
 }
 
-/// The bar is at rest at first, so that impulses bring it all it has. Of a solver that does not know its energy they tell as much.
+/// The bar is at rest at first, so that impulses bring it all it has. Of a solver that does not know its
+/// energy they tell as much.
 #[test]
 fn impulses_tell_the_energy_of_a_solver_that_does_not_know_it() {
     let own = OwnStep::Ratio(3);

@@ -1,7 +1,7 @@
 //! GOAL   the static coupling of bar and springs of Bauman et al. 2008, Comput. Mech. 42:511, section 5
-//! MODEL  bar on (0, 2) with 4 elements, 8 springs of length 0.25 on (1, 3), overlap (1, 2)
-//! BCs    u(0) = 0, end load E/3 at x = 3, for which the bar alone would give u(3) = 1
-//! CASES  uniform (k = 1) and alternating (k = 100, 1) springs; mediator on the particles or on the bar's nodes;
+//! MODEL  bar on (0, 2) with 4 elements, 8 springs of length 0.25 on (1, 3), overlap (1, 2) BCs    u(0) =
+//! 0, end load E/3 at x = 3, for which the bar alone would give u(3) = 1 CASES  uniform (k = 1) and
+//! alternating (k = 100, 1) springs; mediator on the particles or on the bar's nodes;
 //!        alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1
 //! RESULT u(3)
 

@@ -1,5 +1,6 @@
-//! The cantilever of Norma.jl (Sandia): clamped at x = 0, released from `u_y = 0.393701 x²`, two non-nested hexahedral
-//! meshes that overlap around the middle. Linear law here, finite strain there: compare the drift, not the path.
+//! The cantilever of Norma.jl (Sandia): clamped at x = 0, released from `u_y = 0.393701 x²`, two non-nested
+//! hexahedral meshes that overlap around the middle. Linear law here, finite strain there: compare the
+//! drift, not the path.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
@@ -13,7 +14,8 @@ const LENGTH: f64 = 0.254;
 const SECTION: [f64; 2] = [0.0254, 0.0127];
 const FINE: f64 = 6.35e-3;
 
-/// Drift of the invariant and change of the plain total energy, both relative to the start, at 1 ms and 10 ms.
+/// Drift of the invariant and change of the plain total energy, both relative to the start, at 1 ms and 10
+/// ms.
 #[derive(Debug, Clone, Copy)]
 pub struct Drift {
     /// Energy at the start \[J\].
@@ -36,7 +38,8 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
     )?)
 }
 
-/// One cell of the table: mesh ratio `1:ratio`, overlap width \[m\], and own steps of the finer side in a step of 1 µs.
+/// One cell of the table: mesh ratio `1:ratio`, overlap width \[m\], and own steps of the finer side in a
+/// step of 1 µs.
 ///
 /// # Errors
 /// Those of the core and the meshes.
@@ -80,7 +83,8 @@ pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     Coupled::new(subdomains, vec![interface], TimeStep::Seconds(1e-6), None)
 }
 
-/// Mesh ratio, then published drift of the total energy at 1 ms \[%\] for the three overlap widths of [`WIDTHS`].
+/// Mesh ratio, then published drift of the total energy at 1 ms \[%\] for the three overlap widths of
+/// [`WIDTHS`].
 pub const PUBLISHED: [(f64, [f64; 3]); 5] = [
     (1.0, [-0.1, -0.1, -0.0]),
     (0.8, [29.8, 20.4, -3.1]),

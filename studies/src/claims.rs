@@ -1,12 +1,12 @@
-//! Runs that speak of two claims of the literature: that a wave out of the continuum is reflected more than one out of the
-//! particles, and that a wide overlap with a fine mediator damps the global wave.
+//! Runs that speak of two claims of the literature: that a wave out of the continuum is reflected more than
+//! one out of the particles, and that a wide overlap with a fine mediator damps the global wave.
 
 use crate::line::{COARSE, FINE, Line, pulse, rest, run};
 use crate::waves;
 use arlequin::core::{Coupled, Result, Silent};
 
-/// Largest difference over the wavelengths (in coarse elements) between the two ways through an overlap: of the reflected
-/// amplitudes, and of the shares of power that pass. Harmonic analysis.
+/// Largest difference over the wavelengths (in coarse elements) between the two ways through an overlap: of
+/// the reflected amplitudes, and of the shares of power that pass. Harmonic analysis.
 ///
 /// # Errors
 /// Those of the set-up and the analysis.
@@ -21,7 +21,8 @@ pub fn one_way_beside_the_other(line: &Line, wavelengths: &[f64]) -> Result<[f64
     ])
 }
 
-/// Displacement of node `to` (subdomain, number) over time after a unit impulse on node `from`, both outside of the overlap.
+/// Displacement of node `to` (subdomain, number) over time after a unit impulse on node `from`, both
+/// outside of the overlap.
 ///
 /// # Errors
 /// Those of the set-up and the steps.
@@ -46,8 +47,8 @@ pub fn impulse(line: &Line, from: [usize; 2], to: [usize; 2], steps: usize) -> R
     Ok(out)
 }
 
-/// Largest difference between what a bar node far from the overlap feels of an impulse on a particle and what the particle
-/// feels of the same impulse on the bar node, over the largest of either.
+/// Largest difference between what a bar node far from the overlap feels of an impulse on a particle and
+/// what the particle feels of the same impulse on the bar node, over the largest of either.
 ///
 /// # Errors
 /// Those of the set-up and the steps.
@@ -63,8 +64,9 @@ pub fn reciprocity(line: &Line, steps: usize) -> Result<f64> {
     Ok(pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top.max(f64::MIN_POSITIVE))
 }
 
-/// Share of the energy of a packet that comes back from the overlap, when it is sent out of the given subdomain. The
-/// wavelength is that in the chain, the half width that of the envelope there; the frequency is the same both ways.
+/// Share of the energy of a packet that comes back from the overlap, when it is sent out of the given
+/// subdomain. The wavelength is that in the chain, the half width that of the envelope there; the frequency
+/// is the same both ways.
 ///
 /// # Errors
 /// Those of the set-up and the steps.

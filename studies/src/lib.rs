@@ -1,5 +1,6 @@
-//! Decks of the literature that tests, benches and `arlequin verify` share: each builds a coupled run or returns the
-//! numbers that a claim speaks of. What they should be stands in one table, [`checks`], and for hard cases in [`hard`].
+//! Decks of the literature that tests, benches and `arlequin verify` share: each builds a coupled run or
+//! returns the numbers that a claim speaks of. What they should be stands in one table, [`checks`], and for
+//! hard cases in [`hard`].
 
 pub mod bauman;
 pub mod cantilever;

@@ -1,6 +1,6 @@
-//! One-dimensional setting of the method's acceptance checks: E = ρ = S = c = 1, particle spacing 1, overlap
-//! `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1 mediator of equal
-//! elements.
+//! One-dimensional setting of the method's acceptance checks: E = ρ = S = c = 1, particle spacing 1,
+//! overlap `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1
+//! mediator of equal elements.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{

@@ -1,4 +1,5 @@
-//! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in the overlap.
+//! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in
+//! the overlap.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{

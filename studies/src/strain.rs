@@ -1,7 +1,7 @@
-//! How much harder the bonds of an overlap are loaded than the same bonds of a body of particles alone: a bar of
-//! spheres, and its twin of which the particles reach to the end of the overlap only and finite elements go on. Lengths
-//! in mean diameters of the spheres, density 1, beams 3.56 times stiffer than the packing, so that the wave speed is
-//! about one.
+//! How much harder the bonds of an overlap are loaded than the same bonds of a body of particles alone: a
+//! bar of spheres, and its twin of which the particles reach to the end of the overlap only and finite
+//! elements go on. Lengths in mean diameters of the spheres, density 1, beams 3.56 times stiffer than the
+//! packing, so that the wave speed is about one.
 
 use arlequin::core::effect::{Absorber, Load};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -250,8 +250,8 @@ impl Bar {
         self.paired(&packing, &coupled, &alone)
     }
 
-    /// The same under a pull that begins at once, over the time in which a wave makes the way given in lengths of the
-    /// bar: the largest load over time.
+    /// The same under a pull that begins at once, over the time in which a wave makes the way given in
+    /// lengths of the bar: the largest load over time.
     ///
     /// # Errors
     /// Those of the set-up and the steps.

@@ -210,8 +210,8 @@ pub fn patch_line() -> Line {
     }
 }
 
-/// Reflection and transmission at wavelengths given in coarse elements, from the harmonic analysis; the wave comes out of
-/// the chain.
+/// Reflection and transmission at wavelengths given in coarse elements, from the harmonic analysis; the
+/// wave comes out of the chain.
 ///
 /// # Errors
 /// Those of the set-up and the analysis.
@@ -277,8 +277,8 @@ pub fn wavelengths(first: f64, last: f64, count: u32) -> Vec<f64> {
 /// Overlap velocities of the two models at one instant and over a passage.
 #[derive(Debug, Clone)]
 pub struct Tie {
-    /// Root mean square over the passage of the difference of the two velocity fields at the particles of the overlap,
-    /// relative to that of the particles.
+    /// Root mean square over the passage of the difference of the two velocity fields at the particles of
+    /// the overlap, relative to that of the particles.
     pub difference: f64,
     /// The same for the mean over the overlap.
     pub mean_difference: f64,

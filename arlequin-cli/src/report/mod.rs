@@ -1,5 +1,5 @@
-//! All printing of the program, and the files that it writes for people: text, Markdown, HTML, SVG. Data come from the
-//! libraries, which know nothing of this.
+//! All printing of the program, and the files that it writes for people: text, Markdown, HTML, SVG. Data
+//! come from the libraries, which know nothing of this.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,

@@ -1,5 +1,5 @@
-//! What a program that works for long says of it: a bar on a terminal; elsewhere, such as in the log of a batch system, a line
-//! now and then, and none for what takes seconds.
+//! What a program that works for long says of it: a bar on a terminal; elsewhere, such as in the log of a
+//! batch system, a line now and then, and none for what takes seconds.
 
 use super::loudness;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,7 +8,8 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time before the first line of a log \[s\]; every further one takes twice as long as the one before, up to a minute.
+/// Time before the first line of a log \[s\]; every further one takes twice as long as the one before, up
+/// to a minute.
 const FIRST: u64 = 5;
 const MOST: u64 = 60;
 

@@ -1,4 +1,5 @@
-//! The reference of scenes in Markdown, written from their JSON Schema: one row per key, with unit, meaning and default.
+//! The reference of scenes in Markdown, written from their JSON Schema: one row per key, with unit, meaning
+//! and default.
 
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -221,7 +222,8 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Keys of a table with their schemas, in the order of their declaration where it is kept, and whether each is needed.
+/// Keys of a table with their schemas, in the order of their declaration where it is kept, and whether each
+/// is needed.
 fn properties(table: &Object) -> impl Iterator<Item = (&String, &Object, bool)> {
     let needed = |key: &String| {
         let list = table.get("required").and_then(Value::as_array);

@@ -189,7 +189,8 @@ fn sizes(p: &Preview) {
     warnings(&p.warnings);
 }
 
-/// A solver is asked for where it takes less than this share of the time of the one that is taken: the model of times is no closer.
+/// A solver is asked for where it takes less than this share of the time of the one that is taken: the
+/// model of times is no closer.
 const WORTH: f64 = 0.7;
 
 /// Says before the first step how models are held on several ranks.

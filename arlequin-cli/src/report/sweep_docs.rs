@@ -1,4 +1,5 @@
-//! The page on accuracy and cost, assembled from finished sweeps: nothing in it is typed by hand but the explanation.
+//! The page on accuracy and cost, assembled from finished sweeps: nothing in it is typed by hand but the
+//! explanation.
 
 use super::{sweep_page as page, work_precision as picture};
 use crate::error::{Result, write};

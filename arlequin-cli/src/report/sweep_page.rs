@@ -17,8 +17,8 @@ td.words{text-align:left;white-space:normal;min-width:30em}ul{padding-left:1.4em
 @media(max-width:700px){body{margin:1em auto}.narrow{display:block}.broad,.more{display:none}th,td{padding:.3em .35em}\
 th{min-width:0}td.words{min-width:0}td:first-child,#knobs td,th{white-space:normal;overflow-wrap:anywhere}}";
 
-/// What maud would leave open: a width for phones, which else show the page as wide as a desktop's, and an empty icon, which
-/// keeps browsers from asking the server for one.
+/// What maud would leave open: a width for phones, which else show the page as wide as a desktop's, and an
+/// empty icon, which keeps browsers from asking the server for one.
 const META: &str = "<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
 <link rel=\"icon\" href=\"data:,\"/>\n";
 

@@ -23,7 +23,8 @@ pub(crate) struct Header {
     pub(crate) unit: String,
 }
 
-/// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed over.
+/// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed
+/// over.
 pub(super) fn read(folder: &Path) -> Vec<Plot> {
     let mut out = Vec::new();
     for file in ["probes.csv", "energy.csv", "effects.csv"] {

@@ -1,5 +1,6 @@
-//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended data), whole or in pieces. An
-//! array is read when it is asked for, so that no more than one is in memory at a time.
+//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended
+//! data), whole or in pieces. An array is read when it is asked for, so that no more than one is in memory
+//! at a time.
 
 use super::pieces::Pieces;
 use crate::error::{Error, Result, value};

@@ -17,7 +17,8 @@ pub(super) struct Grid {
     pub(super) faces: Vec<[u32; 6]>,
     /// Ends of a line and its cell.
     pub(super) lines: Vec<[u32; 3]>,
-    /// Corners of all solid and plane cells in a row, and where each cell ends in it; empty cells are of other kinds.
+    /// Corners of all solid and plane cells in a row, and where each cell ends in it; empty cells are of
+    /// other kinds.
     pub(super) corners: Vec<u32>,
     pub(super) ends: Vec<u32>,
     /// Cells of kinds that are not drawn.

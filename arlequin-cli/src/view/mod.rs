@@ -1,4 +1,5 @@
-//! `arlequin view`: one page with everything in it, made from the files of a run: what it shows is what they say.
+//! `arlequin view`: one page with everything in it, made from the files of a run: what it shows is what
+//! they say.
 
 pub(crate) mod curves;
 mod frames;

@@ -95,7 +95,8 @@ impl Part {
     }
 }
 
-/// Radii of the particles that stay; those that stand for others are drawn so much larger that they fill the space.
+/// Radii of the particles that stay; those that stand for others are drawn so much larger that they fill
+/// the space.
 fn drawn(radii: &[f64], kept: &Kept, share: f64) -> Vec<f64> {
     let limit = (share * f64::from(u32::MAX)) as u32;
     let size = |k: &u32| {

@@ -1,4 +1,5 @@
-//! A frame of which every rank wrote a piece, put together: points and cells in the order of the whole model, each once.
+//! A frame of which every rank wrote a piece, put together: points and cells in the order of the whole
+//! model, each once.
 
 use super::frames::{Array, Place, Vtu, damaged, read};
 use crate::error::Result;

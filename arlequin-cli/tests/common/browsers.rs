@@ -1,5 +1,5 @@
-//! A headless browser, driven over its debugging pipe (messages in JSON ended by a zero byte), which takes neither a port nor a
-//! library, and what it sees of a page.
+//! A headless browser, driven over its debugging pipe (messages in JSON ended by a zero byte), which takes
+//! neither a port nor a library, and what it sees of a page.
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
@@ -229,7 +229,8 @@ impl Browser {
     }
 }
 
-/// What a page looks like once it is laid out. A picture must have an area, and what is drawn in it most of that.
+/// What a page looks like once it is laid out. A picture must have an area, and what is drawn in it most of
+/// that.
 const MEASURE: &str = "(() => {
     const seen = q => [...document.querySelectorAll(q)].filter(e => e.getClientRects().length);
     const pictures = seen('svg, img, canvas').map(p => {

@@ -107,7 +107,8 @@ where = "x-max"
 component = "x"
 "#;
 
-/// A long pulse runs along a bar of elements into a zone that wakes as coarse elements in place of finer ones.
+/// A long pulse runs along a bar of elements into a zone that wakes as coarse elements in place of finer
+/// ones.
 pub(crate) const WAKING: &str = r#"
 [model.left]
 kind = "fem"

@@ -1,7 +1,8 @@
-//! How far the two models of an overlap are apart, and what that is held against: the motion there that deforms.
+//! How far the two models of an overlap are apart, and what that is held against: the motion there that
+//! deforms.
 //!
-//! Of the displacements `u` of all nodes that multipliers act on, with masses `m` and places `y` from their common centre, the
-//! nearest rigid motion is taken off:
+//! Of the displacements `u` of all nodes that multipliers act on, with masses `m` and places `y` from their
+//! common centre, the nearest rigid motion is taken off:
 //!
 //! ```text
 //! amplitude = max |u − ū − W y|,    ū = Σ m u / Σ m
@@ -9,7 +10,8 @@
 //! W = R − 1    R: greatest eigenvector of Horn's matrix    turns of any size
 //! ```
 //!
-//! whichever of the two leaves less. A body that flies or turns as a whole has none; nothing depends on how axes lie.
+//! whichever of the two leaves less. A body that flies or turns as a whole has none; nothing depends on how
+//! axes lie.
 
 use super::ledger::DisplacementJump;
 use crate::Real;
@@ -44,7 +46,8 @@ pub(super) struct Overlap<T: Real> {
     cuts: [Cuts; 2],
     /// Of a side in parts: what this rank holds.
     portions: [Option<Arc<Portion>>; 2],
-    /// Whether there is a first node of the coarse side, from which displacements are counted, and whether it is here.
+    /// Whether there is a first node of the coarse side, from which displacements are counted, and whether
+    /// it is here.
     first: Option<bool>,
     /// An amplitude that has not doubled since, and looks since then.
     steady: (T, usize),
@@ -122,8 +125,8 @@ impl<T: Real> Overlap<T> {
         }
     }
 
-    /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the side that makes
-    /// most.
+    /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the
+    /// side that makes most.
     pub(super) fn look(
         &mut self,
         sides: [&Subdomain<T>; 2],
@@ -149,8 +152,8 @@ impl<T: Real> Overlap<T> {
         };
     }
 
-    /// Whether the amplitude has not doubled for some looks: of the first beginnings of a wave, which are short, the jump is a
-    /// large share that says nothing of the wave.
+    /// Whether the amplitude has not doubled for some looks: of the first beginnings of a wave, which are
+    /// short, the jump is a large share that says nothing of the wave.
     pub(super) fn has_settled(&self) -> bool {
         self.steady.1 >= LOOKS
     }

@@ -6,10 +6,11 @@
 //! |drift| ≤ 1e-9 E + digits + 10 Σ |ΔU + ½ Δq·(f_n + f_{n+1})|
 //! ```
 //!
-//! with the largest energy `E` so far (single precision: 4096 of its last digits in place of 1e-9). The last sum is over all own steps, from
-//! those at which the balance was drawn. Each term is the error of the trapezium rule, by which the scheme takes the work of the
-//! internal forces `f`: a step changes `H` by the mean of its term and that of the step before. For a linear law it is
-//! round-off; for others it is of the third order in the step, and of either sign. Above that there is a warning, and above
+//! with the largest energy `E` so far (single precision: 4096 of its last digits in place of 1e-9). The
+//! last sum is over all own steps, from those at which the balance was drawn. Each term is the error of the
+//! trapezium rule, by which the scheme takes the work of the internal forces `f`: a step changes `H` by the
+//! mean of its term and that of the step before. For a linear law it is round-off; for others it is of the
+//! third order in the step, and of either sign. Above that there is a warning, and above
 //! [`Guard::growth`](super::Guard::growth) the run ends.
 
 use super::ledger::EnergySample;
@@ -20,8 +21,8 @@ use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result, parallel, ranks};
 
-/// Share of the energy in play that effects may create. Sound laws create none but for round-off and for what forces
-/// unknown to them do within a step (multipliers): decision 0011 has the figures.
+/// Share of the energy in play that effects may create. Sound laws create none but for round-off and for
+/// what forces unknown to them do within a step (multipliers): decision 0011 has the figures.
 const CREATED: f64 = 1e-3;
 
 /// Drift of linear laws, relative to the largest energy so far; measured: below 1e-11 after a million steps.
@@ -36,7 +37,8 @@ const SAMPLED: f64 = 10.0;
 /// Drift that is worth a warning whatever the laws.
 const ANY_LAW: f64 = 1e-2;
 
-/// Jump of velocities, relative to the largest velocity, above which there is a warning, and above which the run ends.
+/// Jump of velocities, relative to the largest velocity, above which there is a warning, and above which
+/// the run ends.
 const VELOCITY_JUMP: [f64; 2] = [1e-6, 0.05];
 
 /// Jump of displacements over the deformation of the overlap above which there is a warning.
@@ -80,7 +82,8 @@ impl<T: Real> Coupled<T> {
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
-    /// The error for a quantity that is no longer finite: of the first model with such a state, or with such an energy.
+    /// The error for a quantity that is no longer finite: of the first model with such a state, or with
+    /// such an energy.
     pub(super) fn diverged(&self, what: &'static str) -> Error {
         if let Err(e) = portions::heard(&self.subdomains) {
             return e;
@@ -201,7 +204,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Warns of a jump of velocities \[m/s\] across an interface beside the `top` speed, and refuses one that nobody asked for.
+    /// Warns of a jump of velocities \[m/s\] across an interface beside the `top` speed, and refuses one
+    /// that nobody asked for.
     fn check_velocity_jump(&mut self, k: usize, jump: T, top: T) -> Result<()> {
         let i = &self.interfaces[k];
         let [noted, accepted] = VELOCITY_JUMP;
@@ -249,8 +253,9 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Warns of displacement jumps as they stand, in runs too short for the amplitude of the overlap to settle as
-    /// well. To be called where a run ends; within a run the same warnings come once amplitudes have settled.
+    /// Warns of displacement jumps as they stand, in runs too short for the amplitude of the overlap to
+    /// settle as well. To be called where a run ends; within a run the same warnings come once amplitudes
+    /// have settled.
     pub fn warn_of_jumps(&mut self) {
         (0..self.interfaces.len()).for_each(|k| self.warn_of_displacement_jump(k));
     }
@@ -299,7 +304,8 @@ impl<T: Real> Coupled<T> {
         [invariants.sum(), curvature]
     }
 
-    /// Drift of the balance that the laws of the models and round-off explain so far, relative to the largest energy.
+    /// Drift of the balance that the laws of the models and round-off explain so far, relative to the
+    /// largest energy.
     pub fn explained_drift(&self) -> T {
         let linear = T::of(LINEAR).max(T::epsilon() * T::of(DIGITS));
         let scale = self.ledger.scale;
@@ -369,7 +375,8 @@ impl<T: Real> Coupled<T> {
         unknown.map(|s| s.model().name().to_owned()).collect()
     }
 
-    /// Holds the velocities of solvers that tell no energy against the impulses that they were given in this step.
+    /// Holds the velocities of solvers that tell no energy against the impulses that they were given in
+    /// this step.
     pub(super) fn check_impulses(&mut self) -> Result<()> {
         for k in 0..self.subdomains.len() {
             let Some([missed, limit]) = self.subdomains[k].missed_impulse() else {

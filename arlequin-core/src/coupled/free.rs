@@ -10,7 +10,8 @@ use std::fmt::Write as _;
 const FREE: f64 = 1e-9;
 
 impl<T: Real> Coupled<T> {
-    /// In words, which rigid motions are free: `'left' and 'right' can move along y and turn about x`. Empty if none is.
+    /// In words, which rigid motions are free: `'left' and 'right' can move along y and turn about x`.
+    /// Empty if none is.
     pub(super) fn free_motions(&self) -> String {
         let mut out = String::new();
         for group in self.tied() {
@@ -92,7 +93,8 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// What of the six unit motions (three ways, three turns about the middle) a prescribed unknown sees, with the arm of its node.
+/// What of the six unit motions (three ways, three turns about the middle) a prescribed unknown sees, with
+/// the arm of its node.
 fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
     let mut row = Vector6::zeros();
     if dof < layout.translations() {

@@ -14,8 +14,8 @@ pub struct WorkLine<T> {
 
 /// The balance at one step.
 ///
-/// The invariant `H = ½ v_{n+½}ᵀMv_{n+½} + ½ q_nᵀKq_{n+1}` changes exactly by the work `Δt F_n·v_n` of loads, damping,
-/// supports and constraint; what remains is [`EnergySample::drift`].
+/// The invariant `H = ½ v_{n+½}ᵀMv_{n+½} + ½ q_nᵀKq_{n+1}` changes exactly by the work `Δt F_n·v_n` of
+/// loads, damping, supports and constraint; what remains is [`EnergySample::drift`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnergySample<T> {
     /// Step number.
@@ -34,8 +34,8 @@ pub struct EnergySample<T> {
     pub drift: T,
     /// Drift relative to the energy in play.
     pub relative_drift: T,
-    /// Largest change of linear and of angular momentum of a body that should keep it, relative to what is in play; see
-    /// [`crate::BodyMomentum`].
+    /// Largest change of linear and of angular momentum of a body that should keep it, relative to what is
+    /// in play; see [`crate::BodyMomentum`].
     pub momentum_drift: [T; 2],
     /// Largest jump of velocity between the models, relative to the largest velocity in the run so far.
     pub constraint_residual: T,
@@ -72,14 +72,14 @@ pub(crate) struct Ledger<T: Real> {
     pub(crate) jumps: Vec<DisplacementJump<T>>,
 }
 
-/// Jump of displacements between the two models of an interface: zero up to round-off where both make one step at a time,
-/// and what more own steps cost otherwise.
+/// Jump of displacements between the two models of an interface: zero up to round-off where both make one
+/// step at a time, and what more own steps cost otherwise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DisplacementJump<T> {
     /// Largest so far \[m\], as multipliers see it.
     pub largest: T,
-    /// Largest displacement so far \[m\] of a node that multipliers act on, from the rigid motion that is nearest to those of
-    /// all of them: a common motion neither deforms nor parts the models.
+    /// Largest displacement so far \[m\] of a node that multipliers act on, from the rigid motion that is
+    /// nearest to those of all of them: a common motion neither deforms nor parts the models.
     pub amplitude: T,
     /// Jump that the last digits of the displacements may have made so far \[m\].
     pub digits: T,

@@ -5,9 +5,9 @@
 //! every interface        v⁺ = (I − 2P) v⁻,   P = M⁻¹BᵀS⁻¹B,   S = B M⁻¹ Bᵀ;   at the instant v = (I − P) v⁻
 //! ```
 //!
-//! A reflection keeps `½vᵀMv` of both sides together and moves nothing, so that the sum of the invariants that subdomains keep
-//! on their own is kept for any own steps ([`crate::ledger`]). With one own step for all it is RATTLE for linear velocity
-//! constraints. It filters nothing.
+//! A reflection keeps `½vᵀMv` of both sides together and moves nothing, so that the sum of the invariants
+//! that subdomains keep on their own is kept for any own steps ([`crate::ledger`]). With one own step for
+//! all it is RATTLE for linear velocity constraints. It filters nothing.
 
 mod apart;
 mod balance;
@@ -123,8 +123,8 @@ impl<T: Real> Coupled<T> {
         &self.partition
     }
     /// `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, rows and columns in the order of
-    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such interface, or
-    /// where a model of it is in parts.
+    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such
+    /// interface, or where a model of it is in parts.
     pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
         let i = self
             .interfaces
@@ -210,7 +210,8 @@ impl<T: Real> Coupled<T> {
         [velocity, displacement]
     }
 
-    /// Makes one step: the second half of the last reflection, the own steps of every subdomain, the first half of the next.
+    /// Makes one step: the second half of the last reflection, the own steps of every subdomain, the first
+    /// half of the next.
     ///
     /// # Errors
     /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`], [`Error::EnergyLoss`],

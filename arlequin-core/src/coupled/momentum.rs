@@ -1,19 +1,20 @@
 //! Momentum of bodies, and what the ledger holds the free ones to.
 //!
-//! A body is what interfaces and effects between two subdomains hold together. Where nothing acts on it from outside, the
-//! scheme keeps
+//! A body is what interfaces and effects between two subdomains hold together. Where nothing acts on it
+//! from outside, the scheme keeps
 //!
 //! ```text
 //! p = Σ m v        L = Σ y × m v + Σ I ω
 //! ```
 //!
-//! to round-off, if the moments of all forces vanish about the same positions `y`. A linear law balances about the
-//! positions at rest ([`Arms::Reference`]); finite rotations and contact about those where particles are
-//! ([`Arms::Current`]). Multipliers balance about the positions at rest, and about the present ones too where they have no
-//! displacement jump and act by components (`L2`, full gradients): `Σ u × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. With more than one
-//! own step between two reflections, or an implicit one, there is such a jump, and no claim is made. Where laws of
-//! both kinds meet, each leaves the `L` of the other a moment of the order of its forces times the displacements: then
-//! that about present positions is drawn up, and no claim is made.
+//! to round-off, if the moments of all forces vanish about the same positions `y`. A linear law balances
+//! about the positions at rest ([`Arms::Reference`]); finite rotations and contact about those where
+//! particles are ([`Arms::Current`]). Multipliers balance about the positions at rest, and about the
+//! present ones too where they have no displacement jump and act by components (`L2`, full gradients): `Σ u
+//! × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. With more than one own step between two reflections, or an implicit
+//! one, there is such a jump, and no claim is made. Where laws of both kinds meet, each leaves the `L` of
+//! the other a moment of the order of its forces times the displacements: then that about present positions
+//! is drawn up, and no claim is made.
 
 use super::Coupled;
 use super::warning::Warning;
@@ -56,8 +57,8 @@ pub struct BodyMomentum<T: Real> {
     pub drift: [T; 2],
 }
 
-/// Change relative to what is in play above which a momentum that should stay is worth a word; in 32-bit numbers the
-/// root of their resolution.
+/// Change relative to what is in play above which a momentum that should stay is worth a word; in 32-bit
+/// numbers the root of their resolution.
 const CHANGED: f64 = 1e-6;
 
 /// The same where no claim is made: displacements are then no longer small.
@@ -148,9 +149,9 @@ impl<T: Real> Body<T> {
         }
     }
 
-    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay. `rate` is the
-    /// number of steps so far over the length of one: forces know displacements to their last digit only, and what they
-    /// make of it adds up.
+    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay.
+    /// `rate` is the number of steps so far over the length of one: forces know displacements to their last
+    /// digit only, and what they make of it adds up.
     pub(crate) fn balance(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
         if limits[0].is_none() {
@@ -244,8 +245,8 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its model; on all
-    /// ranks, all of which must ask.
+    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its
+    /// model; on all ranks, all of which must ask.
     pub fn momentum(&self) -> [Vector3<T>; 2] {
         momentum_of(self, self.model().arms(), &Vector3::zeros()).momenta
     }
@@ -274,8 +275,8 @@ impl<T: Real> Coupled<T> {
         b.members.iter().map(name).collect()
     }
 
-    /// Warns of momenta that changed by more than round-off though they should stay, and of angular ones of bodies about which no
-    /// claim is made that changed by more than small displacements explain.
+    /// Warns of momenta that changed by more than round-off though they should stay, and of angular ones of
+    /// bodies about which no claim is made that changed by more than small displacements explain.
     pub(super) fn warn_of_momentum(&mut self) {
         for k in 0..self.ledger.bodies.len() {
             for angular in [false, true] {
@@ -429,8 +430,8 @@ impl<T: Real> Coupled<T> {
         (arms, claim)
     }
 
-    /// Why multipliers between these subdomains do not balance about present positions: what own steps leave of the displacement
-    /// constraint.
+    /// Why multipliers between these subdomains do not balance about present positions: what own steps
+    /// leave of the displacement constraint.
     fn parting(&self, members: &[usize]) -> Option<String> {
         let parts = |s: &&Subdomain<T>| s.own_steps() > 1 || matches!(s.step_choice(), OwnStep::Implicit);
         let mut tied = self.interfaces.iter().filter(|i| members.contains(&i.sides[0]));

@@ -7,8 +7,8 @@ use crate::subdomain::Subdomain;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
 
-/// Share of a field at a point that must be prescribed for it to count as prescribed there: a particle's centre lies a
-/// radius inside the face that is held.
+/// Share of a field at a point that must be prescribed for it to count as prescribed there: a particle's
+/// centre lies a radius inside the face that is held.
 const PRESCRIBED: f64 = 0.75;
 /// Difference of two motions over the larger one above which they are opposed.
 const SAME: f64 = 1e-6;
@@ -70,8 +70,8 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
-/// Says where one model of an interface is supported in the overlap and the other is not, so that the multipliers alone hold that
-/// one.
+/// Says where one model of an interface is supported in the overlap and the other is not, so that the
+/// multipliers alone hold that one.
 pub(super) fn one_sided<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Option<String> {
     let sides = interface.sides.map(|k| &subdomains[k]);
     // What a solver of its own holds is not known.

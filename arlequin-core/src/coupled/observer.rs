@@ -24,8 +24,8 @@ pub trait Observer<T: Real>: Send {
     /// Called before each phase of a step.
     fn phase(&mut self, _: Phase) {}
 
-    /// Called once for each warning, at the end of the step in which it became known; for those of the set-up before the
-    /// first step. [`Coupled::warnings`] keeps them.
+    /// Called once for each warning, at the end of the step in which it became known; for those of the
+    /// set-up before the first step. [`Coupled::warnings`] keeps them.
     fn warning(&mut self, _: &Warning) {}
 
     /// Called after each step; `Break` ends the run.

@@ -37,7 +37,8 @@ impl Lockstep {
     }
 }
 
-/// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them are work.
+/// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them
+/// are work.
 #[derive(Debug)]
 pub(super) struct Held<T> {
     /// Coarse side, fine side; none where nothing moves.
@@ -115,7 +116,8 @@ impl<T: Real> Coupled<T> {
         self.start_time + T::of((self.step + steps) as f64) * self.dt
     }
 
-    /// All own steps of all subdomains up to the next reflection; `draw` says whether invariants will be asked for.
+    /// All own steps of all subdomains up to the next reflection; `draw` says whether invariants will be
+    /// asked for.
     pub(super) fn own_steps_of_all(&mut self, draw: bool, announce: &mut Announce<'_>) -> Result<()> {
         for g in 0..self.lockstep.len() {
             let first = self.lockstep[g].members[0];

@@ -1,8 +1,8 @@
 //! The step of a run and the own steps of its participants.
 //!
-//! Reflections keep the sum of invariants for any own steps, so that only two things bound them: the critical step of
-//! each participant, and the jump of displacements that grows with the number of own steps between two reflections
-//! (decision 0029).
+//! Reflections keep the sum of invariants for any own steps, so that only two things bound them: the
+//! critical step of each participant, and the jump of displacements that grows with the number of own steps
+//! between two reflections (decision 0029).
 
 use super::TimeStep;
 use super::own_steps::Lockstep;
@@ -10,11 +10,11 @@ use crate::error::invalid;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Largest share of its critical step that a chosen step takes of a participant that is not the finest: waves in it are
-/// then as exact as its mesh.
+/// Largest share of its critical step that a chosen step takes of a participant that is not the finest:
+/// waves in it are then as exact as its mesh.
 const COARSE: f64 = 0.5;
-/// Most own steps that are chosen: of five, models of three shipped scenes part by 7 to 15 % of the deformation of their
-/// overlap, of four by 2 to 8 % (decision 0029).
+/// Most own steps that are chosen: of five, models of three shipped scenes part by 7 to 15 % of the
+/// deformation of their overlap, of four by 2 to 8 % (decision 0029).
 const MOST: usize = 4;
 /// Most own steps that may be asked for: a step of the run ends, and can be broken off, after all of them.
 const LIMIT: usize = 100_000;
@@ -50,11 +50,12 @@ impl<T: Real> Wish<T> {
 }
 
 impl<T: Real> TimeStep<T> {
-    /// The step of a run \[s\] and the own steps in it that [`TimeStep::Chosen`] takes for models with these critical steps
-    /// \[s\], if no model names its own.
+    /// The step of a run \[s\] and the own steps in it that [`TimeStep::Chosen`] takes for models with
+    /// these critical steps \[s\], if no model names its own.
     ///
     /// # Errors
-    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, and without a finite critical step.
+    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, and without a finite critical
+    /// step.
     pub fn chosen(share_of_finest: T, critical: &[T]) -> Result<(T, Vec<usize>)> {
         let wish = |c: &T| Wish {
             own: OwnStep::Same,
@@ -197,8 +198,8 @@ fn own_steps<T: Real>(wishes: &[Wish<T>], run: T, free: impl Fn(&Wish<T>) -> usi
     wishes.iter().map(of).collect()
 }
 
-/// The finest participant at `finest` of its critical step, and as many such steps in one of the run as those with the
-/// largest critical step allow.
+/// The finest participant at `finest` of its critical step, and as many such steps in one of the run as
+/// those with the largest critical step allow.
 fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Result<(T, Vec<usize>)> {
     let free = || wishes.iter().filter(|w| matches!(w.own, OwnStep::Same));
     let named = wishes.iter().any(|w| matches!(w.own, OwnStep::Ratio(_)));

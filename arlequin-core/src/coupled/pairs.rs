@@ -90,8 +90,8 @@ pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepD
 }
 
 impl<T: Real> Coupled<T> {
-    /// All effects that are on, and what they did: those of the models first, then those that were added, then those
-    /// between two models.
+    /// All effects that are on, and what they did: those of the models first, then those that were added,
+    /// then those between two models.
     pub fn effects(&self) -> Vec<EffectLine<T>> {
         let single = self.subdomains.iter().enumerate();
         let between = self.pairs.iter().enumerate();
@@ -117,8 +117,8 @@ impl<T: Real> Coupled<T> {
         self.subdomains.iter().flat_map(of).collect()
     }
 
-    /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do: zero but for
-    /// round-off where their laws are sound.
+    /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do:
+    /// zero but for round-off where their laws are sound.
     pub fn created(&self) -> T {
         let single: T = self.subdomains.iter().map(Subdomain::created).sum();
         single + self.pairs.iter().map(|p| p.line.created()).sum()

@@ -61,7 +61,8 @@ const MASS: f64 = 0.02;
 const PARTICLES: f64 = 0.1;
 /// Share of a cell cut by the borders of several models that 64 of its parts leave undecided.
 const UNDECIDED: f64 = 0.25;
-/// Share of an overlap outside of its mediator that is warned of: prisms inscribed in round bars leave up to 8 %.
+/// Share of an overlap outside of its mediator that is warned of: prisms inscribed in round bars leave up
+/// to 8 %.
 const BESIDE: f64 = 0.08;
 /// Share of the way to the centre of a cell at which its corners are looked at.
 const INWARDS: f64 = 1e-5;

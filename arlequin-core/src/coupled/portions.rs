@@ -71,7 +71,8 @@ pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
 }
 
-/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must have the same bits.
+/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must
+/// have the same bits.
 pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
     let mut all = subdomains.iter().filter_map(Subdomain::portion);
     let Some(portion) = all.next() else {

@@ -4,10 +4,11 @@
 //! R_C = M_C q̈ − F_int,α − F_ext,γ + B_Cᵀλ,     R_D = M_D q̈ − F_int,α − F_ext,γ − B_Dᵀλ
 //! ```
 //!
-//! on the unknowns whose motion is prescribed, with the weighted inertia and forces of each model and the multipliers of all
-//! interfaces it belongs to; `λ` is the mean over the step of the run. In an overlap both models have their share of a support:
-//! their sum is what the support exerts on the body. Internal forces have no resultant, and multipliers none over both
-//! sides, so that reactions, loads and inertia balance to round-off.
+//! on the unknowns whose motion is prescribed, with the weighted inertia and forces of each model and the
+//! multipliers of all interfaces it belongs to; `λ` is the mean over the step of the run. In an overlap
+//! both models have their share of a support: their sum is what the support exerts on the body. Internal
+//! forces have no resultant, and multipliers none over both sides, so that reactions, loads and inertia
+//! balance to round-off.
 
 use super::Coupled;
 use crate::energy_release::EnergyRelease;
@@ -19,9 +20,10 @@ use crate::{Real, Result};
 use nalgebra::Point3;
 
 impl<T: Real> Coupled<T> {
-    /// Forces \[N\] and torques \[N m\] of the supports on the unknowns of one subdomain, zero where these are free; of a model
-    /// in parts those on the unknowns here. All ranks must ask, as for resultants, which are those of all of it.
-    /// The acceleration is that of the discrete motion: at the start, it includes what sets the support moving.
+    /// Forces \[N\] and torques \[N m\] of the supports on the unknowns of one subdomain, zero where these
+    /// are free; of a model in parts those on the unknowns here. All ranks must ask, as for resultants,
+    /// which are those of all of it. The acceleration is that of the discrete motion: at the start, it
+    /// includes what sets the support moving.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] if there is no such subdomain; those of the model's forces;
@@ -45,8 +47,9 @@ impl<T: Real> Coupled<T> {
         Ok(forces)
     }
 
-    /// Force and moment about a point \[m\] of one support, by its number in [`supports`](crate::Subdomain::supports), from the reactions of
-    /// its subdomain as [`Coupled::reactions`] returned them.
+    /// Force and moment about a point \[m\] of one support, by its number in
+    /// [`supports`](crate::Subdomain::supports), from the reactions of its subdomain as
+    /// [`Coupled::reactions`] returned them.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] if there is no such subdomain or support.
@@ -67,8 +70,8 @@ impl<T: Real> Coupled<T> {
         Ok(s.resultant(reactions, motion.dofs.iter().copied(), about))
     }
 
-    /// Force and moment about a point \[m\] of what the effects of the given name exert on one subdomain: loads, dampings,
-    /// rigid bodies, and the contact with another subdomain. Zero where none has the name.
+    /// Force and moment about a point \[m\] of what the effects of the given name exert on one subdomain:
+    /// loads, dampings, rigid bodies, and the contact with another subdomain. Zero where none has the name.
     ///
     /// # Errors
     /// As those of [`Coupled::reactions`].
@@ -104,11 +107,12 @@ impl<T: Real> Coupled<T> {
         Ok(out)
     }
 
-    /// Energy that a crack in a subdomain releases per area at the present displacements \[J/m²\], the mean over the part of its front;
-    /// takes the time of one evaluation of the model's forces.
+    /// Energy that a crack in a subdomain releases per area at the present displacements \[J/m²\], the mean
+    /// over the part of its front; takes the time of one evaluation of the model's forces.
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] if there is no such subdomain; those of the model's forces and of [`EnergyRelease::at`].
+    /// [`crate::Error::InvalidParameter`] if there is no such subdomain; those of the model's forces and of
+    /// [`EnergyRelease::at`].
     pub fn energy_release(&mut self, subdomain: usize, crack: &EnergyRelease<T>) -> Result<T> {
         self.known(subdomain)?;
         let s = &mut self.subdomains[subdomain];
@@ -118,7 +122,8 @@ impl<T: Real> Coupled<T> {
         crack.at(&s.state().q, &forces, free)
     }
 
-    /// Adds the last forces of all contacts on one subdomain \[N, N m\], weighted, to `f`; whether there is any effect of the kind.
+    /// Adds the last forces of all contacts on one subdomain \[N, N m\], weighted, to `f`; whether there is
+    /// any effect of the kind.
     pub fn add_contact_forces(&self, subdomain: usize, f: &mut [T]) -> bool {
         let Some(s) = self.subdomains.get(subdomain) else {
             return false;

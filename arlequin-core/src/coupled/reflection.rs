@@ -42,7 +42,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Takes the jumps of the initial velocities out and finds the half reflections `δ_0 = −ΔT/2 P a_0` that are to come.
+    /// Takes the jumps of the initial velocities out and finds the half reflections `δ_0 = −ΔT/2 P a_0`
+    /// that are to come.
     pub(super) fn reflect_start(&mut self) -> Result<()> {
         let half = self.dt * T::of(0.5);
         for i in self.interfaces.iter_mut().filter(|i| i.is_alone()) {

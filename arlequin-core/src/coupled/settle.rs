@@ -1,9 +1,10 @@
 //! Statics as a run: the state goes to the equilibrium of one instant after another.
 //!
-//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]). Whatever else there is
-//! (contact, bonds that break, large rotations) is relaxed: the models move as in a run at a time that stands still, and all
-//! velocities are taken away whenever the kinetic energy has passed a maximum (kinetic damping, Cundall 1976). On the way from one
-//! instant to the next, supports and loads change over [`Relaxation::ramp`] steps.
+//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]).
+//! Whatever else there is (contact, bonds that break, large rotations) is relaxed: the models move as in a
+//! run at a time that stands still, and all velocities are taken away whenever the kinetic energy has
+//! passed a maximum (kinetic damping, Cundall 1976). On the way from one instant to the next, supports and
+//! loads change over [`Relaxation::ramp`] steps.
 
 use super::{Coupled, portions};
 use crate::error::invalid;
@@ -15,8 +16,8 @@ use crate::{Error, Real, Result, parallel};
 /// How a state is relaxed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relaxation<T> {
-    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the largest internal force that there was on
-    /// the way from the instant before.
+    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the
+    /// largest internal force that there was on the way from the instant before.
     pub tolerance: T,
     /// Most steps.
     pub most: usize,
@@ -65,12 +66,13 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Goes to the equilibrium under the loads and prescribed displacements of a time \[s\], from the present state under those of
-    /// `from`: velocities are zero then, and the step counts as one. Works are not accounted for.
+    /// Goes to the equilibrium under the loads and prescribed displacements of a time \[s\], from the
+    /// present state under those of `from`: velocities are zero then, and the step counts as one. Works are
+    /// not accounted for.
     ///
     /// # Errors
-    /// Those of [`Coupled::equilibrium`]; [`Error::NotSettled`] where relaxation does not reach its tolerance;
-    /// [`Error::Unsupported`] for a solver of its own.
+    /// Those of [`Coupled::equilibrium`]; [`Error::NotSettled`] where relaxation does not reach its
+    /// tolerance; [`Error::Unsupported`] for a solver of its own.
     pub fn settle(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         if how.tolerance <= T::zero() || how.most == 0 {
             let found = format_args!("tolerance {}, {} steps", how.tolerance, how.most);
@@ -141,8 +143,9 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Relaxes with one own step of all models. With several, a model moves on between two reflections under forces that the
-    /// multipliers balance in the mean only, by its stiffness: what comes back at every reflection is no equilibrium.
+    /// Relaxes with one own step of all models. With several, a model moves on between two reflections
+    /// under forces that the multipliers balance in the mean only, by its stiffness: what comes back at
+    /// every reflection is no equilibrium.
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
         if steps.iter().all(|m| *m == 1) {
@@ -251,7 +254,8 @@ impl<T: Real> Coupled<T> {
         self.reflect_start()
     }
 
-    /// Force that last digits of displacements and places are worth, `m ω² ε (|q| + |x|)` with the highest frequency of each model.
+    /// Force that last digits of displacements and places are worth, `m ω² ε (|q| + |x|)` with the highest
+    /// frequency of each model.
     fn last_digits(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {

@@ -14,17 +14,19 @@ use crate::weight::Weighting;
 use crate::{Error, OwnStep};
 use crate::{Real, Result};
 
-/// How the step of a run is chosen: the time between two reflections, in which each participant makes its own steps
-/// ([`OwnStep`]).
+/// How the step of a run is chosen: the time between two reflections, in which each participant makes its
+/// own steps ([`OwnStep`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeStep<T> {
     /// In seconds; refused where an own step exceeds the critical one of its participant.
     Seconds(T),
-    /// The longest one of which every own step is at most this share, below one, of the critical one of its participant.
+    /// The longest one of which every own step is at most this share, below one, of the critical one of its
+    /// participant.
     Fraction(T),
-    /// The finest participant at this share, below one, of its critical step; the step of the run is as many of these, up to
-    /// four, as one that takes half of the largest critical step, or this share of it if less, has room for. Participants
-    /// that ask for nothing ([`OwnStep::Same`]) make as many own steps as they need.
+    /// The finest participant at this share, below one, of its critical step; the step of the run is as
+    /// many of these, up to four, as one that takes half of the largest critical step, or this share of it
+    /// if less, has room for. Participants that ask for nothing ([`OwnStep::Same`]) make as many own steps
+    /// as they need.
     Chosen(T),
     /// In seconds, whatever the critical steps: for studies of stability.
     Unchecked(T),
@@ -50,14 +52,15 @@ pub struct Parts<T: Real> {
 pub struct Guard<T> {
     /// Steps between two drawings of the energy ledger.
     pub interval: usize,
-    /// Unexplained energy that ends the run: too much, relative to initial energy and work put in, or missing, relative to the
-    /// largest energy so far.
+    /// Unexplained energy that ends the run: too much, relative to initial energy and work put in, or
+    /// missing, relative to the largest energy so far.
     pub growth: T,
 }
 
 impl<T: Real> Guard<T> {
-    /// 5 % for energy-consistent weighting, whose drift is round-off for linear laws and of second order for others
-    /// ([`Coupled::explained_drift`]): anything above is a fault or an instability. The nodal law changes the energy by up to its own size by construction, so tenfold growth is its bound.
+    /// 5 % for energy-consistent weighting, whose drift is round-off for linear laws and of second order
+    /// for others ([`Coupled::explained_drift`]): anything above is a fault or an instability. The nodal
+    /// law changes the energy by up to its own size by construction, so tenfold growth is its bound.
     pub fn for_weighting(weighting: Weighting) -> Self {
         let growth = if weighting == Weighting::Energy {
             0.05
@@ -89,8 +92,8 @@ pub struct Plan {
 }
 
 impl<T: Real> Coupled<T> {
-    /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the step, and makes
-    /// initial displacements, velocities and accelerations consistent with the constraint.
+    /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the step, and
+    /// makes initial displacements, velocities and accelerations consistent with the constraint.
     ///
     /// # Errors
     /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`].
@@ -103,8 +106,8 @@ impl<T: Real> Coupled<T> {
         Self::starting_at(T::zero(), subdomains, interfaces, step, guard)
     }
 
-    /// The same for a run whose initial state is that of time `start` \[s\]: loads and prescribed motions see that time
-    /// from the first evaluation on, and steps are counted from there.
+    /// The same for a run whose initial state is that of time `start` \[s\]: loads and prescribed motions
+    /// see that time from the first evaluation on, and steps are counted from there.
     ///
     /// # Errors
     /// Those of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
@@ -128,8 +131,8 @@ impl<T: Real> Coupled<T> {
     /// The same from all parts, effects between two subdomains included.
     ///
     /// # Errors
-    /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a subdomain and
-    /// itself.
+    /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a
+    /// subdomain and itself.
     pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
         Self::announced(parts, step, guard, &mut |_| ())
     }
@@ -264,7 +267,8 @@ fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<
 /// Interfaces, and those of them that are solved for together.
 type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
 
-/// The interfaces, each with what the check of the partition says of it, and those that are solved for together.
+/// The interfaces, each with what the check of the partition says of it, and those that are solved for
+/// together.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
     found: Vec<Result<partition::TieFindings>>,

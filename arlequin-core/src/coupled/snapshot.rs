@@ -1,7 +1,7 @@
 //! Snapshots: everything a run must remember to go on with the same bits.
 //!
-//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the last reflection is
-//! still to come; it is found again from the impulses, with the same bits.
+//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the
+//! last reflection is still to come; it is found again from the impulses, with the same bits.
 
 use super::Coupled;
 use super::warning::Warning;
@@ -47,11 +47,12 @@ pub struct Snapshot<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// The present state. Of models in parts it is that of the whole models, on rank 0 alone: it may be restored on any number of
-    /// ranks. All ranks must ask.
+    /// The present state. Of models in parts it is that of the whole models, on rank 0 alone: it may be
+    /// restored on any number of ranks. All ranks must ask.
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] for a participant that cannot be saved; what ranks say who do not hear of each other.
+    /// [`crate::Error::Unsupported`] for a participant that cannot be saved; what ranks say who do not hear
+    /// of each other.
     pub fn snapshot(&self) -> Result<Snapshot<T>> {
         Ok(Snapshot {
             step: self.step,
@@ -77,12 +78,12 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit. Models in parts take what is
-    /// theirs, from the same snapshot on every rank.
+    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit. Models in
+    /// parts take what is theirs, from the same snapshot on every rank.
     ///
     /// # Errors
-    /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] where the snapshot does not fit, [`crate::Error::NotFinite`];
-    /// the run is then of no use.
+    /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] where the snapshot does not
+    /// fit, [`crate::Error::NotFinite`]; the run is then of no use.
     pub fn restore(&mut self, from: &Snapshot<T>) -> Result<()> {
         if from.dt != self.dt {
             let rule = format!("the run has {}; restore into the run that was saved", self.dt);

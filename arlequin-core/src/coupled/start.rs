@@ -5,13 +5,15 @@ use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result, ranks};
 
-/// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to the largest.
+/// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to
+/// the largest.
 const GUEST_JUMP: f64 = 1e-6;
 
 impl<T: Real> Coupled<T> {
-    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and starts with the half reflection that a
-    /// constant acceleration needs, `δ_0 = −ΔT/2 P a_0`. A displacement jump would stay for ever, as the constraint is on
-    /// velocities; without `δ_0` multipliers would flip their sign every step for ever.
+    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and starts with the half
+    /// reflection that a constant acceleration needs, `δ_0 = −ΔT/2 P a_0`. A displacement jump would stay
+    /// for ever, as the constraint is on velocities; without `δ_0` multipliers would flip their sign every
+    /// step for ever.
     pub(super) fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
             s.hold(self.time);
@@ -39,8 +41,9 @@ impl<T: Real> Coupled<T> {
         self.check_start()
     }
 
-    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy of displacements `q`
-    /// that cancels, as in a rigid motion, and that of lengths which are differences of places `x` in the model.
+    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy
+    /// of displacements `q` that cancels, as in a rigid motion, and that of lengths which are differences
+    /// of places `x` in the model.
     pub(super) fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
@@ -88,7 +91,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Whether interfaces that are solved for together have jumps that can be taken out; refuses those that are too large.
+    /// Whether interfaces that are solved for together have jumps that can be taken out; refuses those that
+    /// are too large.
     fn is_open(&mut self, members: &[usize], models: &[usize]) -> Result<bool> {
         // What the core cannot move must agree from the start.
         let movable = !models.iter().any(|s| self.subdomains[*s].is_guest());

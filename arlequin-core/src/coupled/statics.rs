@@ -1,7 +1,7 @@
 //! The static twin: the weighted energy is stationary under `⟨μ, u − d⟩ = 0` for all `μ`.
 //!
-//! `[K_C 0 B_Cᵀ; 0 K_D −B_Dᵀ; B_C −B_D 0] [u; d; λ] = [F; f; 0]` with the weights, mediator and junction objects of the
-//! dynamic run.
+//! `[K_C 0 B_Cᵀ; 0 K_D −B_Dᵀ; B_C −B_D 0] [u; d; λ] = [F; f; 0]` with the weights, mediator and junction
+//! objects of the dynamic run.
 
 use super::Coupled;
 use crate::effect::Instant;
@@ -24,8 +24,8 @@ pub struct Equilibrium<T> {
 
 /// Relative residual above which a solution is not one.
 const RESIDUAL_LIMIT: f64 = 1e-6;
-/// Share of itself by which the step of refinement may change a solution. A rigid motion that is free is round-off over round-off: it
-/// changes by as much as it is, however small the residual.
+/// Share of itself by which the step of refinement may change a solution. A rigid motion that is free is
+/// round-off over round-off: it changes by as much as it is, however small the residual.
 const CHANGE_LIMIT: f64 = 1e-3;
 
 /// The saddle-point system before supports are taken out.
@@ -88,7 +88,8 @@ impl<T: Real> Coupled<T> {
     /// Equilibrium under the loads and prescribed displacements of time `t`, velocities zero.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] where rigid motions are free.
+    /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] where rigid motions
+    /// are free.
     pub fn equilibrium(&mut self, t: T) -> Result<Equilibrium<T>> {
         let (starts, size) = self.places();
         let mut system = System::new(size);
@@ -144,8 +145,8 @@ impl<T: Real> Coupled<T> {
         (starts, size)
     }
 
-    /// Constraint blocks, scaled to the stiffness so that pivoting compares like with like. Dependent multipliers get
-    /// a compliance of 1e-12 of their own, which moves the solution by as little.
+    /// Constraint blocks, scaled to the stiffness so that pivoting compares like with like. Dependent
+    /// multipliers get a compliance of 1e-12 of their own, which moves the solution by as little.
     fn add_constraints(&self, starts: &[usize], scale: T, matrix: &mut TriMat<T>) {
         for (k, i) in self.interfaces.iter().enumerate() {
             let row_start = starts[self.subdomains.len() + k];
@@ -184,8 +185,8 @@ pub(super) struct Factored<T> {
 }
 
 impl<T: Real> System<T> {
-    /// What symmetric scaling multiplies rows and columns by. Rows of multipliers have no diagonal: they are scaled by their largest
-    /// entry against the stiffness.
+    /// What symmetric scaling multiplies rows and columns by. Rows of multipliers have no diagonal: they
+    /// are scaled by their largest entry against the stiffness.
     fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
         let of = |(i, row): (usize, CsVecView<'_, T>)| {
             let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
@@ -230,8 +231,9 @@ impl<T: Real> System<T> {
     }
 }
 
-/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first `moving` unknowns are
-/// displacements, what follows are multipliers. A matrix is factored if it is not that of `kept`.
+/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first
+/// `moving` unknowns are displacements, what follows are multipliers. A matrix is factored if it is not
+/// that of `kept`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,

@@ -63,8 +63,8 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
     Ok(share(t.outside))
 }
 
-/// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their volumes for
-/// particles, by their number otherwise.
+/// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their
+/// volumes for particles, by their number otherwise.
 pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
     [0, 1].map(|m| {
         let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);

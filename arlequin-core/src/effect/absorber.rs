@@ -1,8 +1,8 @@
 //! The overlap absorber: removes what the coarse model cannot carry.
 //!
-//! The constrained scheme filters nothing: above the coarse cutoff everything is reflected. The absorber damps the
-//! unresolved part `v' = v − P v` of the fine velocities in the overlap, `P` being the mass-weighted projection onto a
-//! resolved space (the mediator's or a coarser one), in the symmetric form
+//! The constrained scheme filters nothing: above the coarse cutoff everything is reflected. The absorber
+//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, `P` being the
+//! mass-weighted projection onto a resolved space (the mediator's or a coarser one), in the symmetric form
 //! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
@@ -30,8 +30,8 @@ pub struct Absorber<T: Real> {
 
 /// The same on the nodes of a model.
 ///
-/// With `D = diag(m η)`, shape functions `N`, `G = NᵀMN`, `y = G⁻¹NᵀM v` and `z = G⁻¹(NᵀD v − NᵀDN y)` the force is
-/// `−D (v − N y) + M N z`: each direction of `N` is run through once.
+/// With `D = diag(m η)`, shape functions `N`, `G = NᵀMN`, `y = G⁻¹NᵀM v` and `z = G⁻¹(NᵀD v − NᵀDN y)` the
+/// force is `−D (v − N y) + M N z`: each direction of `N` is run through once.
 struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
@@ -85,7 +85,8 @@ impl<T: Real> Absorber<T> {
 const GRAIN: usize = 1_024;
 
 impl<T: Real> AttachedAbsorber<T> {
-    /// With shape functions `n` (row per node), `m` and `m η` of the nodes and the largest `η`; none if `G` is not positive definite.
+    /// With shape functions `n` (row per node), `m` and `m η` of the nodes and the largest `η`; none if `G`
+    /// is not positive definite.
     fn new(components: usize, n: &CsMat<T>, nodes: &[usize], mass: Vec<[T; 2]>, top_rate: T) -> Option<Self> {
         let zeros = |count: usize| vec![T::zero(); count * components];
         Some(Self {
@@ -389,7 +390,8 @@ mod tests {
     use super::*;
     use nalgebra::DMatrix;
 
-    /// The rearranged force is `−(I − P)ᵀ D (I − P) v` for any number of components; fields of the resolved space feel none.
+    /// The rearranged force is `−(I − P)ᵀ D (I − P) v` for any number of components; fields of the resolved
+    /// space feel none.
     #[test]
     fn the_force_is_the_symmetric_product_of_its_definition() {
         let (count, used) = (40, 4);

@@ -12,7 +12,8 @@ pub struct EffectLine<T> {
     pub name: String,
     /// The phase of a step in which it is computed; `None` for what is part of a model's forces.
     pub phase: Option<Phase>,
-    /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their own.
+    /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their
+    /// own.
     pub work: Option<T>,
     /// Half of the work of the last instant \[J\]: the half step that is still to come.
     pub pending: T,
@@ -25,7 +26,8 @@ pub struct EffectLine<T> {
 }
 
 impl<T: Real> EffectLine<T> {
-    /// Energy that is gone for good \[J\]: `supplied − work − stored`, the work taken up to the present instant.
+    /// Energy that is gone for good \[J\]: `supplied − work − stored`, the work taken up to the present
+    /// instant.
     pub fn dissipated(&self) -> Option<T> {
         Some(self.supplied? - (self.work? - self.pending) - self.stored)
     }
@@ -86,7 +88,8 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
         self.work += work;
     }
 
-    /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at fault.
+    /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at
+    /// fault.
     pub(crate) fn created(&self) -> T {
         let work = self.work - self.last * T::of(0.5);
         let of = |from: T| (work + self.effect.stored() - from).max(T::zero());

@@ -29,8 +29,9 @@ impl<T: Real> ViscousCell<T> {
     }
 }
 
-/// Linear bulk viscosity: a pressure `−b ρ c L div v` in every cell, `L` the cube root of its volume, which spreads a
-/// shock over some cells. `b = 0.06` is usual; it damps the fastest dilatational mode by about `b` of critical.
+/// Linear bulk viscosity: a pressure `−b ρ c L div v` in every cell, `L` the cube root of its volume, which
+/// spreads a shock over some cells. `b = 0.06` is usual; it damps the fastest dilatational mode by about
+/// `b` of critical.
 pub struct BulkViscosity<T: Real> {
     field: Arc<dyn Interpolation<T>>,
     coefficient: T,
@@ -49,8 +50,8 @@ impl<T: Real> std::fmt::Debug for BulkViscosity<T> {
 }
 
 impl<T: Real> BulkViscosity<T> {
-    /// Viscosity with the coefficient `b` and the impedance `ρ c` \[kg/(m² s)\] of dilatational waves, on the cells of
-    /// the model's own field.
+    /// Viscosity with the coefficient `b` and the impedance `ρ c` \[kg/(m² s)\] of dilatational waves, on
+    /// the cells of the model's own field.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] unless both are finite and not negative.

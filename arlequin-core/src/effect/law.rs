@@ -7,8 +7,9 @@ use crate::record::Record;
 use crate::scalar::dot;
 use crate::{Real, Result};
 
-/// An effect whose force on every unknown is what `law` says: `law(at, f, own)` writes the effect's forces to `own` \[N, N m\],
-/// which keeps what it wrote there the last time, and adds them to `f`, which holds all forces before it.
+/// An effect whose force on every unknown is what `law` says: `law(at, f, own)` writes the effect's forces
+/// to `own` \[N, N m\], which keeps what it wrote there the last time, and adds them to `f`, which holds
+/// all forces before it.
 ///
 /// ```
 /// use arlequin_core::effect::{Effect, EffectSpec, ForceLaw, Host, Instant};
@@ -48,8 +49,8 @@ pub struct ForceLaw<T: Real, L> {
     pub dead: bool,
     /// Whether its last forces belong to the state of a run: for laws that read them.
     pub remembers: bool,
-    /// Whether the force on an unknown follows from numbers of its own node alone: such a law acts on models in parts as well;
-    /// `false` unless set.
+    /// Whether the force on an unknown follows from numbers of its own node alone: such a law acts on
+    /// models in parts as well; `false` unless set.
     pub local: bool,
     /// As [`AnyEffect::acts_on_shares`]; `false` unless set.
     pub shared: bool,

@@ -55,7 +55,8 @@ struct WeightedLoad<T: Real> {
 }
 
 impl<T: Real> Load<T> {
-    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is in parts.
+    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is
+    /// in parts.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -64,8 +65,8 @@ impl<T: Real> Load<T> {
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
     }
 
-    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not applied. For who
-    /// deals one load out to several models and knows what they must add up to.
+    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not
+    /// applied. For who deals one load out to several models and knows what they must add up to.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.

@@ -1,8 +1,8 @@
 //! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
 //!
-//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between two. What a
-//! user makes is an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. One of your own whose force is a formula
-//! needs a spec and a closure: [`ForceLaw`].
+//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts
+//! between two. What a user makes is an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. One of
+//! your own whose force is a formula needs a spec and a closure: [`ForceLaw`].
 
 mod absorber;
 mod account;
@@ -31,8 +31,9 @@ use crate::{Real, Result};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// The subdomain that an effect acts on, as the effect sees it when it is attached. Of a model in parts all of it is of the part
-/// that is here; unknowns that a specification names are those of the whole model ([`Host::unknown`]).
+/// The subdomain that an effect acts on, as the effect sees it when it is attached. Of a model in parts all
+/// of it is of the part that is here; unknowns that a specification names are those of the whole model
+/// ([`Host::unknown`]).
 #[derive(Clone, Copy)]
 pub struct Host<'a, T: Real> {
     /// The model.
@@ -43,7 +44,8 @@ pub struct Host<'a, T: Real> {
     pub inertia: &'a [T],
     /// Its inverse, zero for prescribed unknowns.
     pub inverse_inertia: &'a [T],
-    /// What this rank holds of a model that the run has shared out: by which effects hear of other ranks as they act.
+    /// What this rank holds of a model that the run has shared out: by which effects hear of other ranks as
+    /// they act.
     pub portion: Option<&'a Arc<Portion>>,
 }
 
@@ -105,8 +107,8 @@ pub struct Instant<'a, T> {
     pub time: T,
     /// Displacements at that time.
     pub q: &'a [T],
-    /// Velocities half a step earlier: what an explicit scheme knows. Times [`Instant::dt`] they are the displacement
-    /// of the step.
+    /// Velocities half a step earlier: what an explicit scheme knows. Times [`Instant::dt`] they are the
+    /// displacement of the step.
     pub v_half: &'a [T],
     /// Length of the step that led here \[s\]; zero at the start of a run.
     pub dt: T,
@@ -150,8 +152,8 @@ impl<T: Real> StepDemand<T> {
     }
 }
 
-/// What a user chooses of an effect. A run attaches it to its subdomain before the first step; only then there is
-/// something that has forces.
+/// What a user chooses of an effect. A run attaches it to its subdomain before the first step; only then
+/// there is something that has forces.
 pub trait EffectSpec<T: Real>: Send {
     /// Makes the effect ready for its subdomain.
     ///
@@ -176,28 +178,29 @@ pub trait AnyEffect<T: Real>: Send {
     /// Name in the ledger; between two subdomains it names both models, such as `contact ball-block`.
     fn name(&self) -> &str;
 
-    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come from outside,
-    /// or where that is not known.
+    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come
+    /// from outside, or where that is not known.
     fn arms(&self) -> Option<Arms> {
         None
     }
 
-    /// Whether it acts on all of a body by the share that the model has of it, as weight and damping do: in an overlap it belongs on
-    /// both models, and a run warns where only one has it.
+    /// Whether it acts on all of a body by the share that the model has of it, as weight and damping do: in
+    /// an overlap it belongs on both models, and a run warns where only one has it.
     fn acts_on_shares(&self) -> bool {
         false
     }
 
-    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs. With
-    /// [`Self::supplied`] it counts in the sense of the ledger, in which the work of this instant is half done: a linear
-    /// spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2 q_n²`.
+    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs.
+    /// With [`Self::supplied`] it counts in the sense of the ledger, in which the work of this instant is
+    /// half done: a linear spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2
+    /// q_n²`.
     fn stored(&self) -> T {
         T::zero()
     }
 
-    /// Energy the effect has taken from outside the run up to this instant \[J\]: the work of a driven obstacle. Then
-    /// `supplied − work − stored` is what it has dissipated, and a run in which that becomes negative is stopped.
-    /// `None` for loads, whose work is all from outside.
+    /// Energy the effect has taken from outside the run up to this instant \[J\]: the work of a driven
+    /// obstacle. Then `supplied − work − stored` is what it has dissipated, and a run in which that becomes
+    /// negative is stopped. `None` for loads, whose work is all from outside.
     fn supplied(&self) -> Option<T> {
         None
     }
@@ -207,14 +210,15 @@ pub trait AnyEffect<T: Real>: Send {
         None
     }
 
-    /// What the effect must remember to go on with the same bits: contact histories, the motion of an obstacle.
-    /// Nothing for most.
+    /// What the effect must remember to go on with the same bits: contact histories, the motion of an
+    /// obstacle. Nothing for most.
     fn save(&self) -> Record<T> {
         Record::default()
     }
 
-    /// Whether, of a model in parts, it saves by itself what it remembers of the whole, on the first rank, and every rank goes back
-    /// to all of that. All ranks save together. Else a record has a number for every unknown here, or none.
+    /// Whether, of a model in parts, it saves by itself what it remembers of the whole, on the first rank,
+    /// and every rank goes back to all of that. All ranks save together. Else a record has a number for
+    /// every unknown here, or none.
     fn saves_whole(&self) -> bool {
         false
     }
@@ -244,9 +248,9 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
     fn power(&self, v: &[T]) -> T;
 
-    /// Adds the power of the last added forces on `v`, each term of the forces on one unknown, node or unit of nodes, so that
-    /// the sum over all ranks that hold a model in parts does not depend on who holds what. `false` for an effect that cannot:
-    /// it then acts on whole models only.
+    /// Adds the power of the last added forces on `v`, each term of the forces on one unknown, node or unit
+    /// of nodes, so that the sum over all ranks that hold a model in parts does not depend on who holds
+    /// what. `false` for an effect that cannot: it then acts on whole models only.
     fn add_power(&self, _layout: &DofLayout, _v: &[T], _to: &mut Exact) -> bool {
         false
     }

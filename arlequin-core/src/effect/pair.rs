@@ -1,10 +1,10 @@
 //! Effects between two subdomains: contact of two bodies.
 //!
-//! An [`Effect`](super::Effect) sees one subdomain. A pair effect sees two at the same instant, after the positions, the
-//! internal forces and the effects of both are known and before either is accelerated. It is one line of the ledger,
-//! demands its share of the step, and where it says what was `supplied` it is held to the same rule: `supplied − work −
-//! stored` does not become negative. Effects
-//! of the subdomains do not see its forces, so a local damping leaves them alone.
+//! An [`Effect`](super::Effect) sees one subdomain. A pair effect sees two at the same instant, after the
+//! positions, the internal forces and the effects of both are known and before either is accelerated. It is
+//! one line of the ledger, demands its share of the step, and where it says what was `supplied` it is held
+//! to the same rule: `supplied − work − stored` does not become negative. Effects of the subdomains do not
+//! see its forces, so a local damping leaves them alone.
 
 use super::{AnyEffect, Host, Instant, StepDemand};
 use crate::{Real, Result};
@@ -14,8 +14,8 @@ use crate::{Real, Result};
 pub struct HostPair<'a, T: Real> {
     /// The two subdomains.
     pub sides: [Host<'a, T>; 2],
-    /// Nodes of either side that an interface between these two subdomains holds; empty where there is none. What is
-    /// tied to the other side moves with it and should not be pushed away from it.
+    /// Nodes of either side that an interface between these two subdomains holds; empty where there is
+    /// none. What is tied to the other side moves with it and should not be pushed away from it.
     pub tied: [Vec<bool>; 2],
 }
 
@@ -33,9 +33,9 @@ pub trait PairEffectSpec<T: Real>: Send {
 
 /// Forces between two subdomains, ready to act. Arrays hold the first side, then the second.
 pub trait PairEffect<T: Real>: AnyEffect<T> {
-    /// Adds the weighted forces \[N, N m\] to those of both sides, which hold all others but those of later pair effects
-    /// and of interfaces, and remembers them for [`Self::power`]. Must not allocate. Forces must sum to zero, or
-    /// momentum is made: [`crate::conformance::reaction`].
+    /// Adds the weighted forces \[N, N m\] to those of both sides, which hold all others but those of later
+    /// pair effects and of interfaces, and remembers them for [`Self::power`]. Must not allocate. Forces
+    /// must sum to zero, or momentum is made: [`crate::conformance::reaction`].
     ///
     /// # Errors
     /// Whatever keeps the effect from doing so.

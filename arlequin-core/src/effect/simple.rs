@@ -109,10 +109,11 @@ impl<T: Real> EffectSpec<T> for MassDamping<T> {
     }
 }
 
-/// The stiffness part of Rayleigh damping, `F = −c K v` with a time `c` \[s\]; the mass part is [`MassDamping`].
+/// The stiffness part of Rayleigh damping, `F = −c K v` with a time `c` \[s\]; the mass part is
+/// [`MassDamping`].
 ///
-/// Computed as `c (f_{n+1} − f_n)/Δt` from the internal forces themselves: costs no further evaluation, holds for any
-/// model, and follows bonds that break. Damps a mode of frequency `ω` by the ratio `c ω/2`.
+/// Computed as `c (f_{n+1} − f_n)/Δt` from the internal forces themselves: costs no further evaluation,
+/// holds for any model, and follows bonds that break. Damps a mode of frequency `ω` by the ratio `c ω/2`.
 #[derive(Debug, Clone)]
 pub struct StiffnessDamping<T>(T);
 
@@ -154,8 +155,9 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
     }
 }
 
-/// Local damping: every unknown feels `−share |F| sgn(v)`, `F` being all other forces on it but the multipliers.
-/// Brings a body to rest without holding its steady motion back. Must be the last effect of its subdomain.
+/// Local damping: every unknown feels `−share |F| sgn(v)`, `F` being all other forces on it but the
+/// multipliers. Brings a body to rest without holding its steady motion back. Must be the last effect of
+/// its subdomain.
 #[derive(Debug, Clone)]
 pub struct LocalDamping<T>(T);
 

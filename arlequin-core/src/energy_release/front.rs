@@ -8,8 +8,8 @@ use nalgebra::{Point3, Vector3};
 /// Where a crack ends within a body, and the cylinder around it over which is integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrackFront<T: Real> {
-    /// Ends of the part of the front that is looked at, which is straight \[m\]. At an end that lies inside the body `q` falls to
-    /// zero within the part, over the difference of the radii or half of the part.
+    /// Ends of the part of the front that is looked at, which is straight \[m\]. At an end that lies inside
+    /// the body `q` falls to zero within the part, over the difference of the radii or half of the part.
     pub ends: [Point3<T>; 2],
     /// Direction in which the crack would grow; what of it lies along the front does not count.
     pub direction: Vector3<T>,
@@ -130,8 +130,8 @@ fn places() -> impl Iterator<Item = f64> {
     (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64)
 }
 
-/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it: it reaches beyond the ends of a part by as
-/// much as elements do.
+/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it: it reaches
+/// beyond the ends of a part by as much as elements do.
 pub(super) fn swept<T: Real>(
     field: &dyn Interpolation<T>,
     crack: &CrackFront<T>,
@@ -169,7 +169,8 @@ pub(super) fn swept<T: Real>(
     Ok(share * cylinder.length)
 }
 
-/// Lengths over which `q` falls to zero towards the ends of the front: none where the body ends there as well.
+/// Lengths over which `q` falls to zero towards the ends of the front: none where the body ends there as
+/// well.
 pub(super) fn tapers<T: Real>(
     model: &str,
     field: &dyn Interpolation<T>,

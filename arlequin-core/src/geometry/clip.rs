@@ -1,9 +1,10 @@
 //! Clipping of convex bodies that stays closed whatever the round-off.
 //!
-//! Corners are stored once and each is classified once per plane, as inside, on the plane or outside; what every face keeps
-//! follows from that classification alone. The cap is bounded by the edges in the plane that only one kept face has. So a
-//! face that nearly lies in the plane is either kept, or replaced by the cap, or shares its area with it: it is never
-//! counted twice, and the parts on the two sides of a plane add up to the whole.
+//! Corners are stored once and each is classified once per plane, as inside, on the plane or outside; what
+//! every face keeps follows from that classification alone. The cap is bounded by the edges in the plane
+//! that only one kept face has. So a face that nearly lies in the plane is either kept, or replaced by the
+//! cap, or shares its area with it: it is never counted twice, and the parts on the two sides of a plane
+//! add up to the whole.
 
 use super::{HalfSpace, Polyhedron};
 use crate::Real;
@@ -148,7 +149,8 @@ impl<T: Real> Body<T> {
         self.faces.len() >= 4
     }
 
-    /// The corner at which an edge, from its inner to its outer end, meets the plane: one for both faces of the edge.
+    /// The corner at which an edge, from its inner to its outer end, meets the plane: one for both faces of
+    /// the edge.
     fn cut(&mut self, edge: [u32; 2], sides: &mut Vec<(Side, T)>, cuts: &mut Vec<([u32; 2], u32)>) -> u32 {
         if let Some((_, k)) = cuts.iter().find(|(e, _)| *e == edge) {
             return *k;

@@ -141,8 +141,8 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The same with half to two thirds of the samples, those of tetrahedra from a corner: not symmetric, so for integrands alone
-    /// that the rule integrates exactly, or nearly.
+    /// The same with half to two thirds of the samples, those of tetrahedra from a corner: not symmetric,
+    /// so for integrands alone that the rule integrates exactly, or nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {
             Self::Polyhedron(p) if degree > 2 => {
@@ -180,7 +180,8 @@ pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [P
     b
 }
 
-/// Point of a triangle, which may be a line or a point, that is closest to `p` (Ericson, Real-Time Collision Detection, 5.1.5).
+/// Point of a triangle, which may be a line or a point, that is closest to `p` (Ericson, Real-Time
+/// Collision Detection, 5.1.5).
 pub fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));

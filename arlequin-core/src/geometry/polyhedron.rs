@@ -128,7 +128,8 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Tetrahedra that fill the body from one of its corners, the one on the most triangles: about half as many.
+    /// Tetrahedra that fill the body from one of its corners, the one on the most triangles: about half as
+    /// many.
     pub(super) fn for_each_tetrahedron_from_a_corner(&self, mut visit: impl FnMut([Point3<T>; 4])) {
         let saved = |x: &Point3<T>| -> usize {
             let own = self.faces.iter().filter(|f| f.contains(x));
@@ -149,8 +150,9 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the centroid `c`, the
-    /// covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where one of them falls outside.
+    /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the
+    /// centroid `c`, the covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where
+    /// one of them falls outside.
     pub(super) fn quadratic_rule(&self, out: &mut Vec<Sample<T>>) -> bool {
         let (mut volume, mut first) = (T::zero(), Vector3::zeros());
         self.for_each_tetrahedron(|t| {
@@ -207,7 +209,8 @@ fn loop_normal<T: Real>(face: &[Point3<T>]) -> Vector3<T> {
     n
 }
 
-/// A point of the plane of a face: a corner of a triangle, the mean of the corners where round-off may have bent it.
+/// A point of the plane of a face: a corner of a triangle, the mean of the corners where round-off may have
+/// bent it.
 fn middle<T: Real>(face: &[Point3<T>]) -> Point3<T> {
     if face.len() == 3 {
         return face[0];

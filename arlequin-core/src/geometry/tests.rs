@@ -220,7 +220,8 @@ fn tetrahedra_whose_faces_coincide_to_round_off_have_the_same_intersection_both_
         p(third, third, 1.0),
         p(two, third, 1.0),
     ]);
-    // Exact: the part of A with x between 1/3 and 1/2 that lies in B; both ways, and 3.17 instead of 3.52 thousandths.
+    // Exact: the part of A with x between 1/3 and 1/2 that lies in B; both ways, and 3.17 instead of 3.52
+    // thousandths.
     let (ab, ba) = (common(&a, &b), common(&b, &a));
     assert_abs_diff_eq!(ab, ba, epsilon = 1e-16);
     assert_abs_diff_eq!(ab, 3.1722e-3, epsilon = 1e-7);
@@ -251,7 +252,8 @@ proptest! {
         let turn = if turned { turn } else { [0.0; 3] };
         let shift = if shifted { shift } else { [0.0; 3] };
         let seeds: Vec<_> = seeds.into_iter().map(Point3::from).collect();
-        // One partition of the turned cube; another of the same cube up to noise, blown up a little so that it covers.
+        // One partition of the turned cube; another of the same cube up to noise, blown up a little so that
+        // it covers.
         let exact = motion(turn, shift, 0.0);
         let fill = |kind: usize, n: usize, map: &dyn Fn(Point3<f64>) -> Point3<f64>| match kind {
             0 => mesh(n, true, map),
@@ -280,8 +282,8 @@ proptest! {
         turn in prop::array::uniform3(-2.0..2.0f64), size in prop::sample::select(vec![1e-16, 3e-16, 1e-15, 1e-14, 1e-12, 1e-9]),
         which in prop::array::uniform2(0..24usize), far in 0.0..3.0f64,
     ) {
-        // The same structured tetrahedra twice, corners apart by `size`: |A∩B| differs from that of the exact ones by
-        // no more than surface times distance.
+        // The same structured tetrahedra twice, corners apart by `size`: |A∩B| differs from that of the
+        // exact ones by no more than surface times distance.
         let shift = [far, -far, 0.5 * far];
         let (exact, shaken) = (motion(turn, shift, 0.0), motion(turn, shift, size));
         let plain = motion([0.0; 3], [0.0; 3], 0.0);

@@ -28,7 +28,8 @@ pub(super) fn of_sides<T: Real>(
         out.push(format!(
             "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
              will be reflected; use h_B ≥ {:.3e} m",
-            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid three.
+            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid
+            // three.
             spec.mediator.spacing().as_f64()
                 * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
         ));
@@ -47,7 +48,8 @@ pub(super) fn of_sides<T: Real>(
     out
 }
 
-/// Warnings for what the operator tells of the multipliers; `ranked`: whether it is known which are dependent.
+/// Warnings for what the operator tells of the multipliers; `ranked`: whether it is known which are
+/// dependent.
 pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     let mut out = Vec::new();
     if !report.null_modes.is_empty() {

@@ -12,17 +12,18 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
 
-/// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action equals
-/// reaction.
+/// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action
+/// equals reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sampling {
     /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
     #[default]
     Intersection,
-    /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the literature.
+    /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the
+    /// literature.
     Projection,
-    /// At the integration points of a field that has some of its own (particle quadrature): those of the fine one if it
-    /// does, else those of the coarse one.
+    /// At the integration points of a field that has some of its own (particle quadrature): those of the
+    /// fine one if it does, else those of the coarse one.
     Particles,
 }
 
@@ -32,8 +33,8 @@ named!(Sampling, "sampling":
     Particles = "particles",
 );
 
-/// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a curved
-/// surface differ by that much.
+/// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a
+/// curved surface differ by that much.
 pub(super) const OVERHANG_LIMIT: f64 = 0.02;
 /// Share of the mediator that the cells of a model may cover beyond it: round-off.
 const TWICE: f64 = 1e-6;
@@ -144,7 +145,8 @@ fn wanted_degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> 
     }
 }
 
-/// Compares what a model covers of the mediator with all of it; `limits`: relative excess and defect that are let pass.
+/// Compares what a model covers of the mediator with all of it; `limits`: relative excess and defect that
+/// are let pass.
 fn check_coverage<T: Real>(
     spec: &InterfaceSpec<T>,
     model: &str,
@@ -201,8 +203,8 @@ impl<T: Real> CellSet<T> {
         }
     }
 
-    /// Calls `visit` with the pieces of `cell` inside the field and the cells they lie in; with the cell itself if the
-    /// field has no cells.
+    /// Calls `visit` with the pieces of `cell` inside the field and the cells they lie in; with the cell
+    /// itself if the field has no cells.
     fn pieces(&self, cell: &Cell<T>, visit: &mut dyn FnMut(usize, &Cell<T>) -> Result<()>) -> Result<()> {
         if !self.any {
             return visit(NO_CELL, cell);
@@ -376,7 +378,8 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
     }
 }
 
-/// Replaces one multiplier row by the pointwise constraint `u(x_a) = d(x_a)`: a seminorm does not see constants.
+/// Replaces one multiplier row by the pointwise constraint `u(x_a) = d(x_a)`: a seminorm does not see
+/// constants.
 fn pin<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],

@@ -1,13 +1,15 @@
 //! A Chebyshev iteration from zero for `S μ = b`.
 //!
-//! With all eigenvalues of `C S` but zeros between `a` and `c`, and `θ`, `δ` half their sum and difference, `k` iterations leave
-//! `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`: in the norm of `C` at most `1/cosh(k arcosh(θ/δ))` of `b`, so that their number is
-//! known beforehand and none of them needs a sum over multipliers. Eigenvalues below `a` are damped less, never enlarged; zeros are left alone.
-//! Above `c` they would be enlarged, so that `c` is a bound and no estimate.
+//! With all eigenvalues of `C S` but zeros between `a` and `c`, and `θ`, `δ` half their sum and difference,
+//! `k` iterations leave `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`: in the norm of `C` at most `1/cosh(k
+//! arcosh(θ/δ))` of `b`, so that their number is known beforehand and none of them needs a sum over
+//! multipliers. Eigenvalues below `a` are damped less, never enlarged; zeros are left alone. Above `c` they
+//! would be enlarged, so that `c` is a bound and no estimate.
 //!
-//! The result is no Galerkin solution, and a kick by it would change the energy by `2 μᵀ(S μ − b)`. `μᵀb / μᵀS μ` times it, per component, is
-//! one, and is away from one by no more than `r` is from zero. That takes one sum over multipliers at the end, which tells the residual as well: where `a` was too high, iterations go
-//! on from there.
+//! The result is no Galerkin solution, and a kick by it would change the energy by `2 μᵀ(S μ − b)`. `μᵀb /
+//! μᵀS μ` times it, per component, is one, and is away from one by no more than `r` is from zero. That
+//! takes one sum over multipliers at the end, which tells the residual as well: where `a` was too high,
+//! iterations go on from there.
 
 use super::iterated::{Broken, Iterated, Precondition, update};
 use super::sides::Sides;
@@ -15,8 +17,8 @@ use crate::Real;
 use nalgebra::Vector3;
 use sprs::CsMat;
 
-/// What is taken of the smallest eigenvalue that was found, an estimate from above: inverse power iterations that end with changes of
-/// 1e-4 are 3 % too high at most.
+/// What is taken of the smallest eigenvalue that was found, an estimate from above: inverse power
+/// iterations that end with changes of 1e-4 are 3 % too high at most.
 const BELOW: f64 = 0.9;
 /// What is added to the bound of the largest: more than round-off in its sums, in single precision too.
 const ABOVE: f64 = 1.001;
@@ -40,8 +42,8 @@ pub(super) struct Chebyshev {
 }
 
 impl Chebyshev {
-    /// For eigenvalues from `low`, an estimate, to `high`, a bound. With fewer iterations than those take, the lowest ones are left
-    /// out of the tolerance, whose share in the jump is least.
+    /// For eigenvalues from `low`, an estimate, to `high`, a bound. With fewer iterations than those take,
+    /// the lowest ones are left out of the tolerance, whose share in the jump is least.
     pub(super) fn new([low, high]: [f64; 2], tolerance: f64, most: usize) -> Self {
         let high = high * ABOVE;
         let mut low = (low * BELOW).max(high * f64::EPSILON).min(high * BELOW);
@@ -67,8 +69,9 @@ impl Chebyshev {
     }
 }
 
-/// A bound of all eigenvalues of a symmetric matrix: `max_i (|A| x)_i / x_i` is one for any `x > 0` (Collatz, Wielandt), beginning with the
-/// row sums (Gershgorin) and falling with power iterations to the largest eigenvalue of `|A|`, which is that of `A` where no entry is negative.
+/// A bound of all eigenvalues of a symmetric matrix: `max_i (|A| x)_i / x_i` is one for any `x > 0`
+/// (Collatz, Wielandt), beginning with the row sums (Gershgorin) and falling with power iterations to the
+/// largest eigenvalue of `|A|`, which is that of `A` where no entry is negative.
 pub(super) fn ceiling<T: Real>(a: &CsMat<T>) -> f64 {
     let (mut x, mut y) = (vec![1.0; a.rows()], vec![0.0; a.rows()]);
     let mut least = f64::INFINITY;
@@ -216,7 +219,8 @@ mod tests {
     /// A power iteration from a vector without any of the top mode would end at another one.
     #[test]
     fn the_bound_is_never_below_the_largest_eigenvalue_and_close_to_it() {
-        // Of `1 + k cos(π q)` with one end mode that decays into the rows: `2.05` and `0.05` outside the band from `0.1` to `1.9`.
+        // Of `1 + k cos(π q)` with one end mode that decays into the rows: `2.05` and `0.05` outside the
+        // band from `0.1` to `1.9`.
         let chains = [1.0, -1.0].map(|sign| {
             matrix(80, |i, j| match i.abs_diff(j) {
                 0 => 1.0,
@@ -253,8 +257,8 @@ mod tests {
         }
     }
 
-    /// Multipliers; their residual over the right-hand side in the norm of the inverse diagonal, found anew; the change of the
-    /// energy by a kick over the work of the multipliers; the iteration.
+    /// Multipliers; their residual over the right-hand side in the norm of the inverse diagonal, found
+    /// anew; the change of the energy by a kick over the work of the multipliers; the iteration.
     fn solved(s: &CsMat<f64>, b: &[f64], of: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
         let n = b.len();
         let inverse: Vec<f64> = (0..n).map(|i| s.get(i, i).map_or(0.0, |d| 1.0 / d)).collect();
@@ -305,7 +309,8 @@ mod tests {
             // Round-off grows with the condition of the draw.
             prop_assert!(change < 1e-11, "{change:e}");
             if of.iterations < most {
-                // As much again comes from the scaling, which is as close to one as multipliers are to the exact ones.
+                // As much again comes from the scaling, which is as close to one as multipliers are to the
+                // exact ones.
                 prop_assert!(left < 2.01 * tolerance, "{left:e} after {} iterations", done.made);
             }
             let (_, change, done) = solved(&s, &b, Chebyshev { iterations: few, ..of }, (0.0, few));
@@ -378,7 +383,8 @@ mod tests {
         );
     }
 
-    /// What round-off leaves in the null space of a right-hand side is not damped: iterations do not go on for it.
+    /// What round-off leaves in the null space of a right-hand side is not damped: iterations do not go on
+    /// for it.
     #[test]
     fn a_residual_that_multipliers_cannot_reach_ends_the_iteration() {
         let s = matrix(8, |i, j| if i / 2 == j / 2 { 1.0 } else { 0.0 });

@@ -15,7 +15,8 @@ const ENTRY: f64 = 12.0;
 pub struct SolutionTime {
     /// As [`super::InterfaceReport::solver`] names it.
     pub solver: &'static str,
-    /// What one solution is expected to take \[s\], by a model of machines (decision 0046): latencies are assumed.
+    /// What one solution is expected to take \[s\], by a model of machines (decision 0046): latencies are
+    /// assumed.
     pub seconds: f64,
 }
 

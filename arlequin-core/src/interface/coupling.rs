@@ -12,8 +12,8 @@ pub(crate) struct Coupling<T> {
 }
 
 impl<T: Real> Coupling<T> {
-    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of the singular values of
-    /// each block as its norm: it does not depend on how axes lie.
+    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of
+    /// the singular values of each block as its norm: it does not depend on how axes lie.
     pub(super) fn measure(&self, node: usize, components: usize) -> T {
         let split = components / self.shared;
         let rows = (node * split..(node + 1) * split).filter_map(|k| self.matrix.outer_view(k));

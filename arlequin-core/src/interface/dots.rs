@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Scalar products of vectors of multipliers, by blocks that one rank adds up: the same bits on any number of ranks.
+/// Scalar products of vectors of multipliers, by blocks that one rank adds up: the same bits on any number
+/// of ranks.
 #[derive(Debug)]
 pub(super) struct Dots {
     cuts: Cuts,

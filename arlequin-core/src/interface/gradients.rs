@@ -1,7 +1,8 @@
 //! Conjugate gradients from zero for `S μ = b`.
 //!
-//! After any number of iterations with a fixed symmetric preconditioner `μᵀ(S μ − b) = 0`: Galerkin's condition, under which
-//! a kick by `μ` changes no energy. On several ranks an iteration is a message to each neighbour and two exact sums over all.
+//! After any number of iterations with a fixed symmetric preconditioner `μᵀ(S μ − b) = 0`: Galerkin's
+//! condition, under which a kick by `μ` changes no energy. On several ranks an iteration is a message to
+//! each neighbour and two exact sums over all.
 
 use super::iterated::{Iterated, Precondition, update};
 use super::sides::Sides;

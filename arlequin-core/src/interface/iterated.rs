@@ -1,8 +1,8 @@
 //! Iterations from zero for `S μ = b`: what conjugate gradients and the Chebyshev iteration share.
 //!
-//! Dependent multipliers do no harm: the system is consistent, and what acts on nothing is left alone. On several ranks each has the
-//! multipliers that it adds up, and its rows of `S`: a product is a message to each neighbour. Nothing of the step before
-//! is used: runs that are resumed make the same bits.
+//! Dependent multipliers do no harm: the system is consistent, and what acts on nothing is left alone. On
+//! several ranks each has the multipliers that it adds up, and its rows of `S`: a product is a message to
+//! each neighbour. Nothing of the step before is used: runs that are resumed make the same bits.
 
 use super::chebyshev::Chebyshev;
 use super::dots::Dots;
@@ -101,8 +101,8 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// From now on each rank has the multipliers that it adds up; false where `S` is applied by the sides, which all ranks do
-    /// together with all multipliers.
+    /// From now on each rank has the multipliers that it adds up; false where `S` is applied by the sides,
+    /// which all ranks do together with all multipliers.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
         let Apply::Rows(rows) = &self.apply else {
             return false;

@@ -1,8 +1,9 @@
 //! Interfaces that act on the same nodes: their multipliers are one system.
 //!
-//! With the rows of all of them in one `B_m` per model, of either sign as the model is coarse or fine in each, everything is
-//! as for one interface: `S = Σ_m B_m M_m⁻¹ B_mᵀ` has blocks off its diagonal where two interfaces act on one node, one solution
-//! meets all constraints, and the reflection keeps the kinetic energy of all models together.
+//! With the rows of all of them in one `B_m` per model, of either sign as the model is coarse or fine in
+//! each, everything is as for one interface: `S = Σ_m B_m M_m⁻¹ B_mᵀ` has blocks off its diagonal where two
+//! interfaces act on one node, one solution meets all constraints, and the reflection keeps the kinetic
+//! energy of all models together.
 
 use super::operator::Wanted;
 use super::sides::Sides;
@@ -111,7 +112,8 @@ impl<T: Real> Joint<T> {
         Ok(out)
     }
 
-    /// Finds what takes the jumps out of the numbers `x` of every model ([`Joint::models`]), `scale` times, and keeps it.
+    /// Finds what takes the jumps out of the numbers `x` of every model ([`Joint::models`]), `scale` times,
+    /// and keeps it.
     pub(crate) fn find<'a>(&mut self, x: impl Fn(usize) -> &'a [T], scale: T) {
         let all = self.sides.iter_mut().zip(&self.models);
         all.for_each(|(s, m)| s.load(x(*m)));

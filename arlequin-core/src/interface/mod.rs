@@ -1,7 +1,7 @@
 //! The interface: coupling matrices, multiplier operator and correction, the same for any pair of models.
 //!
-//! With `B_m` the multiplier-by-unknown matrix of side `m` (`C_m = B_mᵀ`, stored once, so that the two are adjoint by
-//! construction):
+//! With `B_m` the multiplier-by-unknown matrix of side `m` (`C_m = B_mᵀ`, stored once, so that the two are
+//! adjoint by construction):
 //!
 //! ```text
 //! constraint   B_C u̇ − B_D ḋ = 0
@@ -9,8 +9,8 @@
 //! projection   S μ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − M_C⁻¹ B_Cᵀ μ,   ḋ = ḋ* + M_D⁻¹ B_Dᵀ μ,   λ = 2 μ/ΔT
 //! ```
 //!
-//! Velocities at the instant are the projected ones; the change is added a second time at the start of the next step, which makes
-//! the two a reflection. `S` does not depend on the step: it is factored once.
+//! Velocities at the instant are the projected ones; the change is added a second time at the start of the
+//! next step, which makes the two a reflection. `S` does not depend on the step: it is factored once.
 
 mod advice;
 mod assembly;
@@ -121,11 +121,12 @@ pub struct InterfaceOptions<T: Real> {
     pub lumped: bool,
     /// Eigenvalues of the scaled operator below this share of the largest count as zero.
     pub rank_tolerance: T,
-    /// Largest jump of the initial displacements that is projected away, relative to the largest of them; above it the
-    /// run is refused. The default of 0.1: linear interpolation of a wave on eight elements errs by 7.7 % of its amplitude,
-    /// so that two meshes of one smooth field differ by less.
+    /// Largest jump of the initial displacements that is projected away, relative to the largest of them;
+    /// above it the run is refused. The default of 0.1: linear interpolation of a wave on eight elements
+    /// errs by 7.7 % of its amplitude, so that two meshes of one smooth field differ by less.
     pub start_jump: T,
-    /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator node.
+    /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator
+    /// node.
     pub pin: Option<Point3<T>>,
 }
 
@@ -313,13 +314,14 @@ impl<T: Real> Interface<T> {
     /// Builds the coupling matrices of a mediator between two sides (coarse first) and factors the operator.
     ///
     /// # Errors
-    /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent multiplier.
+    /// Empty overlap, overhanging mediator, momentum leak, missing gradients, lumped H1, or no independent
+    /// multiplier.
     pub fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
         Draft::new(spec, sides)?.alone(spec, sides.map(|s| s.inverse_inertia))
     }
 
-    /// Reports what an operator tells, of whose multipliers `own` are those of this interface; `together`: names of the
-    /// interfaces that the others are of.
+    /// Reports what an operator tells, of whose multipliers `own` are those of this interface; `together`:
+    /// names of the interfaces that the others are of.
     fn found(&mut self, operator: &Operator<T>, own: Range<usize>, together: Vec<String>) {
         let nodes = own.start / self.components..own.end / self.components;
         let mine = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
@@ -365,9 +367,10 @@ impl<T: Real> Interface<T> {
         &self.lambda
     }
 
-    /// `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model, components
-    /// interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the stored matrix at every call;
-    /// `None` for a side above 1; of a model in parts only the columns of the nodes here, by their numbers here.
+    /// `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model,
+    /// components interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the
+    /// stored matrix at every call; `None` for a side above 1; of a model in parts only the columns of the
+    /// nodes here, by their numbers here.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
         self.coupling.get(side).map(|c| c.matrix().expanded())
     }
@@ -386,8 +389,9 @@ impl<T: Real> Interface<T> {
         self.iterations
     }
 
-    /// What one solution for the multipliers is expected to take on so many ranks, by each solver that can be asked for; nothing of a
-    /// lumped operator, and of interfaces that are solved for together but the first.
+    /// What one solution for the multipliers is expected to take on so many ranks, by each solver that can
+    /// be asked for; nothing of a lumped operator, and of interfaces that are solved for together but the
+    /// first.
     pub fn solution_times(&self, ranks: usize) -> Vec<SolutionTime> {
         self.work.map_or_else(Vec::new, |w| w.on(ranks))
     }
@@ -402,8 +406,8 @@ impl<T: Real> Interface<T> {
         self.components
     }
 
-    /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes,
-    /// `δ_C = −scale M_C⁻¹ B_Cᵀ μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Nothing where others are solved for together with it.
+    /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes, `δ_C = −scale M_C⁻¹ B_Cᵀ
+    /// μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Nothing where others are solved for together with it.
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
         let Some(system) = &mut self.system else { return };
         let load = |sides: &mut [Transfer<T>]| sides.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
@@ -421,12 +425,14 @@ impl<T: Real> Interface<T> {
         system.map_or(Ok(()), |s| s.operator.check(&self.report.name))
     }
 
-    /// Whether the last solve was an iteration that ended before its tolerance; of those solved for together their joint knows.
+    /// Whether the last solve was an iteration that ended before its tolerance; of those solved for
+    /// together their joint knows.
     pub(crate) fn is_unsolved(&self) -> bool {
         self.system.as_ref().is_some_and(|s| s.operator.is_unsolved())
     }
 
-    /// Whether a user gave its iterations limits that are not the usual ones: jumps of velocities are then what was asked for.
+    /// Whether a user gave its iterations limits that are not the usual ones: jumps of velocities are then
+    /// what was asked for.
     pub(crate) fn is_cut_short(&self) -> bool {
         self.cut_short
     }
@@ -445,8 +451,8 @@ impl<T: Real> Interface<T> {
         }
     }
 
-    /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities, takes it out and
-    /// keeps it for the second half, with which the next step begins.
+    /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities,
+    /// takes it out and keeps it for the second half, with which the next step begins.
     pub(crate) fn reflect(&mut self, v: [&mut [T]; 2]) {
         let [coarse, fine] = v;
         self.find([coarse, fine], T::one());
@@ -479,14 +485,15 @@ impl<T: Real> Interface<T> {
         self.rate = T::of(2.0) / step;
     }
 
-    /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for round-off where
-    /// the multipliers are solved for exactly or by Galerkin's condition.
+    /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for
+    /// round-off where the multipliers are solved for exactly or by Galerkin's condition.
     pub(crate) fn power(&self) -> T {
         let left = self.system.as_ref().map_or_else(T::zero, System::left);
         self.rate * left
     }
 
-    /// Largest of the jumps `B_C x_C − B_D x_D` at the multipliers, as vectors divided by the multiplier's own measure.
+    /// Largest of the jumps `B_C x_C − B_D x_D` at the multipliers, as vectors divided by the multiplier's
+    /// own measure.
     pub(crate) fn jump(&mut self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());

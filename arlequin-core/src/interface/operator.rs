@@ -14,7 +14,8 @@ use crate::scalar::dot;
 use crate::{Error, Real, Result};
 use sprs::{CsMat, TriMat};
 
-/// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8 (decision 0030).
+/// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8
+/// (decision 0030).
 const ITERATIONS: f64 = 7.0;
 /// Entries of the largest factor: a gigabyte.
 const LARGEST_FACTOR: usize = 1 << 27;
@@ -27,7 +28,8 @@ enum Block<T: Real> {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
     },
-    /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue, in the same scaling.
+    /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue, in the same
+    /// scaling.
     Modes {
         scale: Vec<T>,
         modes: Vec<T>,
@@ -76,7 +78,8 @@ struct Outcome<T: Real> {
     exact: bool,
     condition: T,
     at_least: bool,
-    /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the largest.
+    /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the
+    /// largest.
     bounds: [f64; 2],
     /// Entries of the factor, where there can be one.
     entries: Option<usize>,
@@ -155,7 +158,8 @@ impl<T: Real> Operator<T> {
         })
     }
 
-    /// From now on each rank solves for the multipliers that it adds up; false where all of them solve for all.
+    /// From now on each rank solves for the multipliers that it adds up; false where all of them solve for
+    /// all.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
         let diagonal = self
             .blocks
@@ -357,7 +361,8 @@ fn find_blocks<T: Real>(
     Ok(found)
 }
 
-/// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by both sides.
+/// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by
+/// both sides.
 fn block<T: Real>(
     options: &InterfaceOptions<T>,
     s: &CsMat<T>,

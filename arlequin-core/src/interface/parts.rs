@@ -1,9 +1,10 @@
 //! Multipliers on models in parts: every one has a rank that adds up what all others know of it.
 //!
-//! A rank sums over its own nodes, a piece per multiplier and unit of nodes. Pieces go to the rank that adds them up, which is the one
-//! holds the first of them in its block of multipliers, and are added in the order of units, as on one rank; it forms what whole models
-//! contribute as well. Then all ranks are told all sums, of which each has one author: a reduction of integers, to which the
-//! others add zero. Conjugate gradients go on with the sums where they are ([`super::gradients`]).
+//! A rank sums over its own nodes, a piece per multiplier and unit of nodes. Pieces go to the rank that
+//! adds them up, which is the one holds the first of them in its block of multipliers, and are added in the
+//! order of units, as on one rank; it forms what whole models contribute as well. Then all ranks are told
+//! all sums, of which each has one author: a reduction of integers, to which the others add zero. Conjugate
+//! gradients go on with the sums where they are ([`super::gradients`]).
 
 use super::sides::less;
 use super::transfer::{self, Transfer};
@@ -13,7 +14,8 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows of multipliers that have one author: neighbours mostly, so that sums over multipliers need not be exact in each.
+/// Rows of multipliers that have one author: neighbours mostly, so that sums over multipliers need not be
+/// exact in each.
 pub(super) const BLOCK: usize = 16;
 
 /// Sums of multipliers over sides of which some are in parts.
@@ -85,8 +87,8 @@ fn authors<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -
 }
 
 impl Lists {
-    /// Finds where every piece goes; `next`: places of own pieces of each side, `arrive`: of those that other ranks send, whose
-    /// own ones are told to `send`.
+    /// Finds where every piece goes; `next`: places of own pieces of each side, `arrive`: of those that
+    /// other ranks send, whose own ones are told to `send`.
     fn new<T: Real>(
         sides: &[Transfer<T>],
         portions: &[Option<&Arc<Portion>>],
@@ -201,8 +203,8 @@ impl<T: Real> Parts<T> {
         out.copy_from_slice(&self.sums);
     }
 
-    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the sides hold. Not numbers
-    /// once ranks do not hear of each other any more.
+    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the
+    /// sides hold. Not numbers once ranks do not hear of each other any more.
     pub(super) fn jump<const N: usize>(&mut self, sides: &[Transfer<T>], x: Option<&[&[T]]>, out: &mut [T]) {
         self.add_up::<N>(sides, x);
         let sums = std::mem::take(&mut self.sums);

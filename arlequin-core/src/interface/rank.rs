@@ -14,7 +14,8 @@ const STEPS: usize = 150;
 pub struct NullMode {
     /// Mediator node at which the mode is largest.
     pub node: usize,
-    /// Eigenvalue of the scaled operator relative to its largest; of modes that are only counted, the limit below which it lies.
+    /// Eigenvalue of the scaled operator relative to its largest; of modes that are only counted, the limit
+    /// below which it lies.
     pub eigenvalue: f64,
 }
 
@@ -79,7 +80,8 @@ pub(super) struct Found<T> {
     pub(super) null_modes: Vec<NullMode>,
 }
 
-/// Tells combinations that act on something from those that act on nothing: eigenvalues at or below the tolerance.
+/// Tells combinations that act on something from those that act on nothing: eigenvalues at or below the
+/// tolerance.
 pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -> Result<Found<T>> {
     let n = scaled.rows();
     let mut dense = vec![T::zero(); n * n];
@@ -109,8 +111,8 @@ pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -
     })
 }
 
-/// The same modes, only counted: by the pivots of the operator less the tolerance; None where that breaks down. The node is
-/// the one whose multiplier depends on those eliminated before.
+/// The same modes, only counted: by the pivots of the operator less the tolerance; None where that breaks
+/// down. The node is the one whose multiplier depends on those eliminated before.
 pub(super) fn counted<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -> Option<Vec<NullMode>> {
     let [_, top] = extremes(scaled, &mut |b| b.fill(T::zero()));
     let rows = T::negative_pivots(scaled, top * tolerance)?;
@@ -121,7 +123,8 @@ pub(super) fn counted<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize)
     Some(rows.into_iter().map(mode).collect())
 }
 
-/// Smallest and largest eigenvalue of a positive semidefinite matrix on its range, by Lanczos iteration from a vector of it: from within.
+/// Smallest and largest eigenvalue of a positive semidefinite matrix on its range, by Lanczos iteration
+/// from a vector of it: from within.
 pub(super) fn range<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<[T; 2]> {
     let n = a.rows();
     let start: Vec<T> = (0..n).map(scattered).collect();

@@ -1,8 +1,8 @@
 //! Sparse matrices summed row by row from dense blocks, in a fixed order.
 //!
-//! A task (a cell of the mediator, some particles) sums its products in one dense block over the nodes that take part, and
-//! hands over its rows. Rows are merged in the order of the tasks, each by itself: nothing is sorted but the few entries
-//! of a row, and results have the same bits for any number of threads.
+//! A task (a cell of the mediator, some particles) sums its products in one dense block over the nodes that
+//! take part, and hands over its rows. Rows are merged in the order of the tasks, each by itself: nothing
+//! is sorted but the few entries of a row, and results have the same bits for any number of threads.
 
 use crate::Real;
 use crate::adjacency::Adjacency;
@@ -64,7 +64,8 @@ pub(super) struct Block<T> {
     rows: Slots,
     cols: Slots,
     values: Vec<Vec<T>>,
-    /// Nodes of the samples that are summed in `piece`, and their sum: over a piece of the overlap they stay the same.
+    /// Nodes of the samples that are summed in `piece`, and their sum: over a piece of the overlap they
+    /// stay the same.
     last: [Vec<usize>; 2],
     piece: Vec<T>,
 }

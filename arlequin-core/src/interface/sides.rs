@@ -67,7 +67,8 @@ impl<T: Real> Sides<T> {
         }
     }
 
-    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the sides hold.
+    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the
+    /// sides hold.
     pub(super) fn jump(&mut self, x: Option<&[&[T]]>, out: &mut [T]) {
         match self.all.first().map(Transfer::shared) {
             Some(1) => self.jump_of::<1>(x, out),

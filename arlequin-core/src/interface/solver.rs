@@ -8,28 +8,30 @@ const MOST_ITERATIONS: [usize; 2] = [1000, 2000];
 /// How the multipliers are solved for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Solver<T> {
-    /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much memory.
+    /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much
+    /// memory.
     #[default]
     Auto,
-    /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on something, and beyond
-    /// 2 000 of them per component by conjugate gradients.
+    /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on
+    /// something, and beyond 2 000 of them per component by conjugate gradients.
     Factor,
-    /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump is then only as
-    /// small as the tolerance.
+    /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump
+    /// is then only as small as the tolerance.
     ConjugateGradients {
         /// Residual, relative to the jump before, in the norm of the inverse diagonal of `S`.
         tolerance: T,
         /// Iterations at which they end anyway.
         max_iterations: usize,
     },
-    /// By a Chebyshev iteration from zero, whose number of iterations follows from bounds of the eigenvalues that the set-up
-    /// finds. Its result is scaled so that it costs no energy. It takes more iterations than conjugate gradients, but no sum over
-    /// all multipliers within them: on many ranks, only messages between neighbours.
+    /// By a Chebyshev iteration from zero, whose number of iterations follows from bounds of the
+    /// eigenvalues that the set-up finds. Its result is scaled so that it costs no energy. It takes more
+    /// iterations than conjugate gradients, but no sum over all multipliers within them: on many ranks,
+    /// only messages between neighbours.
     Chebyshev {
         /// As that of conjugate gradients.
         tolerance: T,
-        /// Iterations at which it ends anyway: with fewer than the tolerance asks for, the modes of the smallest eigenvalues are
-        /// left behind first. With a tolerance of zero as many are made.
+        /// Iterations at which it ends anyway: with fewer than the tolerance asks for, the modes of the
+        /// smallest eigenvalues are left behind first. With a tolerance of zero as many are made.
         max_iterations: usize,
     },
 }

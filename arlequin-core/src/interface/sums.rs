@@ -29,7 +29,8 @@ pub(super) struct Sampler<'a, T: Real> {
     beyond: Option<Beyond<'a, T>>,
 }
 
-/// Mediator and the other model's field beyond their surfaces, for particles of the overlap that stick out of them.
+/// Mediator and the other model's field beyond their surfaces, for particles of the overlap that stick out
+/// of them.
 struct Beyond<'a, T: Real> {
     /// The side whose particles sample the integrals.
     particles: usize,
@@ -164,7 +165,8 @@ impl<'a, T: Real> Sampler<'a, T> {
         }
     }
 
-    /// Whether both models share a point: a particle there may stick out of the mediator and the coarse model.
+    /// Whether both models share a point: a particle there may stick out of the mediator and the coarse
+    /// model.
     fn is_shared(&self, x: &Point3<T>) -> bool {
         let Some(beyond) = &self.beyond else {
             return false;
@@ -244,7 +246,8 @@ impl<'a, T: Real> Sampler<'a, T> {
             reached,
             lost,
         } = tally;
-        // Particles of one model near a free surface may lie outside the hull of the other; they are not tied.
+        // Particles of one model near a free surface may lie outside the hull of the other; they are not
+        // tied.
         let limit = match self.spec.options.sampling {
             Sampling::Particles => PARTICLE_COVERAGE,
             _ => OVERHANG_LIMIT,

@@ -49,8 +49,8 @@ impl<T: Real> System<T> {
         }
     }
 
-    /// Solves `S μ = B x` for the numbers that `load` puts into the sides, and keeps `scale μ` and, in the sides, what it
-    /// changes, `∓ scale M⁻¹ Bᵀ μ`.
+    /// Solves `S μ = B x` for the numbers that `load` puts into the sides, and keeps `scale μ` and, in the
+    /// sides, what it changes, `∓ scale M⁻¹ Bᵀ μ`.
     pub(super) fn find(
         &mut self,
         sides: &mut Sides<T>,
@@ -92,8 +92,8 @@ impl<T: Real> System<T> {
         self.left = self.dots.all(self.shared, &self.jump, own) - sides.twice_kinetic();
     }
 
-    /// `μᵀB v` with the velocities that the last kick left: zero but for round-off where the multipliers are solved for
-    /// exactly or by Galerkin's condition.
+    /// `μᵀB v` with the velocities that the last kick left: zero but for round-off where the multipliers
+    /// are solved for exactly or by Galerkin's condition.
     pub(super) fn left(&self) -> T {
         self.left
     }

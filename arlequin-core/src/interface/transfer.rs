@@ -1,11 +1,11 @@
 //! Both directions between one model's velocities and the multipliers.
 //!
-//! The coupling matrix is kept twice, by multipliers and by the nodes they act on, so that either direction only gathers:
-//! every result is one sum in a fixed order, whatever thread makes it. Columns have 32 bits, the components of a node are
-//! added together, nothing is allocated.
+//! The coupling matrix is kept twice, by multipliers and by the nodes they act on, so that either direction
+//! only gathers: every result is one sum in a fixed order, whatever thread makes it. Columns have 32 bits,
+//! the components of a node are added together, nothing is allocated.
 //!
-//! The sum of a multiplier is cut where the columns pass from one unit of 256 nodes to the next, and its pieces are added in
-//! that order: whoever holds which units, the bits are the same.
+//! The sum of a multiplier is cut where the columns pass from one unit of 256 nodes to the next, and its
+//! pieces are added in that order: whoever holds which units, the bits are the same.
 
 use super::Coupling;
 use crate::ranks::{Cuts, Portion, UNIT};
@@ -93,7 +93,8 @@ impl<T: Real> Rows<T> {
     }
 }
 
-/// `out_k = one(k)` for a range of rows, on several threads where that pays; `before`: entries of the rows before one.
+/// `out_k = one(k)` for a range of rows, on several threads where that pays; `before`: entries of the rows
+/// before one.
 pub(super) fn each<T: Real, const N: usize>(
     rows: Range<usize>,
     out: &mut [[T; N]],
@@ -113,7 +114,8 @@ pub(super) fn each<T: Real, const N: usize>(
     );
 }
 
-/// One side of an interface as its steps use it. Of a model in parts it has the columns of the nodes here, and all multipliers.
+/// One side of an interface as its steps use it. Of a model in parts it has the columns of the nodes here,
+/// and all multipliers.
 #[derive(Debug)]
 pub(crate) struct Transfer<T> {
     /// Components that share the matrix.
@@ -142,8 +144,8 @@ pub(crate) struct Transfer<T> {
 }
 
 impl<T: Real> Transfer<T> {
-    /// Both directions of a coupling matrix of a model with so many components; `sign`: that of the forces which multipliers
-    /// exert on this side.
+    /// Both directions of a coupling matrix of a model with so many components; `sign`: that of the forces
+    /// which multipliers exert on this side.
     pub(super) fn new(of: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
         let (matrix, shared) = (&of.matrix, of.shared);
         let entries = matrix.iter().filter(|(v, _)| **v != T::zero());

@@ -4,7 +4,8 @@ use super::{Message, Portion, RankError, Reduction};
 use crate::Real;
 
 impl Portion {
-    /// Lists of numbers of all ranks one after the other, in the order of ranks, on rank 0; none on the others. All ranks must ask.
+    /// Lists of numbers of all ranks one after the other, in the order of ranks, on rank 0; none on the
+    /// others. All ranks must ask.
     ///
     /// # Errors
     /// Those of the transport, which [`Self::failure`] remembers.
@@ -31,8 +32,8 @@ impl Portion {
         Ok((rank == 0).then(|| own.iter().chain(others).copied().collect()))
     }
 
-    /// Numbers of all nodes in the order of the whole model, so many each, on rank 0; none on the others. `x` are those of
-    /// the nodes here. All ranks must ask.
+    /// Numbers of all nodes in the order of the whole model, so many each, on rank 0; none on the others.
+    /// `x` are those of the nodes here. All ranks must ask.
     ///
     /// # Errors
     /// Those of the transport, which [`Self::failure`] remembers.

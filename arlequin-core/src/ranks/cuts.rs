@@ -29,9 +29,9 @@ impl Cuts {
         Self(cuts)
     }
 
-    /// Sums over the list, on whatever ranks its nodes are: `part` sums over a range of the places here, of so many `numbers`
-    /// each. The same bits for any number of threads and ranks, all of which must ask. Not numbers once ranks do not hear of
-    /// each other any more.
+    /// Sums over the list, on whatever ranks its nodes are: `part` sums over a range of the places here, of
+    /// so many `numbers` each. The same bits for any number of threads and ranks, all of which must ask.
+    /// Not numbers once ranks do not hear of each other any more.
     pub(crate) fn sum<T: Real, const N: usize>(
         &self,
         portion: Option<&Portion>,

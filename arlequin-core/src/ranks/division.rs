@@ -15,7 +15,8 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// Those of a model with such nodes \[m\]: the mean of their places, and what `work` says of a range of them.
+    /// Those of a model with such nodes \[m\]: the mean of their places, and what `work` says of a range of
+    /// them.
     #[must_use]
     pub fn all<T: Real>(nodes: &[Point3<T>], work: impl Fn(Range<usize>) -> f64) -> Vec<Self> {
         let unit = |first: usize| {
@@ -41,8 +42,8 @@ pub struct Division {
 }
 
 impl Division {
-    /// Cuts the units of `nodes` nodes into parts of equal work, each cut across the longest extent of what it cuts. The same
-    /// on every rank. Ranks beyond the number of units get nothing.
+    /// Cuts the units of `nodes` nodes into parts of equal work, each cut across the longest extent of what
+    /// it cuts. The same on every rank. Ranks beyond the number of units get nothing.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -55,8 +56,8 @@ impl Division {
     /// ```
     ///
     /// # Errors
-    /// [`RankError::TooMany`] for more ranks than nodes, or none; [`RankError::Length`] unless `units` are those of so
-    /// many nodes.
+    /// [`RankError::TooMany`] for more ranks than nodes, or none; [`RankError::Length`] unless `units` are
+    /// those of so many nodes.
     pub fn bisect(nodes: usize, units: &[Unit], ranks: usize) -> Result<Self, RankError> {
         let count = nodes.div_ceil(UNIT);
         if ranks == 0 || ranks > nodes {

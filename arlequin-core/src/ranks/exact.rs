@@ -1,8 +1,8 @@
 //! Sums without round-off, so that no order and no cut changes them.
 //!
-//! A finite number of 64 bits is an integer of 53 bits times a power of two. An accumulator is one long integer in digits of
-//! 32 bits, from the smallest power to the largest (Kulisch); digits are kept in 64 bits, so that carries can wait and ranks can
-//! add theirs up one by one.
+//! A finite number of 64 bits is an integer of 53 bits times a power of two. An accumulator is one long
+//! integer in digits of 32 bits, from the smallest power to the largest (Kulisch); digits are kept in 64
+//! bits, so that carries can wait and ranks can add theirs up one by one.
 
 use std::ops::AddAssign;
 

@@ -54,8 +54,9 @@ impl Gather {
         self.others.iter().map(message).collect()
     }
 
-    /// Writes the numbers of all items, from `x` where they are here; `messages` are those of so many `numbers` per item. All
-    /// ranks must ask. Not numbers once ranks do not hear of each other any more, which [`Portion::failure`] remembers.
+    /// Writes the numbers of all items, from `x` where they are here; `messages` are those of so many
+    /// `numbers` per item. All ranks must ask. Not numbers once ranks do not hear of each other any more,
+    /// which [`Portion::failure`] remembers.
     pub fn gather<T: Real>(&self, numbers: usize, messages: &mut [Message], x: &[T], out: &mut [T]) {
         let of = |at: u32| at as usize * numbers..(at as usize + 1) * numbers;
         for [place, here] in &self.own {

@@ -25,7 +25,8 @@ pub struct Halo {
 }
 
 impl Halo {
-    /// The ghosts of this rank's nodes for links between nodes of the whole model, each given at least where one of its ends is.
+    /// The ghosts of this rank's nodes for links between nodes of the whole model, each given at least
+    /// where one of its ends is.
     ///
     /// # Panics
     /// For links of nodes that are not there.
@@ -86,7 +87,8 @@ impl Halo {
         self.peers.iter().map(|p| p.send.len()).sum()
     }
 
-    /// Which units here have a node that is linked with a ghost; all others can be worked on before ghosts are known.
+    /// Which units here have a node that is linked with a ghost; all others can be worked on before ghosts
+    /// are known.
     #[must_use]
     pub fn borders(&self) -> Vec<bool> {
         let mut out = vec![false; self.portion.nodes().div_ceil(UNIT)];
@@ -109,8 +111,8 @@ impl Halo {
         self.peers.iter().map(message).collect()
     }
 
-    /// Tells others of own nodes by `read`, and hands what they tell of ghosts to `write`; `messages` are those of `N`
-    /// numbers. Nothing is allocated.
+    /// Tells others of own nodes by `read`, and hands what they tell of ghosts to `write`; `messages` are
+    /// those of `N` numbers. Nothing is allocated.
     ///
     /// # Errors
     /// Those of the transport, which [`Portion::failure`] remembers.
@@ -125,8 +127,9 @@ impl Halo {
         Ok(())
     }
 
-    /// The first half of [`Self::exchange`]: tells, and waits for what others tell. Until that is there, `meanwhile` does pieces of
-    /// work that needs no ghosts, and says whether there is more; all of it is done in the end.
+    /// The first half of [`Self::exchange`]: tells, and waits for what others tell. Until that is there,
+    /// `meanwhile` does pieces of work that needs no ghosts, and says whether there is more; all of it is
+    /// done in the end.
     ///
     /// # Errors
     /// Those of [`Self::exchange`]; no ghosts are then known.

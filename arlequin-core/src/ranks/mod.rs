@@ -1,10 +1,12 @@
-//! One run on several ranks: processes, or threads in tests, each of which holds a part of a model and steps it.
+//! One run on several ranks: processes, or threads in tests, each of which holds a part of a model and
+//! steps it.
 //!
-//! Nodes are shared out in units of [`UNIT`] consecutive ones ([`Division`]). A rank has a [`Portion`]: its units, whole, in
-//! the order of the model, so that whatever is found per node has the bits of the whole model. What nodes of other ranks must
-//! tell comes through a [`Halo`]. Sums are formed per unit in the order of its nodes, and over units exactly ([`Exact`]): they
-//! do not depend on who holds which unit, nor on the order in which ranks are heard. A model that is a portion says so
-//! ([`crate::Model::portion`]); one that is not is the same on every rank.
+//! Nodes are shared out in units of [`UNIT`] consecutive ones ([`Division`]). A rank has a [`Portion`]: its
+//! units, whole, in the order of the model, so that whatever is found per node has the bits of the whole
+//! model. What nodes of other ranks must tell comes through a [`Halo`]. Sums are formed per unit in the
+//! order of its nodes, and over units exactly ([`Exact`]): they do not depend on who holds which unit, nor
+//! on the order in which ranks are heard. A model that is a portion says so ([`crate::Model::portion`]);
+//! one that is not is the same on every rank.
 //!
 //! The core knows a transport by [`Communicator`] alone.
 
@@ -64,8 +66,8 @@ pub enum Reduction {
     Largest,
 }
 
-/// How ranks hear of each other. All calls but [`Communicator::exchange`] are made by all ranks, in the same order; none
-/// waits for ever.
+/// How ranks hear of each other. All calls but [`Communicator::exchange`] are made by all ranks, in the
+/// same order; none waits for ever.
 pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// Number of this rank, from zero.
     fn rank(&self) -> usize;
@@ -73,8 +75,9 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// How many there are.
     fn ranks(&self) -> usize;
 
-    /// Sends and receives all messages, whose peers do the same. While they are on their way `meanwhile` does a piece of other work
-    /// and says whether there is more of it: it is called until there is none, and messages are looked after in between.
+    /// Sends and receives all messages, whose peers do the same. While they are on their way `meanwhile`
+    /// does a piece of other work and says whether there is more of it: it is called until there is none,
+    /// and messages are looked after in between.
     ///
     /// # Errors
     /// A peer that is silent, lost or gave up; a message of another length.

@@ -14,8 +14,8 @@ fn corners(points: &[[f64; 3]]) -> Corners {
 }
 
 impl Halo {
-    /// All nodes of other ranks that may be within `reach` \[m\] of an own one, of nodes that are at `points` now, those of this rank:
-    /// those within it of the box around its own. All ranks must ask.
+    /// All nodes of other ranks that may be within `reach` \[m\] of an own one, of nodes that are at
+    /// `points` now, those of this rank: those within it of the box around its own. All ranks must ask.
     ///
     /// # Errors
     /// Those of the transport, which [`Portion::failure`] remembers.

@@ -45,8 +45,8 @@ impl Portion {
         })
     }
 
-    /// What the rank of `communicator` holds of a model that is divided by the work of its `units`. All ranks must ask; `digest`
-    /// is that of `what` they must have alike.
+    /// What the rank of `communicator` holds of a model that is divided by the work of its `units`. All
+    /// ranks must ask; `digest` is that of `what` they must have alike.
     ///
     /// # Errors
     /// [`RankError::Differ`] unless they do; those of [`Division::bisect`].
@@ -117,7 +117,8 @@ impl Portion {
         }
     }
 
-    /// Largest of numbers of all ranks that are not negative; not a number where one of them is not, or as [`Self::total`].
+    /// Largest of numbers of all ranks that are not negative; not a number where one of them is not, or as
+    /// [`Self::total`].
     pub fn largest(&self, own: f64) -> f64 {
         // Such numbers are in the order of their bits, those that are not numbers behind all others.
         let mut words = [own.abs().to_bits().cast_signed()];
@@ -128,7 +129,8 @@ impl Portion {
         }
     }
 
-    /// Highest of numbers of all ranks, of either sign; not a number once ranks do not hear of each other any more.
+    /// Highest of numbers of all ranks, of either sign; not a number once ranks do not hear of each other
+    /// any more.
     pub fn highest(&self, own: f64) -> f64 {
         // Integers in the order of the numbers; the same undoes it.
         let ordered = |bits: i64| bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed();
@@ -192,8 +194,9 @@ impl Portion {
     }
 }
 
-/// Sums over the nodes of a model, on whatever ranks they are: `part` sums over a range of the nodes here. The same bits for
-/// any number of threads and ranks, all of which must ask. Not numbers once ranks do not hear of each other any more.
+/// Sums over the nodes of a model, on whatever ranks they are: `part` sums over a range of the nodes here.
+/// The same bits for any number of threads and ranks, all of which must ask. Not numbers once ranks do not
+/// hear of each other any more.
 pub fn sum<T: Real, const N: usize>(
     nodes: usize,
     portion: Option<&Portion>,

@@ -23,8 +23,8 @@ pub(crate) struct Post {
 }
 
 impl Post {
-    /// Between the ranks of a portion: other ranks, and what they are sent and send, so many numbers at each place. Both of two
-    /// ranks name each other.
+    /// Between the ranks of a portion: other ranks, and what they are sent and send, so many numbers at
+    /// each place. Both of two ranks name each other.
     pub(crate) fn new(
         portion: Arc<Portion>,
         numbers: usize,

@@ -4,7 +4,8 @@ use super::{Halo, Message, RankError};
 use crate::error::invalid;
 use crate::{Real, Result};
 
-/// The nodes that an evaluation names, in an order of its own: where the own ones and the ghosts are among them.
+/// The nodes that an evaluation names, in an order of its own: where the own ones and the ghosts are among
+/// them.
 #[derive(Debug, Clone)]
 pub struct Reach {
     halo: Halo,
@@ -52,8 +53,8 @@ impl Reach {
         nodes.iter().map(place).collect()
     }
 
-    /// Writes numbers `q` of own nodes, `N` each, and those that other ranks tell of ghosts, to their places; `messages` are
-    /// those of `N` numbers ([`Halo::messages`]). Nothing is allocated.
+    /// Writes numbers `q` of own nodes, `N` each, and those that other ranks tell of ghosts, to their
+    /// places; `messages` are those of `N` numbers ([`Halo::messages`]). Nothing is allocated.
     ///
     /// # Errors
     /// Those of [`Halo::exchange`].
@@ -66,8 +67,8 @@ impl Reach {
         self.spread_meanwhile::<T, N>(messages, q, x, &mut |_| false)
     }
 
-    /// The same; until ghosts are there, `meanwhile` does pieces of work with what is known of own nodes, and says whether there is
-    /// more ([`Halo::tell`]).
+    /// The same; until ghosts are there, `meanwhile` does pieces of work with what is known of own nodes,
+    /// and says whether there is more ([`Halo::tell`]).
     ///
     /// # Errors
     /// Those of [`Halo::exchange`].

@@ -50,10 +50,11 @@ impl<T> Energies<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ = Δq/Δt`. For a
-    /// linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Beside it `U_{n+1} − U_n + ½ Δqᵀ(f_n + f_{n+1})`, by which the step changes
-    /// the invariant of a law that is not linear; zero of what is linear by construction and of solvers with steps of their own.
-    /// Needs what [`Self::predict`] keeps for it.
+    /// Invariant of the own step just made: `½ v₊ᵀMv₊ + ½(U_n + U_{n+1}) + ¼ Δqᵀ(f_{n+1} − f_n)`, `v₊ =
+    /// Δq/Δt`. For a linear model this is `½ v₊ᵀMv₊ + ½ q_nᵀKq_{n+1}`. Beside it `U_{n+1} − U_n + ½ Δqᵀ(f_n
+    /// + f_{n+1})`, by which the step changes the invariant of a law that is not linear; zero of what is
+    /// linear by construction and of solvers with steps of their own. Needs what [`Self::predict`] keeps
+    /// for it.
     pub(crate) fn invariant(&mut self) -> [T; 2] {
         match self.stepper {
             Stepper::Verlet => {}
@@ -88,7 +89,8 @@ impl<T: Real> Subdomain<T> {
         self.sums(&part)
     }
 
-    /// `½ Δqᵀ(f_n + f_{n+1})` of a step that the model made itself, whose forces are in the accelerations and in `moving`.
+    /// `½ Δqᵀ(f_n + f_{n+1})` of a step that the model made itself, whose forces are in the accelerations
+    /// and in `moving`.
     fn pushed_by_model(&self, moving: T) -> T {
         let (dt, half) = (self.pace.dt, T::of(0.5));
         let (v, a, inertia) = (&self.state.v, &self.state.a, &self.inertia);
@@ -103,8 +105,8 @@ impl<T: Real> Subdomain<T> {
         dt * power - T::of(2.0) * (moving - kinetic)
     }
 
-    /// Sums over all unknowns, on all ranks; `part` sums over a range of those here. The same bits for any number of
-    /// threads and ranks.
+    /// Sums over all unknowns, on all ranks; `part` sums over a range of those here. The same bits for any
+    /// number of threads and ranks.
     fn sum(&self, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
         let [sum] = self.sums(&|range| [part(range)]);
         sum
@@ -133,7 +135,8 @@ impl<T: Real> Subdomain<T> {
         sum
     }
 
-    /// `Σ m |x − x̄|²` over the unknowns \[kg m²\], with the mean place `x̄` of the nodes; on all ranks, all of which must ask.
+    /// `Σ m |x − x̄|²` over the unknowns \[kg m²\], with the mean place `x̄` of the nodes; on all ranks,
+    /// all of which must ask.
     pub(crate) fn spread(&self) -> T {
         let (layout, nodes, m) = (self.model.layout(), self.model.nodes(), &self.inertia);
         let places = |range: Range<usize>| {
@@ -157,7 +160,8 @@ impl<T: Real> Subdomain<T> {
         sum
     }
 
-    /// Internal energy at the whole step \[J\], on all ranks; of a whole solver, what its invariant said when the ledger was last drawn.
+    /// Internal energy at the whole step \[J\], on all ranks; of a whole solver, what its invariant said
+    /// when the ledger was last drawn.
     pub fn internal_energy(&self) -> T {
         if self.is_guest() {
             return self.drawn_energy();
@@ -176,7 +180,8 @@ impl<T: Real> Subdomain<T> {
         self.energies.now.unwrap_or_else(T::zero)
     }
 
-    /// Adds the work of effects over an own step; returns that of the moving supports, but for coupling forces on them.
+    /// Adds the work of effects over an own step; returns that of the moving supports, but for coupling
+    /// forces on them.
     pub(crate) fn account(&mut self) -> T {
         if !matches!(self.stepper, Stepper::Verlet) {
             return T::zero();

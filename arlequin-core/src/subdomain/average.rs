@@ -25,7 +25,8 @@ pub(super) struct Average<T> {
     mean: Vec<T>,
     /// Loads in the middle of the step.
     loads: Vec<T>,
-    /// Displacements in the middle of the step where they are prescribed, those at its start elsewhere; and forces there.
+    /// Displacements in the middle of the step where they are prescribed, those at its start elsewhere; and
+    /// forces there.
     trial: Vec<T>,
     pull: Vec<T>,
     /// Work of the moving supports in the step \[J\].

@@ -21,8 +21,8 @@ pub(super) struct Guest<T: Real> {
     given: T,
 }
 
-/// Relative error of a solver in single precision: four roundings, of impulse, mass, quotient and sum, and as much again for
-/// one that converts units.
+/// Relative error of a solver in single precision: four roundings, of impulse, mass, quotient and sum, and
+/// as much again for one that converts units.
 const ROUNDED: f64 = 8.0 * f32::EPSILON as f64;
 
 impl<T: Real> std::fmt::Debug for Guest<T> {
@@ -32,8 +32,8 @@ impl<T: Real> std::fmt::Debug for Guest<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// A whole solver, with the field that interfaces and probes see. Its state is its own: it takes no initial state,
-    /// support or effect of the core's.
+    /// A whole solver, with the field that interfaces and probes see. Its state is its own: it takes no
+    /// initial state, support or effect of the core's.
     ///
     /// # Errors
     /// Those of [`Participant::weigh`]; a layout that the core does not know, or nodes that do not fit it.
@@ -144,8 +144,8 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// The same at the start: what the projection of its velocities changed, and all `halves` of reflections that are still
-    /// to come.
+    /// The same at the start: what the projection of its velocities changed, and all `halves` of
+    /// reflections that are still to come.
     pub(crate) fn hand_over_start(&mut self, halves: &[&Transfer<T>]) -> Result<()> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.solver.velocities(&mut guest.change);
@@ -180,8 +180,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Of a solver that tells no energy and was given impulses in this step: momentum that its velocities are off by after them,
-    /// and what round-off explains of it, both relative to `Σ |p|`.
+    /// Of a solver that tells no energy and was given impulses in this step: momentum that its velocities
+    /// are off by after them, and what round-off explains of it, both relative to `Σ |p|`.
     pub(crate) fn missed_impulse(&mut self) -> Option<[T; 2]> {
         if self.tells_energy() {
             return None;
@@ -202,7 +202,8 @@ impl<T: Real> Subdomain<T> {
         Some([off / guest.given, rounded])
     }
 
-    /// What the model remembers; of a solver also what it received, and its inertia, velocities and centre of mass, to know it by.
+    /// What the model remembers; of a solver also what it received, and its inertia, velocities and centre
+    /// of mass, to know it by.
     pub(super) fn save_model(&self) -> Result<Record<T>> {
         let Stepper::Guest(guest) = &self.stepper else {
             return Ok(self.model.save());

@@ -1,7 +1,7 @@
 //! A subdomain: one model with its weights, supports, effects and state.
 //!
-//! [`Subdomain`] is put together here; `prepare` finds its inertia and attaches the effects, `step` makes velocity Verlet's
-//! half of the step and owns the forces, `account` owns the works and energies.
+//! [`Subdomain`] is put together here; `prepare` finds its inertia and attaches the effects, `step` makes
+//! velocity Verlet's half of the step and owns the forces, `account` owns the works and energies.
 
 mod account;
 mod average;
@@ -47,8 +47,8 @@ pub enum Partition {
     /// They must, wherever one of these models is; refused otherwise.
     #[default]
     Checked,
-    /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models. Mass and
-    /// stiffness are then not those of the body.
+    /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models.
+    /// Mass and stiffness are then not those of the body.
     Unchecked,
 }
 
@@ -169,15 +169,16 @@ impl<T: Real> Subdomain<T> {
         self
     }
 
-    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked model frees
-    /// all of them. Checked unless said otherwise.
+    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked
+    /// model frees all of them. Checked unless said otherwise.
     #[must_use]
     pub fn with_partition(mut self, partition: Partition) -> Self {
         self.partition = partition;
         self
     }
 
-    /// Sets initial displacements \[m\] (and rotation vectors \[rad\]) and velocities \[m/s\] (and spins \[rad/s\]).
+    /// Sets initial displacements \[m\] (and rotation vectors \[rad\]) and velocities \[m/s\] (and spins
+    /// \[rad/s\]).
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] or [`Error::NotFinite`].
@@ -198,8 +199,8 @@ impl<T: Real> Subdomain<T> {
         Ok(self)
     }
 
-    /// Lets the model go on from what an equal one remembered, [`Model::save`]: the initial displacements are then those
-    /// at which it was saved.
+    /// Lets the model go on from what an equal one remembered, [`Model::save`]: the initial displacements
+    /// are then those at which it was saved.
     #[must_use]
     pub fn with_memory(mut self, of: Record<T>) -> Self {
         self.memory = Some(of);

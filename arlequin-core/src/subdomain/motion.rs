@@ -32,8 +32,9 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
-    /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences over `dt` \[s\]: with
-    /// these velocity Verlet follows the motion exactly. With `dt` zero the time stands still: position alone.
+    /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences
+    /// over `dt` \[s\]: with these velocity Verlet follows the motion exactly. With `dt` zero the time
+    /// stands still: position alone.
     pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
         // In double precision whatever `T` is: the differences are many digits below the values.
         let amplitude = self.amplitude.as_f64();

@@ -5,8 +5,8 @@ use crate::{Real, Result};
 
 /// How a participant of a run gets from one reflection to the next, a step of the run `ΔT` later.
 ///
-/// Reflections leave `½vᵀMv` of all participants together as it is and touch no positions, so that every participant may
-/// step as it likes in between, as long as it keeps its own energy (docs/method.md).
+/// Reflections leave `½vᵀMv` of all participants together as it is and touch no positions, so that every
+/// participant may step as it likes in between, as long as it keeps its own energy (docs/method.md).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum OwnStep<T> {
     /// In one step of its own, unless [`crate::TimeStep::Chosen`] finds that it needs more.

@@ -9,8 +9,8 @@ use crate::{Error, Real, Result, ranks};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl<T: Real> Subdomain<T> {
-    /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two subdomains act
-    /// on this one.
+    /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two
+    /// subdomains act on this one.
     pub(crate) fn prepare(&mut self, paired: bool) -> Result<()> {
         self.model.layout().check(self.model.name())?;
         self.check_energy()?;
@@ -46,7 +46,8 @@ impl<T: Real> Subdomain<T> {
         self.check_parts()
     }
 
-    /// Refuses effects that need the whole of a model that is in parts here, and ranks that do not have the same.
+    /// Refuses effects that need the whole of a model that is in parts here, and ranks that do not have the
+    /// same.
     fn check_parts(&self) -> Result<()> {
         let Some(portion) = self.portion() else {
             return Ok(());
@@ -116,7 +117,8 @@ impl<T: Real> Subdomain<T> {
             .fold(T::zero(), |a, b| a.max(*b));
         let top = ranks::largest(self.portion(), top);
         for (i, m) in self.inertia.iter().enumerate() {
-            // Round-off of element means may leave a few epsilon of the largest mass where there should be none.
+            // Round-off of element means may leave a few epsilon of the largest mass where there should be
+            // none.
             if !prescribed[i]
                 && *m <= top * T::epsilon() * T::of(4.0)
                 && (i < layout.translations() || *m <= T::zero())
@@ -152,8 +154,8 @@ impl<T: Real> Subdomain<T> {
 
     /// Critical step of the weighted model with its effects and those `between` it and others \[s\].
     ///
-    /// Damping forces use the velocity half a step earlier, which shortens the stable step to
-    /// `2/ω (√(1 + ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
+    /// Damping forces use the velocity half a step earlier, which shortens the stable step to `2/ω (√(1 +
+    /// ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
     pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>]) -> Result<T> {
         let free = self.model.critical_step(&self.inverse_inertia)?;
         if self.effects.is_empty() && between.is_empty() {

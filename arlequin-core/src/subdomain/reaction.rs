@@ -12,9 +12,9 @@ use nalgebra::{Point3, Vector3};
 pub struct Resultant<T: Real> {
     /// Force on the model \[N\].
     pub force: Vector3<T>,
-    /// Moment on the model about the point asked for, torques on rotations included \[N m\]. Arms are those of the effect
-    /// where it says them ([`AnyEffect::arms`]), else those of the model: present positions where its forces turn with it
-    /// ([`Arms::Current`]), those at rest otherwise.
+    /// Moment on the model about the point asked for, torques on rotations included \[N m\]. Arms are those
+    /// of the effect where it says them ([`AnyEffect::arms`]), else those of the model: present positions
+    /// where its forces turn with it ([`Arms::Current`]), those at rest otherwise.
     ///
     /// [`AnyEffect::arms`]: crate::effect::AnyEffect::arms
     pub moment: Vector3<T>,
@@ -79,7 +79,8 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// `R = M q̈ − F` of the prescribed unknowns, zero elsewhere, from all forces `F` but those of the supports.
+    /// `R = M q̈ − F` of the prescribed unknowns, zero elsewhere, from all forces `F` but those of the
+    /// supports.
     pub(crate) fn react(&self, forces: &mut [T]) {
         let mut kept = vec![T::zero(); forces.len()];
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {

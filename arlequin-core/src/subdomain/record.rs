@@ -50,7 +50,8 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole model on the first rank.
+    /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole
+    /// model on the first rank.
     fn recorded_of(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
         let own = effect.save();
         let portion = self.portion().filter(|_| !effect.saves_whole());

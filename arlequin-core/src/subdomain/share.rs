@@ -8,8 +8,9 @@ use crate::{Real, Result};
 use std::sync::Arc;
 
 impl<T: Real> Subdomain<T> {
-    /// Lets the run share its model out among ranks once interfaces are made. Until then it is whole and the same on every rank:
-    /// supports, effects and initial states name nodes and unknowns of the whole model. All ranks make the same subdomain.
+    /// Lets the run share its model out among ranks once interfaces are made. Until then it is whole and
+    /// the same on every rank: supports, effects and initial states name nodes and unknowns of the whole
+    /// model. All ranks make the same subdomain.
     #[must_use]
     pub fn shared(mut self, communicator: Arc<dyn Communicator>) -> Self {
         self.ranks = Some(communicator);
@@ -35,8 +36,8 @@ impl<T: Real> Subdomain<T> {
         self.portion.as_ref()
     }
 
-    /// Numbers of all unknowns of the model, of which `x` are those here: on rank 0 of a model in parts, none on its others, as they are of
-    /// one that is whole. All ranks must ask.
+    /// Numbers of all unknowns of the model, of which `x` are those here: on rank 0 of a model in parts,
+    /// none on its others, as they are of one that is whole. All ranks must ask.
     ///
     /// # Errors
     /// What the transport says.

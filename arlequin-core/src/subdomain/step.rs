@@ -246,12 +246,13 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// A step of velocity Verlet, up to the velocity and acceleration of the instant reached as they are without multipliers;
-    /// where effects between two subdomains act, up to the forces, and [`Self::accelerate`] follows them.
+    /// A step of velocity Verlet, up to the velocity and acceleration of the instant reached as they are
+    /// without multipliers; where effects between two subdomains act, up to the forces, and
+    /// [`Self::accelerate`] follows them.
     ///
-    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of this
-    /// subdomain, for what is announced; `keep` says whether displacements of the step before are kept for
-    /// [`Self::invariant`].
+    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of
+    /// this subdomain, for what is announced; `keep` says whether displacements of the step before are kept
+    /// for [`Self::invariant`].
     pub(crate) fn predict(
         &mut self,
         own: usize,

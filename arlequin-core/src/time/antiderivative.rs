@@ -1,13 +1,15 @@
-//! Integrals of formulas from time zero on: the same bits whatever was asked before, as no step of a run must feel how they are found.
+//! Integrals of formulas from time zero on: the same bits whatever was asked before, as no step of a run
+//! must feel how they are found.
 //!
-//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. So a step of a formula or a short pulse is met once, at the
-//! resolution of the time at which it is, and belongs to all that follows. Every piece is halved until two rules agree.
+//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. So a step of a formula or a
+//! short pulse is met once, at the resolution of the time at which it is, and belongs to all that follows.
+//! Every piece is halved until two rules agree.
 
 use super::Formula;
 use std::sync::PoisonError;
 
-/// Places in −1 … 1, both signs, with the weights of Clenshaw and Curtis on 17 points and on every second of them. The ends are among
-/// them: a kink just within one would be seen by no other point.
+/// Places in −1 … 1, both signs, with the weights of Clenshaw and Curtis on 17 points and on every second
+/// of them. The ends are among them: a kink just within one would be seen by no other point.
 const POINTS: [[f64; 3]; 9] = [
     [1.0, 0.003_921_568_627_450_98, 0.015_873_015_873_015_872],
     [0.980_785_280_403_230_4, 0.037_368_702_837_205_61, 0.0],

@@ -42,7 +42,8 @@ pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u6
     (0..n).map(of).collect()
 }
 
-/// Energies and critical steps, then masses, forces and stresses; with the weights that it has been given, and with others.
+/// Energies and critical steps, then masses, forces and stresses; with the weights that it has been given,
+/// and with others.
 pub(crate) fn evaluated<M: Model<f64> + Recovery<f64>>(mut model: M) -> Told {
     let (n, count) = (model.layout().dofs(), model.layout().nodes);
     let (mut told, mut sums) = (Vec::<Vec<f64>>::new(), Vec::new());

@@ -44,8 +44,8 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Numbers of all points that are shown, so many each, of those of the nodes here: of a whole model in parts on the first rank alone.
-/// All ranks must ask.
+/// Numbers of all points that are shown, so many each, of those of the nodes here: of a whole model in
+/// parts on the first rank alone. All ranks must ask.
 pub(super) fn at_points(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
@@ -107,7 +107,8 @@ pub(super) fn recovered(
     Ok(out)
 }
 
-/// Whether the energy density of a model is wanted and comes from its bonds; else from the gradients in its cells.
+/// Whether the energy density of a model is wanted and comes from its bonds; else from the gradients in its
+/// cells.
 pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
     fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
 }
@@ -158,8 +159,8 @@ const WIDTH: usize = 3;
 /// Axial and shear force and utilisation of a bond.
 type Carried = [f64; WIDTH];
 
-/// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and numbers of those whose first
-/// particle is here, in that order.
+/// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and
+/// numbers of those whose first particle is here, in that order.
 fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carried>> {
     let mut counts = vec![0.0; portion.nodes()];
     here.iter().for_each(|b| counts[b.0] += 1.0);

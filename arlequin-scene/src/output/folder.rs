@@ -1,4 +1,5 @@
-//! The folder of a run: it appears when the run has ended, and replaces results only, after the new ones are there.
+//! The folder of a run: it appears when the run has ended, and replaces results only, after the new ones
+//! are there.
 //!
 //! ```text
 //! NAME.unfinished            while the run goes on; what a killed run leaves, until it is resumed or begun again
@@ -35,8 +36,8 @@ impl Place {
         }
     }
 
-    /// Refuses a target that must not be replaced, or a run that could be resumed. What a killed run left half done is
-    /// put right first.
+    /// Refuses a target that must not be replaced, or a run that could be resumed. What a killed run left
+    /// half done is put right first.
     pub fn check(&self) -> Result<()> {
         let target = &self.target;
         if target.file_name().is_none() {
@@ -192,8 +193,8 @@ impl Folder {
         Ok(path)
     }
 
-    /// Moves everything but the checkpoint into a folder inside. The checkpoint stays until another one replaces it:
-    /// killed in between, the run goes on from there after [`Folder::take_back`].
+    /// Moves everything but the checkpoint into a folder inside. The checkpoint stays until another one
+    /// replaces it: killed in between, the run goes on from there after [`Folder::take_back`].
     pub fn put_aside(&self, name: &str) -> Result<()> {
         let into = self.partial.join(name);
         let all = self.results(&self.partial)?;
@@ -243,7 +244,8 @@ impl Folder {
         Ok(out)
     }
 
-    /// Moves the folder to its target; results of a run that `failed` do not replace earlier ones but go beside them.
+    /// Moves the folder to its target; results of a run that `failed` do not replace earlier ones but go
+    /// beside them.
     pub fn finish(mut self, failed: bool) -> Result<PathBuf> {
         let partial = self.partial.clone();
         self.settle(failed)

@@ -46,7 +46,8 @@ struct Body {
     masses: Vec<f64>,
 }
 
-/// Numbers of all particles, so many each, of which `x` are those here: of a body in parts on the first rank alone.
+/// Numbers of all particles, so many each, of which `x` are those here: of a body in parts on the first
+/// rank alone.
 fn on_first<'a>(s: &Subdomain<f64>, each: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
     match s.portion() {
         None => Ok(Some(x.into())),

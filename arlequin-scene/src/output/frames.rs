@@ -73,7 +73,8 @@ impl Frames {
         Self::of(folder, fields, run, pictures, Vec::new())
     }
 
-    /// Prepares frames of which every rank writes its piece of models in parts into the folder, which all of them see. All must ask.
+    /// Prepares frames of which every rank writes its piece of models in parts into the folder, which all
+    /// of them see. All must ask.
     ///
     /// # Errors
     /// What ranks say of each other.
@@ -159,8 +160,8 @@ impl Frames {
         models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
-    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model. Of one in parts all ranks must
-    /// ask: the first gets it whole and the others none, or each its piece.
+    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model. Of
+    /// one in parts all ranks must ask: the first gets it whole and the others none, or each its piece.
     ///
     /// # Errors
     /// Values that are not finite; what a model cannot recover.

@@ -1,5 +1,5 @@
-//! The mark of folders of results. Nothing that the program did not write is ever removed or replaced: a folder goes
-//! file by file, by the list in its mark.
+//! The mark of folders of results. Nothing that the program did not write is ever removed or replaced: a
+//! folder goes file by file, by the list in its mark.
 //!
 //! ```text
 //! Results of arlequin, ...            head
@@ -7,7 +7,8 @@
 //! end
 //! ```
 //!
-//! While the run goes on there is no list; then the names that a run uses decide, and a lock says that it goes on.
+//! While the run goes on there is no list; then the names that a run uses decide, and a lock says that it
+//! goes on.
 
 use crate::checkpoint::fingerprint;
 use crate::error::{Error, Result, write};
@@ -190,7 +191,8 @@ pub fn remove(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A folder of many runs or of pictures, into which files are written again and again: it must be new, empty or marked.
+/// A folder of many runs or of pictures, into which files are written again and again: it must be new,
+/// empty or marked.
 pub fn claim(flag: &str, folder: &Path) -> Result<()> {
     if folder.exists() && !folder.is_dir() {
         let rule = "is a file; choose another folder";
@@ -236,8 +238,8 @@ pub fn is_ours(name: &Path) -> bool {
     }
 }
 
-/// The file that the index names of a frame that a file is, or is a piece of: a model, an underscore and the number of the step; of a
-/// piece another underscore and its rank.
+/// The file that the index names of a frame that a file is, or is a piece of: a model, an underscore and
+/// the number of the step; of a piece another underscore and its rank.
 pub fn frame(name: &OsStr) -> Option<String> {
     let name = name.to_str()?;
     let is_step = |s: &str| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit());

@@ -20,7 +20,8 @@ pub(super) struct Painter {
     pub(super) grid: Arc<Grid>,
     /// What this rank shows of a model in parts, if each of them shows its own.
     pub(super) piece: Option<Piece>,
-    /// None if the energy density is not wanted or comes from bonds, the field has no gradient or the material is not known.
+    /// None if the energy density is not wanted or comes from bonds, the field has no gradient or the
+    /// material is not known.
     centres: Option<Vec<Cell>>,
     weights: Vec<Array>,
     /// What broke, where bonds can.
@@ -146,7 +147,8 @@ impl Painter {
         Ok((points, cells))
     }
 
-    /// Share of broken bonds of every particle, of a piece of those that this rank holds, and which bonds are broken.
+    /// Share of broken bonds of every particle, of a piece of those that this rank holds, and which bonds
+    /// are broken.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
         let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.own);
         let mut counts = vec![[0.0_f64; 2]; points];

@@ -1,5 +1,5 @@
-//! What one rank shows of a model in parts: the points that it holds, the cells whose first corner is among them, and, as ghosts, the
-//! points of other ranks that these cells need.
+//! What one rank shows of a model in parts: the points that it holds, the cells whose first corner is among
+//! them, and, as ghosts, the points of other ranks that these cells need.
 
 use crate::cells::{self, Cell};
 use crate::error::Result;
@@ -27,13 +27,15 @@ pub(super) struct Piece {
     pub(super) cells: Vec<u32>,
     /// Gradients in the cells, by the points here; none where no rank has them.
     pub(super) centres: Option<Vec<Cell>>,
-    /// Own particle and bond, by its number in the whole model, of all bonds of own particles; empty where none can break.
+    /// Own particle and bond, by its number in the whole model, of all bonds of own particles; empty where
+    /// none can break.
     pub(super) bonds: Vec<[u32; 2]>,
     peers: BTreeMap<usize, Peer>,
 }
 
 impl Piece {
-    /// Leaves of a picture what this rank shows, with the gradients in its cells if they are wanted. All ranks must ask.
+    /// Leaves of a picture what this rank shows, with the gradients in its cells if they are wanted. All
+    /// ranks must ask.
     pub(super) fn cut(info: &mut ModelInfo, portion: &Portion, gradients: bool) -> Result<Self> {
         let (division, mine) = (portion.division(), portion.communicator().rank());
         let owner = |node: u32| division.owner(node as usize);
@@ -112,7 +114,8 @@ impl Piece {
     }
 }
 
-/// Asks the ranks of ghosts, given by rank and number, to tell of them whenever all do; hears what others ask for.
+/// Asks the ranks of ghosts, given by rank and number, to tell of them whenever all do; hears what others
+/// ask for.
 fn asked(portion: &Portion, ghosts: &[(usize, u32)]) -> Result<BTreeMap<usize, Peer>> {
     let mine = portion.communicator().rank() as i64;
     let words: Vec<i64> = ghosts.iter().map(|g| mine << 32 | i64::from(g.1)).collect();

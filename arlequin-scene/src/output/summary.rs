@@ -180,7 +180,8 @@ pub struct Energy {
     pub h_drift_max: f64,
     /// Drift that the laws of the models and round-off explain \[–\].
     pub h_drift_explained: f64,
-    /// Models whose energy is not known: the drift has what impulses brought to them, and not what became of that.
+    /// Models whose energy is not known: the drift has what impulses brought to them, and not what became
+    /// of that.
     pub unknown: Vec<String>,
     /// Largest share of the energy in play that effects created which must not \[–\].
     pub created_max: f64,
@@ -230,13 +231,15 @@ pub struct InterfaceLine {
     pub together: Vec<String>,
     /// Iterations of the last solve; zero with a factor.
     pub iterations: usize,
-    /// Lowest and highest eigenvalue that a Chebyshev iteration damps, of the operator scaled to a diagonal of ones.
+    /// Lowest and highest eigenvalue that a Chebyshev iteration damps, of the operator scaled to a diagonal
+    /// of ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub eigenvalues: Option<[f64; 2]>,
     /// Iterations of each solve that the set-up found to be needed for them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub planned_iterations: Option<usize>,
-    /// What a solution is expected to take \[s\] on as many ranks as a plan is for, by solvers; nothing without such a plan.
+    /// What a solution is expected to take \[s\] on as many ranks as a plan is for, by solvers; nothing
+    /// without such a plan.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub solution_times: Vec<(&'static str, f64)>,
     /// Condition number of the operator.
@@ -247,7 +250,8 @@ pub struct InterfaceLine {
     pub measure: f64,
     /// Nodes of the coarse and the fine model under the constraint.
     pub coupled_nodes: [usize; 2],
-    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume for particles).
+    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume
+    /// for particles).
     pub tied: [f64; 2],
     /// Share of the overlap outside the mediator.
     pub outside_mediator: f64,

@@ -49,7 +49,8 @@ pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
     put(&folder.join("static.csv"), &[text.as_bytes()])
 }
 
-/// All broken bonds in the order in which they broke: what a user asks first. Models tell more, see [`breaks`].
+/// All broken bonds in the order in which they broke: what a user asks first. Models tell more, see
+/// [`breaks`].
 pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
     let mut all: Vec<(usize, Break)> = Vec::new();
     for (k, log) in breaks.iter().enumerate() {

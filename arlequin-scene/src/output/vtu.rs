@@ -28,7 +28,8 @@ impl Array {
     }
 }
 
-/// Names that viewers know: numbers of points and cells in the whole model, and which points another rank holds.
+/// Names that viewers know: numbers of points and cells in the whole model, and which points another rank
+/// holds.
 const POINTS: &str = "GlobalPointIds";
 const CELLS: &str = "GlobalCellIds";
 const GHOST: &str = "vtkGhostType";

@@ -22,10 +22,12 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// The folder `target`, by default `results/` and the name of the scene; `force` replaces earlier results.
+    /// The folder `target`, by default `results/` and the name of the scene; `force` replaces earlier
+    /// results.
     ///
     /// # Errors
-    /// A folder that must not be replaced, one with a run that could go on, files of the scene that cannot be read.
+    /// A folder that must not be replaced, one with a run that could go on, files of the scene that cannot
+    /// be read.
     pub fn new(scene: &Scene, target: Option<&Path>, force: bool) -> Result<Self> {
         let stem = || scene.source().path.file_stem().unwrap_or_default().to_owned();
         let target = target.map_or_else(|| Path::new("results").join(stem()), Path::to_owned);
@@ -178,7 +180,8 @@ impl Session<'_> {
         })
     }
 
-    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for another run.
+    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for
+    /// another run.
     pub(crate) fn put_aside(
         mut self,
         name: &str,
@@ -198,8 +201,8 @@ impl Session<'_> {
         Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))
     }
 
-    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no step has
-    /// nothing.
+    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no
+    /// step has nothing.
     fn salvage(mut self, error: Error, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Error {
         let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
             return error;

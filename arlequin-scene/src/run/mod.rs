@@ -37,7 +37,8 @@ pub trait Observer {
     }
     /// No more steps follow, or none before a sleeping model wakes; results are put together.
     fn stepped(&mut self) {}
-    /// The scene asks for plots of the tables (probes, energy, effects), in a folder that is not finished before they are there.
+    /// The scene asks for plots of the tables (probes, energy, effects), in a folder that is not finished
+    /// before they are there.
     ///
     /// # Errors
     /// What cannot be drawn or written.
@@ -92,7 +93,8 @@ pub struct Recorded {
     pub effects: Table,
     /// One probe over another.
     pub curves: Vec<CurveLine>,
-    /// Pieces into which bodies fell, at the instants of the frames; of bodies in parts on the first rank alone.
+    /// Pieces into which bodies fell, at the instants of the frames; of bodies in parts on the first rank
+    /// alone.
     pub fragments: Vec<Piece>,
 }
 
@@ -118,11 +120,12 @@ pub struct Results {
 }
 
 impl Results {
-    /// The run as it can go on after its observer, or a crack that ran into an overlap, ended it: with the same bits as one
-    /// that was not stopped, and with what was recorded so far. The scene is built anew.
+    /// The run as it can go on after its observer, or a crack that ran into an overlap, ended it: with the
+    /// same bits as one that was not stopped, and with what was recorded so far. The scene is built anew.
     ///
     /// # Errors
-    /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that cannot be used.
+    /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that
+    /// cannot be used.
     pub fn resume(self) -> Result<Resumed> {
         match (self.rest, &self.folder) {
             (Some(rest), _) => Resumed::of(*rest, None, self.asleep, None),

@@ -50,7 +50,8 @@ pub(crate) struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// A run that took so many seconds to set up, from its first state, which is recorded, or from that of a checkpoint.
+    /// A run that took so many seconds to set up, from its first state, which is recorded, or from that of
+    /// a checkpoint.
     pub(crate) fn new(
         scene: &'a Scene,
         mut built: Built,
@@ -155,7 +156,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Says what the coupled run warns of, each once. The summary has it with its largest figure (`summary::findings`).
+    /// Says what the coupled run warns of, each once. The summary has it with its largest figure
+    /// (`summary::findings`).
     fn say_warnings(&mut self, observer: &mut dyn Observer) {
         let new = &self.run.warnings()[self.said..];
         if self.scene.ranks().leads() {
@@ -164,7 +166,8 @@ impl<'a> Session<'a> {
         self.said += new.len();
     }
 
-    /// Warns of what has come to be inside of something that it cannot touch; `at_once` whenever the last look was.
+    /// Warns of what has come to be inside of something that it cannot touch; `at_once` whenever the last
+    /// look was.
     pub(super) fn warn_of_intrusions(&mut self, at_once: bool, observer: &mut dyn Observer) -> Result<()> {
         let ranks = self.scene.ranks();
         let lines = match at_once {

@@ -15,8 +15,8 @@ pub struct LoadStep {
     pub time: f64,
     /// `direct` or `relaxed`.
     pub method: String,
-    /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force since the load
-    /// step before.
+    /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
+    /// since the load step before.
     pub residual: f64,
     /// Steps of relaxation.
     pub iterations: usize,

@@ -97,7 +97,8 @@ pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f
     Ok(out)
 }
 
-/// Pairs of particle models between which no contact is on and that no interface ties: they may go through each other.
+/// Pairs of particle models between which no contact is on and that no interface ties: they may go through
+/// each other.
 #[derive(Debug, Default)]
 pub struct ParticlesWithoutContact(Vec<([usize; 2], [ContactBody; 2])>);
 

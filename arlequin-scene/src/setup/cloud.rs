@@ -1,8 +1,8 @@
 //! Nodes within a closed surface, and the tetrahedra between them.
 //!
-//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes lie on a
-//! body-centred cubic lattice, whose Delaunay tetrahedra are all alike and well shaped, half a spacing or more from the
-//! surface.
+//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes
+//! lie on a body-centred cubic lattice, whose Delaunay tetrahedra are all alike and well shaped, half a
+//! spacing or more from the surface.
 
 use super::filling::bytes;
 use crate::error::{Result, cnem, dem, fem, key, value};

@@ -1,4 +1,5 @@
-//! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that probes read.
+//! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that
+//! probes read.
 
 use super::kinds::Body;
 use super::{drive, effect_models, load, select, zone};

@@ -18,17 +18,19 @@ use arlequin::fem_ref::{ElementKind, Mesh, generate};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per particle:
-/// beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
+/// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per
+/// particle: beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
-/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like the body: a few times
-/// the spread of packings.
+/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like
+/// the body: a few times the spread of packings.
 const ALIKE: [f64; 2] = [0.03, 0.02];
 /// Deviation of a packing's stiffness from an isotropic one that is of no account.
 const UNEVEN: f64 = 0.15;
-/// Spheres across an open border from which on a zone moves as elements would to 2 %; eight are off by up to 6.5 % (decision 0041).
+/// Spheres across an open border from which on a zone moves as elements would to 2 %; eight are off by up
+/// to 6.5 % (decision 0041).
 const ACROSS: f64 = 10.0;
-/// How far spheres are packed beyond the border of a zone, in their mean diameters: the order that a wall makes is gone there.
+/// How far spheres are packed beyond the border of a zone, in their mean diameters: the order that a wall
+/// makes is gone there.
 const MARGIN: f64 = 2.5;
 /// Lengths of the facets of a ball in its radius.
 const SIDES: f64 = 12.0;
@@ -418,7 +420,8 @@ pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Op
     })
 }
 
-/// How the packing of a zone is stiffer or softer than the body around it, by its test or by what is known of its beams.
+/// How the packing of a zone is stiffer or softer than the body around it, by its test or by what is known
+/// of its beams.
 pub(super) fn unlike_the_body(
     table: &ModelTable,
     beam: &BeamMaterial,

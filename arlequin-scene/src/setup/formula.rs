@@ -304,8 +304,8 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     Ok(out)
 }
 
-/// Refuses an expression that makes no sense at some of a thousand times of the run, or at a load step: its forces would not be finite
-/// then, without a word of what they came from.
+/// Refuses an expression that makes no sense at some of a thousand times of the run, or at a load step: its
+/// forces would not be finite then, without a word of what they came from.
 fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
     let f = formula(path, text)?;
     let listed = scene.statics.as_ref().and_then(|s| s.times.clone());

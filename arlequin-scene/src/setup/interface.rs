@@ -18,12 +18,12 @@ use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border where the weight
-/// vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border
+/// where the weight vanishes is loaded several times as hard as the body, at rest already (decision 0022).
 const BRITTLE_FLOOR: f64 = 0.1;
 
-/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates would run back
-/// and forth in the overlap, highest where the weight is least.
+/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates
+/// would run back and forth in the overlap, highest where the weight is least.
 const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
     rate: None,
     rate_factor: Some(0.2),
@@ -146,7 +146,8 @@ fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
         .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)])
 }
 
-/// Refuses an overlap that does not reach into both models: their weights would leave one of them without mass.
+/// Refuses an overlap that does not reach into both models: their weights would leave one of them without
+/// mass.
 pub(super) fn check_place(
     path: &str,
     shape: &OverlapShape,
@@ -222,8 +223,8 @@ fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
     }
 }
 
-/// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine one should have
-/// it, and the weights leave both without mass.
+/// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine
+/// one should have it, and the weights leave both without mass.
 pub(super) fn check_sense(
     path: &str,
     overlap: &OverlapShape,
@@ -364,8 +365,8 @@ pub(super) fn weights(
 
 /// Smallest weights of the coarse and the fine model.
 fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
-    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal law loses
-    // its critical step with a small floor; 0.05 is the literature's.
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal
+    // law loses its critical step with a small floor; 0.05 is the literature's.
     let floor = match table.weighting {
         Weighting::Energy => 1e-6,
         Weighting::Nodal => 0.05,
@@ -390,7 +391,8 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
 
 pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let at = format!("{path}.junction.length");
-    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times worse.
+    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times
+    // worse.
     let length = table.junction.length.unwrap_or(0.25 * spacing);
     if let (false, Some(l)) = (table.junction.kind.has_length(), table.junction.length) {
         let rule = format!(
@@ -429,7 +431,8 @@ fn absorber(
         }
     };
     let overlap = overlap.clone();
-    // Smooth from zero at the border to the fine model's own region, so that the absorber itself does not reflect.
+    // Smooth from zero at the border to the fine model's own region, so that the absorber itself does not
+    // reflect.
     let field = move |x: &Point3<f64>| match overlap.place(x) {
         Place::Fine => 0.0,
         Place::Coarse => rate,

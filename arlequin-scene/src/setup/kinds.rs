@@ -1,7 +1,7 @@
 //! The model kinds, in one place: a table of the scene becomes a body.
 //!
-//! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`]; choices of its own go
-//! into a table of that name in [`ModelTable`].
+//! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`];
+//! choices of its own go into a table of that name in [`ModelTable`].
 
 use super::clock::SetupClock;
 use super::grains::Grains;
@@ -99,9 +99,8 @@ pub(super) fn bar_speeds(path: &str, body: &Body) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-/// Builds the body of `[model.NAME]`; paths are relative to `folder`.
-/// `effects` are the effects on this model with their numbers in the scene, `supports` what holds it; particles need some of
-/// them here.
+/// Builds the body of `[model.NAME]`; paths are relative to `folder`. `effects` are the effects on this
+/// model with their numbers in the scene, `supports` what holds it; particles need some of them here.
 pub(super) fn body(
     name: &str,
     table: &ModelTable,

@@ -185,8 +185,8 @@ fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]
     Ok((Arc::new(field), grid, extent(nodes, None)))
 }
 
-/// The box around the nodes, or the line they lie on: what a mediator is derived from. Where the body fills less, the set-up
-/// finds that the mediator sticks out of it.
+/// The box around the nodes, or the line they lie on: what a mediator is derived from. Where the body fills
+/// less, the set-up finds that the mediator sticks out of it.
 fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
     let [low, high] = bounds_of(nodes.iter());
     match section {

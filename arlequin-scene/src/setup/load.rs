@@ -77,8 +77,8 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     })
 }
 
-/// Centre `c` of places `x` with shares `a`, and `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`: forces `a θ × r` have the moment `J θ` and no
-/// resultant.
+/// Centre `c` of places `x` with shares `a`, and `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`: forces `a θ × r`
+/// have the moment `J θ` and no resultant.
 pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
     let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
         (s + x.coords * a, t + a)
@@ -98,7 +98,8 @@ pub(super) fn turn(polar: &Matrix3<f64>, moment: &Vector3<f64>) -> Vector3<f64> 
     inverse.map_or(Vector3::zeros(), |p| p * moment)
 }
 
-/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no resultant.
+/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no
+/// resultant.
 fn turning(
     path: &str,
     moment: Vector3<f64>,

@@ -33,7 +33,8 @@ pub(super) fn mediator<'a>(
         spacing: t.spacing.or(free.then_some(coarse)),
         divisions: t.divisions.as_deref(),
         element: t.element,
-        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither model.
+        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither
+        // model.
         rim: Rim::Inscribed,
         scale: t.scale.unwrap_or(1.0),
         volume: None,
@@ -47,8 +48,9 @@ pub(super) fn is_hull(body: &Body) -> bool {
     body.grains.is_some() && body.field.samples().is_none()
 }
 
-/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies within the hull
-/// of the particles. The hull is convex, so that its nodes decide. Only faces on the particles' own surface move.
+/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies
+/// within the hull of the particles. The hull is convex, so that its nodes decide. Only faces on the
+/// particles' own surface move.
 pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {

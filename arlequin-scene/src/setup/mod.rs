@@ -145,7 +145,8 @@ pub struct Built {
     pub frame_every: usize,
     /// Models of particles between which no contact is on.
     pub without_contact: ParticlesWithoutContact,
-    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a whole.
+    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a
+    /// whole.
     pub warnings: Vec<String>,
     /// What the motion is held against.
     pub bounds: Bounds,
@@ -171,8 +172,8 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     precheck::scene(scene, folder)
 }
 
-/// The same with a state of its own to start from, and ranks among which bodies of particles are shared out; `tell` hears of every
-/// phase as it begins.
+/// The same with a state of its own to start from, and ranks among which bodies of particles are shared
+/// out; `tell` hears of every phase as it begins.
 pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
@@ -350,7 +351,8 @@ fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Ve
     scene.interface.iter().map(of).collect()
 }
 
-/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds that break.
+/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds
+/// that break.
 fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     let loose = scene
         .effect

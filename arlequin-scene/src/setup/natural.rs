@@ -158,8 +158,8 @@ impl<'a> Joined<'a> {
         surface.with_cracks(lips.map(|f| f[0]).collect())
     }
 
-    /// Number in the domain of every node of the mesh. Of the copies of a node on a crack it is the one on the side of an element of
-    /// the node.
+    /// Number in the domain of every node of the mesh. Of the copies of a node on a crack it is the one on
+    /// the side of an element of the node.
     fn numbers(&self, domain: &Domain) -> Vec<usize> {
         let mut out = self.place.clone();
         let copied: BTreeSet<usize> = domain.copies().map(|c| c.original).collect();
@@ -234,8 +234,8 @@ fn groups(
     named.collect()
 }
 
-/// Named surfaces: the boundary facets on triangles whose corners all belong to the group; of the two lips of a crack those that
-/// look where the group's facets do.
+/// Named surfaces: the boundary facets on triangles whose corners all belong to the group; of the two lips
+/// of a crack those that look where the group's facets do.
 fn surfaces(
     mesh: &Mesh<f64>,
     model: &CnemModel,

@@ -21,11 +21,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// The particle field of a scene: natural neighbours between the centres, for probes and for integration points of another
-/// model, and the particles themselves as integration points of interfaces, where gradients exist as well.
+/// The particle field of a scene: natural neighbours between the centres, for probes and for integration
+/// points of another model, and the particles themselves as integration points of interfaces, where
+/// gradients exist as well.
 struct ParticlePoints {
-    /// Made when a point between the particles is asked for first: its tetrahedra take more memory than the model, and
-    /// most runs never ask.
+    /// Made when a point between the particles is asked for first: its tetrahedra take more memory than the
+    /// model, and most runs never ask.
     natural: OnceLock<Result<NaturalField, String>>,
     particles: Arc<ParticleField<f64>>,
 }
@@ -53,7 +54,8 @@ impl Interpolation<f64> for ParticlePoints {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
-        // Between the particles, where those of another model are, the natural neighbours have gradients as well.
+        // Between the particles, where those of another model are, the natural neighbours have gradients as
+        // well.
         match self.particles.shape_at(x, gradient, row) {
             Err(Core::OutsideDomain { .. }) => self.natural()?.shape_at(x, gradient, row),
             found => found,

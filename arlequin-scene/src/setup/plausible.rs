@@ -1,4 +1,5 @@
-//! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here refuses.
+//! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here
+//! refuses.
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{
@@ -27,7 +28,8 @@ const STRAIN: f64 = 0.1;
 const STIFFNESS: f64 = 1000.0;
 /// Elements of the coarse model across an overlap, below which long waves see its borders.
 const ACROSS: f64 = 3.0;
-/// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look so.
+/// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look
+/// so.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 /// Share of a run by which whole steps may make it longer.
 const OVERRUN: f64 = 0.25;
@@ -37,7 +39,8 @@ const LOOKS: usize = 2000;
 /// What is odd about a scene that has been built.
 pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
-    // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be odd.
+    // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be
+    // odd.
     let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
     let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
     if !scene.model.values().any(unit) {
@@ -441,7 +444,8 @@ impl Bounds {
         });
     }
 
-    /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per model and kind.
+    /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per
+    /// model and kind.
     pub fn watch(&self, run: &Coupled<f64>) -> Vec<String> {
         let mut out = Vec::new();
         for (s, b) in run.subdomains().iter().zip(&self.0) {

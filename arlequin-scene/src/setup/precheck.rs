@@ -1,4 +1,5 @@
-//! Everything that can be known from the scene alone is refused here, before anything is meshed, packed or factored.
+//! Everything that can be known from the scene alone is refused here, before anything is meshed, packed or
+//! factored.
 
 use super::drive::{self, model_index};
 use super::kinds;

@@ -305,8 +305,9 @@ fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::c
     beyond(path, model, x, low.into(), high.into())
 }
 
-/// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ |e × r|²`, which is
-/// the angle while it is small, and of `k = Σ r·(u − e e·u) / Σ |e × r|²`: any angle is `atan2(s, 1 + k)`.
+/// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ
+/// |e × r|²`, which is the angle while it is small, and of `k = Σ r·(u − e e·u) / Σ |e × r|²`: any angle is
+/// `atan2(s, 1 + k)`.
 fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(usize, f64)>; 2]> {
     let count = body.model.layout().components;
     let points = body.model.nodes();

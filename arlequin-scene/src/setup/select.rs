@@ -7,8 +7,8 @@ use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
 use std::collections::BTreeMap;
 
-/// How far beyond a box a node of a body with nodes so far apart \[m\] counts as in it: more than files round places by, and
-/// nothing beside an element, wherever the body lies and however large the box is.
+/// How far beyond a box a node of a body with nodes so far apart \[m\] counts as in it: more than files
+/// round places by, and nothing beside an element, wherever the body lies and however large the box is.
 pub(super) fn slack(spacing: f64) -> f64 {
     1e-6 * spacing
 }

@@ -1,9 +1,11 @@
-//! Loads on a body with zones: one load on the whole body, dealt out to its models so that these exert together what is asked for.
+//! Loads on a body with zones: one load on the whole body, dealt out to its models so that these exert
+//! together what is asked for.
 //!
-//! What is asked for are the tractions on the facets of the whole body, as if it had no zones. The body's model carries them with its
-//! weight `f`, a zone's model with `1 − f` on its own facets of the same surface; spheres have none and carry it on those that
-//! touch it. What the models' own surfaces and rules leave to be desired, in force and in moment, is made up for on the zones by forces
-//! `a (α + θ × (x − c))`, the smallest that have a given resultant.
+//! What is asked for are the tractions on the facets of the whole body, as if it had no zones. The body's
+//! model carries them with its weight `f`, a zone's model with `1 − f` on its own facets of the same
+//! surface; spheres have none and carry it on those that touch it. What the models' own surfaces and rules
+//! leave to be desired, in force and in moment, is made up for on the zones by forces `a (α + θ × (x −
+//! c))`, the smallest that have a given resultant.
 
 use super::interface::BuiltInterface;
 use super::kinds::Body;
@@ -21,7 +23,8 @@ use std::sync::Arc;
 
 /// Share of what is asked for that may be left over.
 const LEFT: f64 = 1e-9;
-/// How far from the surface the middle of a facet on it may lie, in distances of nodes: faces of hexahedra may be warped.
+/// How far from the surface the middle of a facet on it may lie, in distances of nodes: faces of hexahedra
+/// may be warped.
 const SKIN: f64 = 0.1;
 /// Share of a load below which a zone has no part in it.
 const NO_PART: f64 = 1e-9;
@@ -121,13 +124,14 @@ struct Shared<'a> {
     body: usize,
     /// Zones, each with the weight that it leaves to the body's model.
     zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
-    /// The surface as triangles, for models that know the facets of a group by their corners alone: those of a cut through a thin body
-    /// have theirs on its surface too.
+    /// The surface as triangles, for models that know the facets of a group by their corners alone: those
+    /// of a cut through a thin body have theirs on its surface too.
     skin: Faces,
     field: Traction,
     /// What is asked for.
     asked: Wrench,
-    /// Sum of the sizes of its forces \[N\], and of these times their distances from the middle and the lengths of their facets \[N m\].
+    /// Sum of the sizes of its forces \[N\], and of these times their distances from the middle and the
+    /// lengths of their facets \[N m\].
     sizes: [f64; 2],
 }
 
@@ -261,8 +265,8 @@ impl<'a> Shared<'a> {
         Ok(zones)
     }
 
-    /// What the spheres of a zone carry: the tractions where each touches the surface, in shares of its section, made up to
-    /// those of the facets of the body there.
+    /// What the spheres of a zone carry: the tractions where each touches the surface, in shares of its
+    /// section, made up to those of the facets of the body there.
     fn on_spheres(&self, zone: usize, facets: &[SurfaceFacet<f64>], share: &Share<'_>) -> Result<Part> {
         let mut part = Part::new(zone);
         let mut wanted = Wrench::zero(self.asked.about);
@@ -333,7 +337,8 @@ impl<'a> Shared<'a> {
         Err(key(format!("{}.where", self.path), rule))
     }
 
-    /// What interfaces with models that are no zones leave to a model, at a point: the load there is theirs to be given.
+    /// What interfaces with models that are no zones leave to a model, at a point: the load there is theirs
+    /// to be given.
     fn left_by_others(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
         let zones: Vec<_> = self.zones.iter().map(|z| z.1.clone()).collect();
         let own = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);

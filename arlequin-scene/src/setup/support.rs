@@ -1,4 +1,5 @@
-//! Supports: which nodes they hold, in the body and its zones, and which of two holds a component that both have.
+//! Supports: which nodes they hold, in the body and its zones, and which of two holds a component that both
+//! have.
 
 use super::kinds::Body;
 use super::{drive, select, zone};
@@ -19,7 +20,8 @@ pub(super) struct Held {
     of_zone: bool,
 }
 
-/// What supports hold, in their order; of one on a body with zones first its own nodes, then those of each zone.
+/// What supports hold, in their order; of one on a body with zones first its own nodes, then those of each
+/// zone.
 fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
@@ -56,8 +58,8 @@ fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> 
     Ok(out)
 }
 
-/// Nodes of the body, or of one of its zones, that a support on the body holds; spheres are also held by touching the surface in a
-/// box.
+/// Nodes of the body, or of one of its zones, that a support on the body holds; spheres are also held by
+/// touching the surface in a box.
 fn nodes_of_part(support: usize, s: &Support, body: &Body) -> Vec<usize> {
     let group = |name: &str| body.groups.get(name).cloned().unwrap_or_default();
     match &s.at {
@@ -112,8 +114,8 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
     Err(key(path, rule))
 }
 
-/// What supports prescribe, with the model of each, in their order. What a zone's own support holds is not held by one on the body
-/// as well.
+/// What supports prescribe, with the model of each, in their order. What a zone's own support holds is not
+/// held by one on the body as well.
 pub(super) fn motions(
     scene: &SceneSpec,
     bodies: &[Body],
@@ -190,7 +192,8 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
     })
 }
 
-/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: which of them holds it must be said.
+/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: which of them
+/// holds it must be said.
 fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
     let mut by: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
     for h in all {

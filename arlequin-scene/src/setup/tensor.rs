@@ -11,8 +11,8 @@ use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
 /// Distance \[sphere diameters\] within which the spheres around one are looked at.
 const AROUND: f64 = 2.5;
-/// Distance of their centroid from a sphere, over that distance, from which the sphere counts as one of the rim: a plane surface
-/// gives 0.27 in the outer layer and 0.1 in the next.
+/// Distance of their centroid from a sphere, over that distance, from which the sphere counts as one of the
+/// rim: a plane surface gives 0.27 in the outer layer and 0.1 in the next.
 const RIM: f64 = 0.18;
 /// Most spheres of a probe that are looked at.
 const LOOKS: usize = 64;
@@ -103,7 +103,8 @@ impl TensorRow {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
                 let nodes = probe::chosen(path, selection, model, scene, bodies)?;
-                // Particles stand for the volume of their spheres: a plain mean would count the small ones, which carry more, too high.
+                // Particles stand for the volume of their spheres: a plain mean would count the small ones,
+                // which carry more, too high.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));
                 let sum: f64 = nodes.iter().map(size).sum();
                 let factors = nodes.iter().map(|n| size(n) / sum).collect();
@@ -175,7 +176,8 @@ impl TensorRow {
         Ok(all.iter().map(of).collect())
     }
 
-    /// The value: of the tensor interpolated to a point, or averaged over nodes; of a model in parts all ranks must ask.
+    /// The value: of the tensor interpolated to a point, or averaged over nodes; of a model in parts all
+    /// ranks must ask.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
         let Some(recovery) = s.model().recovery() else {

@@ -1,7 +1,8 @@
-//! Loads on surfaces that lie in an overlap: each model counts them with its weight, so that what acts may be less than is asked for.
+//! Loads on surfaces that lie in an overlap: each model counts them with its weight, so that what acts may
+//! be less than is asked for.
 //!
-//! A total force or moment is spread over the surface of each model by itself, a traction or pressure is what it is at each place: it is
-//! whole where another load, the other half, gives the rest.
+//! A total force or moment is spread over the surface of each model by itself, a traction or pressure is
+//! what it is at each place: it is whole where another load, the other half, gives the rest.
 
 use super::kinds::Body;
 use super::{drive, load, select, zone};
@@ -75,7 +76,8 @@ fn levers(moment: Vector3<f64>, parts: &mut [(Point3<f64>, f64)]) {
     }
 }
 
-/// Loads of one name, or without a name and of the same numbers, are halves of one load: a line for each that is not what it says.
+/// Loads of one name, or without a name and of the same numbers, are halves of one load: a line for each
+/// that is not what it says.
 pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) -> Vec<String> {
     let bits = |v: [f64; 3]| v.map(f64::to_bits);
     let key = |t: &Total| {

@@ -4,8 +4,8 @@ use super::interface::BuiltInterface;
 use crate::error::{Result, key};
 use arlequin::core::Weights;
 
-/// What models that are coarse beside `m`, and those beside these, leave to it: `1 − Σ f`, of each times what is left to
-/// that model. None where there are none; `depth` bounds the way up.
+/// What models that are coarse beside `m`, and those beside these, leave to it: `1 − Σ f`, of each times
+/// what is left to that model. None where there are none; `depth` bounds the way up.
 fn left_to(m: usize, joints: &[BuiltInterface], depth: usize) -> Result<Option<Weights<f64>>> {
     let mine = || joints.iter().filter(|j| j.spec.fine == m);
     let Some(first) = mine().next() else {

@@ -9,8 +9,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// `[zone.NAME]`: a fine model where it is wanted, coupled to that of `[body]` in a layer around it. The model and the
-/// interface bear the name of the zone.
+/// `[zone.NAME]`: a fine model where it is wanted, coupled to that of `[body]` in a layer around it. The
+/// model and the interface bear the name of the zone.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZoneTable {
@@ -22,8 +22,8 @@ pub struct ZoneTable {
     pub scale: Option<f64>,
     /// The layer around it in which both models are.
     pub overlap: ZoneOverlap,
-    /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements, once at least \[m\]. Default: none;
-    /// spheres may have `dem.count` or `dem.file` in its place.
+    /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements, once at
+    /// least \[m\]. Default: none; spheres may have `dem.count` or `dem.file` in its place.
     pub spacing: Option<f64>,
     /// What it is made of. Default: what the body is made of, with its `materials`.
     pub material: Option<Material>,
@@ -73,8 +73,9 @@ pub struct ZoneOverlap {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ZoneMediator {
-    /// Longest distance of its nodes \[m\], reached by halving these elements. With that of a `fem` zone uniform strain
-    /// passes exactly, at the price of more multipliers and more reflection. Default: the elements as they are.
+    /// Longest distance of its nodes \[m\], reached by halving these elements. With that of a `fem` zone
+    /// uniform strain passes exactly, at the price of more multipliers and more reflection. Default: the
+    /// elements as they are.
     pub spacing: Option<f64>,
 }
 
@@ -105,8 +106,8 @@ pub enum ZoneShape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// Near the facets of a named group of the body (its nodes, where it has none: a crack front, a point), or near the
-    /// triangles of an STL file, which need not be closed.
+    /// Near the facets of a named group of the body (its nodes, where it has none: a crack front, a point),
+    /// or near the triangles of an STL file, which need not be closed.
     Near {
         /// The group.
         group: Option<String>,

@@ -120,7 +120,8 @@ pub enum TimeShape {
     },
     /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
     Table(Vec<(f64, f64)>),
-    /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a headline.
+    /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a
+    /// headline.
     File(String),
     /// An expression of the time `t` \[s\], such as `"sin(2*pi*50*t)"`.
     Expression(String),
@@ -143,12 +144,13 @@ choice!(
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
-    /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports of one name count
-    /// as one.
+    /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports
+    /// of one name count as one.
     pub name: Option<String>,
     /// Model; on `body` its zones are held as well, where they have no support of their own.
     pub model: String,
-    /// Which nodes. Components that two supports hold at rest are held once, and their force is that of the first.
+    /// Which nodes. Components that two supports hold at rest are held once, and their force is that of the
+    /// first.
     #[serde(rename = "where")]
     pub at: Selection,
     /// Which components. Default: all.
@@ -180,8 +182,8 @@ pub struct Load {
     pub name: Option<String>,
     /// Model.
     pub model: String,
-    /// Which surface; a box selects the surface facets with all corners in it. On `body` the surface of the whole body: its zones
-    /// carry their share.
+    /// Which surface; a box selects the surface facets with all corners in it. On `body` the surface of the
+    /// whole body: its zones carry their share.
     #[serde(rename = "where")]
     pub at: Selection,
     /// Traction \[Pa\]; exactly one of `traction`, `force`, `pressure`, `torque`.
@@ -190,7 +192,8 @@ pub struct Load {
     pub force: Option<[f64; 3]>,
     /// Pressure against the outward normal \[Pa\].
     pub pressure: Option<f64>,
-    /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over particles).
+    /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over
+    /// particles).
     pub torque: Option<[f64; 3]>,
     /// Time function.
     pub time: TimeShape,
@@ -264,8 +267,8 @@ pub struct Wave {
     pub width: f64,
     /// Amplitude \[m\].
     pub amplitude: f64,
-    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model, of the material at each
-    /// node where it has several (the faster one where two meet).
+    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model, of the
+    /// material at each node where it has several (the faster one where two meet).
     pub speed: Option<f64>,
 }
 
@@ -279,7 +282,8 @@ pub enum OutputField {
     Velocity,
     /// `alpha`, `beta`, `gamma` at the nodes \[–\].
     Weights,
-    /// Unweighted strain energy density \[J/m³\] at the centres of elements, and at particles: the energy of their bonds.
+    /// Unweighted strain energy density \[J/m³\] at the centres of elements, and at particles: the energy
+    /// of their bonds.
     EnergyDensity,
     /// Multipliers on the mediators.
     Multipliers,

@@ -14,8 +14,8 @@ pub struct Effect {
     pub models: Option<Vec<String>>,
     /// The two models a contact is between; in place of `models`.
     pub between: Option<Vec<String>>,
-    /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only, for a
-    /// warning.
+    /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only,
+    /// for a warning.
     pub enabled: bool,
     /// The effect itself.
     pub kind: EffectKind,
@@ -63,11 +63,11 @@ macro_rules! effects {
         pub(super) struct Table {
             /// On which models. Default: all that can have it.
             models: Option<Vec<String>>,
-            /// For `contact`, in place of `models`: the two particle models whose particles touch each other. Default:
-            /// within each model.
+            /// For `contact`, in place of `models`: the two particle models whose particles touch each
+            /// other. Default: within each model.
             between: Option<Vec<String>>,
-            /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only, for a
-            /// warning.
+            /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end
+            /// only, for a warning.
             #[serde(default = "yes")]
             enabled: bool,
             $($(#[$doc])* $key: Option<$kind>,)*
@@ -149,8 +149,8 @@ pub struct Prestress {}
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StiffnessDamping {
-    /// Time \[s\] of the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time ω/2`;
-    /// lowers the critical step.
+    /// Time \[s\] of the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time
+    /// ω/2`; lowers the critical step.
     pub time: f64,
 }
 
@@ -166,7 +166,8 @@ pub struct LocalDamping {
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BulkViscosity {
-    /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical step.
+    /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical
+    /// step.
     #[serde(default = "usual")]
     pub coefficient: f64,
 }
@@ -182,8 +183,8 @@ fn usual() -> f64 {
 pub struct Fracture {
     /// What is compared with the strength.
     pub criterion: CriterionKind,
-    /// Strength of the beams (not of the packing) \[Pa\], or \[J/m²\] for the energy; the characteristic one with
-    /// `weibull`, else the mean.
+    /// Strength of the beams (not of the packing) \[Pa\], or \[J/m²\] for the energy; the characteristic
+    /// one with `weibull`, else the mean.
     pub strength: f64,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
     pub weibull: Option<f64>,
@@ -194,12 +195,13 @@ pub struct Fracture {
     pub seed: u64,
     /// Steps between two checks. Default: 1.
     pub every: Option<usize>,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that reaches the overlap: what
-    /// cannot break carries more load than the body has strength.
+    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that
+    /// reaches the overlap: what cannot break carries more load than the body has strength.
     #[serde(default)]
     pub spare_overlap: bool,
     /// Whether the run ends when a crack runs into an overlap, six broken bonds there that are near each
-    /// other or joined by others, with `status` `"stopped-at-overlap"` and all results; `arlequin resume` goes on.
+    /// other or joined by others, with `status` `"stopped-at-overlap"` and all results; `arlequin resume`
+    /// goes on.
     #[serde(default)]
     pub stop_at_overlap: bool,
 }
@@ -226,8 +228,8 @@ pub enum CriterionKind {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Contact {
-    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between particles that no bond joins \[Pa\].
-    /// Default: `material.young`; `2 E F/(E + F)` of both with `between`.
+    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between particles that no bond joins
+    /// \[Pa\]. Default: `material.young`; `2 E F/(E + F)` of both with `between`.
     pub modulus: Option<f64>,
     /// Coefficient of restitution, 0.15 to 1 \[–\]. Default: 0.5.
     pub restitution: Option<f64>,
@@ -254,8 +256,8 @@ pub struct Obstacle {
     pub velocity: Option<[f64; 3]>,
     /// Prescribed displacement, in place of `velocity`.
     pub displacement: Option<ObstacleMotion>,
-    /// Mass of a free body \[kg\], on which each `body_force` of its particles acts as well; a free sphere also turns, by the
-    /// friction of `contact`, planes and cylinders do not. Default: driven or fixed.
+    /// Mass of a free body \[kg\], on which each `body_force` of its particles acts as well; a free sphere
+    /// also turns, by the friction of `contact`, planes and cylinders do not. Default: driven or fixed.
     pub mass: Option<f64>,
     /// Moment of inertia of a free sphere \[kg m²\]. Default: full ball, `2/5 mass radius²`.
     pub inertia: Option<f64>,

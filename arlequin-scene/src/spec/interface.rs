@@ -30,9 +30,9 @@ pub struct Interface {
     /// The scalar product of the constraint.
     #[serde(default)]
     pub junction: JunctionTable,
-    /// How its integrals are sampled: `intersection` (common refinement of all cells, exact), `projection` (at
-    /// mediator nodes), `particles`. Default: `particles` if either model has a particle field (the fine one's
-    /// points come first), else `intersection`.
+    /// How its integrals are sampled: `intersection` (common refinement of all cells, exact), `projection`
+    /// (at mediator nodes), `particles`. Default: `particles` if either model has a particle field (the
+    /// fine one's points come first), else `intersection`.
     #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
     /// How the multipliers are solved for.
@@ -41,9 +41,9 @@ pub struct Interface {
     /// Lumps the multiplier operator; `l2` only, holds the constraint only in the mean.
     #[serde(default)]
     pub lumped: bool,
-    /// `checked`: refused unless the weights of the models that are there sum to one at every place, both fill the
-    /// overlap alike and the mediator fills it (decision 0024). `unchecked`: a deliberate study. Default:
-    /// `checked`.
+    /// `checked`: refused unless the weights of the models that are there sum to one at every place, both
+    /// fill the overlap alike and the mediator fills it (decision 0024). `unchecked`: a deliberate study.
+    /// Default: `checked`.
     #[serde(default)]
     #[schemars(with = "schema::Partition")]
     pub partition: Partition,
@@ -64,7 +64,8 @@ pub enum SolverKind {
     Factor,
     /// By conjugate gradients to 1e-12 of the jump; their result costs no energy wherever they end.
     ConjugateGradients,
-    /// By a Chebyshev iteration to 1e-12 of the jump: more iterations, none of which needs a sum over all ranks.
+    /// By a Chebyshev iteration to 1e-12 of the jump: more iterations, none of which needs a sum over all
+    /// ranks.
     Chebyshev,
 }
 
@@ -134,9 +135,9 @@ choice!(
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WeightTable {
-    /// Profile of all three weights: `constant`, `linear`, `cubic` (C1), `quintic` (C2), `mediator-compatible` (C1,
-    /// exact patch test with `epsilon = 0`). Default: `cubic`; `linear` around a zone, whose borders may have any form
-    /// (decision 0041).
+    /// Profile of all three weights: `constant`, `linear`, `cubic` (C1), `quintic` (C2),
+    /// `mediator-compatible` (C1, exact patch test with `epsilon = 0`). Default: `cubic`; `linear` around a
+    /// zone, whose borders may have any form (decision 0041).
     #[schemars(with = "Option<schema::ProfileKind>")]
     pub profile: Option<ProfileKind>,
     /// Coarse weight of the constant profile, 0 to 1 \[–\]; needed by it.
@@ -147,8 +148,8 @@ pub struct WeightTable {
     /// Smallest weight of the fine model there, if it differs \[–\]. Default: `epsilon` if given; 0.1 where
     /// `fracture` is listed for the fine model (decision 0022), else as `epsilon`.
     pub fine_epsilon: Option<f64>,
-    /// How the weights enter the models. `energy`: element and bond means in stiffness and mass, conserves energy.
-    /// `nodal`: nodal forces and masses, does not. Default: `energy`.
+    /// How the weights enter the models. `energy`: element and bond means in stiffness and mass, conserves
+    /// energy. `nodal`: nodal forces and masses, does not. Default: `energy`.
     #[schemars(with = "schema::Weighting")]
     pub weighting: Weighting,
     /// A weight of its own for internal energy. Default: the common one.
@@ -183,9 +184,9 @@ pub struct ProfileTable {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MediatorTable {
-    /// Its body, as a model's; cylinders are inscribed, those of models have the area of the circle. Default: the
-    /// slab's part of the space both models share, or a shell's between its two boxes, if both are boxes, both the
-    /// same cylinder or both bars.
+    /// Its body, as a model's; cylinders are inscribed, those of models have the area of the circle.
+    /// Default: the slab's part of the space both models share, or a shell's between its two boxes, if both
+    /// are boxes, both the same cylinder or both bars.
     pub shape: Option<Shape>,
     /// Length of a unit of the file of its shape \[m\]. Default: 1.
     pub scale: Option<f64>,
@@ -201,7 +202,8 @@ pub struct MediatorTable {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JunctionTable {
-    /// Which scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`. Default: `l2`.
+    /// Which scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`.
+    /// Default: `l2`.
     #[serde(default)]
     #[schemars(with = "schema::JunctionKind")]
     pub kind: JunctionKind,
@@ -213,10 +215,12 @@ pub struct JunctionTable {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Absorber {
-    /// Largest damping rate of what the coarse model cannot carry \[1/s\]; grows as `s²` from the fine border, 0
-    /// for none. Default: no absorber; `rate_factor = 0.2` where `fracture` is listed for the fine model.
+    /// Largest damping rate of what the coarse model cannot carry \[1/s\]; grows as `s²` from the fine
+    /// border, 0 for none. Default: no absorber; `rate_factor = 0.2` where `fracture` is listed for the
+    /// fine model.
     pub rate: Option<f64>,
-    /// The same in units of `√(E/ρ)/spacing` of the fine model \[–\], in place of `rate`; 0.2 is a good value.
+    /// The same in units of `√(E/ρ)/spacing` of the fine model \[–\], in place of `rate`; 0.2 is a good
+    /// value.
     pub rate_factor: Option<f64>,
     /// Length of the space that stays undamped \[m\]. Default: the mediator itself.
     pub spacing: Option<f64>,

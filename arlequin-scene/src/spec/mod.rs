@@ -136,8 +136,8 @@ pub struct Output {
     pub checkpoint_every: Option<usize>,
     /// Whether `plots/` is written.
     pub plots: bool,
-    /// Whether, on several ranks, each rank writes its piece of the frames of bodies in parts, beside a `.pvtu` that names the pieces; if not,
-    /// rank 0 has such bodies in its memory to write them whole.
+    /// Whether, on several ranks, each rank writes its piece of the frames of bodies in parts, beside a
+    /// `.pvtu` that names the pieces; if not, rank 0 has such bodies in its memory to write them whole.
     pub pieces: bool,
 }
 

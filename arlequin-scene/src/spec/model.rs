@@ -21,8 +21,8 @@ pub enum ModelKind {
     Dem,
     /// Masses `ρ S r` (half at the ends) and springs `E S/r` along x; shape `bar`, role `fine` only.
     Chain,
-    /// A solver in another process, which brings its own nodes, masses and steps; needs `command` or `address`, and takes
-    /// neither `shape` nor `material`.
+    /// A solver in another process, which brings its own nodes, masses and steps; needs `command` or
+    /// `address`, and takes neither `shape` nor `material`.
     Link,
 }
 
@@ -45,7 +45,8 @@ pub struct ModelTable {
     /// Its body. Default: needed by all kinds but `link`.
     #[serde(default = "unsaid_shape")]
     pub shape: Shape,
-    /// Target distance of nodes, mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file says it.
+    /// Target distance of nodes, mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file
+    /// says it.
     pub spacing: Option<f64>,
     /// Number of elements along each direction (three for a box, one for a bar), in place of `spacing`.
     pub divisions: Option<Vec<usize>>,
@@ -54,17 +55,18 @@ pub struct ModelTable {
     pub scale: f64,
     /// Physical volume of its mesh file that it fills. Default: all of them.
     pub volume: Option<String>,
-    /// Cracks, each a group or a box: the faces between two elements all of whose nodes lie in it are parted into two lips with nodes
-    /// of their own. A box without thickness is a cut along a plane of the mesh. For `fem` and `cnem`; for `dem` see
-    /// `dem.notch`. Default: none but the slits of a mesh file.
+    /// Cracks, each a group or a box: the faces between two elements all of whose nodes lie in it are
+    /// parted into two lips with nodes of their own. A box without thickness is a cut along a plane of the
+    /// mesh. For `fem` and `cnem`; for `dem` see `dem.notch`. Default: none but the slits of a mesh file.
     #[serde(default)]
     pub crack: Vec<Selection>,
     /// What it is made of. Default: needed by all kinds but `link`.
     #[serde(default = "unsaid_material")]
     pub material: Material,
-    /// Physical volumes of its mesh file that are made of something else, by name (the first group that a volume belongs
-    /// to); `poisson` is that of `material` where it is left out. For `fem` and `dem`: beams of spheres are stiffer or softer in
-    /// the ratio of the moduli, a bond between two is half of each in a row; not with `fracture`.
+    /// Physical volumes of its mesh file that are made of something else, by name (the first group that a
+    /// volume belongs to); `poisson` is that of `material` where it is left out. For `fem` and `dem`: beams
+    /// of spheres are stiffer or softer in the ratio of the moduli, a bond between two is half of each in a
+    /// row; not with `fracture`.
     #[serde(default)]
     pub materials: BTreeMap<String, Material>,
     /// How it steps between two reflections. Default: chosen, see `time`.
@@ -78,15 +80,17 @@ pub struct ModelTable {
     /// Choices of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
-    /// Program and arguments that the run starts, in the folder of the scene; the program finds where to connect in the
-    /// environment variable `ARLEQUIN_LINK`. For `kind = "link"` only: whoever runs the scene runs this.
+    /// Program and arguments that the run starts, in the folder of the scene; the program finds where to
+    /// connect in the environment variable `ARLEQUIN_LINK`. For `kind = "link"` only: whoever runs the
+    /// scene runs this.
     pub command: Option<Vec<String>>,
-    /// Where the run waits for a program that somebody else starts, in place of `command`: `unix:PATH`, `tcp:127.0.0.1:PORT`,
-    /// or `tcp-open:IP:PORT` on a network that is closed to strangers.
+    /// Where the run waits for a program that somebody else starts, in place of `command`: `unix:PATH`,
+    /// `tcp:127.0.0.1:PORT`, or `tcp-open:IP:PORT` on a network that is closed to strangers.
     pub address: Option<String>,
     /// How long the program may take to answer \[s\]; for `kind = "link"`. Default: 4.
     pub timeout: Option<f64>,
-    /// How long the program may take to start and to connect \[s\]; for `kind = "link"`. Default: 30, or `timeout` if that is longer.
+    /// How long the program may take to start and to connect \[s\]; for `kind = "link"`. Default: 30, or
+    /// `timeout` if that is longer.
     pub start_timeout: Option<f64>,
 }
 
@@ -144,8 +148,8 @@ pub struct OwnStepTable {
 pub enum Scheme {
     /// Velocity Verlet; goes with `ratio` or `fraction`.
     Explicit,
-    /// One step of average acceleration in each of the run, without a critical step; for `fem`, `cnem` and `chain`,
-    /// with dead loads, body forces and supports only.
+    /// One step of average acceleration in each of the run, without a critical step; for `fem`, `cnem` and
+    /// `chain`, with dead loads, body forces and supports only.
     Implicit,
 }
 
@@ -179,8 +183,8 @@ pub enum Shape {
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
-        /// What is left out of it, for meshes: elements inside that box, where a fine model is alone. Its faces lie
-        /// between elements, or beyond the box, where it is open.
+        /// What is left out of it, for meshes: elements inside that box, where a fine model is alone. Its
+        /// faces lie between elements, or beyond the box, where it is open.
         hole: Option<Hole>,
     },
     /// A circular cylinder along x. Groups `x-min`, `x-max`, `side`.
@@ -208,9 +212,10 @@ pub enum Shape {
         /// Cross-section \[m²\].
         section: f64,
     },
-    /// A Gmsh mesh (4.1 or 2.2, text or binary), relative to the scene file; it brings its own spacing and named groups.
-    /// Elements of second order are read as linear ones, with a warning. Particles fill its outer surface (or the
-    /// closed surface mesh it holds), or that of an STL file (no groups); so do nodes of `cnem`, `spacing` apart.
+    /// A Gmsh mesh (4.1 or 2.2, text or binary), relative to the scene file; it brings its own spacing and
+    /// named groups. Elements of second order are read as linear ones, with a warning. Particles fill its
+    /// outer surface (or the closed surface mesh it holds), or that of an STL file (no groups); so do nodes
+    /// of `cnem`, `spacing` apart.
     File(PathBuf),
     /// What `[body]` and `[zone.NAME]` leave to one of their models.
     #[serde(skip)]
@@ -305,9 +310,9 @@ pub struct CnemTable {
 pub enum Masses {
     /// The cell's own node.
     Cells,
-    /// The nodes around its centroid: torsion of coarse bodies is right; static fields under body forces are less
-    /// accurate, the critical step is 4 to 7 % shorter for a model alone and longer where weights are small, 1.25
-    /// times in `beam-cnem.toml`.
+    /// The nodes around its centroid: torsion of coarse bodies is right; static fields under body forces
+    /// are less accurate, the critical step is 4 to 7 % shorter for a model alone and longer where weights
+    /// are small, 1.25 times in `beam-cnem.toml`.
     Centroids,
 }
 
@@ -340,28 +345,28 @@ pub struct DemTable {
     /// Name of the array of radii in a `.vtu`. Default: first of `radius [m]`, `radius`, `Radius`, `radii`,
     /// `Radii`, `r`.
     pub radii: Option<String>,
-    /// Bonds per particle times two, over all particles \[–\]; about 1.7e10 Pa of silica's modulus per unit. Default:
-    /// 6.2.
+    /// Bonds per particle times two, over all particles \[–\]; about 1.7e10 Pa of silica's modulus per
+    /// unit. Default: 6.2.
     pub coordination: Option<f64>,
-    /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
-    /// modulus (2.65e11 Pa for 7.44e10 Pa); in a zone, with `radius_ratio`, what gives a packing the body's modulus and
-    /// Poisson's ratio (decision 0041).
+    /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about
+    /// that modulus (2.65e11 Pa for 7.44e10 Pa); in a zone, with `radius_ratio`, what gives a packing the
+    /// body's modulus and Poisson's ratio (decision 0041).
     pub young: Option<f64>,
-    /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the defaults),
-    /// `material.poisson` does not enter but in a zone. Default: 0.3.
+    /// Poisson's ratio of the beams \[–\]; that of the packing follows from the beams (0.17 with the
+    /// defaults), `material.poisson` does not enter but in a zone. Default: 0.3.
     pub poisson: Option<f64>,
     /// Beam radius over mean particle radius, from 0.2 to 1.5 \[–\]; needs `young`. Default: 0.71; in a zone
     /// as for `young`.
     pub radius_ratio: Option<f64>,
     /// What interfaces see.
     pub field: ParticleFieldKind,
-    /// Whether the beams follow large rotations, of any angle; angular momentum about the present positions is then
-    /// kept.
+    /// Whether the beams follow large rotations, of any angle; angular momentum about the present positions
+    /// is then kept.
     pub finite_rotations: bool,
     /// What becomes of spheres that no bonds join to a part of at least four.
     pub loose: LooseKind,
-    /// Boxes: bonds that pass through one are left out, and spheres that hang on nothing without them go with their
-    /// mass. A box without thickness is a cut.
+    /// Boxes: bonds that pass through one are left out, and spheres that hang on nothing without them go
+    /// with their mass. A box without thickness is a cut.
     pub notch: Vec<NotchBox>,
 }
 
@@ -403,6 +408,7 @@ pub enum ParticleFieldKind {
     /// The particles are the integration points; for H1 their gradients are fitted to the bonded neighbours.
     #[default]
     Particles,
-    /// Natural neighbours between the centres; a derived mediator is drawn in until it lies within their hull.
+    /// Natural neighbours between the centres; a derived mediator is drawn in until it lies within their
+    /// hull.
     Natural,
 }

@@ -17,31 +17,36 @@ pub struct Probe {
     /// Group or box of nodes whose mean is taken.
     #[serde(rename = "where")]
     pub over: Option<Selection>,
-    /// Name of a support, load, rigid body or effect of which the `force` or `moment` on the models is read. Several of one
-    /// name are added up: the two halves of a support in an overlap.
+    /// Name of a support, load, rigid body or effect of which the `force` or `moment` on the models is
+    /// read. Several of one name are added up: the two halves of a support in an overlap.
     pub of: Option<String>,
     /// Front of a crack in a finite or natural element model, for `quantity = "energy-release"`.
     pub crack: Option<Crack>,
-    /// Point about which a moment is taken \[m\]; by default the centroid of the nodes that are held or loaded, or the
-    /// centre of the rigid body at rest.
+    /// Point about which a moment is taken \[m\]; by default the centroid of the nodes that are held or
+    /// loaded, or the centre of the rigid body at rest.
     pub about: Option<[f64; 3]>,
     /// What is read.
     #[serde(default)]
     pub quantity: Quantity,
-    /// Which component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or strain; `"1"`, `"2"`, `"3"`
-    /// of the principal stresses, largest first. The stress of von Mises and the energy release have none.
+    /// Which component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or
+    /// strain; `"1"`, `"2"`, `"3"` of the principal stresses, largest first. The stress of von Mises and
+    /// the energy release have none.
     pub component: Option<Component>,
 }
 
-/// `[probe.NAME] crack`: a straight front and the domain around it over which the energy release is integrated.
+/// `[probe.NAME] crack`: a straight front and the domain around it over which the energy release is
+/// integrated.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Crack {
-    /// Ends of the part of the front over which the mean is taken \[m\]: from surface to surface, or within the body.
+    /// Ends of the part of the front over which the mean is taken \[m\]: from surface to surface, or within
+    /// the body.
     pub front: [[f64; 3]; 2],
-    /// Direction in which the crack would grow, along its faces; what of it lies along the front does not count.
+    /// Direction in which the crack would grow, along its faces; what of it lies along the front does not
+    /// count.
     pub direction: [f64; 3],
-    /// Inner and outer radius of the domain \[m\]: the ring between them lies in the body, beside the faces of the crack.
+    /// Inner and outer radius of the domain \[m\]: the ring between them lies in the body, beside the faces
+    /// of the crack.
     pub radii: [f64; 2],
 }
 
@@ -130,7 +135,8 @@ pub enum Quantity {
     VonMises,
     /// A principal stress \[Pa\].
     PrincipalStress,
-    /// Energy that a crack releases per area as it grows, J \[J/m²\]: an integral over a domain around its front.
+    /// Energy that a crack releases per area as it grows, J \[J/m²\]: an integral over a domain around its
+    /// front.
     EnergyRelease,
 }
 

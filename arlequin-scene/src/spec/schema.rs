@@ -1,6 +1,6 @@
-//! JSON Schema of scenes and sweeps, from the types that read them: with it editors complete and check TOML files, and the
-//! reference of the book is written. It knows keys, kinds of values and choices; what depends on several keys at once only the
-//! program knows.
+//! JSON Schema of scenes and sweeps, from the types that read them: with it editors complete and check TOML
+//! files, and the reference of the book is written. It knows keys, kinds of values and choices; what
+//! depends on several keys at once only the program knows.
 
 use crate::spec::SceneSpec;
 use crate::sweep::spec::SweepFile;
@@ -27,7 +27,8 @@ fn of<T: JsonSchema>(title: &str) -> Value {
     schema.to_value()
 }
 
-/// What TOML and readers have no use for: null, formats of numbers, escapes and links of Rust's documentation.
+/// What TOML and readers have no use for: null, formats of numbers, escapes and links of Rust's
+/// documentation.
 fn plain(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else {
         return;
@@ -77,7 +78,8 @@ pub(crate) fn but_for_links() -> impl Transform {
 }
 
 /// Exactly one of these keys, parted by spaces, must be there.
-// Words in one text: a list in the attribute would need all of syn, which `derive` of schemars alone does not have.
+// Words in one text: a list in the attribute would need all of syn, which `derive` of schemars alone does
+// not have.
 pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     let keys = keys.into();
     move |schema: &mut Schema| {

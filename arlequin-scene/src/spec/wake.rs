@@ -13,8 +13,8 @@ pub struct Wake {
     pub model: String,
     /// The model that carries its region until then, `fem` or `cnem`.
     pub by: String,
-    /// Assignments, as those of `--set`, that make the sleeping scene: `by` must cover the whole body, and what
-    /// acts on `model` must act on `by` (`"support.0.model=block"`).
+    /// Assignments, as those of `--set`, that make the sleeping scene: `by` must cover the whole body, and
+    /// what acts on `model` must act on `by` (`"support.0.model=block"`).
     #[serde(default)]
     pub asleep: Vec<String>,
     /// What wakes it.

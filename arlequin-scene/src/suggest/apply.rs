@@ -31,7 +31,8 @@ impl Change {
     }
 }
 
-/// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted error's square.
+/// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted
+/// error's square.
 pub(super) fn needs_absorber(p: &Prospect) -> bool {
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
@@ -143,7 +144,8 @@ fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str)
     out
 }
 
-/// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is, comments too.
+/// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is,
+/// comments too.
 pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()> {
     if out.exists() {
         let rule = "exists; choose another name, nothing is overwritten";

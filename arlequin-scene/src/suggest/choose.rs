@@ -12,7 +12,8 @@ const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
 const MEDIATORS: [f64; 2] = [1.0, 0.5];
 /// Weights that are tried.
 const PROFILES: [ProfileKind; 3] = [ProfileKind::Cubic, ProfileKind::Quintic, ProfileKind::Linear];
-/// Junction lengths that are tried, in mediator spacings: past half of one, the condition grows as the fourth power.
+/// Junction lengths that are tried, in mediator spacings: past half of one, the condition grows as the
+/// fourth power.
 const LENGTHS: [f64; 2] = [0.25, 0.5];
 /// Ratio of neighbouring coarse spacings that are tried.
 const SPACING_STEP: f64 = 1.12;
@@ -317,8 +318,8 @@ mod tests {
         assert!((least(&s) - 2.0).abs() < 1e-12, "a width that stays has them");
     }
 
-    /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing takes twice the
-    /// steps; where the fine one does, the step stays.
+    /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing
+    /// takes twice the steps; where the fine one does, the step stays.
     #[test]
     fn the_step_shrinks_with_the_spacing_that_limits_it() {
         let (model, given, _) = costs([0.5, 0.8]);

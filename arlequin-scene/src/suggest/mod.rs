@@ -1,7 +1,7 @@
 //! Settings of a coupling for an error or a time.
 //!
-//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap; times from trial steps
-//! on this machine, repeated with what was proposed until proposal and measurement agree.
+//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap; times
+//! from trial steps on this machine, repeated with what was proposed until proposal and measurement agree.
 
 mod apply;
 mod choose;

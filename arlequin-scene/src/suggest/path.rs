@@ -1,4 +1,5 @@
-//! Which ways a signal makes from its source to the probes, through which model and how often through the overlap.
+//! Which ways a signal makes from its source to the probes, through which model and how often through the
+//! overlap.
 
 use super::scenario::Scenario;
 use crate::spec::{Quantity, SceneSpec, Selection};
@@ -28,7 +29,8 @@ pub(super) struct Arrival {
     pub passages: f64,
 }
 
-/// A line of a fine part and a coarse part, mirrored at both ends for ever: a reflection is a straight way there.
+/// A line of a fine part and a coarse part, mirrored at both ends for ever: a reflection is a straight way
+/// there.
 #[derive(Debug, Clone, Copy)]
 struct Line {
     length: f64,
@@ -60,8 +62,8 @@ impl Line {
     }
 }
 
-/// Arrivals until `way` \[m\] at displacement and at velocity probes; none if the scene has no probes along the axis or
-/// too many arrivals.
+/// Arrivals until `way` \[m\] at displacement and at velocity probes; none if the scene has no probes along
+/// the axis or too many arrivals.
 pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option<[Vec<Arrival>; 2]> {
     let line = Line {
         length: s.lengths[0] + s.lengths[1],
@@ -102,7 +104,8 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
     (!out[0].is_empty()).then_some(out)
 }
 
-/// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the axis \[m\].
+/// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the
+/// axis \[m\].
 pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),

@@ -1,5 +1,5 @@
-//! Error of a coupling before it is run: dispersion of the coarse lattice over the way a wave makes in it, and reflection
-//! and transmission of the overlap by harmonic analysis.
+//! Error of a coupling before it is run: dispersion of the coarse lattice over the way a wave makes in it,
+//! and reflection and transmission of the overlap by harmonic analysis.
 
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
@@ -16,8 +16,8 @@ use rayon::prelude::*;
 use spring_chain::Chain;
 use std::sync::Arc;
 
-/// The chain of the analysis is at most this much finer than the bar: beyond, the reflection hardly changes, the
-/// matrices grow.
+/// The chain of the analysis is at most this much finer than the bar: beyond, the reflection hardly
+/// changes, the matrices grow.
 const FINEST: f64 = 10.0;
 /// Points per table of reflection over frequency.
 const POINTS: usize = 20;
@@ -167,8 +167,8 @@ impl Errors {
 type Lattice = [f64; 2];
 
 /// Wavenumber of a lattice of spacing `h` under steps `Δt`; none above its cutoff. With strains by elements
-/// `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; strains smoothed over the cells of nodes reach over two spacings and put
-/// `sin(κ h)/2` in place of `sin(κ h/2)`; a share `a` of the former is mixed in by squares.
+/// `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; strains smoothed over the cells of nodes reach over two spacings
+/// and put `sin(κ h)/2` in place of `sin(κ h/2)`; a share `a` of the former is mixed in by squares.
 fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
     let q = (h / (speed * dt) * (0.5 * omega * dt).sin()).powi(2);
     // y - (1 - a) y^2 = q for y = sin^2 of half the phase between neighbours.
@@ -302,7 +302,8 @@ mod tests {
 
     #[test]
     fn lattices_lag_as_their_strains_are_taken() {
-        // Long waves under small steps: (κh)²/24 by elements, (κh)²/6 smoothed over two spacings, in between mixed.
+        // Long waves under small steps: (κh)²/24 by elements, (κh)²/6 smoothed over two spacings, in
+        // between mixed.
         let (h, omega) = (0.1, 1.0);
         for (share, expected) in [(1.0, 1.0 / 24.0), (0.0, 1.0 / 6.0), (0.5, 0.625 / 6.0)] {
             let k = wavenumber(omega, 1.0, [h, share], 1e-6).unwrap_or_default();
@@ -316,7 +317,8 @@ mod tests {
         assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
     }
 
-    /// Between lattices that are alike `|r|² + |t|² = 1`, so that the worst loss is that of the largest reflection.
+    /// Between lattices that are alike `|r|² + |t|² = 1`, so that the worst loss is that of the largest
+    /// reflection.
     #[test]
     fn the_loss_of_an_overlap_counts_what_it_reflects() {
         for (overlap, profile) in [(2.0, ProfileKind::Linear), (4.0, ProfileKind::Cubic)] {
@@ -367,8 +369,9 @@ junction = { kind = "l2" }
 steps = 1
 "#;
 
-    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in the overlap. The
-    /// signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m before the overlap.
+    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in
+    /// the overlap. The signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m
+    /// before the overlap.
     fn alike(end: f64, loss: f64, probe: Option<f64>) -> Errors {
         let more = probe.map_or_else(String::new, |x| {
             format!(
@@ -400,7 +403,8 @@ steps = 1
         errors(&c, &[table], &s, &spectrum, end, dt)
     }
 
-    /// A probe behind the overlap sees the loss of one passage, one before it, after the far end, that of two.
+    /// A probe behind the overlap sees the loss of one passage, one before it, after the far end, that of
+    /// two.
     #[test]
     fn a_probe_sees_the_loss_of_the_passages_before_it() {
         for (probe, end, passages) in [(6.0, 10.0, 1.0), (-3.0, 22.0, 2.0)] {
@@ -415,7 +419,8 @@ steps = 1
         }
     }
 
-    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two signals' worth.
+    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two
+    /// signals' worth.
     #[test]
     fn an_error_is_the_loss_of_the_overlap_where_the_lattices_are_alike() {
         let body = 4.0 + 4.0 + 4.0; // the coarse bar of 8 m and the chain's own 4 m

@@ -45,9 +45,11 @@ pub struct Scenario {
     pub length_ratio: f64,
     /// Whether an absorber is there already.
     pub absorber: bool,
-    /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes along the axis \[m\].
+    /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes along the axis
+    /// \[m\].
     pub probes: Vec<(usize, f64)>,
-    /// Share of element-wise strains in the forces of the coarse and the fine lattice, 1 but for natural elements.
+    /// Share of element-wise strains in the forces of the coarse and the fine lattice, 1 but for natural
+    /// elements.
     pub elementwise: [f64; 2],
     /// Whether the fine model is a random packing.
     pub particles: bool,
@@ -132,8 +134,8 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     })
 }
 
-/// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation adds a share of
-/// element-wise strains.
+/// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation
+/// adds a share of element-wise strains.
 fn elementwise(m: &ModelTable) -> f64 {
     match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
         (ModelKind::Cnem, Some(share), _) | (ModelKind::Cnem, None, Stabilisation::SubCells(share)) => share,
@@ -219,7 +221,8 @@ pub(super) struct Spectrum {
     pub origin: Option<Origin>,
     /// How long it is \[s\].
     duration: f64,
-    /// Integrals from the signal's start to equidistant times within it, of the squares of displacement and velocity.
+    /// Integrals from the signal's start to equidistant times within it, of the squares of displacement and
+    /// velocity.
     energies: Vec<[f64; 2]>,
     /// Square of the displacement that stays.
     left: f64,
@@ -236,8 +239,8 @@ impl Spectrum {
     }
 }
 
-/// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the shortest pulse, ramp
-/// or wave.
+/// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the
+/// shortest pulse, ramp or wave.
 pub(super) fn spectrum(
     scene: &SceneSpec,
     s: &Scenario,

@@ -175,8 +175,8 @@ impl Series {
         )
     }
 
-    /// Value between the samples by cubic Hermite interpolation with slopes from the neighbours; `hint` is the interval
-    /// found last.
+    /// Value between the samples by cubic Hermite interpolation with slopes from the neighbours; `hint` is
+    /// the interval found last.
     fn at(&self, t: f64, hint: &mut usize) -> f64 {
         let (x, y) = (&self.times, &self.values);
         let last = x.len() - 1;
@@ -306,8 +306,9 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
     out
 }
 
-/// Energy that comes back through a probe over energy that went in: `∫v² dt` after a time over that before it, since a
-/// travelling wave carries `ρ c S v²`. Displacement probes are differentiated. None without the probe or the time.
+/// Energy that comes back through a probe over energy that went in: `∫v² dt` after a time over that before
+/// it, since a travelling wave carries `ρ c S v²`. Displacement probes are differentiated. None without the
+/// probe or the time.
 pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table: &Reflected) -> Option<f64> {
     let series = run.get(&table.probe)?;
     let curve = reference.get(&table.probe);
@@ -376,7 +377,8 @@ mod tests {
             speed: 1.0,
             particle_speed: 1.0,
         };
-        // Free end: rises to twice the static value 1 after one passage there and back, and comes to rest after two.
+        // Free end: rises to twice the static value 1 after one passage there and back, and comes to rest
+        // after two.
         let u = |t: f64| formula(&bar, t, Quantity::Displacement);
         for (t, expected) in [(0.5, 0.5), (2.0, 2.0), (3.0, 1.0), (4.0, 0.0), (6.0, 2.0)] {
             assert!((u(t) - expected).abs() < 1e-12, "u({t}) = {}", u(t));
@@ -450,8 +452,8 @@ mod tests {
         }
     }
 
-    /// A run that is right until 0.4 s, off by one from then to 0.7 s, and right again: what lies outside of the window
-    /// does not count, nor does a probe that is not named.
+    /// A run that is right until 0.4 s, off by one from then to 0.7 s, and right again: what lies outside
+    /// of the window does not count, nor does a probe that is not named.
     #[test]
     fn only_the_window_and_its_probes_count() {
         let off = |t: f64| if (0.4..0.7).contains(&t) { 2.0 } else { 1.0 };

@@ -45,7 +45,8 @@ impl Kept {
         }
     }
 
-    /// Summary of a run that an earlier call finished, if nothing it depends on has changed; with the least times.
+    /// Summary of a run that an earlier call finished, if nothing it depends on has changed; with the least
+    /// times.
     pub(super) fn finished(&self, m: &Member) -> Option<Value> {
         let folder = self.folder.join(&m.label);
         let record: Record = read(&folder.join("member.json"))?;

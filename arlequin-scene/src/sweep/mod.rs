@@ -104,7 +104,8 @@ impl PlannedSweep {
         missing.next().map(|m| m.label.as_str())
     }
 
-    /// Makes the runs into a folder, those that are finished there only with `fresh`, and draws the conclusion.
+    /// Makes the runs into a folder, those that are finished there only with `fresh`, and draws the
+    /// conclusion.
     ///
     /// # Errors
     /// What cannot be read or written; failed runs are part of the result.
@@ -169,7 +170,8 @@ impl PlannedSweep {
     }
 }
 
-/// What `suggest` predicts of a finished run, kept beside its results: its times are those of this machine at that hour.
+/// What `suggest` predicts of a finished run, kept beside its results: its times are those of this machine
+/// at that hour.
 fn predicted(folder: &Path, m: &Member, reused: bool) -> Result<Prediction> {
     let path = folder.join("predicted.json");
     if let Some(known) = kept::read(&path).filter(|_| reused) {

@@ -290,7 +290,8 @@ fn member(
     let read = Scene::of(source).and_then(|s| s.assign(&set)).map_err(named)?;
     let files = read.files();
     let (source, read) = (read.source(), read.spec());
-    // Pictures and frames of a sweep would only cost time and space; a scene that says otherwise by --set keeps them.
+    // Pictures and frames of a sweep would only cost time and space; a scene that says otherwise by --set
+    // keeps them.
     let quiet = |set: &mut Vec<String>, name: &str, text: String| {
         if !set.iter().any(|s| s.starts_with(name)) {
             set.push(text);

@@ -227,7 +227,8 @@ pub(super) fn mark_pareto(runs: &mut [Run]) {
     }
 }
 
-/// Least time the fine model alone takes in a coupled run \[s\]: what no choice of the coarse side goes below.
+/// Least time the fine model alone takes in a coupled run \[s\]: what no choice of the coarse side goes
+/// below.
 pub(super) fn floor(runs: &[Run]) -> Option<f64> {
     let coupled = runs.iter().filter(|r| r.mark.is_none());
     let fine = coupled.filter_map(|r| r.phase_seconds("forces fine"));

@@ -201,7 +201,8 @@ pub enum CurveTable {
         /// Header of the column of values.
         value: String,
     },
-    /// `A cos²(π (at − centre − speed t)/width)` within its width, or its time derivative for a velocity probe.
+    /// `A cos²(π (at − centre − speed t)/width)` within its width, or its time derivative for a velocity
+    /// probe.
     Wave {
         /// Where \[m\].
         at: f64,

@@ -56,7 +56,8 @@ struct Placed {
 }
 
 impl HandOver {
-    /// Prepares the way from the sleeping scene to the one as given, and tries it with the state at the start.
+    /// Prepares the way from the sleeping scene to the one as given, and tries it with the state at the
+    /// start.
     pub(super) fn new(
         wake: &Wake,
         awake: &Built,
@@ -263,8 +264,8 @@ fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
 mod tests {
     use super::*;
 
-    /// The functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its turn `ω`, also
-    /// where the point lies a way beyond.
+    /// The functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its
+    /// turn `ω`, also where the point lies a way beyond.
     #[test]
     fn a_turning_body_hands_its_rotation_over_with_its_sign() {
         let nodes = [

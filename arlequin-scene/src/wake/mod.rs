@@ -31,7 +31,8 @@ pub(crate) struct Asleep {
     hand_over: HandOver,
 }
 
-/// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before the first step.
+/// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before
+/// the first step.
 pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
     let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), tell)?;

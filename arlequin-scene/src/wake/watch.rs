@@ -115,8 +115,8 @@ mod tests {
         }
     }
 
-    /// The largest principal stress: `E ε` where the sides are free to contract, `(λ + 2μ) ε` where they are not,
-    /// `3 K ε` of a dilatation, `2 μ ε` of a shear.
+    /// The largest principal stress: `E ε` where the sides are free to contract, `(λ + 2μ) ε` where they
+    /// are not, `3 K ε` of a dilatation, `2 μ ε` of a shear.
     #[test]
     fn the_largest_principal_stress_is_that_of_hooke() {
         let e = 1e-3;

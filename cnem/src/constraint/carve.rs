@@ -1,11 +1,13 @@
-//! Recovery of faces without points: the tetrahedra that a missing face cuts are divided anew on both sides of it.
+//! Recovery of faces without points: the tetrahedra that a missing face cuts are divided anew on both sides
+//! of it.
 //!
-//! A constrained Delaunay complex holds the constrained faces, and the sphere of every tetrahedron is empty of nodes that
-//! can be seen from inside it. Its faces need not have empty spheres: nodes close behind a face, as those of the other
-//! flank of a notch, do not count. Where all edges of a flat region of missing faces are in the complex, the
-//! tetrahedra that the region cuts form a cavity with two halves. Each half is filled with those tetrahedra of the
-//! Delaunay complex of its own nodes that lie in it, if that complex has all faces of the half; if not, the cavity grows
-//! by the tetrahedron behind such a face. What cannot be filled in this way is left to points on the faces.
+//! A constrained Delaunay complex holds the constrained faces, and the sphere of every tetrahedron is empty
+//! of nodes that can be seen from inside it. Its faces need not have empty spheres: nodes close behind a
+//! face, as those of the other flank of a notch, do not count. Where all edges of a flat region of missing
+//! faces are in the complex, the tetrahedra that the region cuts form a cavity with two halves. Each half
+//! is filled with those tetrahedra of the Delaunay complex of its own nodes that lie in it, if that complex
+//! has all faces of the half; if not, the cavity grows by the tetrahedron behind such a face. What cannot
+//! be filled in this way is left to points on the faces.
 
 use super::FaceMesh;
 use super::mesh::{ON_FACE, key};
@@ -269,8 +271,8 @@ impl Half {
         edges.values().all(|n| *n == 0)
     }
 
-    /// Tetrahedra inside the half of the Delaunay complex of its nodes; ties fall as in the large complex, since the order
-    /// of the nodes is kept.
+    /// Tetrahedra inside the half of the Delaunay complex of its nodes; ties fall as in the large complex,
+    /// since the order of the nodes is kept.
     fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
         let nodes: Vec<u32> = self.nodes.iter().copied().collect();
         let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();

@@ -76,7 +76,8 @@ impl FaceMesh {
         self.link(id);
     }
 
-    /// The two faces at an edge and their apexes `(f, g, c, d)`, if the edge is inside a flat patch of one kind.
+    /// The two faces at an edge and their apexes `(f, g, c, d)`, if the edge is inside a flat patch of one
+    /// kind.
     pub(crate) fn flat_pair(&self, points: &[Point3<f64>], edge: (u32, u32)) -> Option<[u32; 4]> {
         let list = self.edges.get(&edge)?;
         let &[f, g] = list.as_slice() else { return None };
@@ -147,8 +148,9 @@ impl FaceMesh {
     }
 }
 
-/// True if `d` is inside the circle through `a`, `b`, `c` in their common plane, ties broken by index as in the
-/// Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any such point will do.
+/// True if `d` is inside the circle through `a`, `b`, `c` in their common plane, ties broken by index as in
+/// the Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any such point
+/// will do.
 pub(crate) fn in_circle(points: &[Point3<f64>], [a, b, c, d]: [u32; 4]) -> bool {
     let [pa, pb, pc, pd] = [a, b, c, d].map(|v| &points[v as usize]);
     let n: Vector3<f64> = (pb - pa).cross(&(pc - pa));

@@ -1,17 +1,20 @@
 //! Constrained faces: the boundary of the domain and internal cracks.
 //!
-//! A [`Surface`] names triangles on the nodes. The boundary must be closed (every edge in an even number of faces);
-//! its orientation does not matter, several bodies and holes are told apart by crossing parity. Crack faces are free
-//! faces inside the domain that are not seen through.
+//! A [`Surface`] names triangles on the nodes. The boundary must be closed (every edge in an even number of
+//! faces); its orientation does not matter, several bodies and holes are told apart by crossing parity.
+//! Crack faces are free faces inside the domain that are not seen through.
 //!
-//! Every constrained face must be a face of the complex. Where one is not a face of the Delaunay complex, in this order:
-//! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single diagonals are
-//!    swapped to those it has (same geometry),
+//! Every constrained face must be a face of the complex. Where one is not a face of the Delaunay complex,
+//! in this order:
+//! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single
+//!    diagonals are swapped to those it has (same geometry),
 //! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length; faces that are there
 //!    to round-off),
-//! 3. points are inserted on missing edges, until all are there; they are nodes of the domain and are reported,
-//! 4. the tetrahedra that missing faces cut are divided anew on both sides of them, without points: the complex is then
-//!    the constrained Delaunay complex, whose spheres are empty of what can be seen from inside them,
+//! 3. points are inserted on missing edges, until all are there; they are nodes of the domain and are
+//!    reported,
+//! 4. the tetrahedra that missing faces cut are divided anew on both sides of them, without points: the
+//!    complex is then the constrained Delaunay complex, whose spheres are empty of what can be seen from
+//!    inside them,
 //! 5. points are inserted on the faces for which that is not possible.
 //!
 //! If that does not end within the allowed number of points, the error names the faces.
@@ -75,8 +78,8 @@ impl Surface {
         }
     }
 
-    /// The boundary of a tetrahedral mesh: the faces that belong to one element only. An element that is listed twice, in
-    /// whatever order of its nodes, counts once.
+    /// The boundary of a tetrahedral mesh: the faces that belong to one element only. An element that is
+    /// listed twice, in whatever order of its nodes, counts once.
     pub fn of_elements(elements: &[[usize; 4]]) -> Self {
         let mut count: HashMap<[usize; 3], ([usize; 3], usize)> = HashMap::new();
         let mut known = HashSet::with_capacity(elements.len());
@@ -235,8 +238,8 @@ impl Surface {
     }
 }
 
-/// True if the segment passes through the face: ends strictly on opposite sides, piercing point in the closed face,
-/// no common node.
+/// True if the segment passes through the face: ends strictly on opposite sides, piercing point in the
+/// closed face, no common node.
 fn pierces(points: &[Point3<f64>], segment: [usize; 2], face: &[usize; 3]) -> bool {
     if segment.iter().any(|v| face.contains(v)) {
         return false;

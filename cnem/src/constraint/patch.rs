@@ -1,9 +1,10 @@
 //! Flat patches take over the triangles that the complex has on them.
 //!
-//! Nodes that are coplanar and cocircular up to round-off have many triangulations that are equally good, and the ones of
-//! the surface, of the tetrahedra above it and of those below it may all differ; flat tetrahedra fill the space between.
-//! A patch of which the complex has all of one side is recovered by taking the triangles of that side, whatever
-//! their diagonals: the same nodes, the same border, the same place.
+//! Nodes that are coplanar and cocircular up to round-off have many triangulations that are equally good,
+//! and the ones of the surface, of the tetrahedra above it and of those below it may all differ; flat
+//! tetrahedra fill the space between. A patch of which the complex has all of one side is recovered by
+//! taking the triangles of that side, whatever their diagonals: the same nodes, the same border, the same
+//! place.
 
 use super::FaceMesh;
 use super::mesh::{ON_FACE, key};
@@ -23,7 +24,8 @@ struct Patch {
     area: f64,
 }
 
-/// Replaces the faces of the patches around `missing` where the complex covers one side of them; the number replaced.
+/// Replaces the faces of the patches around `missing` where the complex covers one side of them; the number
+/// replaced.
 pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -> usize {
     let limit = ON_BOUNDARY * largest_coordinate(&delaunay.points);
     let (mut seen, mut replaced) = (BTreeSet::<u32>::new(), 0);
@@ -80,7 +82,8 @@ impl Patch {
         out
     }
 
-    /// Faces of the complex on nodes of the patch, below tetrahedra with a thickness on the side `up` points to, seen from there.
+    /// Faces of the complex on nodes of the patch, below tetrahedra with a thickness on the side `up`
+    /// points to, seen from there.
     fn one_side(&self, delaunay: &Delaunay, up: Vector3<f64>, limit: f64) -> Vec<[u32; 3]> {
         let mut out = Vec::new();
         let mut star = Vec::new();
@@ -117,7 +120,8 @@ impl Patch {
             && (area - self.area).abs() <= 1e-9 * self.area
     }
 
-    /// Gives the faces new corners; each comes from the input face that holds its centroid. Returns how many are new.
+    /// Gives the faces new corners; each comes from the input face that holds its centroid. Returns how
+    /// many are new.
     fn take_over(&self, mesh: &mut FaceMesh, points: &[Point3<f64>], triangles: &[[u32; 3]]) -> usize {
         let sorted = |mut v: [u32; 3]| {
             v.sort_unstable();

@@ -84,8 +84,9 @@ impl Work<'_> {
         edges
     }
 
-    /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction of the
-    /// sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if it has one.
+    /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction
+    /// of the sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if
+    /// it has one.
     fn swap_diagonals(&mut self) {
         let missing = self.missing_faces();
         self.done.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
@@ -185,8 +186,8 @@ impl Work<'_> {
         Ok(any)
     }
 
-    /// Splits at the middle, or, next to one given node, at a power of two from it, so that edges that meet there at a
-    /// small angle are cut at equal distances and stop encroaching on each other.
+    /// Splits at the middle, or, next to one given node, at a power of two from it, so that edges that meet
+    /// there at a small angle are cut at equal distances and stop encroaching on each other.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
         let first_new = self.done.inserted.first().map_or(usize::MAX, |i| i.node);
@@ -211,8 +212,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Divides the tetrahedra that missing faces cut. Points can be inserted in a Delaunay complex only: unless all
-    /// faces are recovered, the complex stays as it is, and those that are not are returned.
+    /// Divides the tetrahedra that missing faces cut. Points can be inserted in a Delaunay complex only:
+    /// unless all faces are recovered, the complex stays as it is, and those that are not are returned.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
         let whole = self.delaunay.clone();
@@ -229,8 +230,8 @@ impl Work<'_> {
         left
     }
 
-    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else the middle of the longest
-    /// edge.
+    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else the
+    /// middle of the longest edge.
     fn insert_on_faces(&mut self, faces: &[u32]) -> Result<()> {
         for &f in faces {
             let face = self.mesh.faces[f as usize];

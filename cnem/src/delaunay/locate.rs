@@ -50,9 +50,9 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility walks in a Delaunay
-    /// complex never cycle; in a constrained one the faces are tried in changing order after a while, so that no
-    /// cycle lasts.
+    /// Tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility walks in a
+    /// Delaunay complex never cycle; in a constrained one the faces are tried in changing order after a
+    /// while, so that no cycle lasts.
     pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
         let mut at = hint;
         let mut from = NONE;

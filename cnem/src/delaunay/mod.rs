@@ -1,9 +1,9 @@
 //! Delaunay tetrahedralisation of a set of points, by incremental insertion with exact predicates.
 //!
-//! Bowyer-Watson: the tetrahedra whose circumsphere holds the new point form a star-shaped cavity, which is replaced by
-//! the star of the point. The outside of the convex hull is filled with ghost tetrahedra, so the complex has no border.
-//! Ties are broken by node index (see [`crate::predicates`]): the result does not depend on the order of insertion,
-//! and no flat tetrahedron arises on grids, cylinders or spheres.
+//! Bowyer-Watson: the tetrahedra whose circumsphere holds the new point form a star-shaped cavity, which is
+//! replaced by the star of the point. The outside of the convex hull is filled with ghost tetrahedra, so
+//! the complex has no border. Ties are broken by node index (see [`crate::predicates`]): the result does
+//! not depend on the order of insertion, and no flat tetrahedron arises on grids, cylinders or spheres.
 //!
 //! The complex fills the convex hull; constrained faces are the business of [`crate::constraint`].
 
@@ -44,8 +44,8 @@ pub struct Delaunay {
     /// Rank of the vertices in the tie-break; empty when it is the index.
     pub(crate) rank: Vec<u32>,
     work: insert::Work,
-    /// Neighbours in the Delaunay complex, if tetrahedra were then divided along constrained faces: spheres are empty of
-    /// visible nodes only.
+    /// Neighbours in the Delaunay complex, if tetrahedra were then divided along constrained faces: spheres
+    /// are empty of visible nodes only.
     pub(crate) before: Option<Adjacency>,
 }
 
@@ -53,8 +53,8 @@ impl Delaunay {
     /// Tetrahedralises distinct points.
     ///
     /// # Errors
-    /// `NonFinite`, `TooManyNodes`, `TooFewNodes`, `AllCollinear`, `AllCoplanar`, and `DuplicateNodes` if two points
-    /// are exactly equal (points that differ in the last bit are distinct).
+    /// `NonFinite`, `TooManyNodes`, `TooFewNodes`, `AllCollinear`, `AllCoplanar`, and `DuplicateNodes` if
+    /// two points are exactly equal (points that differ in the last bit are distinct).
     pub fn new(points: &[Point3<f64>]) -> Result<Self> {
         let built = Self::merging_duplicates(points)?;
         match built.duplicates.first() {
@@ -119,7 +119,8 @@ impl Delaunay {
         u64::from(self.rank.get(v as usize).copied().unwrap_or(v))
     }
 
-    /// True if `t` is in conflict with the point `q` of the given rank: its (perturbed) circumsphere holds `q`.
+    /// True if `t` is in conflict with the point `q` of the given rank: its (perturbed) circumsphere holds
+    /// `q`.
     #[inline]
     pub(crate) fn conflicts(&self, tet: u32, q: &Point3<f64>, rank: u64) -> bool {
         let t = &self.tets[tet as usize];
@@ -144,8 +145,8 @@ impl Delaunay {
         }
     }
 
-    /// A ghost holds the open half space beyond its hull face and, in the plane of the face, the circle that the
-    /// circumsphere of the tetrahedron behind cuts out of it.
+    /// A ghost holds the open half space beyond its hull face and, in the plane of the face, the circle
+    /// that the circumsphere of the tetrahedron behind cuts out of it.
     fn ghost_conflicts(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
         use std::cmp::Ordering::{Equal, Greater, Less};
         let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
@@ -156,7 +157,8 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedra (ghosts too) that contain a vertex. Behind a crack there are those of its copy, which are left out.
+    /// Tetrahedra (ghosts too) that contain a vertex. Behind a crack there are those of its copy, which are
+    /// left out.
     pub(crate) fn star(&self, vertex: u32, out: &mut Vec<u32>) {
         out.clear();
         let first = self.at_vertex[vertex as usize];
@@ -191,9 +193,9 @@ impl Delaunay {
         self.refresh_at_vertex(0);
     }
 
-    /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates; returns the
-    /// number of violations. Locally Delaunay everywhere is globally Delaunay. After faces were recovered without points
-    /// (see [`crate::constraint::Recovery::divided`]) these faces violate it.
+    /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates;
+    /// returns the number of violations. Locally Delaunay everywhere is globally Delaunay. After faces were
+    /// recovered without points (see [`crate::constraint::Recovery::divided`]) these faces violate it.
     pub fn violations(&self) -> usize {
         let mut bad = 0;
         for (i, t) in self.tets.iter().enumerate() {

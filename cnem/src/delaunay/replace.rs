@@ -26,8 +26,8 @@ pub(crate) fn joined(delaunay: &Delaunay) -> Adjacency {
 }
 
 impl Delaunay {
-    /// Puts tetrahedra in the place of others. Both sets must have the same border, and the new ones positive volumes;
-    /// false, with nothing changed, if faces do not match.
+    /// Puts tetrahedra in the place of others. Both sets must have the same border, and the new ones
+    /// positive volumes; false, with nothing changed, if faces do not match.
     pub(crate) fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) -> bool {
         let mut open: HashMap<[u32; 3], u32> = HashMap::new();
         for &t in old {

@@ -30,8 +30,8 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// What is odd about them: nodes on the surface only, or next to none inside, are neighbours of one another right across
-    /// the body. `None` for ordinary sets of nodes.
+    /// What is odd about them: nodes on the surface only, or next to none inside, are neighbours of one
+    /// another right across the body. `None` for ordinary sets of nodes.
     pub fn warning(&self) -> Option<String> {
         (self.mean > MANY_NEIGHBOURS).then(|| {
             format!(
@@ -44,8 +44,8 @@ impl Neighbours {
     }
 }
 
-/// Nodes that span no volume, on a line or in a plane, exactly or up to the round-off of their coordinates; a great many
-/// on one sphere.
+/// Nodes that span no volume, on a line or in a plane, exactly or up to the round-off of their coordinates;
+/// a great many on one sphere.
 pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     let nodes = points.len();
     let limit = ON_BOUNDARY * largest_coordinate(points);
@@ -76,7 +76,8 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     check_sphere(points, &(a + to_centre), to_centre.norm())
 }
 
-/// Refuses many nodes on one sphere before the complex is built: every sphere through four of them holds every point.
+/// Refuses many nodes on one sphere before the complex is built: every sphere through four of them holds
+/// every point.
 fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
     let off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
     let nodes = points.len();

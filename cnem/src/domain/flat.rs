@@ -1,17 +1,18 @@
 //! Flat tetrahedra: those that the round-off of the coordinates alone has made.
 //!
-//! Nodes that ought to lie in one plane or on one circle do so up to the round-off of their coordinates only. The
-//! complex, exact for the coordinates as they are, then holds tetrahedra without thickness: on oblique planar faces,
-//! between the triangles of the face and those of its exact hull; along straight edges; and inside, between two pairs
-//! of triangles over the same four cocircular nodes. Their sign, centre and volume mean nothing. A tetrahedron is flat if
-//! its lowest height is at most the distance [`Domain::tolerance`] below which no point can be told from the boundary
-//! either.
+//! Nodes that ought to lie in one plane or on one circle do so up to the round-off of their coordinates
+//! only. The complex, exact for the coordinates as they are, then holds tetrahedra without thickness: on
+//! oblique planar faces, between the triangles of the face and those of its exact hull; along straight
+//! edges; and inside, between two pairs of triangles over the same four cocircular nodes. Their sign,
+//! centre and volume mean nothing. A tetrahedron is flat if its lowest height is at most the distance
+//! [`Domain::tolerance`] below which no point can be told from the boundary either.
 //!
-//! - Flat tetrahedra next to constrained faces are taken out of the domain, one after the other from outside. The
-//!   faces behind them become the constrained ones: a planar patch is again a patch, that of the tetrahedra with a thickness.
-//! - Those inside belong to no cell, have no volume and are no elements. They remain as connections ([`Domain::glued`]):
-//!   searches pass through them. All spheres through their four nodes that are empty belong to the same Voronoi edge,
-//!   so that the centre of a neighbour serves as their own.
+//! - Flat tetrahedra next to constrained faces are taken out of the domain, one after the other from
+//!   outside. The faces behind them become the constrained ones: a planar patch is again a patch, that of
+//!   the tetrahedra with a thickness.
+//! - Those inside belong to no cell, have no volume and are no elements. They remain as connections
+//!   ([`Domain::glued`]): searches pass through them. All spheres through their four nodes that are empty
+//!   belong to the same Voronoi edge, so that the centre of a neighbour serves as their own.
 
 use super::Domain;
 use crate::circumcentre::six_volumes;
@@ -20,8 +21,8 @@ use crate::error::{Error, Result};
 use crate::tet::FACES;
 use nalgebra::{Point3, Vector3};
 
-/// Ratio of lowest height to longest edge below which a tetrahedron's own linear functions are not used: they lose
-/// `1e-16 / ratio²`, those of a thick one next to it, extrapolated, `1e-16`.
+/// Ratio of lowest height to longest edge below which a tetrahedron's own linear functions are not used:
+/// they lose `1e-16 / ratio²`, those of a thick one next to it, extrapolated, `1e-16`.
 const THIN: f64 = 1e-6;
 
 /// True if the lowest height of a tetrahedron is at most `limit`.
@@ -208,8 +209,8 @@ impl Domain {
         out.retain(|&t| !self.glued[t as usize]);
     }
 
-    /// The tetrahedron itself unless it is too thin for linear functions; else the nearest one that is not, reached without
-    /// crossing a constrained face.
+    /// The tetrahedron itself unless it is too thin for linear functions; else the nearest one that is not,
+    /// reached without crossing a constrained face.
     pub(crate) fn thick(&self, tet: u32, x: &Point3<f64>) -> u32 {
         let corners = |t: u32| self.delaunay.corners(&self.delaunay.tets[t as usize]);
         let thin = |t: u32| is_flat(corners(t), THIN * sizes(corners(t)).1);

@@ -196,9 +196,10 @@ impl Domain {
         (0..4).map(to_face).fold(f64::INFINITY, f64::min)
     }
 
-    /// For a point outside the hull, beyond the face of a ghost: a tetrahedron beside it, and how far around the point
-    /// to go on from there. The face need not be next to the point where the hull is flat up to round-off, so the
-    /// point is moved towards the middle, further each time, until it is in a tetrahedron.
+    /// For a point outside the hull, beyond the face of a ghost: a tetrahedron beside it, and how far
+    /// around the point to go on from there. The face need not be next to the point where the hull is flat
+    /// up to round-off, so the point is moved towards the middle, further each time, until it is in a
+    /// tetrahedron.
     fn enter(&self, x: &Point3<f64>, ghost: u32, start: u32, tolerance: f64) -> Option<(u32, f64)> {
         let v = self.delaunay.tets[ghost as usize].v;
         let [a, b, c] = [v[0], v[1], v[2]].map(|v| &self.delaunay.points[v as usize]);

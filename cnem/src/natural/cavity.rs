@@ -75,8 +75,8 @@ impl Cavity {
         self.table.reserve(domain.nodes().len());
     }
 
-    /// Finds the cavity of `x`, which lies in the tetrahedron `start`. True if the star of `x` in it is that of `x` in the
-    /// Delaunay complex of the cavity's nodes.
+    /// Finds the cavity of `x`, which lies in the tetrahedron `start`. True if the star of `x` in it is
+    /// that of `x` in the Delaunay complex of the cavity's nodes.
     pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> bool {
         self.reach(domain, x, start);
         self.build_border(domain, x) && (!self.border.iter().any(|b| b.wall) || self.is_delaunay())
@@ -88,8 +88,9 @@ impl Cavity {
         walls.map(|b| b.local.map(|l| self.nodes[l as usize]))
     }
 
-    /// True if the sphere over every face of the border holds no node of the faces next to it: then the facets of the
-    /// cell of the point are convex where they meet, and the cell is the one its neighbours bound.
+    /// True if the sphere over every face of the border holds no node of the faces next to it: then the
+    /// facets of the cell of the point are convex where they meet, and the cell is the one its neighbours
+    /// bound.
     fn is_delaunay(&self) -> bool {
         self.ridges.iter().all(|ridge| {
             let [f, g] = ridge.faces.map(|f| &self.border[f as usize]);

@@ -39,8 +39,9 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
                 }
             }
         }
-        // Jumps of 0.5 before, when some points took cut cavities and others the functions of one tetrahedron. Measured:
-        // 0.06 and 0.02 on a grid, 0.18 and 0.09 with jitter, where a node comes into sight past the edge.
+        // Jumps of 0.5 before, when some points took cut cavities and others the functions of one
+        // tetrahedron. Measured: 0.06 and 0.02 on a grid, 0.18 and 0.09 with jitter, where a node comes
+        // into sight past the edge.
         assert!(
             largest[0] < 0.19 && largest[1] < 0.1,
             "jitter {jitter}: {largest:?}"

@@ -1,27 +1,30 @@
 //! Natural-neighbour shape functions on the constrained domain: Sibson and Laplace, values and gradients.
 //!
-//! The natural neighbours of `x` are the nodes of the tetrahedra whose circumsphere holds `x` and that are reached from
-//! the one around `x` without crossing a constrained face. With the dual facet `f_i` (area `a_i`, centroid `c_i`)
-//! between `x` and neighbour `n_i`:
+//! The natural neighbours of `x` are the nodes of the tetrahedra whose circumsphere holds `x` and that are
+//! reached from the one around `x` without crossing a constrained face. With the dual facet `f_i` (area
+//! `a_i`, centroid `c_i`) between `x` and neighbour `n_i`:
 //!
 //! - Laplace: `alpha_i = a_i / |n_i - x|`, `phi_i = alpha_i / sum alpha`;
 //! - Sibson: `phi_i = V_i / sum V`, `V_i` the volume the cell of `x` takes from the cell of `n_i`;
 //!   `grad V_i = alpha_i (c_i - x)`.
 //!
-//! **Limits.** At a node: Kronecker delta. On an edge between two different constrained planes: linear. On a flat patch of
-//! constrained faces: 2D Sibson for Laplace, and the moments `integral of |y - n_i|^2 - |y - x|^2` over the 2D stolen
-//! areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of the patch alone.
-//! Gradients there are taken 1e-6 of an element inside; at nodes they are one of the one-sided limits.
+//! **Limits.** At a node: Kronecker delta. On an edge between two different constrained planes: linear. On
+//! a flat patch of constrained faces: 2D Sibson for Laplace, and the moments `integral of |y - n_i|^2 - |y
+//! - x|^2` over the 2D stolen areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of
+//! the patch alone. Gradients there are taken 1e-6 of an element inside; at nodes they are one of the
+//! one-sided limits.
 //!
-//! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front. One rule holds there as
-//! everywhere: the functions are those of the nodes in reach that `x` sees in a straight line, the cell of `x` clipped by
-//! their bisectors alone (`visible.rs`; such evaluations are counted and allocate). Weights are positive and linearly
-//! precise for any such set. A node comes into sight with the weight it has at that moment: next to a re-entrant edge the
-//! functions jump where the way to a node grazes the edge, the less the denser the nodes on the edge.
+//! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front. One rule
+//! holds there as everywhere: the functions are those of the nodes in reach that `x` sees in a straight
+//! line, the cell of `x` clipped by their bisectors alone (`visible.rs`; such evaluations are counted and
+//! allocate). Weights are positive and linearly precise for any such set. A node comes into sight with the
+//! weight it has at that moment: next to a re-entrant edge the functions jump where the way to a node
+//! grazes the edge, the less the denser the nodes on the edge.
 //!
-//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed by the smallest
-//! change relative to the weights. Closer to a constrained plane than about 1e-9 of the spacing single weights lose digits
-//! (error about `1e-16 * spacing / distance`); unity and linear precision do not.
+//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed
+//! by the smallest change relative to the weights. Closer to a constrained plane than about 1e-9 of the
+//! spacing single weights lose digits (error about `1e-16 * spacing / distance`); unity and linear
+//! precision do not.
 
 mod cavity;
 #[cfg(test)]
@@ -40,7 +43,8 @@ use crate::tet::FACES;
 use arlequin_core::ShapeRow;
 use nalgebra::{Point3, Vector3};
 
-/// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still counts as on it.
+/// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still
+/// counts as on it.
 const BESIDE: f64 = 1e-9;
 
 /// Which natural-neighbour function.
@@ -67,8 +71,8 @@ pub struct Counters {
     pub polished: usize,
 }
 
-/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has grown,
-/// except beside re-entrant edges and crack fronts.
+/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has
+/// grown, except beside re-entrant edges and crack fronts.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     row: ShapeRow<f64>,
@@ -161,7 +165,8 @@ impl Domain {
         }
         s.counters.limits += 1;
         if slopes {
-            // Evaluate inside for the gradients, then overwrite the values; neighbours with value zero remain.
+            // Evaluate inside for the gradients, then overwrite the values; neighbours with value zero
+            // remain.
             let t = &self.delaunay.tets[tet as usize];
             let middle = self
                 .delaunay

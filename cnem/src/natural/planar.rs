@@ -42,8 +42,8 @@ fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2
 }
 
 impl Domain {
-    /// Weights of the nodes of the patch around `face`, which holds `x`, as seen from the side of it on which `tet` is.
-    /// False if the linear ones had to be used.
+    /// Weights of the nodes of the patch around `face`, which holds `x`, as seen from the side of it on
+    /// which `tet` is. False if the linear ones had to be used.
     pub(super) fn on_patch(
         &self,
         kind: Interpolant,
@@ -57,7 +57,8 @@ impl Domain {
         let v = self.face_on_side(face, side);
         let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
         let normal = (b - a).cross(&(c - a));
-        // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are exact.
+        // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are
+        // exact.
         let u = (b - a).normalize();
         let w = normal.normalize().cross(&u);
         let axis_parallel = normal.iter().filter(|n| **n != 0.0).count() == 1;

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
-/// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the construction.
+/// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the
+/// construction.
 pub(super) const LARGEST: f64 = 1e-4;
-/// Largest slope, per size of the neighbourhood, that says something of it: beside a line of nodes that lie on it to ten digits
-/// the slopes across it are those of the last digits.
+/// Largest slope, per size of the neighbourhood, that says something of it: beside a line of nodes that lie
+/// on it to ten digits the slopes across it are those of the last digits.
 const STEEP: f64 = 1e6;
 /// Residual that is left alone.
 const SMALLEST: f64 = 5e-14;
@@ -51,8 +52,8 @@ pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64,
     (r.amax(), r)
 }
 
-/// Removes the residual by the smallest change relative to the weights; returns the residual found, or `None` if the row
-/// is not usable.
+/// Removes the residual by the smallest change relative to the weights; returns the residual found, or
+/// `None` if the row is not usable.
 pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
     let (found, mut r) = residual(values, rel, size);
     if r.iter().any(|x| x.is_nan()) || found > LARGEST {
@@ -79,8 +80,9 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
     usable.then_some(found)
 }
 
-/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`; false if they are not usable. All neighbours
-/// take part in the change: next to a plane those on it have all the weight, and none of the slope across it.
+/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`; false if they are not usable.
+/// All neighbours take part in the change: next to a plane those on it have all the weight, and none of the
+/// slope across it.
 pub(super) fn gradients(
     values: &[f64],
     slopes: &mut [Vector3<f64>],

@@ -338,7 +338,8 @@ fn re_entrant_edge() {
             if (after.reentrant, after.linear) != (before.reentrant, before.linear) {
                 continue;
             }
-            // Where the cavity is star-shaped and closed by free faces only, its nodes alone give the functions.
+            // Where the cavity is star-shaped and closed by free faces only, its nodes alone give the
+            // functions.
             let inner = |c: f64| c > 0.9 && c < 3.1;
             if !(inner(x.z) && x.x > 0.9 && x.y > 0.9 && (x.x < 1.1 || x.y < 1.1 || clear(0.9))) {
                 continue;
@@ -387,7 +388,8 @@ fn crack_is_not_seen_through() {
     }
 }
 
-/// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep` selects.
+/// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep`
+/// selects.
 fn against_part(
     domain: &Domain,
     kind: Interpolant,
@@ -411,8 +413,8 @@ fn against_part(
     dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()))
 }
 
-/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: the nodes of
-/// the other leg, closer through the notch, are not seen.
+/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: the
+/// nodes of the other leg, closer through the notch, are not seen.
 #[test]
 fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
     for jitter in [0.0, 0.3] {

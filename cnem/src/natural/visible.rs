@@ -1,11 +1,12 @@
 //! Functions where the reach of a point goes round a re-entrant edge or a crack front.
 //!
-//! One rule holds everywhere: the functions at `x` are the natural-neighbour functions of the nodes that `x` sees, and of
-//! no others: those in reach (see [`super`]) to which the straight way from `x` passes no wall. Where the star of `x` in its
-//! cavity has empty spheres the dual of the cavity gives them directly. Elsewhere the reach goes round an edge, and the
-//! cell of `x` is clipped by the bisectors of the nodes seen: it is taken from the Delaunay complex of these nodes
-//! alone. Since `x` is among the nodes of its tetrahedron, all of which it sees, the weights are positive, sum to one
-//! and are linearly precise whatever the set.
+//! One rule holds everywhere: the functions at `x` are the natural-neighbour functions of the nodes that
+//! `x` sees, and of no others: those in reach (see [`super`]) to which the straight way from `x` passes no
+//! wall. Where the star of `x` in its cavity has empty spheres the dual of the cavity gives them directly.
+//! Elsewhere the reach goes round an edge, and the cell of `x` is clipped by the bisectors of the nodes
+//! seen: it is taken from the Delaunay complex of these nodes alone. Since `x` is among the nodes of its
+//! tetrahedron, all of which it sees, the weights are positive, sum to one and are linearly precise
+//! whatever the set.
 
 use super::{Interpolant, Scratch};
 use crate::constraint::Surface;
@@ -65,7 +66,8 @@ impl Domain {
         !hidden && (self.copies.of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
     }
 
-    /// True if the way from a node towards `x` starts in a tetrahedron of the domain that has this copy of the node.
+    /// True if the way from a node towards `x` starts in a tetrahedron of the domain that has this copy of
+    /// the node.
     fn lip_faces(&self, x: &Point3<f64>, node: u32) -> bool {
         let mut star = Vec::new();
         self.delaunay.star(node, &mut star);

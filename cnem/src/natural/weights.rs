@@ -1,9 +1,10 @@
 //! Weights of the neighbours from the dual of a star-shaped cavity.
 //!
-//! Every face of the cavity and of the star of the point has a dual segment between two circumcentres. The segments around
-//! an edge bound a Voronoi polygon, so areas and volumes are sums over segments, in any order. The volume taken from
-//! node `i` is the sum of the pyramids from `n_i` over its polygons inside the cell of the point, minus the pyramid over
-//! the facet between the two; both ends of an edge have the same pyramid.
+//! Every face of the cavity and of the star of the point has a dual segment between two circumcentres. The
+//! segments around an edge bound a Voronoi polygon, so areas and volumes are sums over segments, in any
+//! order. The volume taken from node `i` is the sum of the pyramids from `n_i` over its polygons inside the
+//! cell of the point, minus the pyramid over the facet between the two; both ends of an edge have the same
+//! pyramid.
 
 use super::cavity::{Border, Cavity, Inner, Ridge};
 use super::{Interpolant, polish};
@@ -98,7 +99,8 @@ impl Weights {
         self.alpha[b] -= cross.dot(&cavity.rel[b]);
     }
 
-    /// As `facet`, with the gradient of alpha: a centre moves along the dual line of its face by `(g . dx) / det`.
+    /// As `facet`, with the gradient of alpha: a centre moves along the dual line of its face by `(g . dx)
+    /// / det`.
     fn facet_gradient(&mut self, cavity: &Cavity, ridge: &Ridge) {
         self.facet(cavity, ridge);
         let [f, g] = ridge.faces.map(|f| &cavity.border[f as usize]);

@@ -1,10 +1,10 @@
 //! Exact geometric predicates.
 //!
-//! A semi-static floating-point filter answers the clear cases, integers and numbers of twice the digits nearly all
-//! that are left (`stages`), `robust` (adaptive exact arithmetic) the rest,
-//! so every sign is the sign of the exact determinant of the given coordinates. Ties of the in-sphere test are broken
-//! by symbolic perturbation: point `i` is lifted by `eps_i` on the paraboloid, with `eps_i` growing infinitely fast
-//! in `i`. This is a consistent regular triangulation, so no flat tetrahedron can arise.
+//! A semi-static floating-point filter answers the clear cases, integers and numbers of twice the digits
+//! nearly all that are left (`stages`), `robust` (adaptive exact arithmetic) the rest, so every sign is the
+//! sign of the exact determinant of the given coordinates. Ties of the in-sphere test are broken by
+//! symbolic perturbation: point `i` is lifted by `eps_i` on the paraboloid, with `eps_i` growing infinitely
+//! fast in `i`. This is a consistent regular triangulation, so no flat tetrahedron can arise.
 //!
 //! Exactness needs products of five coordinate differences not to underflow: keep differences above 1e-50.
 
@@ -124,8 +124,8 @@ fn insphere_exact(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
     sign(-robust::insphere(a, b, c, d, coord(q)))
 }
 
-/// True if `q` is inside the circumsphere of the positive tetrahedron `t`, ties broken by the distinct `ranks`
-/// (those of `t` first, that of `q` last).
+/// True if `q` is inside the circumsphere of the positive tetrahedron `t`, ties broken by the distinct
+/// `ranks` (those of `t` first, that of `q` last).
 pub fn insphere_perturbed(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     match insphere(t, q) {
         Ordering::Greater => true,

@@ -1,9 +1,10 @@
 //! What lies between the floating-point filter and arithmetic on expansions.
 //!
-//! Nodes on grids are the rule, not the exception: every cube of a grid has its eight corners on one sphere. Two stages
-//! answer nearly all of these cases at a tenth of the cost of expansions. Coordinates that are multiples of a power of two
-//! (`1, 2, 3 …`, `0.25, 0.5 …`) have small integer differences, whose determinant integers hold exactly. All other
-//! grids are on a sphere up to the rounding of their coordinates only, which twice the digits tell from a tie.
+//! Nodes on grids are the rule, not the exception: every cube of a grid has its eight corners on one
+//! sphere. Two stages answer nearly all of these cases at a tenth of the cost of expansions. Coordinates
+//! that are multiples of a power of two (`1, 2, 3 …`, `0.25, 0.5 …`) have small integer differences, whose
+//! determinant integers hold exactly. All other grids are on a sphere up to the rounding of their
+//! coordinates only, which twice the digits tell from a tie.
 
 use std::cmp::Ordering;
 
@@ -33,7 +34,8 @@ fn fast_two_sum(a: f64, b: f64) -> [f64; 2] {
     [x, b - (x - a)]
 }
 
-/// Veltkamp's split into halves of 26 digits. No fused multiplication: without the instruction it is a library call.
+/// Veltkamp's split into halves of 26 digits. No fused multiplication: without the instruction it is a
+/// library call.
 #[inline]
 fn split(a: f64) -> [f64; 2] {
     let c = 134_217_729.0 * a;
@@ -122,7 +124,8 @@ impl<const N: usize> Differences<N> {
     }
 }
 
-/// Exponents of the lowest and the highest binary digit; none outside the middle of the range, where units are numbers.
+/// Exponents of the lowest and the highest binary digit; none outside the middle of the range, where units
+/// are numbers.
 fn digits(x: f64) -> Option<(i32, i32)> {
     let bits = x.to_bits();
     let exponent = (bits >> 52 & 0x7ff) as i32 - 1023;
@@ -149,8 +152,8 @@ impl Differences<3> {
 }
 
 impl Differences<4> {
-    /// Sign of the in-sphere determinant, positive inside; none where neither integers nor twice the digits tell it.
-    /// `scale` is the product of the differences' largest sizes that bounds its terms.
+    /// Sign of the in-sphere determinant, positive inside; none where neither integers nor twice the digits
+    /// tell it. `scale` is the product of the differences' largest sizes that bounds its terms.
     pub(super) fn sphere(&self, scale: f64) -> Option<Ordering> {
         if let Some(rows) = self.integers() {
             let [a, b, c, d] = rows;
@@ -172,7 +175,8 @@ impl Differences<4> {
     }
 }
 
-/// The relative bound of the filter, for operations that lose `2⁻¹⁰²` at most instead of `2⁻⁵³`, times sixteen.
+/// The relative bound of the filter, for operations that lose `2⁻¹⁰²` at most instead of `2⁻⁵³`, times
+/// sixteen.
 const DOUBLE_BOUND: f64 = super::SPHERE_BOUND / (1_u64 << 45) as f64;
 
 #[cfg(test)]
@@ -201,8 +205,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(reader_fuzz::property_config(256))]
-        /// Points of grids with any origin and spacing: every answer is the exact one, and on grids of powers of two
-        /// there is always one.
+        /// Points of grids with any origin and spacing: every answer is the exact one, and on grids of
+        /// powers of two there is always one.
         #[test]
         fn stages_agree_with_expansions_on_grids(
             at in prop::array::uniform5(prop::array::uniform3(0_i32..4)),

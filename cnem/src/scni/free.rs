@@ -1,14 +1,15 @@
 //! Internal forces from the smoothed gradients themselves, and a matrix for the stabilisation alone.
 //!
-//! With `G_I = Σ_k b_Ik ⊗ u_k`, `D_I = Σ_k c_Ik ⊗ u_k` and the weights of [`super::stabilise`] the forces are
-//! `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`, `Q_I = −α_I σ(G_I)` and
-//! `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. Three passes, each of which writes every value
-//! once and from its own list in a fixed order: stresses of the cells, the gathering at the nodes through the transposed
-//! rows, the product. Results have the same bits for any number of threads.
+//! With `G_I = Σ_k b_Ik ⊗ u_k`, `D_I = Σ_k c_Ik ⊗ u_k` and the weights of [`super::stabilise`] the forces
+//! are `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`,
+//! `Q_I = −α_I σ(G_I)` and `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. Three
+//! passes, each of which writes every value once and from its own list in a fixed order: stresses of the
+//! cells, the gathering at the nodes through the transposed rows, the product. Results have the same bits
+//! for any number of threads.
 //!
-//! Why not one matrix: cells tie nodes to the neighbours of their neighbours, tetrahedra to neighbours only, so its rows
-//! are five times as long. Why not tetrahedra one by one: a node has 24 of them and reads what each holds, but only 15
-//! neighbours. Figures: decision 0032, `benches/forces.rs` of the workspace.
+//! Why not one matrix: cells tie nodes to the neighbours of their neighbours, tetrahedra to neighbours
+//! only, so its rows are five times as long. Why not tetrahedra one by one: a node has 24 of them and reads
+//! what each holds, but only 15 neighbours. Figures: decision 0032, `benches/forces.rs` of the workspace.
 
 use super::matrix::{CHUNK, SERIAL, of_tetrahedra};
 use super::{Smoothing, SubCells};
@@ -24,7 +25,8 @@ use std::ops::Range;
 /// Four lanes: three components, and whatever lies behind them in memory, which is never read.
 type Lanes = [f64; 4];
 
-/// A symmetric tensor in one line of the cache, `xx xy xz yz zz xy yy yz`: its columns are three consecutive numbers.
+/// A symmetric tensor in one line of the cache, `xx xy xz yz zz xy yy yz`: its columns are three
+/// consecutive numbers.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(align(64))]
 struct Symmetric([f64; 8]);
@@ -394,7 +396,8 @@ impl MatrixFree {
         self.tets.as_ref().map_or(&[], |t| t.columns(node as usize))
     }
 
-    /// What is needed for the forces on `own` nodes, from `cells` and for displacements of the nodes `named`; all ascending.
+    /// What is needed for the forces on `own` nodes, from `cells` and for displacements of the nodes
+    /// `named`; all ascending.
     pub(crate) fn part(&self, own: &[u32], cells: &[u32], named: &[u32]) -> Self {
         let place = |of: &[u32], k: &u32| of.partition_point(|n| n < k) as u32;
         let other = |k: &u32| own.binary_search(k).is_err();
@@ -420,8 +423,8 @@ impl MatrixFree {
         self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
     }
 
-    /// Finds the stresses of those of some cells that name own nodes only, whose displacements `q` holds; whether there are more behind
-    /// these cells.
+    /// Finds the stresses of those of some cells that name own nodes only, whose displacements `q` holds;
+    /// whether there are more behind these cells.
     pub(crate) fn stress_inner(&mut self, some: Range<usize>, q: &[f64]) -> bool {
         let range = some.start..some.end.min(self.cells.len());
         self.stress(range, q, Some(false));
@@ -451,7 +454,8 @@ impl MatrixFree {
         self.gather(q, f);
     }
 
-    /// The same of a part, whose inner cells have their stresses: `q` are the displacements of the named nodes.
+    /// The same of a part, whose inner cells have their stresses: `q` are the displacements of the named
+    /// nodes.
     pub(crate) fn subtract_rest(&mut self, q: &[f64], f: &mut [f64]) {
         self.stress(0..self.cells.len(), q, Some(true));
         self.gather(q, f);
@@ -473,8 +477,9 @@ impl MatrixFree {
         }
     }
 
-    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads. Allocates nothing. Of a part on
-    /// all ranks: `own` are the displacements of its nodes, `q` those of the named ones.
+    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
+    /// Allocates nothing. Of a part on all ranks: `own` are the displacements of its nodes, `q` those of
+    /// the named ones.
     pub(crate) fn energy(&self, own: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;

@@ -1,8 +1,8 @@
 //! The assembled stiffness in rows of 3 × 3 blocks.
 //!
-//! With `P_jk = Σ_I α_I [(V_I + W_I) b_Ij ⊗ b_Ik − b_Ij ⊗ c_Ik − c_Ij ⊗ b_Ik] + Σ_T (Σ_I∋T α_I w_T) g_Tj ⊗ g_Tk` (see
-//! [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered by itself and in a fixed
-//! order: results have the same bits for any number of threads.
+//! With `P_jk = Σ_I α_I [(V_I + W_I) b_Ij ⊗ b_Ik − b_Ij ⊗ c_Ik − c_Ij ⊗ b_Ik] + Σ_T (Σ_I∋T α_I w_T) g_Tj ⊗
+//! g_Tk` (see [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered by
+//! itself and in a fixed order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
@@ -147,8 +147,8 @@ fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
     out
 }
 
-/// Weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell; both triangles are stored and are bitwise
-/// transposes of each other.
+/// Weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell; both triangles are stored and are
+/// bitwise transposes of each other.
 pub(crate) fn stiffness(
     smoothing: &Smoothing,
     sub: &SubCells,
@@ -163,7 +163,8 @@ pub(crate) fn stiffness(
     })
 }
 
-/// A matrix of so many rows, each with its columns and blocks from `row`, which may use a slot per node for itself.
+/// A matrix of so many rows, each with its columns and blocks from `row`, which may use a slot per node for
+/// itself.
 fn gathered(
     n: usize,
     row: &(impl Fn(&mut Vec<u32>, usize) -> (Vec<u32>, Vec<[f64; 9]>) + Sync),

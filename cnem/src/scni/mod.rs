@@ -1,9 +1,10 @@
 //! Stabilised conforming nodal integration: one smoothed gradient per Voronoi cell.
 //!
-//! `∇̃u_I = Σ_k b_Ik ⊗ u_k` with `b_Ik = 1/V_I Σ_q A_q N_k(x_q)` over the facets of the cell of node `I`, one point per
-//! facet, at its centroid. Both sides of a facet use the same point and opposite areas, and the point integrates linear
-//! fields exactly: so a linear displacement field gives the exact gradient in every cell, and the internal forces of a
-//! constant stress are those of its tractions, integrated with the same points on the boundary.
+//! `∇̃u_I = Σ_k b_Ik ⊗ u_k` with `b_Ik = 1/V_I Σ_q A_q N_k(x_q)` over the facets of the cell of node `I`,
+//! one point per facet, at its centroid. Both sides of a facet use the same point and opposite areas, and
+//! the point integrates linear fields exactly: so a linear displacement field gives the exact gradient in
+//! every cell, and the internal forces of a constant stress are those of its tractions, integrated with the
+//! same points on the boundary.
 
 mod free;
 mod matrix;
@@ -33,7 +34,8 @@ struct Sampled {
     extrapolated: bool,
 }
 
-/// Part of the boundary that belongs to one cell: the piece of one boundary or crack triangle closest to one node.
+/// Part of the boundary that belongs to one cell: the piece of one boundary or crack triangle closest to
+/// one node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryFacet {
     /// The node whose cell it bounds.
@@ -124,8 +126,8 @@ impl Smoothing {
     }
 }
 
-/// Shape functions at the centroid of a facet, seen from the tetrahedron it lies in where that is known: the two lips
-/// of a crack have different values.
+/// Shape functions at the centroid of a facet, seen from the tetrahedron it lies in where that is known:
+/// the two lips of a crack have different values.
 fn shape_on<'s>(
     domain: &Domain,
     kind: Interpolant,
@@ -160,7 +162,8 @@ fn sample(
         .map(|(facet, &tet)| {
             let (nodes, values, extrapolated) = match shape_on(domain, kind, facet, tet, s) {
                 Ok(row) => (row.nodes.clone(), row.values.clone(), false),
-                // The common boundary of two cells at a re-entrant edge need not be convex: its centroid may lie outside.
+                // The common boundary of two cells at a re-entrant edge need not be convex: its centroid
+                // may lie outside.
                 Err(_) => {
                     let (nodes, values) = domain.linear_at_node(i, &facet.centroid)?;
                     (nodes.to_vec(), values.to_vec(), true)

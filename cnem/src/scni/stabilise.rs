@@ -1,17 +1,17 @@
 //! Stabilisation: what a cell's smoothed gradient does not see is made visible by the tetrahedra at its node.
 //!
-//! A saw-tooth from node to node leaves the smoothed gradients almost at zero. The added energy
-//! `½ Σ_I Σ_T∋I w_T (∇̃u_I − ∇u_T) : A : (∇̃u_I − ∇u_T)`, `w_T = a s_T V_T / 4`, with the linear functions of the tetrahedra
-//! `T`, sees it. Every term vanishes for linear displacements, whatever its weight: the patch test is kept even where
-//! tetrahedra are left out, and `s_T = min(1, (r_T / r_0)²)` with the ratio `r_T` of lowest height to longest edge keeps slivers from
-//! shortening the critical step.
+//! A saw-tooth from node to node leaves the smoothed gradients almost at zero. The added energy `½ Σ_I
+//! Σ_T∋I w_T (∇̃u_I − ∇u_T) : A : (∇̃u_I − ∇u_T)`, `w_T = a s_T V_T / 4`, with the linear functions of the
+//! tetrahedra `T`, sees it. Every term vanishes for linear displacements, whatever its weight: the patch
+//! test is kept even where tetrahedra are left out, and `s_T = min(1, (r_T / r_0)²)` with the ratio `r_T`
+//! of lowest height to longest edge keeps slivers from shortening the critical step.
 
 use super::Smoothing;
 use crate::domain::Domain;
 use nalgebra::Vector3;
 
-/// Ratio of lowest height to longest edge below which a tetrahedron counts less; 0.82 for a regular one, 0.41 for the
-/// corner of a cube.
+/// Ratio of lowest height to longest edge below which a tetrahedron counts less; 0.82 for a regular one,
+/// 0.41 for the corner of a cube.
 const FLAT: f64 = 0.4;
 
 /// What is done about the spurious modes of nodal integration.
@@ -24,10 +24,11 @@ pub enum Stabilisation {
 }
 
 impl Default for Stabilisation {
-    /// `SubCells(0.1)`. Measured with Laplace functions: of the 40 lowest elastic modes of a free cube with 7³ nodes 38 are
-    /// saw-teeth without, 9 with it, and none of the lowest 20 (0.2: 3). On a manufactured solution with jittered nodes the
-    /// `L2` error falls by 1.6 and the order of the gradients rises from 0.8 to 1.1. A thick cantilever of 1586 nodes
-    /// is 2.0 % too soft in bending without, 0.1 % with 0.1, and 1.6 % too stiff with 0.2. The critical step falls by 2 %.
+    /// `SubCells(0.1)`. Measured with Laplace functions: of the 40 lowest elastic modes of a free cube with
+    /// 7³ nodes 38 are saw-teeth without, 9 with it, and none of the lowest 20 (0.2: 3). On a manufactured
+    /// solution with jittered nodes the `L2` error falls by 1.6 and the order of the gradients rises from
+    /// 0.8 to 1.1. A thick cantilever of 1586 nodes is 2.0 % too soft in bending without, 0.1 % with 0.1,
+    /// and 1.6 % too stiff with 0.2. The critical step falls by 2 %.
     fn default() -> Self {
         Self::SubCells(0.1)
     }

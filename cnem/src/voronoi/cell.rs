@@ -138,8 +138,8 @@ impl Work {
         }
     }
 
-    /// Lists the neighbours in the Delaunay complex, hidden ones too: the cell ends where another node is closer, whether
-    /// it can be seen or not, so that cells never overlap.
+    /// Lists the neighbours in the Delaunay complex, hidden ones too: the cell ends where another node is
+    /// closer, whether it can be seen or not, so that cells never overlap.
     fn list_near(&mut self, domain: &Domain, node: u32) {
         let original = domain.copies.original(node);
         if let Some(neighbours) = domain.delaunay.before.as_ref() {
@@ -250,8 +250,8 @@ impl Work {
         }
     }
 
-    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron where another copy of the node rules is
-    /// a facet between the two.
+    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron where another copy of the
+    /// node rules is a facet between the two.
     fn take_piece(&mut self, domain: &Domain, tet: u32, node: u32) {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {

@@ -6,7 +6,8 @@ use crate::domain::Domain;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before it is divided anew; dividing without need is harmless.
+/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before it is divided anew;
+/// dividing without need is harmless.
 const UNCOVERED: f64 = 1e-10;
 
 /// What was handed over to other nodes because its closest node is behind a constrained face.

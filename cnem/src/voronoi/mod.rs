@@ -1,15 +1,18 @@
 //! Voronoi cells of the nodes, cut off at the constrained faces.
 //!
-//! The cell of a node is the part of the domain that is closer to it than to any other node and connected to it without
-//! crossing a constrained face. Copies of a node (see [`crate::crack`]) share what is closest to it by their lips. Cells far from the constraints are read off the circumcentres; the others are collected
-//! tetrahedron by tetrahedron: clip it by the bisectors of the node, continue over the free faces of what is left.
+//! The cell of a node is the part of the domain that is closer to it than to any other node and connected
+//! to it without crossing a constrained face. Copies of a node (see [`crate::crack`]) share what is closest
+//! to it by their lips. Cells far from the constraints are read off the circumcentres; the others are
+//! collected tetrahedron by tetrahedron: clip it by the bisectors of the node, continue over the free faces
+//! of what is left.
 //!
-//! A part of the domain whose closest node is behind a constrained face belongs to no cell by that rule. It cannot exist
-//! where the smallest spheres around the constrained faces are empty; it is found by comparing volumes. Connected
-//! regions of tetrahedra with such a part are divided anew among the nodes whose cells reach the region, each point going to
-//! the closest of them. Facets still match on both sides, so that the cells fill the domain and close. How much was
-//! handed over is counted in [`Gaps`]. The blocks and cracks of the tests, with nodes on the faces as dense as
-//! inside, have none; a V-notch with nodes closer to its flanks than those of the flanks to each other has some.
+//! A part of the domain whose closest node is behind a constrained face belongs to no cell by that rule. It
+//! cannot exist where the smallest spheres around the constrained faces are empty; it is found by comparing
+//! volumes. Connected regions of tetrahedra with such a part are divided anew among the nodes whose cells
+//! reach the region, each point going to the closest of them. Facets still match on both sides, so that the
+//! cells fill the domain and close. How much was handed over is counted in [`Gaps`]. The blocks and cracks
+//! of the tests, with nodes on the faces as dense as inside, have none; a V-notch with nodes closer to its
+//! flanks than those of the flanks to each other has some.
 
 mod cell;
 mod gaps;
@@ -144,11 +147,13 @@ impl Voronoi {
 }
 
 impl Domain {
-    /// Voronoi cells of all nodes, cut off at the constrained faces. The result does not depend on the thread count.
+    /// Voronoi cells of all nodes, cut off at the constrained faces. The result does not depend on the
+    /// thread count.
     ///
     /// # Errors
-    /// `CellsDoNotFill` if the cells leave more than round-off of the domain uncovered, `CellOpen` if the facets of one do
-    /// not close, `TooManyNeighbours` if there are next to no nodes inside a body of many on its surface.
+    /// `CellsDoNotFill` if the cells leave more than round-off of the domain uncovered, `CellOpen` if the
+    /// facets of one do not close, `TooManyNeighbours` if there are next to no nodes inside a body of many
+    /// on its surface.
     pub fn voronoi(&self) -> Result<Voronoi> {
         self.check_neighbours()?;
         let boxes = self
@@ -198,7 +203,8 @@ impl Domain {
         out
     }
 
-    /// Convex bodies that make up the cell of a node \[m\]: one where the cell is convex, else a part per tetrahedron.
+    /// Convex bodies that make up the cell of a node \[m\]: one where the cell is convex, else a part per
+    /// tetrahedron.
     pub(crate) fn cell_bodies(&self, cells: &Voronoi, node: usize, work: &mut CellBodies) -> Vec<Cell<f64>> {
         let seed = self.nodes()[node];
         let to_core = |p: &Polyhedron| {

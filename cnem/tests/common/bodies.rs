@@ -215,7 +215,8 @@ pub(crate) fn torus(sections: usize, sides: usize) -> Body {
     Body::new("torus", points, faces)
 }
 
-/// A prism along z over the polygon fan around the axis, with its own surface: caps of wedges, sides of quadrilaterals.
+/// A prism along z over the polygon fan around the axis, with its own surface: caps of wedges, sides of
+/// quadrilaterals.
 pub(crate) fn prism(sides: usize, layers: usize) -> Body {
     let ring = sides + 1;
     let mut points = Vec::new();

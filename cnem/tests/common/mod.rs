@@ -38,8 +38,8 @@ pub(crate) fn block(
     Domain::new(&points, &Surface::boundary(faces)).unwrap()
 }
 
-/// Nodes of the grid cells that `keep` keeps, moved by up to `amount` spacings where they are not on the border, and
-/// the border itself. Cells have size `h`.
+/// Nodes of the grid cells that `keep` keeps, moved by up to `amount` spacings where they are not on the
+/// border, and the border itself. Cells have size `h`.
 pub(crate) fn block_mesh(
     counts: [usize; 3],
     h: f64,
@@ -206,7 +206,8 @@ fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
     (k, [0.3, 1.1, 2.0])
 }
 
-/// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole border.
+/// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole
+/// border.
 pub(crate) fn mms(domain: Domain, options: Options) -> [f64; 2] {
     use arlequin_core::{Interpolation, LinearModel, ShapeRow};
     let mut fixed = vec![false; 3 * domain.nodes().len()];
@@ -263,8 +264,8 @@ pub(crate) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m, x| f64::max(m, x.abs()))
 }
 
-/// Critical steps of a block under weights that fall over four spacings from one to 0.05, 0.005 and 0.0005, in units of the
-/// step of the whole block.
+/// Critical steps of a block under weights that fall over four spacings from one to 0.05, 0.005 and 0.0005,
+/// in units of the step of the whole block.
 pub(crate) fn steps_under_falling_weights(options: Options) -> [f64; 3] {
     struct Fall(f64);
     impl Weight<f64> for Fall {

@@ -2,11 +2,12 @@
 //!
 //! Law, search and energy budgets are those of [`super::Contact`]. Three rules say who may touch:
 //!
-//! - Particles that an interface between the two models ties to each other never touch: where two particle models overlap
-//!   they are the same material, and their motion is the multipliers' business.
-//! - Others that overlap at rest push only from their distance at rest on, as within one model. Where the centre of one lies in
-//!   the other before the first step, one body is inside the other: refused.
-//! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within one model.
+//! - Particles that an interface between the two models ties to each other never touch: where two particle
+//!   models overlap they are the same material, and their motion is the multipliers' business.
+//! - Others that overlap at rest push only from their distance at rest on, as within one model. Where the
+//!   centre of one lies in the other before the first step, one body is inside the other: refused.
+//! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within
+//!   one model.
 
 use super::body::ContactBody;
 use super::grains::Grains;
@@ -51,8 +52,9 @@ impl ContactBetween {
 }
 
 impl Contacts {
-    /// Refuses listed pairs of which one holds the centre of the other, where they are now: contact begins at their distance at
-    /// rest, and one body would start inside the other. Bodies that an interface ties to each other overlap by intention.
+    /// Refuses listed pairs of which one holds the centre of the other, where they are now: contact begins
+    /// at their distance at rest, and one body would start inside the other. Bodies that an interface ties
+    /// to each other overlap by intention.
     fn check_start(&self, list: &CrossList) -> Result<()> {
         if list.tied.iter().flatten().any(|tied| *tied) {
             return Ok(());
@@ -196,7 +198,8 @@ impl PairEffect<f64> for Contacts {
         true
     }
 
-    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of its two ends.
+    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of
+    /// its two ends.
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
         let [a, b] = &self.grains;
         let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));

@@ -31,8 +31,9 @@ impl ContactBody {
         &self.name
     }
 
-    /// Pairs of particles of this and another model, displaced by `q` \[m\], that overlap by more than `tolerance` of the
-    /// sum of their radii beyond rest: how many, and the largest overlap over that sum; `None` if there are none.
+    /// Pairs of particles of this and another model, displaced by `q` \[m\], that overlap by more than
+    /// `tolerance` of the sum of their radii beyond rest: how many, and the largest overlap over that sum;
+    /// `None` if there are none.
     #[must_use]
     pub fn overlaps(&self, other: &Self, q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
         neighbours::overlaps_between([&self.spheres, &other.spheres], q, tolerance)

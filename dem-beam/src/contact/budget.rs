@@ -1,19 +1,20 @@
 //! A contact gives back at most what it took in.
 //!
-//! In velocity Verlet the force `F` of an instant works on the mean of the velocities around it. Scaled by `s` it does
+//! In velocity Verlet the force `F` of an instant works on the mean of the velocities around it. Scaled by
+//! `s` it does
 //!
 //! ```text
 //! W(s) = s b + s^2 a      b = dt F.u      a = dt^2/2 F.M^-1 F      u = v_- + dt/2 M^-1 f + dt M^-1 g
 //! ```
 //!
-//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Taken one after the
-//! other like this, the works of all contacts sum to what the ledger books, `dt F.(v_- + v_+)/2`, however many share a
-//! particle. Each contact has an energy budget, what it took in since touch, and `s` is the largest number up to one
-//! whose work the budget covers. A spring alone would not do: it closes and opens between two instants, which gives or takes up to
-//! `(omega dt)^2/4` of the energy of the approach.
+//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Taken one
+//! after the other like this, the works of all contacts sum to what the ledger books, `dt F.(v_- + v_+)/2`,
+//! however many share a particle. Each contact has an energy budget, what it took in since touch, and `s`
+//! is the largest number up to one whose work the budget covers. A spring alone would not do: it closes and
+//! opens between two instants, which gives or takes up to `(omega dt)^2/4` of the energy of the approach.
 //!
-//! An elastic contact that the step is about to open gives back what is left in its budget. The rebound is then elastic
-//! to round-off at any step; without it every other collision would lose a few per cent.
+//! An elastic contact that the step is about to open gives back what is left in its budget. The rebound is
+//! then elastic to round-off at any step; without it every other collision would lose a few per cent.
 
 use super::law::{ContactLaw, Pair, Response, Spring};
 use nalgebra::Vector3;
@@ -60,7 +61,8 @@ impl Work {
         s * (self.linear + s * self.square)
     }
 
-    /// Largest scale whose work is at most `budget`; where none is (a budget below zero), that of the least work.
+    /// Largest scale whose work is at most `budget`; where none is (a budget below zero), that of the least
+    /// work.
     fn scale(&self, budget: f64) -> f64 {
         let (a, b) = (self.square, self.linear);
         if a <= 0.0 {
@@ -111,8 +113,8 @@ impl BudgetedLaw {
         self.begun |= dt > 0.0;
     }
 
-    /// What a closed contact does within its budget. `ends` is asked in steps only; the first body feels no torque unless
-    /// it `turns`.
+    /// What a closed contact does within its budget. `ends` is asked in steps only; the first body feels no
+    /// torque unless it `turns`.
     pub(crate) fn respond(
         &mut self,
         pair: &Pair,
@@ -128,7 +130,8 @@ impl BudgetedLaw {
         }
         if dt > 0.0 {
             if old && !self.begun {
-                // `k/2 q_0 q_1` of a contact that was closed when the run began, from the energies at both instants.
+                // `k/2 q_0 q_1` of a contact that was closed when the run began, from the energies at both
+                // instants.
                 spring.budget = (spring.budget * r.stored).sqrt();
                 self.supplied += spring.budget;
             }
@@ -142,8 +145,8 @@ impl BudgetedLaw {
     }
 }
 
-/// Scales the response of a contact to what its budget covers, books it, and sets the energy it holds at this instant.
-/// `elastic` contacts hand back the rest where they open.
+/// Scales the response of a contact to what its budget covers, books it, and sets the energy it holds at
+/// this instant. `elastic` contacts hand back the rest where they open.
 fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
     let work = Work::of(r, ends, dt);
     let mut wanted = 1.0;

@@ -1,16 +1,16 @@
 //! Particles that touch, of all ranks, known to each of them.
 //!
-//! Contacts are taken one after the other, each on the velocity that those before it have left: chains of them lead from rank to
-//! rank. There are few, so every rank takes all of them, in the order of the whole body, and keeps what acts on its own particles.
-//! A step in which particles touch allocates room for them.
+//! Contacts are taken one after the other, each on the velocity that those before it have left: chains of
+//! them lead from rank to rank. There are few, so every rank takes all of them, in the order of the whole
+//! body, and keeps what acts on its own particles. A step in which particles touch allocates room for them.
 
 use super::Grains;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::Instant;
 use arlequin_core::ranks::{Portion, RankError};
 
-/// Words of a particle between ranks: its number, sphere at rest, displacement, share of its mass, weighted mass, inverse inertia,
-/// velocities and forces.
+/// Words of a particle between ranks: its number, sphere at rest, displacement, share of its mass, weighted
+/// mass, inverse inertia, velocities and forces.
 const WORDS: usize = 28;
 
 /// Some particles of the whole body with their state, numbered from zero in its order.

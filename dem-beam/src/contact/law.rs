@@ -94,8 +94,8 @@ impl ContactLaw {
         2.0 * self.modulus * a * b / (a + b)
     }
 
-    /// `omega^2` and damping rate of one contact on a particle, `top = k/m`. A pair holds at most twice what its ends
-    /// hold alone; sliding turns the sphere as well, `1/m + r^2/I = 3.5/m`.
+    /// `omega^2` and damping rate of one contact on a particle, `top = k/m`. A pair holds at most twice
+    /// what its ends hold alone; sliding turns the sphere as well, `1/m + r^2/I = 3.5/m`.
     pub(crate) fn demand(&self, top: f64) -> [f64; 2] {
         let slide = if self.friction > 0.0 {
             3.5 * self.shear_ratio
@@ -111,8 +111,8 @@ impl ContactLaw {
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 
-    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs; moves them on by
-    /// a step `dt`. What the budget of the contact covers, `budget.rs` says.
+    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs;
+    /// moves them on by a step `dt`. What the budget of the contact covers, `budget.rs` says.
     pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);

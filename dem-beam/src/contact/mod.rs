@@ -1,19 +1,22 @@
-//! Contact between particles that no bond joins: after a bond broke, and between particles that never had one.
+//! Contact between particles that no bond joins: after a bond broke, and between particles that never had
+//! one.
 //!
-//! Particles are taken where they are, `x + u`. Pairs closer than their radii and a skin are listed by a cell search
-//! that is repeated only when a particle has moved by half the skin; bonds that break join the list as they break.
-//! A pair pushes from `min(r_i + r_j, distance at rest, distance when its bond broke)` on, so that no contact begins
-//! with a force: packings have overlaps at rest, and bonds break while compressed.
+//! Particles are taken where they are, `x + u`. Pairs closer than their radii and a skin are listed by a
+//! cell search that is repeated only when a particle has moved by half the skin; bonds that break join the
+//! list as they break. A pair pushes from `min(r_i + r_j, distance at rest, distance when its bond broke)`
+//! on, so that no contact begins with a force: packings have overlaps at rest, and bonds break while
+//! compressed.
 //!
-//! In an overlap of models stiffness and dashpot carry the smaller mass share of the two particles, which keeps the
-//! critical step of the unweighted contact.
+//! In an overlap of models stiffness and dashpot carry the smaller mass share of the two particles, which
+//! keeps the critical step of the unweighted contact.
 //!
-//! Gaps are computed in parallel; forces are added pair after pair in a fixed order, so results do not depend on the
-//! number of threads. A step allocates only where the lists grow.
+//! Gaps are computed in parallel; forces are added pair after pair in a fixed order, so results do not
+//! depend on the number of threads. A step allocates only where the lists grow.
 //!
-//! A contact never gives back more than it took in, whatever the step: `budget.rs` says how. Contacts are taken one after the
-//! other, to and fro. The step must still resolve contacts that do not exist yet: an allowance of [`STIFF_CONTACTS`] stiff
-//! and [`DAMPED_CONTACTS`] damped contacts per particle beside its bonds enters the critical step.
+//! A contact never gives back more than it took in, whatever the step: `budget.rs` says how. Contacts are
+//! taken one after the other, to and fro. The step must still resolve contacts that do not exist yet: an
+//! allowance of [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts per particle beside its
+//! bonds enters the critical step.
 
 mod between;
 mod body;

@@ -37,7 +37,8 @@ pub(super) fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> O
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
 }
 
-/// Whether a sphere has moved by half the skin since it was `built` into a list, or that has another number of spheres.
+/// Whether a sphere has moved by half the skin since it was `built` into a list, or that has another number
+/// of spheres.
 pub(super) fn is_stale<'a>(
     built: &[Sphere],
     skin: f64,
@@ -52,8 +53,9 @@ pub(super) fn is_stale<'a>(
     built.len() != count || built.iter().zip(now).any(far)
 }
 
-/// Pairs of a sphere of `first` and one of `other` that are closer than their radii and the skin, for which `rest` says where they
-/// begin to push, in parts; each with a higher one where both are the same spheres. Sorted by their ends.
+/// Pairs of a sphere of `first` and one of `other` that are closer than their radii and the skin, for which
+/// `rest` says where they begin to push, in parts; each with a higher one where both are the same spheres.
+/// Sorted by their ends.
 pub(super) fn search(
     cells: &mut CellList,
     [first, other]: [&[Sphere]; 2],
@@ -123,9 +125,9 @@ impl Listed {
         [self.searches, self.pairs.len()]
     }
 
-    /// Searches anew, if a sphere has moved by half the skin since the last search, for pairs of spheres of `first` and
-    /// `second`, or within `first`. `rest(i, k)` says where a pair begins to push, nothing if it never does. Springs of
-    /// pairs that are still listed stay.
+    /// Searches anew, if a sphere has moved by half the skin since the last search, for pairs of spheres of
+    /// `first` and `second`, or within `first`. `rest(i, k)` says where a pair begins to push, nothing if
+    /// it never does. Springs of pairs that are still listed stay.
     fn refresh(
         &mut self,
         first: &[Sphere],
@@ -162,8 +164,8 @@ impl Listed {
         }
     }
 
-    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state of each pair.
-    /// Numbers: rest distance and springs of each pair, the spheres of the last search.
+    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state
+    /// of each pair. Numbers: rest distance and springs of each pair, the spheres of the last search.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         let searched = u64::from(!self.built.is_empty());
         out.integers
@@ -177,8 +179,9 @@ impl Listed {
         out.numbers.extend(self.built.iter().flatten());
     }
 
-    /// Undoes [`Self::save`] and returns the numbers that follow; `None` for a record of other bodies. First ends are
-    /// below the first of `counts`, second ends below the second; `all` spheres are searched.
+    /// Undoes [`Self::save`] and returns the numbers that follow; `None` for a record of other bodies.
+    /// First ends are below the first of `counts`, second ends below the second; `all` spheres are
+    /// searched.
     pub(crate) fn restore<'a>(
         &mut self,
         counts: [usize; 2],
@@ -222,7 +225,8 @@ pub(crate) struct PairList {
 }
 
 impl PairList {
-    /// An empty list; the first refresh fills it. `skin` \[m\] is by how much more than touching the pairs reach.
+    /// An empty list; the first refresh fills it. `skin` \[m\] is by how much more than touching the pairs
+    /// reach.
     pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
         Self {
             listed: Listed::new(skin),
@@ -314,8 +318,8 @@ pub(crate) fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     rest.iter().zip(moves).map(put).collect()
 }
 
-/// Unbonded pairs within a body that overlap by more than `tolerance` of their radii beyond rest: how many, and the
-/// largest overlap over the sum of radii.
+/// Unbonded pairs within a body that overlap by more than `tolerance` of their radii beyond rest: how many,
+/// and the largest overlap over the sum of radii.
 pub(crate) fn overlaps(
     body: &BondedParticles,
     q: &[f64],
@@ -336,8 +340,8 @@ pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: 
     count_overlaps(rest, [&first, &second], tolerance, |_, _| true)
 }
 
-/// Pairs of a sphere of the first and one of the second that overlap by more than `tolerance` of their radii beyond rest, as far
-/// as they may touch: how many, and the largest overlap over the sum of radii.
+/// Pairs of a sphere of the first and one of the second that overlap by more than `tolerance` of their
+/// radii beyond rest, as far as they may touch: how many, and the largest overlap over the sum of radii.
 pub(crate) fn count_overlaps(
     rest: [&[Sphere]; 2],
     now: [&[Sphere]; 2],

@@ -19,7 +19,8 @@ const CHUNK: usize = 2_048;
 /// How often a wider surrounding is looked for at most, twice as wide each time.
 const WIDER: usize = 60;
 
-/// Where a pair stands in the list of the whole body: what a search found by its ends, then those of broken bonds as they broke.
+/// Where a pair stands in the list of the whole body: what a search found by its ends, then those of broken
+/// bonds as they broke.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Key {
     /// From one, in the order of breaks since the last search; zero for what that found.
@@ -124,8 +125,8 @@ impl PairsInParts {
         }
     }
 
-    /// Searches anew if a particle of any rank has moved by half the skin since the last search, and finds out where the particles
-    /// around are.
+    /// Searches anew if a particle of any rank has moved by half the skin since the last search, and finds
+    /// out where the particles around are.
     pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
         let stale = self
             .built
@@ -213,7 +214,8 @@ impl PairsInParts {
         Ok(())
     }
 
-    /// Pairs of all ranks that push now, in the order of the whole body, with the distance at which each begins to.
+    /// Pairs of all ranks that push now, in the order of the whole body, with the distance at which each
+    /// begins to.
     pub(super) fn closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
@@ -235,7 +237,8 @@ impl PairsInParts {
         Ok(all)
     }
 
-    /// The list of the whole body on the first rank, without its springs; none on the others. All ranks must ask.
+    /// The list of the whole body on the first rank, without its springs; none on the others. All ranks
+    /// must ask.
     pub(super) fn whole(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
@@ -278,8 +281,8 @@ impl PairsInParts {
             .extend(all.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
     }
 
-    /// Goes back to a list of the whole body and the distances at which its bonds broke; where each of its pairs stands. `None` for
-    /// those of another body.
+    /// Goes back to a list of the whole body and the distances at which its bonds broke; where each of its
+    /// pairs stands. `None` for those of another body.
     pub(super) fn restore(&mut self, list: &Listed, broken: &[f64]) -> Option<Vec<Key>> {
         if broken.len() != self.all_bonds {
             return None;

@@ -1,7 +1,7 @@
 //! Contact within a body in parts on several ranks.
 //!
-//! A rank lists and measures the pairs whose first particle it has, with the particles of others that are around. Pairs that push
-//! are told to all ranks, and these take them together ([`Company`]).
+//! A rank lists and measures the pairs whose first particle it has, with the particles of others that are
+//! around. Pairs that push are told to all ranks, and these take them together ([`Company`]).
 
 use super::Contacts;
 use super::company::Company;
@@ -37,7 +37,8 @@ pub(super) struct ContactsInParts {
 }
 
 impl ContactsInParts {
-    /// The part of contact in a whole body that belongs to the particles here; `of` names the effect in errors.
+    /// The part of contact in a whole body that belongs to the particles here; `of` names the effect in
+    /// errors.
     pub(super) fn new(
         whole: Contacts,
         portion: &Arc<Portion>,

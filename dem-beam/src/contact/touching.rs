@@ -39,7 +39,8 @@ struct Active {
 
 /// The contacts of a list: their law, what they do, what they remember beside their springs.
 ///
-/// `grains`, instants and forces come in slices of one (both ends in the same model) or two (first ends in the first).
+/// `grains`, instants and forces come in slices of one (both ends in the same model) or two (first ends in
+/// the first).
 #[derive(Debug)]
 pub(crate) struct Touching {
     law: BudgetedLaw,
@@ -63,8 +64,8 @@ impl Touching {
         }
     }
 
-    /// Corrects the budgets by what forces that were not known did in the step just made: multipliers, prescribed motion,
-    /// effects that come later. Call it before the list changes.
+    /// Corrects the budgets by what forces that were not known did in the step just made: multipliers,
+    /// prescribed motion, effects that come later. Call it before the list changes.
     pub(crate) fn settle(&mut self, listed: &mut Listed, at: &[Instant<'_, f64>]) {
         self.calls += 1;
         let dt = at[0].dt;
@@ -110,9 +111,11 @@ impl Touching {
         self.active.clear();
         self.law.begin(at[0].dt);
         let count = self.gaps.len();
-        // One after the other, unlike the gaps: a contact works on the velocity that those before it have left.
+        // One after the other, unlike the gaps: a contact works on the velocity that those before it have
+        // left.
         for n in 0..count {
-            // To and fro: what a particle shared by two contacts carries from one budget to the other evens out.
+            // To and fro: what a particle shared by two contacts carries from one budget to the other evens
+            // out.
             let k = if self.calls.is_multiple_of(2) {
                 n
             } else {

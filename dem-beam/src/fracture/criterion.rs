@@ -73,7 +73,8 @@ impl Section {
     }
 }
 
-/// Deformation of one beam: strain, twist per length \[rad/m\], end rotations `a`, `b` against the chord \[rad\].
+/// Deformation of one beam: strain, twist per length \[rad/m\], end rotations `a`, `b` against the chord
+/// \[rad\].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Strain {
     length: f64,
@@ -120,8 +121,9 @@ impl Strain {
 }
 
 impl Criterion {
-    /// How hard every bond of a body is loaded \[Pa, or J/m² for [`Criterion::Energy`]\] in a state of the small-rotation
-    /// law: `3 n` displacements \[m\], then `3 n` rotations \[rad\]. Unweighted, broken bonds included.
+    /// How hard every bond of a body is loaded \[Pa, or J/m² for [`Criterion::Energy`]\] in a state of the
+    /// small-rotation law: `3 n` displacements \[m\], then `3 n` rotations \[rad\]. Unweighted, broken
+    /// bonds included.
     ///
     /// # Errors
     /// [`crate::Error::LengthMismatch`] unless `q` has six numbers per particle.

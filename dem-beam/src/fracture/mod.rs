@@ -1,15 +1,16 @@
 //! Bonds that break: criteria, strengths and the record of what broke.
 //!
-//! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing, for ever.
-//! Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied by the multipliers,
-//! with the weight it had in the reference configuration. The model warns of it ([`arlequin_core::Watching::watch`]).
+//! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing,
+//! for ever. Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied
+//! by the multipliers, with the weight it had in the reference configuration. The model warns of it
+//! ([`arlequin_core::Watching::watch`]).
 //!
-//! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 lengths of a bond apart. It has run
-//! into an overlap once [`CRACK`] of its bonds lie there; fewer are stray bonds, which break by the scatter of strengths
-//! ([`BreakLog::crack_in_overlap`]).
+//! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 lengths of
+//! a bond apart. It has run into an overlap once [`CRACK`] of its bonds lie there; fewer are stray bonds,
+//! which break by the scatter of strengths ([`BreakLog::crack_in_overlap`]).
 //!
-//! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of particles;
-//! the criterion itself decides, bond by bond, in marked blocks only.
+//! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of
+//! particles; the criterion itself decides, bond by bond, in marked blocks only.
 //!
 //! Stresses are those of the beam's section (radius `r_b`, area `S`), unweighted:
 //!
@@ -21,10 +22,11 @@
 //! energy   U/S, elastic energy of the bond per section \[J/m²\]
 //! ```
 //!
-//! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress of the
-//! beam is not that of the packing: beams are stiffer than the packing, carry a part of the section and are loaded unevenly,
-//! so the strength of the beams is several times that of the body: 4 times in tension for `axial`, 12 times for `rankine` and
-//! `mises`. [`crate::strength`] measures it, docs/calibration.md has a table.
+//! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress
+//! of the beam is not that of the packing: beams are stiffer than the packing, carry a part of the section
+//! and are loaded unevenly, so the strength of the beams is several times that of the body: 4 times in
+//! tension for `axial`, 12 times for `rankine` and `mises`. [`crate::strength`] measures it,
+//! docs/calibration.md has a table.
 
 mod cracks;
 pub(crate) mod criterion;
@@ -47,18 +49,19 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 pub struct Fracture {
     /// What is compared.
     pub criterion: Criterion,
-    /// Strength: Pa, or J/m^2 for [`Criterion::Energy`]. Characteristic (63.2 % broken) with Weibull scatter, mean
-    /// otherwise.
+    /// Strength: Pa, or J/m^2 for [`Criterion::Energy`]. Characteristic (63.2 % broken) with Weibull
+    /// scatter, mean otherwise.
     pub strength: f64,
     /// Scatter of the strengths between bonds.
     pub scatter: Scatter,
     /// Seed of the scatter.
     pub seed: u64,
-    /// Steps between two checks. A check rides in the force kernel and is cheap (decision 0011): more than one pays only
-    /// where strengths may be passed for some steps.
+    /// Steps between two checks. A check rides in the force kernel and is cheap (decision 0011): more than
+    /// one pays only where strengths may be passed for some steps.
     pub every: usize,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that reaches the overlap: bonds
-    /// that cannot break and the other model carry its load past the strength of the body.
+    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that
+    /// reaches the overlap: bonds that cannot break and the other model carry its load past the strength of
+    /// the body.
     pub spare_overlap: bool,
 }
 
@@ -147,7 +150,8 @@ impl BreakLog {
         &self.events
     }
 
-    /// The break with which a crack first had [`CRACK`] bonds in an overlap: it has left the particles' own region.
+    /// The break with which a crack first had [`CRACK`] bonds in an overlap: it has left the particles' own
+    /// region.
     #[must_use]
     pub fn crack_in_overlap(&self) -> Option<&Break> {
         self.events.get(self.into_overlap?)
@@ -184,8 +188,8 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `known` is what is known of a bond between two
-    /// particles: its middle, and whether it lies in an overlap.
+    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `known` is what is known of a
+    /// bond between two particles: its middle, and whether it lies in an overlap.
     pub(crate) fn restore(
         &mut self,
         from: &Record<f64>,
@@ -245,7 +249,8 @@ impl BreakLog {
 /// A log in several hands.
 pub type SharedLog = Arc<RwLock<BreakLog>>;
 
-/// The log to read, whatever happened to its other holders. Steps wait for readers: do not hold it during one.
+/// The log to read, whatever happened to its other holders. Steps wait for readers: do not hold it during
+/// one.
 pub fn locked(log: &SharedLog) -> RwLockReadGuard<'_, BreakLog> {
     log.read().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,8 +1,9 @@
 //! Bonds that break in a body in parts on several ranks.
 //!
-//! Who holds a bond between two ranks knows both ends with the same bits, so both come to the same verdict. But each looks at its
-//! own ends only ([`crate::kernel::screen`]): if anything breaks anywhere, all ranks compare these bonds one by one. Then all of
-//! them hear of all breaks and take them in the order of the whole body.
+//! Who holds a bond between two ranks knows both ends with the same bits, so both come to the same verdict.
+//! But each looks at its own ends only ([`crate::kernel::screen`]): if anything breaks anywhere, all ranks
+//! compare these bonds one by one. Then all of them hear of all breaks and take them in the order of the
+//! whole body.
 
 use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
@@ -18,7 +19,8 @@ use std::sync::Arc;
 /// Words of a break between ranks.
 const WORDS: usize = 7;
 
-/// What ranks tell of their particles where bonds broke: the state one step before, and what the step changed.
+/// What ranks tell of their particles where bonds broke: the state one step before, and what the step
+/// changed.
 const TOLD: usize = 13;
 
 /// What a part of a body knows of the whole.
@@ -116,8 +118,8 @@ impl FractureState {
         Ok(true)
     }
 
-    /// Takes the bonds that break now out of the balance of the particles here, and all of the whole body to the log; the energy
-    /// of all.
+    /// Takes the bonds that break now out of the balance of the particles here, and all of the whole body
+    /// to the log; the energy of all.
     pub(crate) fn release_in_parts(
         &mut self,
         body: &BondedParticles,
@@ -179,7 +181,8 @@ impl Parts {
         Ok(out)
     }
 
-    /// Restores a log that all ranks have: what is known of a bond, the rank of its first particle tells all others.
+    /// Restores a log that all ranks have: what is known of a bond, the rank of its first particle tells
+    /// all others.
     pub(super) fn restore(
         &self,
         log: &SharedLog,

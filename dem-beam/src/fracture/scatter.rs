@@ -3,8 +3,8 @@
 use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
-/// How strengths scatter. The strength of a bond depends on the seed and on where its two particles lie, not on how
-/// particles or bonds are numbered.
+/// How strengths scatter. The strength of a bond depends on the seed and on where its two particles lie,
+/// not on how particles or bonds are numbered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scatter {
     /// All the same.

@@ -138,7 +138,8 @@ impl FractureState {
         Some((screen, &mut self.marks))
     }
 
-    /// Makes whole bonds unbreakable where `inside` says that they lie in an overlap, if the scene wants that.
+    /// Makes whole bonds unbreakable where `inside` says that they lie in an overlap, if the scene wants
+    /// that.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
         if !self.spec.spare_overlap {
             return;
@@ -165,8 +166,8 @@ impl FractureState {
         out
     }
 
-    /// Undoes [`Self::save`] but for the bonds themselves, which [`Self::now`] lists; `false` for a record that is not of
-    /// this model.
+    /// Undoes [`Self::save`] but for the bonds themselves, which [`Self::now`] lists; `false` for a record
+    /// that is not of this model.
     pub(crate) fn restore(
         &mut self,
         mut from: Record<f64>,
@@ -221,8 +222,8 @@ impl FractureState {
         parts.map_or(Some(bond as usize), |p| p.here(bond))
     }
 
-    /// Largest load over strength of all whole bonds, and how many are at or above one; in a part of a body of those whose first
-    /// particle is here.
+    /// Largest load over strength of all whole bonds, and how many are at or above one; in a part of a body
+    /// of those whose first particle is here.
     pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
         let of_here = |b: &usize| (body.pairs()[*b][0] as usize) < self.own;
         let all = (0..body.pairs().len()).filter(of_here);
@@ -232,8 +233,9 @@ impl FractureState {
         })
     }
 
-    /// Fills [`Self::now`] with the bonds that reach their strength, ascending. Where the force kernel has looked at these
-    /// positions, only the bonds of the blocks it marked are compared. Whether it looked at all.
+    /// Fills [`Self::now`] with the bonds that reach their strength, ascending. Where the force kernel has
+    /// looked at these positions, only the bonds of the blocks it marked are compared. Whether it looked at
+    /// all.
     pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {
         self.now.clear();
         self.wait += 1;
@@ -260,7 +262,8 @@ impl FractureState {
             for i in block * LANES..((block + 1) * LANES).min(self.own) {
                 for &[other, bond] in self.adjacency.row(i) {
                     let other = other as usize;
-                    // A bond between two marked blocks comes from its first end; those of other ranks' particles have none here.
+                    // A bond between two marked blocks comes from its first end; those of other ranks'
+                    // particles have none here.
                     if other > i || !self.marks[other / LANES] {
                         suspects.push(bond);
                     }
@@ -319,8 +322,8 @@ impl FractureState {
         total
     }
 
-    /// The record of a break but for its time and whether it is in an overlap, and the forces of the bond one step before;
-    /// `change` is what the step changed of a particle's unknowns.
+    /// The record of a break but for its time and whether it is in an overlap, and the forces of the bond
+    /// one step before; `change` is what the step changed of a particle's unknowns.
     pub(super) fn break_of(
         &self,
         body: &BondedParticles,

@@ -87,8 +87,8 @@ pub(crate) struct Pass<'a, W: Law> {
 pub(crate) trait Posed: Law {
     /// Whether rows hold orientations, which go on from those reached before.
     const TURNS: bool = false;
-    /// Moves rows to displacements `u` \[m\] and rotations `th` \[rad\], from where they were with rotations `reached`, which
-    /// become `th`; empty for a law that does not turn.
+    /// Moves rows to displacements `u` \[m\] and rotations `th` \[rad\], from where they were with
+    /// rotations `reached`, which become `th`; empty for a law that does not turn.
     fn write_rows(isa: Isa, rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]);
 }
 
@@ -106,8 +106,8 @@ pub(crate) trait Cut: Sized + Send {
     fn cut(self, blocks: usize) -> (Self, Self);
 }
 
-/// Does work in parts of [`CHUNK`] blocks, on one thread or all: the same parts, so that sums over them have the same bits.
-/// Parts are whole blocks: no two threads write the unknowns of one particle.
+/// Does work in parts of [`CHUNK`] blocks, on one thread or all: the same parts, so that sums over them
+/// have the same bits. Parts are whole blocks: no two threads write the unknowns of one particle.
 pub(crate) fn in_parts<P: Cut>(all: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
     let blocks = all.blocks();
     if blocks <= CHUNK {
@@ -259,7 +259,8 @@ impl Finish for Sink<'_> {
 }
 
 impl<W: Screened> Pass<'_, W> {
-    /// Forces of the blocks of a part, as far as their unit of [`CHUNK`] blocks is `wanted`; places must be particle numbers.
+    /// Forces of the blocks of a part, as far as their unit of [`CHUNK`] blocks is `wanted`; places must be
+    /// particle numbers.
     pub(crate) fn run<F: Finish>(
         &self,
         rows: &[CacheLine],

@@ -19,8 +19,8 @@
 //! e_i = t_i - c_i n   e_j = t_j - c_j n
 //! ```
 //!
-//! All factors are strains: with `t` for `e` the same sums would be differences of numbers of the size of `k_b`, whose last digits
-//! push a body at rest the same way at every step.
+//! All factors are strains: with `t` for `e` the same sums would be differences of numbers of the size of
+//! `k_b`, whose last digits push a body at rest the same way at every step.
 
 use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
 use super::span::{Grid, Slot};
@@ -40,8 +40,9 @@ pub(crate) trait Law: Copy + Send + Sync {
     /// From the rows of the eight particles.
     fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// First stage of a slot (and its lengths), from the rows of the eight neighbours. It runs while the second stage of the slot
-    /// before is under way: the processor's own look-ahead is too short to hide loads, shuffles and roots.
+    /// First stage of a slot (and its lengths), from the rows of the eight neighbours. It runs while the
+    /// second stage of the slot before is under way: the processor's own look-ahead is too short to hide
+    /// loads, shuffles and roots.
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -70,7 +71,8 @@ pub(crate) trait Law: Copy + Send + Sync {
     ) -> L::V;
 }
 
-/// Section rigidities in all lanes, with the multiples the laws use, in the units of a [`Grid`]: `e = 1/u³`, `g` its step.
+/// Section rigidities in all lanes, with the multiples the laws use, in the units of a [`Grid`]: `e =
+/// 1/u³`, `g` its step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rigidity<L: Lanes> {
     /// `ES e g²`, `GI_O e g²`, `2 EI e g²`.
@@ -134,9 +136,10 @@ impl<L: Lanes> Rigidity<L> {
 /// c += 6 EI s d x w + EI s l² (th_j - th_i) + (GI_O - EI) s (d.(th_j - th_i)) d
 /// ```
 ///
-/// `w` and `th_j - th_i` vanish where a body turns as a whole, and all but `6 EI s d x w` has the opposite sign seen from the
-/// other end: what products are rounded to leaves the moments of strains unbalanced, not those of a rotation common to all,
-/// which would add up over a run. Translations are differences, so a moved body feels no force at all.
+/// `w` and `th_j - th_i` vanish where a body turns as a whole, and all but `6 EI s d x w` has the opposite
+/// sign seen from the other end: what products are rounded to leaves the moments of strains unbalanced, not
+/// those of a rotation common to all, which would add up over a run. Translations are differences, so a
+/// moved body feels no force at all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 

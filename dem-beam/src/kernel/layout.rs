@@ -12,7 +12,8 @@ use arlequin_core::adjacency::Adjacency;
 /// The bonds of one body, whose numbers are places in the blocks.
 #[derive(Debug)]
 pub(crate) struct Layout {
-    /// Particles in the blocks. Numbers from here on are those of particles of other ranks, whose rows come behind the last block.
+    /// Particles in the blocks. Numbers from here on are those of particles of other ranks, whose rows come
+    /// behind the last block.
     particles: usize,
     pub(crate) grid: Grid,
     /// First slot of each block, and one past the last.
@@ -35,14 +36,16 @@ fn slots(bonds: &[usize]) -> usize {
     bonds.chunks(LANES).map(most).sum()
 }
 
-/// Half-bonds that the kernel passes over for particles with so many bonds each, empty lanes and the motion of particles included.
+/// Half-bonds that the kernel passes over for particles with so many bonds each, empty lanes and the motion
+/// of particles included.
 pub(crate) fn work(bonds: &[usize]) -> usize {
     (slots(bonds) + MOVING * bonds.len().div_ceil(LANES)) * LANES
 }
 
 impl Layout {
-    /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum over a
-    /// particle's bonds does not depend on how the caller numbered bonds. The first `particles` get blocks.
+    /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum
+    /// over a particle's bonds does not depend on how the caller numbered bonds. The first `particles` get
+    /// blocks.
     pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
         let adjacency = body.adjacency();
         let blocks = particles.div_ceil(LANES);

@@ -1,9 +1,10 @@
 //! The look at strengths that rides in the force kernel.
 //!
-//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time. Each half-bond
-//! compares the moment at its own end, so that both ends of a bond are seen. The comparison is with a limit a
-//! [`MARGIN`] below the strength and marks whole blocks: who marked them looks again, bond by bond, with the exact
-//! criterion. No mark is missing unless round-off reaches the margin, which [`Screen::new`] rules out.
+//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time.
+//! Each half-bond compares the moment at its own end, so that both ends of a bond are seen. The comparison
+//! is with a limit a [`MARGIN`] below the strength and marks whole blocks: who marked them looks again,
+//! bond by bond, with the exact criterion. No mark is missing unless round-off reaches the margin, which
+//! [`Screen::new`] rules out.
 //!
 //! ```text
 //! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
@@ -13,8 +14,8 @@
 //! energy    U >= s S
 //! ```
 //!
-//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength beforehand, and
-//! multiplied by a length where that saves a division.
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength
+//! beforehand, and multiplied by a length where that saves a division.
 
 use super::engine::{Marks, Posed};
 use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
@@ -47,11 +48,12 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// `strengths` of all bonds \[Pa or J/m²\], least and largest of their `lengths` \[m\]. Nothing where strengths are so
-    /// small that round-off could hide a break.
+    /// `strengths` of all bonds \[Pa or J/m²\], least and largest of their `lengths` \[m\]. Nothing where
+    /// strengths are so small that round-off could hide a break.
     ///
-    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l th)^2`, which
-    /// must stay a thousandth below the square of the strength. Blocks with larger rotations are marked without a look.
+    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l
+    /// th)^2`, which must stay a thousandth below the square of the strength. Blocks with larger rotations
+    /// are marked without a look.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,
@@ -137,14 +139,16 @@ impl<L: Lanes> Test<L> {
         }
     }
 
-    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t` reach 1.
+    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t`
+    /// reach 1.
     #[inline(always)]
     fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
             let left = l.nmadd(self.three, t, self.one);
             let kept = l.max(left, self.zero);
             let room = l.sub(l.sqrt(kept), self.size(l, n));
-            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare that with.
+            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare
+            // that with.
             return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
         }
         let room = l.sub(l.sub(self.one, t), n);
@@ -294,7 +298,8 @@ fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
     l.nmadd(px, px, l.mul(q, dot(l, x, x)))
 }
 
-/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the caller.
+/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the
+/// caller.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
 fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {

@@ -1,11 +1,12 @@
 //! Bonds in 128 bits, the same seen from either end.
 //!
-//! The kernel waits for memory, so the fewer bytes a bond has the better. Two numbers say all: the span `d` between the
-//! centres and `s = w/l³`, `w` the weight; every coefficient of both laws is `s` times a polynomial in `d` but for one
-//! division. Spans are three integers: [`Grid::snap`] moves centres to a grid so fine that nothing notices (half a
-//! thousand-millionth of the longest bond) and so coarse that differences of centres fit 32 bits. They are exact, so that
-//! a rigid motion strains nothing and moments balance to round-off. Stiffnesses have 24 bits and are rounded before
-//! anything is made of them: matrix, energy and forces are of one law.
+//! The kernel waits for memory, so the fewer bytes a bond has the better. Two numbers say all: the span `d`
+//! between the centres and `s = w/l³`, `w` the weight; every coefficient of both laws is `s` times a
+//! polynomial in `d` but for one division. Spans are three integers: [`Grid::snap`] moves centres to a grid
+//! so fine that nothing notices (half a thousand-millionth of the longest bond) and so coarse that
+//! differences of centres fit 32 bits. They are exact, so that a rigid motion strains nothing and moments
+//! balance to round-off. Stiffnesses have 24 bits and are rounded before anything is made of them: matrix,
+//! energy and forces are of one law.
 
 use super::lanes::LANES;
 use crate::bond::LinearBond;

@@ -1,12 +1,12 @@
-//! The passes of velocity Verlet in the kernel: unknowns move while rows are written, and are accelerated in the block that
-//! has just found their forces.
+//! The passes of velocity Verlet in the kernel: unknowns move while rows are written, and are accelerated
+//! in the block that has just found their forces.
 //!
 //! ```text
 //! v' = v + h a   q += dt v'   rows(q)   |   f(rows)   a' = w f   v = v' + h a'
 //! ```
 //!
-//! The velocity `v'` of the half step is found twice instead of stored. Products and sums are rounded one by one, as the core
-//! does it: the same bits.
+//! The velocity `v'` of the half step is found twice instead of stored. Products and sums are rounded one
+//! by one, as the core does it: the same bits.
 
 use super::engine::{Cut, Finish, OnLanes, PER_BLOCK, With, cut_unknowns, prefetch_lines};
 use super::lanes::{CacheLine, Job, LANES, Lanes, sum};
@@ -185,7 +185,8 @@ impl Finish for Accelerate<'_> {
 }
 
 impl Accelerate<'_> {
-    /// Displacements (`sort` 0) or rotations (1) of up to eight particles, by forces in the order of the unknowns.
+    /// Displacements (`sort` 0) or rotations (1) of up to eight particles, by forces in the order of the
+    /// unknowns.
     #[inline(always)]
     fn kick<L: Lanes>(&mut self, l: L, sort: usize, range: Range<usize>, f: [L::V; 3]) {
         let [dt, h] = self.step;

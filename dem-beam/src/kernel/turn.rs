@@ -1,14 +1,14 @@
 //! Orientations that turn on, eight particles at a time.
 //!
-//! The row of a particle keeps the unit quaternion that was reached last; from there it turns by the spin added up since,
-//! `d = th - reached`: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`. Spins of spheres are constant between two kicks, so this is
-//! the motion itself, and the scheme the variational one.
+//! The row of a particle keeps the unit quaternion that was reached last; from there it turns by the spin
+//! added up since, `d = th - reached`: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`. Spins of spheres are constant
+//! between two kicks, so this is the motion itself, and the scheme the variational one.
 
 use super::engine::OnLanes;
 use super::lanes::{CacheLine, Job, LANES, Lanes, Vec3, cross, dot, eight, scale};
 
-/// `cos(a/2)` and `sin(a/2)/a` as series in `(a/2)^2`. Constants, because ten divisions per particle would cost as much as a
-/// bond.
+/// `cos(a/2)` and `sin(a/2)/a` as series in `(a/2)^2`. Constants, because ten divisions per particle would
+/// cost as much as a bond.
 const COS: [f64; 6] = [
     1.0,
     -1.0 / 2.0,
@@ -26,7 +26,8 @@ const SIN: [f64; 6] = [
     -0.5 / 39_916_800.0,
 ];
 
-/// Square of the angle below which the series are exact: the sixth power of `(a/2)^2 <= 1/16` is below the last bit.
+/// Square of the angle below which the series are exact: the sixth power of `(a/2)^2 <= 1/16` is below the
+/// last bit.
 const SMALL: f64 = 0.25;
 
 /// `cos(a/2)` and `sin(a/2)/a` of a rotation by the angle `a`, `x = a^2`.

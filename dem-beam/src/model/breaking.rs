@@ -15,7 +15,8 @@ impl DemModel {
     /// The same body with bonds that break.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense; [`crate::Error::Graded`].
+    /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense;
+    /// [`crate::Error::Graded`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
         self.alike("a strength of bonds")?;
@@ -23,7 +24,8 @@ impl DemModel {
         Ok(self)
     }
 
-    /// The same body; strengths are compared only when [`arlequin_core::Watching::watch`] is called, and nothing breaks.
+    /// The same body; strengths are compared only when [`arlequin_core::Watching::watch`] is called, and
+    /// nothing breaks.
     ///
     /// # Errors
     /// As [`Self::with_fracture`].
@@ -65,8 +67,8 @@ impl DemModel {
         (self.fracture, self.watched) = (fracture, watched);
     }
 
-    /// The same body, whose bonds are compared with their strengths one by one: the reference for tests of the look that
-    /// rides in the force kernel. Slower, same breaks.
+    /// The same body, whose bonds are compared with their strengths one by one: the reference for tests of
+    /// the look that rides in the force kernel. Slower, same breaks.
     #[must_use]
     pub fn with_plain_checks(mut self) -> Self {
         if let Some(f) = &mut self.fracture {
@@ -175,7 +177,8 @@ impl DemModel {
             .map(FractureState::save)
             .unwrap_or_default();
         let turns = self.kernel.save(self.nodes.len());
-        // Of the whole body, on the first rank; what goes wrong is kept for [`arlequin_core::ranks::Portion::failure`].
+        // Of the whole body, on the first rank; what goes wrong is kept for
+        // [`arlequin_core::ranks::Portion::failure`].
         let turns = match (&self.halo, self.has_finite_rotations()) {
             (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
             _ => turns,

@@ -105,8 +105,9 @@ impl Ghosts {
 
 /// Forces of the bonds of a body under one of the two laws.
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
-    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model. With `marks` it
-    /// looks at strengths on the way; returns the elastic energy \[J\] if asked for, else zero.
+    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model.
+    /// With `marks` it looks at strengths on the way; returns the elastic energy \[J\] if asked for, else
+    /// zero.
     fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
     /// Adds forces and torques at any positions, without going there.
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()>;
@@ -253,8 +254,8 @@ impl<W: Screened> Gather<W> {
         heard
     }
 
-    /// The same in a part of a body: units without bonds to ghosts while the rows of these are on their way, then the others.
-    /// Every block by itself: the order of units changes no bit.
+    /// The same in a part of a body: units without bonds to ghosts while the rows of these are on their
+    /// way, then the others. Every block by itself: the order of units changes no bit.
     fn gather_with<F: Finish>(
         &mut self,
         ghosts: &mut Ghosts,

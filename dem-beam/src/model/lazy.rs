@@ -56,7 +56,8 @@ impl Kernel {
         self.made.iter().for_each(|kernel| kernel.ghosts(out));
     }
 
-    /// Quaternions (scalar first) and rotation unknowns of what was reached last by so many particles, under a law that turns.
+    /// Quaternions (scalar first) and rotation unknowns of what was reached last by so many particles,
+    /// under a law that turns.
     pub(super) fn save(&self, particles: usize) -> Vec<f64> {
         match &self.made {
             Some(kernel) => kernel.save(),

@@ -11,12 +11,12 @@
 //! particle i are multiplied by `alpha(x_i)`, mass and inertia by `beta(x_i)`; such a model has no
 //! symmetric stiffness and is not offered as a linear one.
 //!
-//! Finite rotations ([`DemModel::with_finite_rotations`]): the velocities of the rotations are spins `w` about fixed axes
-//! and their accelerations torques over inertias, which is exact for spheres. The model keeps a unit quaternion per
-//! particle that turns with `exp(dt w)` in every step ([`Model::advance`]); the rotation unknowns are the spin added up
-//! over time, from the rotation vector that the initial state gives. Torques and forces balance about the present
-//! centres, so the scheme keeps angular momentum to round-off and the energy as well as for translations, however far a
-//! particle turns.
+//! Finite rotations ([`DemModel::with_finite_rotations`]): the velocities of the rotations are spins `w`
+//! about fixed axes and their accelerations torques over inertias, which is exact for spheres. The model
+//! keeps a unit quaternion per particle that turns with `exp(dt w)` in every step ([`Model::advance`]); the
+//! rotation unknowns are the spin added up over time, from the rotation vector that the initial state
+//! gives. Torques and forces balance about the present centres, so the scheme keeps angular momentum to
+//! round-off and the energy as well as for translations, however far a particle turns.
 
 mod breaking;
 pub(crate) mod forces;
@@ -94,7 +94,8 @@ pub struct DemModel {
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands for is its mass.
+    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands
+    /// for is its mass.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -204,9 +205,10 @@ impl DemModel {
         })
     }
 
-    /// The same body of several materials: what a particle's place gives are the Young's modulus of its beams and its
-    /// density, over those of the packing. The bond between two of different moduli is half of each in a row. Goes
-    /// before finite rotations; bonds of several materials have no common strength, so fracture is refused.
+    /// The same body of several materials: what a particle's place gives are the Young's modulus of its
+    /// beams and its density, over those of the packing. The bond between two of different moduli is half
+    /// of each in a row. Goes before finite rotations; bonds of several materials have no common strength,
+    /// so fracture is refused.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture;
@@ -239,8 +241,8 @@ impl DemModel {
         self.kernel.is_finite()
     }
 
-    /// Particles and bonds in the model's numbers; bond weights as last set. In a part of a body, particles of other ranks come
-    /// behind its own, as far as these are bonded with them.
+    /// Particles and bonds in the model's numbers; bond weights as last set. In a part of a body, particles
+    /// of other ranks come behind its own, as far as these are bonded with them.
     #[must_use]
     pub fn body(&self) -> &BondedParticles {
         &self.body

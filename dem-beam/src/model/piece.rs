@@ -1,8 +1,9 @@
 //! A part of a body that no rank ever has the whole of.
 //!
-//! A rank is given its own particles and those that their bonds reach, with the numbers of the whole body, and makes what
-//! [`DemModel::share_out`] would have left it with: the same bits. What only the whole knows, ranks find together: the
-//! longest bond, which chooses the grid of centres, and the numbers of bonds.
+//! A rank is given its own particles and those that their bonds reach, with the numbers of the whole body,
+//! and makes what [`DemModel::share_out`] would have left it with: the same bits. What only the whole
+//! knows, ranks find together: the longest bond, which chooses the grid of centres, and the numbers of
+//! bonds.
 
 use super::DemModel;
 use super::lazy::Kernel;
@@ -21,11 +22,13 @@ use std::sync::{Arc, OnceLock};
 
 /// What one rank knows of a body: its own particles, then those of other ranks that are bonded with them.
 ///
-/// Particles are numbered from zero over the whole body, such that [`UNIT`] consecutive ones lie close together: forces and
-/// halos are as good as this numbering is. [`crate::packing::Bricks`] does it for lattices.
+/// Particles are numbered from zero over the whole body, such that [`UNIT`] consecutive ones lie close
+/// together: forces and halos are as good as this numbering is. [`crate::packing::Bricks`] does it for
+/// lattices.
 #[derive(Debug, Clone)]
 pub struct Piece {
-    /// Numbers in the whole body: of the own particles, ascending, all units of this rank, and then of the others, in any order.
+    /// Numbers in the whole body: of the own particles, ascending, all units of this rank, and then of the
+    /// others, in any order.
     pub numbers: Vec<u32>,
     /// Centres \[m\], in the order of `numbers`.
     pub positions: Vec<Vector3<f64>>,
@@ -55,14 +58,16 @@ pub(crate) struct Numbered {
 const TOLD: usize = 5;
 
 impl DemModel {
-    /// The part of a body that the rank of `communicator` holds, by `division`, from what this rank alone knows of the body.
-    /// All ranks must make theirs, and the same calls of it. It is what [`Self::share_out`] makes of the whole, and all that
-    /// holds for that holds here; interfaces need the whole body and are refused by name.
+    /// The part of a body that the rank of `communicator` holds, by `division`, from what this rank alone
+    /// knows of the body. All ranks must make theirs, and the same calls of it. It is what
+    /// [`Self::share_out`] makes of the whole, and all that holds for that holds here; interfaces need the
+    /// whole body and are refused by name.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and [`Error::OutOfRange`] for
-    /// particles that are not those of the division; [`arlequin_core::ranks::RankError`], as an error of the core, for ranks
-    /// that differ in the body or in what they say of each other's particles and bonds, and what the transport says.
+    /// As [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
+    /// [`Error::OutOfRange`] for particles that are not those of the division;
+    /// [`arlequin_core::ranks::RankError`], as an error of the core, for ranks that differ in the body or
+    /// in what they say of each other's particles and bonds, and what the transport says.
     pub fn of_piece(
         name: &str,
         piece: Piece,
@@ -291,7 +296,8 @@ fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
     error
 }
 
-/// Whether all ranks say the same of bonds between them: each bond adds a number on one side and takes it away on the other.
+/// Whether all ranks say the same of bonds between them: each bond adds a number on one side and takes it
+/// away on the other.
 fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), RankError> {
     let portion = halo.portion();
     let mut sums = [0_i64; 2];

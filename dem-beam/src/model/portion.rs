@@ -1,8 +1,8 @@
 //! A body in parts on several ranks.
 //!
-//! A rank has whole units of particles in their order, and whole rows of bonds: forces on its particles are summed as in the
-//! whole body. Rows of the kernel that belong to particles of other ranks come from there, once per evaluation, so that no
-//! rank finds the state of a particle that is not its own.
+//! A rank has whole units of particles in their order, and whole rows of bonds: forces on its particles are
+//! summed as in the whole body. Rows of the kernel that belong to particles of other ranks come from there,
+//! once per evaluation, so that no rank finds the state of a particle that is not its own.
 
 use super::DemModel;
 use super::piece::Numbered;
@@ -16,12 +16,13 @@ use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25 ns beside 38 ns for all else (decision 0046).
+/// Half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25 ns beside
+/// 38 ns for all else (decision 0046).
 const COUPLING: usize = 7;
 
 impl DemModel {
-    /// The units of the body: middle \[m\], and half-bonds that the kernel passes over, empty lanes, the motion of
-    /// particles and what couples those of an overlap included.
+    /// The units of the body: middle \[m\], and half-bonds that the kernel passes over, empty lanes, the
+    /// motion of particles and what couples those of an overlap included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let bonds = self.bonds_at();
@@ -44,15 +45,17 @@ impl DemModel {
         out
     }
 
-    /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their bonds. All ranks
-    /// must have made the same body, and make the same calls of the part.
+    /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their
+    /// bonds. All ranks must have made the same body, and make the same calls of the part.
     ///
-    /// Supports, initial states and weights are those of the part ([`Portion::local`] finds a particle of the whole body);
-    /// what needs the whole body is refused by name. Sums of a part are those of the body: energies, the critical step.
+    /// Supports, initial states and weights are those of the part ([`Portion::local`] finds a particle of
+    /// the whole body); what needs the whole body is refused by name. Sums of a part are those of the body:
+    /// energies, the critical step.
     ///
     /// # Errors
-    /// [`Error::InParts`] for a body that is a part already; [`arlequin_core::ranks::RankError`], as an error of the
-    /// core, for bodies that differ, a division of another body or for another number of ranks, and what the transport says.
+    /// [`Error::InParts`] for a body that is a part already; [`arlequin_core::ranks::RankError`], as an
+    /// error of the core, for bodies that differ, a division of another body or for another number of
+    /// ranks, and what the transport says.
     pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
         self.keep_part(division, communicator)?;
         Ok(self)
@@ -122,8 +125,8 @@ impl DemModel {
         samples.iter().map(|s| s.measure).collect()
     }
 
-    /// What a rank exchanges: particles of others that it hears of, own ones that it tells of, and ranks on the other side.
-    /// None for a whole body.
+    /// What a rank exchanges: particles of others that it hears of, own ones that it tells of, and ranks on
+    /// the other side. None for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.halo.as_ref()
@@ -171,7 +174,8 @@ impl DemModel {
         sum
     }
 
-    /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy is then a number.
+    /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy
+    /// is then a number.
     pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();

@@ -1,4 +1,5 @@
-//! Single bonds of a model read from the unknowns: energy and forces in plain form, for output and for bonds that break.
+//! Single bonds of a model read from the unknowns: energy and forces in plain form, for output and for
+//! bonds that break.
 
 use super::forces::Reached;
 use crate::bond::{BeamRigidity, Twist};
@@ -15,7 +16,8 @@ pub(crate) struct Reader<'a> {
     pub(crate) reached: Option<Reached<'a>>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
-    /// What other ranks tell of their particles, which are numbered behind the own ones, see [`Reader::told`].
+    /// What other ranks tell of their particles, which are numbered behind the own ones, see
+    /// [`Reader::told`].
     pub(crate) ghosts: &'a [[f64; 7]],
 }
 
@@ -32,7 +34,8 @@ impl Reader<'_> {
         self.ghosts.get(i.checked_sub(own)?)
     }
 
-    /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion (scalar first).
+    /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion
+    /// (scalar first).
     pub(crate) fn told(&self, i: usize) -> [f64; 7] {
         let Twist { linear: u, angular } = self.twist(i);
         match self.reached {

@@ -1,14 +1,15 @@
 //! Stress of the particles and forces of the bonds.
 //!
-//! The stress of particle `i` is the average over its volume of what its bonds carry (Love 1927, Weber 1966; Bagi 1996):
+//! The stress of particle `i` is the average over its volume of what its bonds carry (Love 1927, Weber
+//! 1966; Bagi 1996):
 //!
 //! ```text
 //! σ_i = sym 1/V_i Σ_b (x_b − x_i) ⊗ f_b,     x_b − x_i = r_i/(r_i + r_j) (x_j − x_i)
 //! ```
 //!
-//! with the forces `f_b` of its bonds on it and the volume `V_i` it stands for. Summed over all particles with their volumes this
-//! is the mean stress of the body, `Σ_b l_b ⊗ f_b / V`, which in equilibrium is that of its boundary forces. Contacts are no bonds
-//! and not in it.
+//! with the forces `f_b` of its bonds on it and the volume `V_i` it stands for. Summed over all particles
+//! with their volumes this is the mean stress of the body, `Σ_b l_b ⊗ f_b / V`, which in equilibrium is
+//! that of its boundary forces. Contacts are no bonds and not in it.
 //!
 //! The strain energy density of particle `i` shares the energies `e_b` of the bonds likewise:
 //!
@@ -16,8 +17,8 @@
 //! w_i = 1/V_i Σ_b r_i/(r_i + r_j) e_b,     Σ_i V_i w_i = Σ_b e_b
 //! ```
 //!
-//! It is that of the material, without weights. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the weight over the bond:
-//! the same where no weight is below one.
+//! It is that of the material, without weights. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the
+//! weight over the bond: the same where no weight is below one.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -31,7 +32,8 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 impl DemModel {
-    /// Vector between the centres of a bond where its law sees them, and its force on the first particle; without weight.
+    /// Vector between the centres of a bond where its law sees them, and its force on the first particle;
+    /// without weight.
     fn carried(&self, b: usize, reader: &Reader<'_>) -> [Vector3<f64>; 2] {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bond(b);

@@ -18,7 +18,8 @@ impl DemModel {
         self.body.weights()[b] < WHOLE
     }
 
-    /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle radius.
+    /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle
+    /// radius.
     pub(super) fn torn_in_overlap(&self, q: &[f64]) -> Option<Finding> {
         let fracture = self.fracture.as_ref()?;
         let ghosts = self.heard(q);

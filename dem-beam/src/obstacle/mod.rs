@@ -1,14 +1,16 @@
-//! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass of their own.
+//! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass
+//! of their own.
 //!
-//! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a particle of
-//! radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes only from there on; one whose centre
-//! lies inside is refused (`start.rs`).
+//! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a
+//! particle of radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes
+//! only from there on; one whose centre lies inside is refused (`start.rs`).
 //!
-//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction acts at its
-//! surface, so that the angular momentum of particles and ball is kept. Planes and cylinders have no centre that could be
-//! told from the shape, and do not turn. Fields of acceleration pull a free body as they do its particles. What an obstacle gives to the particles and their springs is its `supplied`
-//! energy: the work of what drives it, or its own kinetic energy. No contact gives back more than it took in
-//! ([`crate::contact`]).
+//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction
+//! acts at its surface, so that the angular momentum of particles and ball is kept. Planes and cylinders
+//! have no centre that could be told from the shape, and do not turn. Fields of acceleration pull a free
+//! body as they do its particles. What an obstacle gives to the particles and their springs is its
+//! `supplied` energy: the work of what drives it, or its own kinetic energy. No contact gives back more
+//! than it took in ([`crate::contact`]).
 
 mod near;
 mod parts;
@@ -72,7 +74,8 @@ struct Body {
     /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
-    /// Fields of acceleration \[m/s²\] and their time functions; force they exert now \[N\], work since the first step \[J\].
+    /// Fields of acceleration \[m/s²\] and their time functions; force they exert now \[N\], work since the
+    /// first step \[J\].
     fields: Vec<(Vector3<f64>, TimeFunction<f64>)>,
     weight: Vector3<f64>,
     fallen: f64,
@@ -100,8 +103,8 @@ impl Obstacle {
     /// An obstacle for the particles of a model, with a name for reports.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for parameters that make no sense; [`crate::Error::StartsInside`] where centres of particles lie
-    /// inside the shape.
+    /// [`crate::Error::OutOfRange`] for parameters that make no sense; [`crate::Error::StartsInside`] where
+    /// centres of particles lie inside the shape.
     pub fn new(
         name: &str,
         model: &DemModel,
@@ -167,8 +170,8 @@ impl Obstacle {
         Ok(self)
     }
 
-    /// The same in a field of acceleration `field time(t)` \[m/s²\], gravity for one, in which a free body falls; driven ones
-    /// do not feel it.
+    /// The same in a field of acceleration `field time(t)` \[m/s²\], gravity for one, in which a free body
+    /// falls; driven ones do not feel it.
     #[must_use]
     pub fn with_acceleration(mut self, field: Vector3<f64>, time: TimeFunction<f64>) -> Self {
         self.0.fields.push((field, time));
@@ -255,7 +258,8 @@ impl Body {
         }
     }
 
-    /// Inverse mass, zero for a driven obstacle, and inverse moment of inertia, zero for one that does not turn.
+    /// Inverse mass, zero for a driven obstacle, and inverse moment of inertia, zero for one that does not
+    /// turn.
     fn lightness(&self) -> [f64; 2] {
         let light = match &self.motion {
             Motion::Free { mass, .. } => 1.0 / mass,

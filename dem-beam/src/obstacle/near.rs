@@ -7,7 +7,8 @@ use nalgebra::{Point3, Vector3};
 /// Reach of the list beyond touching, in mean radii.
 const SKIN: f64 = 0.5;
 
-/// Particles per comparison of the largest motion with what is allowed: enough to keep the processor's lanes busy.
+/// Particles per comparison of the largest motion with what is allowed: enough to keep the processor's
+/// lanes busy.
 const CHUNK: usize = 64;
 
 /// Particles near an obstacle, made anew when particles and obstacle together have moved by the skin.
@@ -44,7 +45,8 @@ impl Near {
         }
     }
 
-    /// Whether no particle off the list can have come to touch: distances change by no more than both have moved.
+    /// Whether no particle off the list can have come to touch: distances change by no more than both have
+    /// moved.
     fn holds(&self, u: &[f64], moved: &Vector3<f64>) -> bool {
         // A thousandth for round-off.
         let left = 0.999 * self.skin - (moved - self.moved).norm();

@@ -123,7 +123,8 @@ impl Body {
         out.into()
     }
 
-    /// Finds its way among the particles that touch, from springs and pushes of the whole body; nothing to do for that.
+    /// Finds its way among the particles that touch, from springs and pushes of the whole body; nothing to
+    /// do for that.
     pub(super) fn meet_again(&mut self) {
         let Some(crowd) = &mut self.crowd else { return };
         let on = (0..).zip(&self.springs).filter(|(_, s)| s.on).map(|(id, _)| id);

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 const BALANCE: usize = 24;
 
 impl Body {
-    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact, where it pushes.
-    /// Numbers: its motion and balance, the springs, the pushes.
+    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact,
+    /// where it pushes. Numbers: its motion and balance, the springs, the pushes.
     pub(super) fn recorded(&self) -> Record<f64> {
         let mut out = Record::default();
         let flags = [self.started, self.law.begun, self.backwards];

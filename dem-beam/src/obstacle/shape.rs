@@ -88,8 +88,8 @@ impl RigidShape {
         }
     }
 
-    /// Distance of a triangle from the surface of the shape moved by `by` \[m\], negative for one that reaches inside, and the point
-    /// of the triangle that is nearest to the shape, or deepest in it.
+    /// Distance of a triangle from the surface of the shape moved by `by` \[m\], negative for one that
+    /// reaches inside, and the point of the triangle that is nearest to the shape, or deepest in it.
     #[must_use]
     pub fn distance_of_triangle(&self, corners: &[Point3<f64>; 3], by: &Vector3<f64>) -> (f64, Point3<f64>) {
         let nearest = match self {
@@ -114,7 +114,8 @@ impl RigidShape {
         (self.distance(&nearest, by).0, nearest)
     }
 
-    /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward normal there.
+    /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward
+    /// normal there.
     #[inline]
     #[must_use]
     pub fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
@@ -154,7 +155,8 @@ pub enum Motion {
         mass: f64,
         /// Velocity at time zero \[m/s\].
         velocity: Vector3<f64>,
-        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes do not turn.
+        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes
+        /// do not turn.
         inertia: Option<f64>,
     },
 }

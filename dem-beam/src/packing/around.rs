@@ -1,8 +1,8 @@
 //! A part of a larger body, packed with what is around it there and cut off at its border.
 //!
-//! A border within a body is no wall. Packed up to it alone, spheres there would have few neighbours, so that those
-//! inside got more bonds than in the bulk (bonds are counted over all) and more mass. So the body around the part is
-//! filled as well, up to a margin; a part's share is what lies in it.
+//! A border within a body is no wall. Packed up to it alone, spheres there would have few neighbours, so
+//! that those inside got more bonds than in the bulk (bonds are counted over all) and more mass. So the
+//! body around the part is filled as well, up to a margin; a part's share is what lies in it.
 
 use super::assemble::Packing;
 use super::bonding::Components;
@@ -26,8 +26,9 @@ pub struct Around {
 }
 
 impl Around {
-    /// For the inside of `part`, which lies in `body`; this needs to reach beyond the margin \[m\] only. `border` are the
-    /// faces of the part that lie within the body, counter-clockwise from outside of the part.
+    /// For the inside of `part`, which lies in `body`; this needs to reach beyond the margin \[m\] only.
+    /// `border` are the faces of the part that lie within the body, counter-clockwise from outside of the
+    /// part.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a margin that is not positive.
@@ -94,7 +95,8 @@ impl Around {
         self.beyond(x) <= self.margin && self.body.contains(x)
     }
 
-    /// The body's surface, and the end of the margin: equally far from the part everywhere, so that it has no corners.
+    /// The body's surface, and the end of the margin: equally far from the part everywhere, so that it has
+    /// no corners.
     #[inline]
     pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         self.body.walls(x, reach, &mut wall);

@@ -112,7 +112,8 @@ impl Packing {
     /// Particles with beams and masses: `density` \[kg/m³\] times the volume each sphere stands for.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error; [`Error::Periodic`].
+    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error;
+    /// [`Error::Periodic`].
     pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
         if self.period.is_some() {
             return Err(Error::Periodic {
@@ -123,7 +124,8 @@ impl Packing {
     }
 }
 
-/// Refuses bodies that share space: a centre of one inside another. Thinner crossings than a radius are not seen.
+/// Refuses bodies that share space: a centre of one inside another. Thinner crossings than a radius are not
+/// seen.
 fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
     for (k, f) in filled.iter().enumerate() {
         for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {

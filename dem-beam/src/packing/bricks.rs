@@ -1,10 +1,11 @@
 //! Lattices that come to ranks in parts: numbered such that any rank knows its particles without the rest.
 //!
-//! Cells stand in bricks of as many as make a unit of 256 particles, bricks along a Morton curve, and in a brick particles
-//! by their number of bonds, so that the blocks of the kernel are full. A rank holds the list of bricks and its own
-//! particles.
+//! Cells stand in bricks of as many as make a unit of 256 particles, bricks along a Morton curve, and in a
+//! brick particles by their number of bonds, so that the blocks of the kernel are full. A rank holds the
+//! list of bricks and its own particles.
 //!
-//! Places are counted in halves of a cell: corners, faces and middles of cells are whole numbers, below twice the cells.
+//! Places are counted in halves of a cell: corners, faces and middles of cells are whole numbers, below
+//! twice the cells.
 
 use super::lattice::Lattice;
 use crate::bond::BeamMaterial;
@@ -48,10 +49,12 @@ pub struct Bricks {
 }
 
 impl Bricks {
-    /// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their nearest neighbours.
+    /// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their nearest
+    /// neighbours.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than numbers of 32 bits.
+    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than numbers of
+    /// 32 bits.
     pub fn new(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Self> {
         positive("sphere radius", radius)?;
         let per_cell = kind.basis().len();
@@ -151,7 +154,8 @@ impl Bricks {
     /// What a rank of a division needs to know of the body, see [`crate::DemModel::of_piece`].
     ///
     /// # Errors
-    /// [`Error::LengthMismatch`] for a division of another body; [`Error::OutOfRange`] for a density that is not positive.
+    /// [`Error::LengthMismatch`] for a division of another body; [`Error::OutOfRange`] for a density that
+    /// is not positive.
     pub fn piece(&self, division: &Division, rank: usize, beam: BeamMaterial, density: f64) -> Result<Piece> {
         positive("density", density)?;
         if division.nodes() != self.particles() {
@@ -292,7 +296,8 @@ struct Numbering<'a> {
     bricks: HashMap<u32, Ordered>,
 }
 
-/// The particles of a brick in their order, and the place in it of each, by its place in the box of the brick.
+/// The particles of a brick in their order, and the place in it of each, by its place in the box of the
+/// brick.
 struct Ordered {
     places: Vec<Place>,
     ranks: Vec<u16>,

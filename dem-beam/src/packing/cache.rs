@@ -83,8 +83,8 @@ fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()
         })
 }
 
-/// Passes every number of a packing through `word`, which reads or writes it: one order serves both. Nothing where there
-/// are fewer words than numbers, or one that does not fit.
+/// Passes every number of a packing through `word`, which reads or writes it: one order serves both.
+/// Nothing where there are fewer words than numbers, or one that does not fit.
 fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
     let r = &mut p.report;
     let (mut spheres, mut bonds) = (p.radii.len(), p.pairs.len());

@@ -76,7 +76,8 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
     Ok((positions, radii))
 }
 
-/// Number of the line, from 1, of what follows byte `start`; the reader counts a record from the blank lines before it.
+/// Number of the line, from 1, of what follows byte `start`; the reader counts a record from the blank
+/// lines before it.
 fn line_number(text: &str, start: usize) -> usize {
     let is_blank = |b: &u8| matches!(b, b'\r' | b'\n');
     let bytes = text.as_bytes();
@@ -89,10 +90,10 @@ impl Packing {
     /// coordination number; loose spheres are left out within [`super::parts::LOOSE_LIMIT`].
     ///
     /// # Errors
-    /// Those of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a
-    /// sphere holds the centre of another, [`Error::OutsideContainer`] if
-    /// a sphere passes a wall by more than half its radius, [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one
-    /// of several bodies within [`Error::InBody`]; [`Error::EmptyBody`], [`Error::CrossingBodies`].
+    /// Those of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere holds the
+    /// centre of another, [`Error::OutsideContainer`] if a sphere passes a wall by more than half its
+    /// radius, [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one of several bodies within
+    /// [`Error::InBody`]; [`Error::EmptyBody`], [`Error::CrossingBodies`].
     pub fn from_spheres(
         container: &Container,
         positions: &[Vector3<f64>],

@@ -1,8 +1,9 @@
 //! Bodies that are few spheres wide, and what to expect of them.
 //!
-//! A packing has the elasticity of the bulk where it is many spheres wide. At a wall spheres have fewer neighbours, and all
-//! bonds of one size of body must find room inside: narrow bodies are stiffer in tension, have a larger Poisson's ratio
-//! that scatters, and are soft in bending and torsion, which the surface layer carries. [`expected`] is our measurement.
+//! A packing has the elasticity of the bulk where it is many spheres wide. At a wall spheres have fewer
+//! neighbours, and all bonds of one size of body must find room inside: narrow bodies are stiffer in
+//! tension, have a larger Poisson's ratio that scatters, and are soft in bending and torsion, which the
+//! surface layer carries. [`expected`] is our measurement.
 
 use super::cells::{Sphere, centre, mean_radius};
 use super::container::Container;
@@ -35,7 +36,8 @@ pub struct Narrow {
     pub torsion: f64,
 }
 
-/// Spheres across, then the fields of [`Narrow`]: means of four packings each (two from 8 on), onset protocol, 6.2 bonds.
+/// Spheres across, then the fields of [`Narrow`]: means of four packings each (two from 8 on), onset
+/// protocol, 6.2 bonds.
 const TABLE: [[f64; 6]; 7] = [
     [3.1, 1.07, 0.185, 0.041, 0.77, 0.78],
     [4.1, 1.07, 0.210, 0.023, 0.85, 0.86],
@@ -46,8 +48,8 @@ const TABLE: [[f64; 6]; 7] = [
     [13.0, 1.00, 0.174, 0.001, 0.95, 0.94],
 ];
 
-/// What to expect of a body so many mean diameters wide, by linear interpolation of our measurements; their ends hold
-/// beyond them.
+/// What to expect of a body so many mean diameters wide, by linear interpolation of our measurements; their
+/// ends hold beyond them.
 #[must_use]
 pub fn expected(across: f64) -> Narrow {
     let k = TABLE
@@ -66,8 +68,8 @@ pub fn expected(across: f64) -> Narrow {
     }
 }
 
-/// Narrowest width of a body \[m\]; none without walls. For surfaces twice the largest distance of a point from the wall, up
-/// to some sixteen mean diameters.
+/// Narrowest width of a body \[m\]; none without walls. For surfaces twice the largest distance of a point
+/// from the wall, up to some sixteen mean diameters.
 fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     match body {
         Container::Box { min, max } => Some((max - min).min()),
@@ -85,7 +87,8 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     }
 }
 
-/// Largest distance from the wall near `x`, by steps that shrink from `step` \[m\]: centres lie beside the middle of a body.
+/// Largest distance from the wall near `x`, by steps that shrink from `step` \[m\]: centres lie beside the
+/// middle of a body.
 fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut best = gap(&x);
     for _ in 0..6 {

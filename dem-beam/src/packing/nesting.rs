@@ -4,10 +4,11 @@ use super::surface::winding;
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::Vector3;
 
-/// Points of a shell that are looked at: where two shells do not cross, all points of one have the same side of the other.
+/// Points of a shell that are looked at: where two shells do not cross, all points of one have the same
+/// side of the other.
 const LOOKS: usize = 64;
-/// Distance from a shell, relative to its extent, up to which a point lies on it. Its winding number is then that of
-/// either side, by the last bit, and says nothing: bodies may touch.
+/// Distance from a shell, relative to its extent, up to which a point lies on it. Its winding number is
+/// then that of either side, by the last bit, and says nothing: bodies may touch.
 const ON_IT: f64 = 1e-9;
 
 /// Where a shell lies with respect to another.

@@ -1,10 +1,12 @@
-//! What a packing consists of: bodies, connected parts, loose spheres, cuts; and the volume each sphere stands for.
+//! What a packing consists of: bodies, connected parts, loose spheres, cuts; and the volume each sphere
+//! stands for.
 //!
-//! A body is what one closed outer shell holds (a surface may have several; every other container is one). Its volume is
-//! spread over its own spheres in proportion to `r^3`, so that mass never moves from one body to another. Within a body
-//! every connected set of at least four spheres is a part and stays, with the volume of its own spheres. Spheres in
-//! smaller sets are loose: a few of a jammed packing have no bond (0.1 % at 6.2 bonds per sphere). They are left out and
-//! their volume is spread over the rest of their body ([`Loose::Drop`], bounded), or they stay as grains ([`Loose::Keep`]).
+//! A body is what one closed outer shell holds (a surface may have several; every other container is one).
+//! Its volume is spread over its own spheres in proportion to `r^3`, so that mass never moves from one body
+//! to another. Within a body every connected set of at least four spheres is a part and stays, with the
+//! volume of its own spheres. Spheres in smaller sets are loose: a few of a jammed packing have no bond
+//! (0.1 % at 6.2 bonds per sphere). They are left out and their volume is spread over the rest of their
+//! body ([`Loose::Drop`], bounded), or they stay as grains ([`Loose::Keep`]).
 
 use super::assemble::Packing;
 use super::bonding::{Components, renumber};
@@ -12,19 +14,21 @@ use super::container::Container;
 use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
-/// Largest share of the volume that loose spheres may have to be left out: ten times what jammed packings leave
-/// without a bond at 6.2 bonds per sphere.
+/// Largest share of the volume that loose spheres may have to be left out: ten times what jammed packings
+/// leave without a bond at 6.2 bonds per sphere.
 pub const LOOSE_LIMIT: f64 = 0.02;
 
 /// What becomes of spheres that hang on no part of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loose {
-    /// They are left out, the others of their body take over their mass; an error above a share of the volume.
+    /// They are left out, the others of their body take over their mass; an error above a share of the
+    /// volume.
     Drop {
         /// Largest accepted share, [`LOOSE_LIMIT`] by default.
         limit: f64,
     },
-    /// They stay as loose grains with the mass of their own volume. Without contact they pass through everything.
+    /// They stay as loose grains with the mass of their own volume. Without contact they pass through
+    /// everything.
     Keep,
 }
 
@@ -117,8 +121,9 @@ impl Packing {
         }
     }
 
-    /// Takes away the bonds for which `cuts` holds, between the centres it is given \[m\], and the spheres that hang on no
-    /// part without them, with the volume they stand for. Returns what this cut took; [`super::PackingReport`] adds up all.
+    /// Takes away the bonds for which `cuts` holds, between the centres it is given \[m\], and the spheres
+    /// that hang on no part without them, with the volume they stand for. Returns what this cut took;
+    /// [`super::PackingReport`] adds up all.
     pub fn cut(&mut self, cuts: impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool) -> Cut {
         let count = self.radii.len();
         let before = Components::new(count, &self.pairs);

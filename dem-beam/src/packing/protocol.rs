@@ -97,7 +97,8 @@ impl PackingSpec {
     /// # Errors
     /// [`Error::OutOfRange`] for parameters, [`Error::RadiusRatio`], [`Error::TooFewAcross`],
     /// [`Error::ContainerTooSmall`], [`Error::NotJammed`], [`Error::TooFewPairs`], [`Error::LooseSpheres`];
-    /// for one of several bodies within [`Error::InBody`]; [`Error::CrossingBodies`]; [`arlequin_core::Error::Interrupted`].
+    /// for one of several bodies within [`Error::InBody`]; [`Error::CrossingBodies`];
+    /// [`arlequin_core::Error::Interrupted`].
     ///
     /// ```
     /// use dem_beam::{Container, PackingSpec};
@@ -256,8 +257,8 @@ fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
     out
 }
 
-/// Refuses spheres of mean radius `start` \[m\] before they grow that are nearly as wide as their body. The bounds of a
-/// surface may be wider than the body; its report knows better.
+/// Refuses spheres of mean radius `start` \[m\] before they grow that are nearly as wide as their body. The
+/// bounds of a surface may be wider than the body; its report knows better.
 fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();
     let width = (high - low).min();

@@ -311,8 +311,8 @@ impl pulp::NullaryFnOnce for Advance<'_> {
     }
 }
 
-/// Forces of their neighbours on consecutive spheres. Differences and forces take four lanes, of which the last means
-/// nothing; `image` turns a difference into that to the nearest image.
+/// Forces of their neighbours on consecutive spheres. Differences and forces take four lanes, of which the
+/// last means nothing; `image` turns a difference into that to the nearest image.
 struct Contacts<'a, F> {
     spheres: &'a [Sphere],
     first: usize,

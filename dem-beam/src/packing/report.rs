@@ -48,8 +48,8 @@ pub struct PackingReport {
     pub beyond: usize,
     /// Bodies within the container: more than one for a surface of several shells.
     pub bodies: usize,
-    /// Narrowest width of a body over the mean diameter of its spheres; none without walls. For surfaces twice the
-    /// largest distance of a point within from the wall.
+    /// Narrowest width of a body over the mean diameter of its spheres; none without walls. For surfaces
+    /// twice the largest distance of a point within from the wall.
     pub across: Option<f64>,
     /// What cuts took away since.
     pub cut: Cut,

@@ -9,8 +9,8 @@ pub const JAMMED_PERIODIC: f64 = 0.64;
 /// Half width of the uniform radius distribution over the mean radius, unless a packing is asked for another.
 pub const SPREAD: f64 = 0.25;
 
-/// Mean volume \[m³\] of spheres of mean diameter `diameter` \[m\]: the mean cube of radii within [`SPREAD`] of the mean is
-/// 1.0625 times the cube of the mean.
+/// Mean volume \[m³\] of spheres of mean diameter `diameter` \[m\]: the mean cube of radii within
+/// [`SPREAD`] of the mean is 1.0625 times the cube of the mean.
 #[must_use]
 pub fn mean_sphere_volume(diameter: f64) -> f64 {
     std::f64::consts::PI / 6.0 * diameter.powi(3) * (1.0 + SPREAD.powi(2))
@@ -28,7 +28,8 @@ pub fn sphere_count(volume: f64, diameter: f64) -> f64 {
     JAMMED * volume / mean_sphere_volume(diameter)
 }
 
-/// Mean diameter \[m\] of `count` spheres that jam in a body of `volume` \[m³\]: the inverse of [`sphere_count`].
+/// Mean diameter \[m\] of `count` spheres that jam in a body of `volume` \[m³\]: the inverse of
+/// [`sphere_count`].
 #[must_use]
 pub fn mean_diameter(volume: f64, count: f64) -> f64 {
     (JAMMED * volume / count / mean_sphere_volume(1.0)).cbrt()

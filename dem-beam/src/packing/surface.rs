@@ -40,8 +40,8 @@ impl Surface {
     /// Checks and stores a surface.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] coordinates, [`Error::OutOfRange`] for a vertex number that does not exist, [`Error::OpenSurface`]
-    /// if an edge is not shared by exactly two triangles in opposite directions,
+    /// [`Error::NotFinite`] coordinates, [`Error::OutOfRange`] for a vertex number that does not exist,
+    /// [`Error::OpenSurface`] if an edge is not shared by exactly two triangles in opposite directions,
     /// [`Error::NoVolume`] if the orientation is inward or the volume zero.
     pub fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         for (i, v) in vertices.iter().enumerate() {
@@ -152,8 +152,8 @@ impl Surface {
         self.bounds
     }
 
-    /// The separate bodies within: one per shell that faces outwards, with the cavities it holds. Bodies are in the order
-    /// of their first triangles.
+    /// The separate bodies within: one per shell that faces outwards, with the cavities it holds. Bodies
+    /// are in the order of their first triangles.
     #[must_use]
     pub fn bodies(&self) -> Vec<Self> {
         let shells = super::orient::shells(&self.triangles);
@@ -317,8 +317,9 @@ impl Surface {
         Some((sign * best, normal))
     }
 
-    /// Calls `wall(gap, inward normal)` for the nearest point, if it is nearer than `reach`, and for the faces above which
-    /// `x` lies within `reach` that look elsewhere: in an edge both walls push, or a sphere there never comes to rest.
+    /// Calls `wall(gap, inward normal)` for the nearest point, if it is nearer than `reach`, and for the
+    /// faces above which `x` lies within `reach` that look elsewhere: in an edge both walls push, or a
+    /// sphere there never comes to rest.
     #[inline]
     pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         let Some((gap, n)) = self.nearest(x, reach) else {

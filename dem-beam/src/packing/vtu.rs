@@ -50,8 +50,8 @@ pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The same as [`read_vtu`] of the contents of all pieces of a PVTU file, in the order of their numbers in the whole
-/// (`GlobalIds`) where all pieces have them: as one file would have them.
+/// The same as [`read_vtu`] of the contents of all pieces of a PVTU file, in the order of their numbers in
+/// the whole (`GlobalIds`) where all pieces have them: as one file would have them.
 ///
 /// # Errors
 /// Those of [`read_vtu`].

@@ -9,12 +9,13 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// Half side of a cube and radius of a ball whose sum is the inner cube, over the ball's radius: elements in its middle
-/// and in the shells are then about as long as those at the surface.
+/// Half side of a cube and radius of a ball whose sum is the inner cube, over the ball's radius: elements
+/// in its middle and in the shells are then about as long as those at the surface.
 const INNER: [f64; 2] = [0.246, 0.354];
 
-/// Meshes a ball with hexahedra of about the given size \[m\], or six tetrahedra in place of each. Its surface is faceted
-/// and a little outside of the ball where it has nodes, such that the volume is that of the ball. Group `surface`.
+/// Meshes a ball with hexahedra of about the given size \[m\], or six tetrahedra in place of each. Its
+/// surface is faceted and a little outside of the ball where it has nodes, such that the volume is that of
+/// the ball. Group `surface`.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;

@@ -53,8 +53,8 @@ struct Filling {
 }
 
 impl Filling {
-    /// Collects the elements. An element that its entity lists twice is the same one; on two entities it belongs to two volumes that
-    /// lie in one place, perhaps of two materials.
+    /// Collects the elements. An element that its entity lists twice is the same one; on two entities it
+    /// belongs to two volumes that lie in one place, perhaps of two materials.
     fn of(file: &Contents, kind: ElementKind) -> Result<Self> {
         let mut out = Self::default();
         let mut known: HashMap<NodeSet, (i32, u64)> = HashMap::new();

@@ -48,7 +48,8 @@ impl Contents {
         tags.map(|t| self.lookup(*t, element.element_tag)).collect()
     }
 
-    /// Makes elements of second order linear: their corners come first. Nodes that no corner is on are left out.
+    /// Makes elements of second order linear: their corners come first. Nodes that no corner is on are left
+    /// out.
     pub(super) fn linearise(&mut self) {
         let mut middles = HashSet::new();
         let mut count = 0;

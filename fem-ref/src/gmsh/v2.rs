@@ -172,8 +172,9 @@ fn listed(
     })
 }
 
-/// Blocks of elements of one type, entity and set of groups. An entity in several groups is listed once for each, turned
-/// around where the group's tag is negative: the set of nodes tells the element, not their order.
+/// Blocks of elements of one type, entity and set of groups. An entity in several groups is listed once for
+/// each, turned around where the group's tag is negative: the set of nodes tells the element, not their
+/// order.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     let mut at: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
@@ -183,7 +184,8 @@ fn blocks(listed: Vec<Listed>) -> Vec<Block> {
         let key = (e.element_type as i32, e.entity, nodes);
         let groups = (e.physical != 0).then_some(e.physical);
         match at.get(&key) {
-            // Listed again in a group that it is in already, an element stays for the check of the whole file.
+            // Listed again in a group that it is in already, an element stays for the check of the whole
+            // file.
             Some(&k) if groups.is_none_or(|g| merged[k].1.contains(&g)) => {
                 merged.push((e, merged[k].1.clone()));
             }

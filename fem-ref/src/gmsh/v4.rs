@@ -122,8 +122,9 @@ pub(super) fn line(bytes: &[u8], at: usize) -> &[u8] {
     &rest[..rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len())]
 }
 
-/// Checks what the parser takes for granted, and makes it keep node tags: it drops them where the header says that
-/// they are dense, although blocks may list dense tags in any order. So the header's largest tag is raised.
+/// Checks what the parser takes for granted, and makes it keep node tags: it drops them where the header
+/// says that they are dense, although blocks may list dense tags in any order. So the header's largest tag
+/// is raised.
 fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     let (width, little) = (header.width, header.little);
     let mut out = bytes.to_vec();

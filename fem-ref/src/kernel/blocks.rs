@@ -10,8 +10,8 @@ use rayon::prelude::*;
 /// Elements whose matrices are in flight at once.
 const BATCH: usize = 512;
 
-/// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with the weight `α_e` \[–\] of every element: blocks of 3 × 3 for
-/// solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
+/// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with the weight `α_e` \[–\] of every element: blocks
+/// of 3 × 3 for solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
 pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weights: &[T]) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
@@ -33,7 +33,8 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weigh
     matrix
 }
 
-/// Replaces the values of a stiffness by those of other weights `α_e`; `row` tells the row of a node, if it is here.
+/// Replaces the values of a stiffness by those of other weights `α_e`; `row` tells the row of a node, if it
+/// is here.
 pub(crate) fn assemble<T: Real>(
     matrix: &mut BlockMatrix<T>,
     mesh: &Mesh<T>,

@@ -146,8 +146,8 @@ fn packet_rows(done: &Runs) -> Vec<Check> {
 /// Rows and figures.
 pub(super) fn evaluate(done: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
-    // The mean of a packing's modulus lies 2.5 % above the printed one, with nothing fitted; coarse meshes err in the
-    // third frequency.
+    // The mean of a packing's modulus lies 2.5 % above the printed one, with nothing fitted; coarse meshes
+    // err in the third frequency.
     for (kind, most) in [
         ("fem", [0.01, 0.01, 0.015, 0.03]),
         ("cnem", [0.01, 0.01, 0.015, 0.03]),

@@ -69,7 +69,8 @@ const LOADS: [Load; 3] = [
         ],
         truth: [2.055e-3, 9381.8],
         theory: |b| [b.twist(), b.torsion()],
-        // The papers' twist is 13 % off; no bound on it is asked for, the one of the other deflections is taken.
+        // The papers' twist is 13 % off; no bound on it is asked for, the one of the other deflections is
+        // taken.
         most: [0.048, 0.029],
         units: ["theta_x [rad]", "f0 [Hz]"],
     },
@@ -164,7 +165,8 @@ fn band(kind: &str, load: &str) -> [f64; 2] {
         // The lumped mass of the outer ring slows torsion: its nodes lie on the rim.
         ("fem", "torsion") => [0.02, 0.02],
         ("fem", _) => [0.02, 0.01],
-        // Integration over Voronoi cells converges from the soft side; lumped mass in the outer ring slows torsion.
+        // Integration over Voronoi cells converges from the soft side; lumped mass in the outer ring slows
+        // torsion.
         ("cnem", "tension") => [0.01, 0.01],
         _ => [0.06, 0.07],
     }
@@ -239,8 +241,9 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<C
     checks
 }
 
-/// A coupled value beside that of our particles alone. These are off a solid by themselves, in modulus above all, which
-/// a part made of continuum does not share; where that shows (the axial frequency, finite elements) it is added.
+/// A coupled value beside that of our particles alone. These are off a solid by themselves, in modulus
+/// above all, which a part made of continuum does not share; where that shows (the axial frequency, finite
+/// elements) it is added.
 fn beside_dem(kind: &str, l: &Load, k: usize, ours: f64, dem: &Record) -> Check {
     let alone = found(l, dem)[k];
     let name = format!("{kind}, {}: {}", l.name, l.units[k]);

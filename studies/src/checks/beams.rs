@@ -74,8 +74,8 @@ impl RunSpec {
         self
     }
 
-    /// Builds and runs the scene, or takes what the folder keeps of an earlier run of the same version, scene and
-    /// assignments.
+    /// Builds and runs the scene, or takes what the folder keeps of an earlier run of the same version,
+    /// scene and assignments.
     pub(super) fn run_or_recall(&self, kept: Option<&Path>) -> Result<Record> {
         let Some(folder) = kept else {
             return self.run();

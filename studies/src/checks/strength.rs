@@ -1,4 +1,5 @@
-//! The strength of a packing by three tests, each from the load curve of its reactions: direct tension, Brazilian disc, bending.
+//! The strength of a packing by three tests, each from the load curve of its reactions: direct tension,
+//! Brazilian disc, bending.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs};
@@ -24,7 +25,8 @@ const BEND: Deck = Deck {
     text: include_str!("../../scenes/three-point-bend.toml"),
 };
 
-/// Share of the run over which a force is averaged: it is read every few steps and rings with the waves in the body.
+/// Share of the run over which a force is averaged: it is read every few steps and rings with the waves in
+/// the body.
 const WINDOW: f64 = 0.02;
 
 /// A load curve: way \[m\] and force \[N\], loads positive.

@@ -221,8 +221,8 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
             ..waves::patch_line()
         };
         let defect = waves::patch_defects(&line).map_err(at("patch"))?;
-        // The strain jumps from spring to spring where the displacement does not: it is off by a fifth, at the border
-        // where the weight of the springs vanishes.
+        // The strain jumps from spring to spring where the displacement does not: it is off by a fifth, at
+        // the border where the weight of the springs vanishes.
         let strain = match accept {
             Accept::AtMost(_) => Accept::AtMost(1e-10),
             _ => Accept::Between(1e-2, 0.25),
@@ -249,8 +249,8 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
 
 /// Check 7, and reflection and transmission against frequency.
 pub(super) fn reflection(done: &Runs) -> Result<Report> {
-    // The first numbers are the largest of six wavelengths; over all of [4.2, 40] h the true maxima are a little higher:
-    // between the samples the reflections of the two borders add up.
+    // The first numbers are the largest of six wavelengths; over all of [4.2, 40] h the true maxima are a
+    // little higher: between the samples the reflections of the two borders add up.
     let bounds = [
         (20.0, [0.0845, 0.0847], [2.77, 2.335]),
         (40.0, [0.0239, 0.0266], [2.11, 1.624]),

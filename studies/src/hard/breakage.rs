@@ -1,5 +1,5 @@
-//! Bodies that fall apart where two models overlap, one difficulty at a time. A lattice of spheres on (2, 4) goes over
-//! into finite elements on (0, 3); nothing is supported.
+//! Bodies that fall apart where two models overlap, one difficulty at a time. A lattice of spheres on (2,
+//! 4) goes over into finite elements on (0, 3); nothing is supported.
 
 use super::{HardCase, Outcome};
 use crate::solid::{self, block};
@@ -205,7 +205,8 @@ fn none(_: &DemModel) -> Result<Vec<Box<dyn EffectSpec<f64>>>> {
 }
 
 impl Torn {
-    /// Runs and adds what every case promises: balance, momenta, constraint, finite numbers, energy booked as released.
+    /// Runs and adds what every case promises: balance, momenta, constraint, finite numbers, energy booked
+    /// as released.
     fn keeps(&mut self, out: &mut Outcome, name: &str, steps: usize) -> Result<()> {
         let (before, energy) = (self.run.momentum(), self.run.energy());
         let mass: f64 = self.run.subdomains().iter().flat_map(|s| &s.inertia()[..3]).sum();
@@ -394,7 +395,8 @@ fn spared(out: &mut Outcome, cloud: &Cloud, spec: Fracture, start: &Start<'_>) -
 
 fn border() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // First layer of the lattice, the two ends of the bond that breaks, how many break, and the weight of the first.
+    // First layer of the lattice, the two ends of the bond that breaks, how many break, and the weight of
+    // the first.
     let h = 0.25;
     let along = |x: f64| [[x - 0.5 * h, 0.375, 0.375], [x + 0.5 * h, 0.375, 0.375]];
     let across = |x: f64| [[x, 0.375, 0.375], [x, 0.625, 0.375]];

@@ -1,8 +1,9 @@
-//! Hard cases: what makes each hard, what naive code does with it (measured), what we promise, and whether the promise
-//! holds.
+//! Hard cases: what makes each hard, what naive code does with it (measured), what we promise, and whether
+//! the promise holds.
 //!
-//! The promise is the same everywhere: a bounded invariant, or a named error before the first step; never a number that is
-//! not finite, never silence. Cases marked fast run in the tests, all of them in `arlequin verify --hard`.
+//! The promise is the same everywhere: a bounded invariant, or a named error before the first step; never a
+//! number that is not finite, never silence. Cases marked fast run in the tests, all of them in `arlequin
+//! verify --hard`.
 
 mod breakage;
 mod line;

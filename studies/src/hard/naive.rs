@@ -1,4 +1,5 @@
-//! The coupled step as one writes it at first, on the line: dense matrices, no check, no rank, no consistent start.
+//! The coupled step as one writes it at first, on the line: dense matrices, no check, no rank, no
+//! consistent start.
 //!
 //! Masses and stiffness are those of a ready run, so that only the coupling differs.
 
@@ -99,7 +100,8 @@ fn coupling(
 }
 
 impl Naive {
-    /// The same bar and chain with the given mediator and junction length, in the state before any projection.
+    /// The same bar and chain with the given mediator and junction length, in the state before any
+    /// projection.
     ///
     /// # Errors
     /// A model that is not linear, a mediator that leaves a model.
@@ -163,7 +165,8 @@ impl Naive {
         self
     }
 
-    /// The same stiffness with the masses of another run: weights of elements in the one, of nodes in the other.
+    /// The same stiffness with the masses of another run: weights of elements in the one, of nodes in the
+    /// other.
     #[must_use]
     pub fn with_masses_of(mut self, run: &Coupled<f64>) -> Self {
         let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
@@ -189,7 +192,8 @@ impl Naive {
         2.0 / k.symmetric_eigenvalues().max().sqrt()
     }
 
-    /// Condition number of the multiplier operator, unscaled; infinite if it is not positive definite to round-off.
+    /// Condition number of the multiplier operator, unscaled; infinite if it is not positive definite to
+    /// round-off.
     #[must_use]
     pub fn condition(&self) -> f64 {
         let inverse = self.mass.map(|m| 1.0 / m);

@@ -1,5 +1,5 @@
-//! Natural elements on the worst point sets: exact grids, where eight nodes share each circumsphere, and grids moved by a
-//! billionth, where the tetrahedra between them are flat.
+//! Natural elements on the worst point sets: exact grids, where eight nodes share each circumsphere, and
+//! grids moved by a billionth, where the tetrahedra between them are flat.
 
 use super::{HardCase, Outcome, critical, shaken};
 use crate::solid::{self, block, material};

@@ -231,7 +231,8 @@ impl Weight<f64> for Product {
     }
 }
 
-/// Share of the mass that two ramps lose whose product weighs the coarse model, and that of the complements the fine one.
+/// Share of the mass that two ramps lose whose product weighs the coarse model, and that of the complements
+/// the fine one.
 fn product_defect() -> Result<f64> {
     let ramp = |axis: usize| -> Result<Ramp<f64>> {
         let at = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
@@ -261,7 +262,8 @@ struct Nest {
     volume: f64,
 }
 
-/// `counts`: elements of coarse body, fine body and mediator; blocks reach beyond a free surface where they touch it.
+/// `counts`: elements of coarse body, fine body and mediator; blocks reach beyond a free surface where they
+/// touch it.
 fn nest(
     whole: [[f64; 3]; 2],
     inner: [[f64; 3]; 2],

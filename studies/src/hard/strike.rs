@@ -111,8 +111,8 @@ fn sizes() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Energy after a collision over that before, if the dashpot is a share 0.2 of the critical one of the mean mass. Step:
-/// 0.9 of what the spring allows.
+/// Energy after a collision over that before, if the dashpot is a share 0.2 of the critical one of the mean
+/// mass. Step: 0.9 of what the spring allows.
 fn mean_mass_dashpot(small: f64, large: f64) -> f64 {
     let reduced = small * large / (small + large);
     let c = 2.0 * 0.2 * (0.5 * (small + large)).sqrt();

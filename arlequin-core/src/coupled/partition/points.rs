@@ -324,8 +324,8 @@ impl<T: Real> Group<'_, T> {
     }
 }
 
-/// Part of a particle's volume that lies in an overlap, by the octants of a cube of its size: a layer on the border
-/// of the overlap counts as half.
+/// Part of a particle's volume that lies in an overlap, by the octants of a cube of its size: a layer on
+/// the border of the overlap counts as half.
 fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
     let quarter = T::of(0.25) * s.measure.cbrt();
     let octant = |k: usize| {

@@ -9,7 +9,8 @@ use super::Chebyshev;
 use crate::{Error, Real};
 use sprs::TriMat;
 
-/// Multipliers of two components on one side of four nodes, tied in pairs, with inverse masses of each component.
+/// Multipliers of two components on one side of four nodes, tied in pairs, with inverse masses of each
+/// component.
 fn of_components(inverse: &[f64], solver: Solver<f64>) -> (Coupling<f64>, Operator<f64>) {
     let mut all = TriMat::new((3, 4));
     (0..3).for_each(|i| (i..i + 2).for_each(|j| all.add_triplet(i, j, 1.0)));
@@ -103,7 +104,8 @@ impl Precondition<f64> for Diagonal {
     }
 }
 
-/// One component has a wave that is longer than the bounds know of, one has short waves only and one has nothing to do.
+/// One component has a wave that is longer than the bounds know of, one has short waves only and one has
+/// nothing to do.
 #[test]
 fn components_have_residuals_and_scalings_of_their_own() {
     const N: usize = 40;

@@ -1,9 +1,10 @@
 //! Which elements of the body belong to whom, and how far they are across the overlaps.
 //!
-//! Of a zone are the elements with a corner or the centroid in its region, of the overlap the further ones with a corner or
-//! the centroid less than its width away. The position across the overlap is `s = a/(a + b)` at the nodes, with the
-//! distances `a` from the faces of the zone's own elements and `b` from those of the elements beyond; between nodes it is
-//! interpolated by the element. So it is zero and one on the borders exactly, whatever these look like.
+//! Of a zone are the elements with a corner or the centroid in its region, of the overlap the further ones
+//! with a corner or the centroid less than its width away. The position across the overlap is `s = a/(a +
+//! b)` at the nodes, with the distances `a` from the faces of the zone's own elements and `b` from those of
+//! the elements beyond; between nodes it is interpolated by the element. So it is zero and one on the
+//! borders exactly, whatever these look like.
 
 use super::faces::{Faces, corners_of};
 use super::region::Place;
@@ -141,8 +142,8 @@ impl<'a> Deal<'a> {
         out
     }
 
-    /// Gives elements all of whose corners are those of another side to it: the position would not change across them.
-    /// Returns whether there were any.
+    /// Gives elements all of whose corners are those of another side to it: the position would not change
+    /// across them. Returns whether there were any.
     fn fill(&mut self, from: Side, to: Side) -> bool {
         let nodes = self.nodes_of(to);
         let mesh = self.mesh;
@@ -156,8 +157,8 @@ impl<'a> Deal<'a> {
         any
     }
 
-    /// Takes elements off the layer until none hangs at the border alone and, where spheres fill it, the surface of what is
-    /// left has two faces at every edge.
+    /// Takes elements off the layer until none hangs at the border alone and, where spheres fill it, the
+    /// surface of what is left has two faces at every edge.
     fn round(&mut self, filled: bool) -> Result<()> {
         loop {
             let mut changed = self.fill(Side::Layer, Side::Beyond);

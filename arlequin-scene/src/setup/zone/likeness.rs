@@ -1,11 +1,12 @@
 //! How stiff a packing is in its place, beside the body's elements there.
 //!
-//! A packing of a zone is a sample of its own: few spheres across, with free surfaces, its own seed. So it is tested where it
-//! lies. Its border to the body is moved by each of six unit strains, and what supports hold with it; all else is in
-//! equilibrium, and with the shares `w` that the zone has of the energy, `C_kl = u_k · K_w u_l`. The same is found for the
-//! body's elements. The factor by which the beams' modulus is off is the projection of the one on the other as tensors, so
-//! that nothing depends on how the body is turned. Where the border is open, as at the end of a body, both also hang on it
-//! under forces. Decision 0041.
+//! A packing of a zone is a sample of its own: few spheres across, with free surfaces, its own seed. So it
+//! is tested where it lies. Its border to the body is moved by each of six unit strains, and what supports
+//! hold with it; all else is in equilibrium, and with the shares `w` that the zone has of the energy, `C_kl
+//! = u_k · K_w u_l`. The same is found for the body's elements. The factor by which the beams' modulus is
+//! off is the projection of the one on the other as tensors, so that nothing depends on how the body is
+//! turned. Where the border is open, as at the end of a body, both also hang on it under forces. Decision
+//! 0041.
 
 use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
@@ -38,12 +39,13 @@ const CLOSED: f64 = 1e-3;
 pub struct Likeness {
     /// Its stiffness over that of the body's elements there, with the beams that it has.
     pub stiffness: f64,
-    /// How far it is from theirs, relative to it, but for that factor: other directions, another Poisson's ratio.
+    /// How far it is from theirs, relative to it, but for that factor: other directions, another Poisson's
+    /// ratio.
     pub uneven: f64,
     /// Young's modulus of its beams over that of beams for the bulk, or of the scene's own.
     pub beams: f64,
-    /// Spheres across the border on which it hangs: `√|∫ n dA|` over their mean diameter; none where the border is closed
-    /// or supports hold what it does not.
+    /// Spheres across the border on which it hangs: `√|∫ n dA|` over their mean diameter; none where the
+    /// border is closed or supports hold what it does not.
     pub across: Option<f64>,
 }
 
@@ -133,7 +135,8 @@ pub(in crate::setup) struct Twin<'a> {
     bearings: [Faces; 3],
     border: Faces,
     middle: Vector3<f64>,
-    /// Forces that are spread over the zone by mass \[N\]; none where its border can hold every stress by itself.
+    /// Forces that are spread over the zone by mass \[N\]; none where its border can hold every stress by
+    /// itself.
     pulls: Vec<Vector3<f64>>,
 }
 
@@ -182,7 +185,8 @@ impl<'a> Twin<'a> {
         }))
     }
 
-    /// Forces on the nodes of a model under a pull \[N\] that acts on the part of its mass which is the zone's share.
+    /// Forces on the nodes of a model under a pull \[N\] that acts on the part of its mass which is the
+    /// zone's share.
     fn spread(&self, model: &dyn Model<f64>, pull: &Vector3<f64>) -> Result<Vec<f64>> {
         let mut mass = vec![0.0; model.layout().dofs()];
         let mut share = mass.clone();
@@ -247,8 +251,9 @@ impl<'a> Twin<'a> {
         self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse)
     }
 
-    /// Displacement of a sphere under a unit strain, where it is held. A support holds the centres of spheres that touch a face
-    /// as it holds the face: a radius of the packing is rigid there, which is a part of how stiff it is.
+    /// Displacement of a sphere under a unit strain, where it is held. A support holds the centres of
+    /// spheres that touch a face as it holds the face: a radius of the packing is rigid there, which is a
+    /// part of how stiff it is.
     fn moved(&self, k: usize, model: &DemModel, (x, held): (&Point3<f64>, &Held)) -> Vector3<f64> {
         let at = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
         let mut out = at(x);
@@ -303,8 +308,8 @@ impl<'a> Twin<'a> {
         Ok(out)
     }
 
-    /// A packing that hangs on its border. Spheres there do not turn, so that all that bonds join to them is held; what is not
-    /// joined carries nothing.
+    /// A packing that hangs on its border. Spheres there do not turn, so that all that bonds join to them
+    /// is held; what is not joined carries nothing.
     fn hanging(&self, model: &DemModel, held: &[Held], pull: &Vector3<f64>) -> Result<StaticProblem> {
         let body = model.body();
         let mut problem = StaticProblem::free(body.len());
@@ -331,8 +336,8 @@ impl<'a> Twin<'a> {
         Ok(problem)
     }
 
-    /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it cannot be tested: it
-    /// must have a border and an inside.
+    /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it
+    /// cannot be tested: it must have a border and an inside.
     pub(in crate::setup) fn likeness(
         &self,
         mut model: DemModel,
@@ -357,7 +362,8 @@ impl<'a> Twin<'a> {
         let Some(hanging) = Compared::hanging(&of(6, self.pulls.len())) else {
             return Ok(None);
         };
-        // Energies are those of unit strains and of stresses of the size of Young's modulus: the larger says more.
+        // Energies are those of unit strains and of stresses of the size of Young's modulus: the larger
+        // says more.
         let weight = hanging.size / (strained.size + hanging.size);
         let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
         let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
@@ -374,11 +380,11 @@ impl<'a> Twin<'a> {
     }
 }
 
-/// Forces under which a zone hangs on its border, where that faces one way rather than all: along each axis on which no support holds a face of
-/// the zone, what the border would have to carry of a stress `E` \[N\].
+/// Forces under which a zone hangs on its border, where that faces one way rather than all: along each axis
+/// on which no support holds a face of the zone, what the border would have to carry of a stress `E` \[N\].
 ///
-/// Where a border is closed (`∫ n dA = 0`), it strains what is inside by itself. At the end of a body strain dies away
-/// from it, and what a zone carries comes from its own surface.
+/// Where a border is closed (`∫ n dA = 0`), it strains what is inside by itself. At the end of a body
+/// strain dies away from it, and what a zone carries comes from its own surface.
 fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<Vector3<f64>> {
     let areas = border.iter().map(|[a, b, c]| (b - a).cross(&(c - a)) * 0.5);
     let (sum, size) = areas.fold((Vector3::zeros(), 0.0), |(sum, size), a| {
@@ -400,7 +406,8 @@ struct Compared {
 }
 
 impl Compared {
-    /// Under strains of the border: the projection of the one stiffness on the other as tensors of fourth order.
+    /// Under strains of the border: the projection of the one stiffness on the other as tensors of fourth
+    /// order.
     fn strained([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         let size = inner(wanted, wanted);
         let factor = inner(found, wanted) / size;
@@ -408,8 +415,8 @@ impl Compared {
         Self::sound(factor, inner(&off, &off) / size, size)
     }
 
-    /// Under forces, whose work goes with the inverse of the stiffness: the mean over all directions, each beside the elements'
-    /// own work, as bending may be much softer than tension.
+    /// Under forces, whose work goes with the inverse of the stiffness: the mean over all directions, each
+    /// beside the elements' own work, as bending may be much softer than tension.
     fn hanging([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         if wanted.is_empty() {
             return Self::sound(1.0, 0.0, 0.0);

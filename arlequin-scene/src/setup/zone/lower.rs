@@ -10,7 +10,8 @@ use crate::spec::{
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-/// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these come from.
+/// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these
+/// come from.
 pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     let Some(body) = scene.body.clone() else {
         return match scene.zone.keys().next() {

@@ -1,8 +1,8 @@
 //! One body, and zones of it in which another model takes its place.
 //!
-//! `[body]` and `[zone.NAME]` become the models and interfaces that a user could have written: the model `body` of the
-//! elements outside of the zones, a model per zone of the elements in and around it, and an interface between the two
-//! whose mediator is made of the elements that both have. Decision 0037.
+//! `[body]` and `[zone.NAME]` become the models and interfaces that a user could have written: the model
+//! `body` of the elements outside of the zones, a model per zone of the elements in and around it, and an
+//! interface between the two whose mediator is made of the elements that both have. Decision 0037.
 
 mod around;
 mod divide;
@@ -42,7 +42,8 @@ pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
     std::iter::once(m).chain(zones).collect()
 }
 
-/// The same of models of which a list names some: zones that another list names are not the body's in this one.
+/// The same of models of which a list names some: zones that another list names are not the body's in this
+/// one.
 pub(super) fn with_parts(
     scene: &SceneSpec,
     named: Vec<usize>,
@@ -203,7 +204,8 @@ impl Piece {
         matches!(self.cut.body.shape, Shape::File(_))
     }
 
-    /// Its mesh; that of a zone's model and its mediator are halved until their elements are no longer than asked for.
+    /// Its mesh; that of a zone's model and its mediator are halved until their elements are no longer than
+    /// asked for.
     pub(super) fn mesh(&self, request: &Request<'_>) -> Result<Mesh<f64>> {
         let mesh = self.elements(self.cut.division(request.folder)?)?;
         match (self.of, request.spacing) {
@@ -237,16 +239,16 @@ impl Piece {
         Ok((triangles_of(&mesh), mesh))
     }
 
-    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin` \[m\] beyond.
-    /// And the faces between the two.
+    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin`
+    /// \[m\] beyond. And the faces between the two.
     pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
         let division = self.cut.division(folder)?;
         let (mesh, border) = around::around(division, self.number(), margin)?;
         Ok((triangles_of(&mesh), border))
     }
 
-    /// The whole body with all its zones. Boxes in which loads and supports of the body act are groups by their key
-    /// (`load[0]`), where these hold a part of the surface.
+    /// The whole body with all its zones. Boxes in which loads and supports of the body act are groups by
+    /// their key (`load[0]`), where these hold a part of the surface.
     pub(super) fn whole(&self, folder: &Path) -> Result<&Mesh<f64>> {
         Ok(self.cut.division(folder)?.field.mesh())
     }

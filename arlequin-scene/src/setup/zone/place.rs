@@ -12,7 +12,8 @@ use std::sync::Arc;
 
 /// Positions closer to a border than this are on it, and beyond.
 const ON_BORDER: f64 = 1e-9;
-/// Share of the way to the middle of a cell at which its corners are looked at: on a face, either element may be found.
+/// Share of the way to the middle of a cell at which its corners are looked at: on a face, either element
+/// may be found.
 const INWARDS: f64 = 1e-4;
 
 /// The elements around a zone, with the position across them at the nodes.
@@ -73,8 +74,8 @@ impl Layer {
         (0..3).any(|c| x[c] < self.bounds[0][c] || x[c] > self.bounds[1][c])
     }
 
-    /// Number and position of the element at a point; for a point of a bond or a cell that leaves the body those of the
-    /// element below the surface there.
+    /// Number and position of the element at a point; for a point of a bond or a cell that leaves the body
+    /// those of the element below the surface there.
     fn locate(&self, x: &Point3<f64>) -> Option<(usize, f64)> {
         if let found @ Some(_) = self.field.value_at(x, &self.positions) {
             return found;
@@ -106,8 +107,9 @@ impl Overlap<f64> for Layer {
         }
     }
 
-    /// Positions are smooth within an element. A cell in one tetrahedron needs no halving, one in several or in a hexahedron,
-    /// where they are no linear function, a single one, and one that a border cuts, as those of natural elements may be, two.
+    /// Positions are smooth within an element. A cell in one tetrahedron needs no halving, one in several
+    /// or in a hexahedron, where they are no linear function, a single one, and one that a border cuts, as
+    /// those of natural elements may be, two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
         let corners = cell.corners();
         if corners.iter().all(|x| self.is_beyond(x)) {

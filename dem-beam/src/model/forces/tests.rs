@@ -35,7 +35,8 @@ fn worst<W: Screened + std::fmt::Debug + 'static>(
     part(0..half).max(part(half..2 * half))
 }
 
-/// The instructions found and plain arrays; small motions, for which the finite law is the linear one to first order.
+/// The instructions found and plain arrays; small motions, for which the finite law is the linear one to
+/// first order.
 #[test]
 fn kernel_equals_the_plain_loop() -> crate::error::Result<()> {
     let packing = PackingSpec::quench(Container::cylinder(6e-3, 1e-3)?, 1200, 3).build()?;
