@@ -7,20 +7,17 @@
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
 mod support;
 
-use arlequin::cnem::NaturalField;
-use arlequin::cnem::natural::Interpolant;
 use arlequin::core::effect::{BodyForce, EffectSpec, MassDamping, Prestress, StiffnessDamping};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
 use arlequin::core::{
     CoarseModel, Coupled, DofLayout, Error, InterfaceOptions, InterfaceSpec, Interpolation, L2, Model,
-    Profile, Ramp, Real, Result, Sampling, Slab, Subdomain, TimeStep, Uniform, Weight, Weights, conformance,
+    Profile, Ramp, Real, Result, Slab, Subdomain, TimeStep, Uniform, Weight, Weights, conformance,
 };
-use arlequin::dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
-use arlequin::fem_ref::generate::{self, Cylinder, Rim};
-use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel};
+use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;
+use support::grains::packed;
 use support::solid;
 
 fn on_axis(x: f64) -> Point3<f64> {
@@ -419,96 +416,4 @@ fn excess_mass_of_elements_that_share_exactly_is_round_off_turned_shifted_tiny_a
             "{size}: {found:?}"
         );
     }
-}
-
-fn packed(name: &str, from: f64, count: usize) -> DemModel {
-    let container = Container::cylinder(3e-3, 0.5e-3).unwrap();
-    let mut packing = PackingSpec::quench(container, count, 1).build().unwrap();
-    packing.positions.iter_mut().for_each(|x| x.x += from);
-    DemModel::new(name, &packing, BeamMaterial::SILICA, 2200.0).unwrap()
-}
-
-/// A body of 3 mm and a packing of 3 mm and 0.5 mm over the overlap (2, 3) mm.
-fn beside_grains(left: Subdomain<f64>, count: usize) -> Result<Coupled<f64>> {
-    let rest = complement(left.weights());
-    let right = Subdomain::fine(packed("grains", 2e-3, count), rest);
-    let shape = Cylinder {
-        ends: [2e-3, 3e-3],
-        radius: 0.5e-3,
-        core: 1,
-        rings: 1,
-        layers: 2,
-        rim: Rim::Inscribed,
-    };
-    let space = FemField::new(generate::cylinder(ElementKind::Hex8, &shape).unwrap());
-    let interface = InterfaceSpec {
-        options: InterfaceOptions {
-            sampling: Sampling::Particles,
-            ..InterfaceOptions::default()
-        },
-        ..solid::spec(Arc::new(space), Box::new(L2))
-    };
-    Coupled::new(vec![left, right], vec![interface], TimeStep::Fraction(0.8), None)
-}
-
-fn elements(radius: f64, density: f64) -> Subdomain<f64> {
-    let shape = Cylinder::with_size([0.0, 3e-3], radius, 0.2e-3).unwrap();
-    let mesh = generate::cylinder(ElementKind::Hex8, &shape).unwrap();
-    let material = Elastic::new(72.5e9, 0.17, density).unwrap();
-    let model = FemModel::new("elements", mesh, material).unwrap();
-    Subdomain::coarse(model, ramp(3e-3, 2e-3, Profile::Cubic))
-}
-
-fn mass_warnings(run: &Coupled<f64>) -> usize {
-    let all = &run.interfaces()[0].report().warnings;
-    all.iter().filter(|w| w.contains("weighted masses")).count()
-}
-
-#[test]
-fn particles_of_64_percent_of_the_elements_section_are_refused_and_equal_ones_are_not() {
-    // Whatever the densities are.
-    for density in [2200.0, 220.0] {
-        let run = beside_grains(elements(0.5e-3, density), 2500).unwrap();
-        let found = run.partition()[0].clone();
-        println!("elements and particles: {found:?}");
-        assert!(
-            found.excess_mass.abs() < 0.02 && mass_warnings(&run) == 0,
-            "{found:?}"
-        );
-        let error = beside_grains(elements(0.625e-3, density), 600).unwrap_err();
-        let Error::UnequalShapes { larger, amount, .. } = &error else {
-            panic!("{error}")
-        };
-        assert!(larger == "elements" && (amount - 0.36).abs() < 0.08, "{error}");
-        // Particles beside thinner elements are seen at their places.
-        let error = beside_grains(elements(0.4e-3, density), 2500).unwrap_err();
-        assert!(
-            matches!(
-                error,
-                Error::UnequalShapes { .. } | Error::PartitionOfUnity { .. }
-            ),
-            "{error}"
-        );
-    }
-}
-
-#[test]
-fn mass_that_two_packings_have_too_much_in_their_overlap_is_warned_of_with_the_number() {
-    let left = packed("left", 0.0, 1500);
-    let field = NaturalField::from_points(left.nodes(), Interpolant::Laplace).unwrap();
-    let left = Subdomain::new(Box::new(left), Arc::new(field), ramp(3e-3, 2e-3, Profile::Cubic));
-    let run = beside_grains(left, 2500).unwrap();
-    let found = &run.partition()[0];
-    // Against the containers: 5 mm of a cylinder of 0.5 mm.
-    let translations = |s: &Subdomain<f64>| s.inertia()[..3 * s.model().nodes().len()].iter().sum::<f64>();
-    let mass: f64 = run.subdomains().iter().map(translations).sum();
-    let section = std::f64::consts::PI * 0.25e-6;
-    let truth = (mass / (3.0 * 2200.0) - 5e-3 * section) / (1e-3 * section);
-    println!("two packings: {found:?}, by the containers {truth}");
-    assert!((found.excess_mass - truth).abs() < 0.03, "{found:?} {truth}");
-    assert_eq!(
-        mass_warnings(&run),
-        usize::from(found.excess_mass.abs() > 0.02),
-        "{found:?}"
-    );
 }

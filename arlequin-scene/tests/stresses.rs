@@ -374,11 +374,18 @@ fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
         "displacement",
         "x",
     );
+    text += &probe("skin", "bar", "at = [5.0, 0.25, 2.0]", "stress", "xx");
+    text += &probe("core", "bar", "at = [5.0, 2.0, 2.0]", "stress", "xx");
     let prepared = Scene::from_text(text).and_then(|s| s.prepare()).expect("built");
     let warned = |name: &str| {
         let start = format!("probe '{name}': lies on the rim of the particles of 'bar'");
         prepared.warnings().iter().any(|w| w.starts_with(&start))
     };
-    let found = ["rim", "inner", "whole", "moved"].map(warned);
-    assert_eq!(found, [true, false, false, false], "{:?}", prepared.warnings());
+    let found = ["rim", "skin", "inner", "core", "whole", "moved"].map(warned);
+    assert_eq!(
+        found,
+        [true, true, false, false, false, false],
+        "{:?}",
+        prepared.warnings()
+    );
 }

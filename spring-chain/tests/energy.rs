@@ -219,6 +219,32 @@ fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
     }
 }
 
+/// E.1: a solver that says its energy and loses it in its own steps ends as a loss, above 5 % of all there
+/// was, and says how much.
+#[test]
+fn a_solver_that_cools_down_ends_as_a_loss_of_energy() {
+    let mut run = coupled(1.0, Fault::Heats(-1e-3), true).unwrap();
+    let ended = run.run(20_000, &mut Silent).unwrap_err();
+    let Error::EnergyLoss {
+        missing,
+        bound,
+        percent,
+        ..
+    } = &ended
+    else {
+        panic!("{ended}")
+    };
+    assert!(
+        missing > bound && *missing < 1.5 * bound && *percent == 5.0,
+        "{ended}"
+    );
+    assert!(
+        run.warnings()
+            .iter()
+            .any(|w| matches!(w, Warning::EnergyDrift { .. }))
+    );
+}
+
 /// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are
 /// looked at.
 #[test]
