@@ -9,12 +9,10 @@
     reason = "an example prints its results and stops at the first error"
 )]
 
-#[path = "../tests/common/beam.rs"]
-mod beam;
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
+use common::beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Interpolant;
 use cnem::{Inertia, Options, Stabilisation};
 

@@ -1,0 +1,9 @@
+//! Tests of links, in one program: one link instead of 6.
+
+mod clients;
+mod equal;
+mod greetings;
+mod messages;
+mod precision;
+mod strangers;
+mod support;
