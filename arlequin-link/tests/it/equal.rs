@@ -69,7 +69,7 @@ fn particles() -> DemModel {
 #[test]
 fn a_chain_behind_a_link_moves_as_one_in_this_process_does_with_one_own_step_and_with_four() {
     for own in [1, 4].map(OwnStep::Ratio) {
-        let solver = start("a_served_chain", patient()).unwrap();
+        let solver = start("equal::a_served_chain", patient()).unwrap();
         let mut linked = coupled(Some(Box::new(solver)), own).unwrap();
         let mut here = coupled(None, own).unwrap();
         for run in [&mut linked, &mut here] {
@@ -154,7 +154,7 @@ fn particles_with_rotations_behind_a_link_move_as_those_in_this_process_do() {
 #[test]
 fn a_run_with_a_link_goes_on_with_the_same_bits_and_in_another_process() {
     let build = || {
-        let solver = start("a_served_chain", patient()).unwrap();
+        let solver = start("equal::a_served_chain", patient()).unwrap();
         coupled(Some(Box::new(solver)), OwnStep::Ratio(3)).unwrap()
     };
     let mut whole = build();
@@ -185,7 +185,7 @@ fn weights_of_stiffness_and_mass_go_over_the_link_each_for_itself() {
         weighting: Weighting::Energy,
     };
     let mut here = Verlet::new(Box::new(chain()), vec![0.0; BONDS + 1], moving()).unwrap();
-    let mut there = start("a_served_chain", patient()).unwrap();
+    let mut there = start("equal::a_served_chain", patient()).unwrap();
     let [mut a, mut b] = [(); 2].map(|()| vec![0.0; BONDS + 1]);
     here.weigh(&weights, &mut a).unwrap();
     there.weigh(&weights, &mut b).unwrap();
@@ -197,7 +197,7 @@ fn weights_of_stiffness_and_mass_go_over_the_link_each_for_itself() {
 
 #[test]
 fn a_state_that_is_gone_back_to_has_its_energy_at_once() {
-    let mut solver = start("a_served_chain", patient()).unwrap();
+    let mut solver = start("equal::a_served_chain", patient()).unwrap();
     let mut inertia = vec![0.0; BONDS + 1];
     solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
     solver.advance(0.0, 0.8).unwrap();
@@ -213,7 +213,7 @@ fn a_state_that_is_gone_back_to_has_its_energy_at_once() {
 
 #[test]
 fn a_link_keeps_what_the_coupling_relies_on() {
-    let mut solver: Remote = start("a_served_chain", patient()).unwrap();
+    let mut solver: Remote = start("equal::a_served_chain", patient()).unwrap();
     assert_eq!(solver.shape(), &chain_shape());
     assert_eq!((solver.kind(), solver.name()), ("chain", "fine"));
     let d = conformance::participant(&mut solver, 0.8, 200).unwrap();

@@ -3,7 +3,6 @@
 mod clients;
 mod equal;
 mod greetings;
-mod messages;
 mod precision;
 mod strangers;
 mod support;

@@ -217,7 +217,7 @@ fn a_chain_that_leaves_soon() {
 
 #[test]
 fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
-    let command = other_side("a_chain_that_leaves");
+    let command = other_side("strangers::a_chain_that_leaves");
     let solver = Remote::start("fine", &command, "".as_ref(), patient()).unwrap();
     let mut run = coupled(Some(Box::new(solver)), OwnStep::Ratio(2)).unwrap();
     let error = run.run(100, &mut Silent).unwrap_err().to_string();
@@ -229,7 +229,7 @@ fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
     // It leaves while nothing is asked of it: then it does not read any more.
     let mut solver = Remote::start(
         "fine",
-        &other_side("a_chain_that_leaves_soon"),
+        &other_side("strangers::a_chain_that_leaves_soon"),
         "".as_ref(),
         patient(),
     )

@@ -5,7 +5,6 @@ mod end_zones;
 mod energy_release;
 mod far_field;
 mod fragments;
-mod fuzz;
 mod intrusions;
 mod loads;
 mod locking;

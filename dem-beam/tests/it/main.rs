@@ -10,7 +10,6 @@ mod contact_between;
 mod contact_energy;
 mod deep_start;
 mod fracture;
-mod fuzz;
 mod grades;
 mod hard_cases;
 mod import;

@@ -5,7 +5,6 @@ mod convergence;
 mod doubled;
 mod field;
 mod formats;
-mod fuzz;
 mod gmsh;
 mod gmsh_surface;
 mod implicit;

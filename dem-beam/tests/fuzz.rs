@@ -64,7 +64,7 @@ fn a_binary_stl_that_announces_too_much_is_refused_before_memory_is_taken() {
 #[test]
 fn issue_7_vtu_without_points_is_refused() {
     let _alone = ALONE.lock();
-    let error = read_vtu(include_bytes!("../corpus/no-points.vtu"), None)
+    let error = read_vtu(include_bytes!("corpus/no-points.vtu"), None)
         .unwrap_err()
         .to_string();
     assert!(error.contains("a piece has no points"), "{error}");
