@@ -3,13 +3,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::chain::{Chain, ratios};
 use arlequin::core::{
     Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, Junction, L2, OwnStep, PrescribedMotion, Profile,
     Silent, Solver, Subdomain, TimeFunction, TimeStep, conformance,
 };
 use arlequin::fem_ref::FemModel;
 use arlequin_studies::solid::momentum_scale;
-use crate::support::chain::{Chain, ratios};
 
 fn gradients() -> Solver<f64> {
     Solver::ConjugateGradients {

@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::line::short;
 use arlequin::core::{Coupled, Error, InterfaceOptions, OwnStep, Profile, Silent, Solver, TimeStep, Warning};
 use arlequin_studies::line::{Line, Product, rest};
 use arlequin_studies::noise;
 use arlequin_studies::waves::{self, Damping};
-use crate::support::line::short;
 
 /// More dependent multipliers than a dense solver takes, under a product whose condition grows with the
 /// fourth power of `length`.

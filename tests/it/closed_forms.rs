@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid::{self, bodies, couple, material, mediator};
 use approx::assert_relative_eq;
 use arlequin::core::effect::{Absorber, BodyForce, BulkViscosity, Load};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -14,7 +15,6 @@ use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::{COARSE, Line, rest};
 use arlequin_studies::solid::momentum_scale;
 use std::sync::Arc;
-use crate::support::solid::{self, bodies, couple, material, mediator};
 
 /// Four functions of a tetrahedron of unit edges along the axes: their gradients, values left out.
 fn tetrahedron() -> [ShapeFunction<f64>; 4] {

@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid::{busy, solved, stepping};
 use arlequin::core::{Coupled, H1Gradient, OwnStep, Silent, Solver, TimeStep};
 use arlequin_studies::line::Line;
-use crate::support::solid::{busy, solved, stepping};
 
 fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new()

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::line::short;
 use arlequin::core::nalgebra::{self, Vector3};
 use arlequin::core::{
     Coupled, H1Strain, Junction, L2, OwnStep, Profile, Ramp, Silent, Slab, Subdomain, TimeStep, Weights,
@@ -10,7 +11,6 @@ use arlequin::fem_ref::{ElementKind, FemField, FemModel};
 use arlequin_studies::line::{FINE, Line, pulse, rest};
 use arlequin_studies::solid;
 use std::sync::Arc;
-use crate::support::line::short;
 
 /// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back,
 /// jump of displacements over the pulse's amplitude of one and over the deformation of the overlap, drift

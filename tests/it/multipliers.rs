@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
     Coupled, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, Partition,
@@ -11,7 +12,6 @@ use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::Line;
 use arlequin_studies::noise;
 use std::sync::Arc;
-use crate::support::solid;
 
 fn gradients(tolerance: f64, max_iterations: usize) -> Solver<f64> {
     Solver::ConjugateGradients {

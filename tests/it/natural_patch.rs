@@ -10,6 +10,7 @@
     reason = "a failed set-up is a failed test, which shows what it measured"
 )]
 
+use crate::support::solid::{self, couple, material, mediator};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::{CnemModel, Options, domain::Domain, generate};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -17,7 +18,6 @@ use arlequin::core::{
     CoarseModel, FineModel, L2, Model, PrescribedMotion, Profile, Subdomain, TimeFunction, Weights,
 };
 use arlequin::fem_ref::{ElementKind, FemModel};
-use crate::support::solid::{self, couple, material, mediator};
 
 fn natural(x: [f64; 2], counts: [usize; 3]) -> CnemModel {
     let (low, high) = (Point3::new(x[0], 0.0, 0.0), Point3::new(x[1], 1.0, 1.0));

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid;
 use arlequin::core::nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, Vector3};
 use arlequin::core::{
     Arms, CoarseModel, Coupled, DofLayout, Interpolation, L2, Model, Profile, Result, Silent, Subdomain,
@@ -9,7 +10,6 @@ use arlequin::core::{
 };
 use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use std::sync::Arc;
-use crate::support::solid;
 
 /// Tetrahedra of Saint Venant and Kirchhoff, `ψ = λ/2 (tr E)² + μ E:E` with `E = ½(FᵀF − 1)`, λ = μ = 0.4.
 struct Finite {

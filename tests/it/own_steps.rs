@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::line::short;
 use arlequin::core::effect::{BodyForce, Load, MassDamping};
 use arlequin::core::nalgebra::{self, DMatrix, DVector, Vector3};
 use arlequin::core::{
@@ -13,7 +14,6 @@ use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
 use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use arlequin_studies::{cantilever, waves};
-use crate::support::line::short;
 
 fn dense(c: &Coupled<f64>, side: usize) -> DMatrix<f64> {
     let k = c.subdomains()[side].model().as_linear().unwrap().stiffness();

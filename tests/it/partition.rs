@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid;
 use approx::assert_abs_diff_eq;
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
@@ -16,7 +17,6 @@ use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::line::{Line, rest};
 use std::sync::Arc;
-use crate::support::solid;
 
 fn at(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)

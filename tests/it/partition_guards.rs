@@ -4,6 +4,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::grains::packed;
+use crate::support::solid;
 use arlequin::core::effect::{BodyForce, EffectSpec, MassDamping, Prestress, StiffnessDamping};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
@@ -14,8 +16,6 @@ use arlequin::core::{
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;
-use crate::support::grains::packed;
-use crate::support::solid;
 
 fn on_axis(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::grains::{packed, squeezed};
+use crate::support::solid;
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::nalgebra::Point3;
@@ -13,8 +15,6 @@ use arlequin::dem_beam::DemModel;
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel};
 use std::sync::Arc;
-use crate::support::grains::{packed, squeezed};
-use crate::support::solid;
 
 /// Weight of a coarse model over the overlap (2, 3) mm.
 fn ramp() -> Weights<f64> {

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use arlequin::core::{
     Complement, H1Gradient, H1Strain, Junction, L2, Model, Overlap, Primitive, Profile, Ramp, Shell, Silent,
@@ -11,7 +12,6 @@ use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::noise;
 use proptest::prelude::*;
 use std::sync::Arc;
-use crate::support::solid;
 
 fn profile() -> impl Strategy<Value = Profile<f64>> {
     prop_oneof![

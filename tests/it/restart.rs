@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid::{self, bodies, couple, mediator};
 use arlequin::core::effect::{
     AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, PairSpec, Prestress, StepDemand,
 };
@@ -15,7 +16,6 @@ use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::ElementKind;
 use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use std::ops::ControlFlow;
-use crate::support::solid::{self, bodies, couple, mediator};
 
 /// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never
 /// stopped.

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+use crate::support::solid::{self, bodies, couple, junctions, material, mediator, shaken, spec};
 use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{
@@ -13,7 +14,6 @@ use arlequin::core::{
 use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 use arlequin_studies::solid::{kept, momentum_scale};
 use std::sync::Arc;
-use crate::support::solid::{self, bodies, couple, junctions, material, mediator, shaken, spec};
 
 /// `∫ κ(x) (λ·v + l² ε(λ):ε(v))`, `κ` growing twentyfold across the overlap and with the height.
 struct Graded;

@@ -1,12 +1,11 @@
 //! What `--force` replaces, and what no flag does.
 #![cfg(unix)]
 
-use crate::common::{SMALL, arlequin, command, scratch, succeed, summary, text};
+use crate::common::{SMALL, arlequin, command, scratch, succeed, summary, text, wait_for};
 use std::collections::BTreeMap;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::time::Duration;
 
 const MARK: &str = ".arlequin-results";
 
@@ -212,9 +211,7 @@ fn earlier_results_stay_until_there_are_new_ones() {
     .spawn()
     .expect("starts");
     let left = all.join("out.unfinished/vtu/left_00000000.vtu");
-    while !left.exists() {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_for(&left);
     // Meanwhile nobody else writes there.
     let second = force(&[]);
     let said = String::from_utf8_lossy(&second.stderr);
@@ -276,9 +273,7 @@ fn what_could_be_resumed_stays_until_a_forced_run_has_ended() {
     .spawn()
     .expect("starts");
     let checkpoint = all.join("out.unfinished/checkpoint.bin");
-    while !checkpoint.exists() {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_for(&checkpoint);
     child.kill().expect("kill");
     child.wait().expect("ends");
     let force = |set: &str| arlequin(&["run", text(&scene), "--out", text(&out), "--force", "--set", set]);

@@ -1,7 +1,7 @@
 //! Scenes with a solver in another process: the chain in C that is shipped, beside our own.
 #![cfg(unix)]
 
-use crate::common::{arlequin, command, number, schemas::verdict, scratch, succeed, summary, text};
+use crate::common::{arlequin, command, number, schemas::verdict, scratch, succeed, summary, text, wait_for};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -160,9 +160,7 @@ fn a_scene_waits_at_an_address_for_who_comes() {
         .spawn()
         .expect("starts");
     // It looks for the run for five seconds.
-    while !folder.join("socket").exists() {
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for(&folder.join("socket"));
     let other = Command::new(folder.join("chain"))
         .arg(&socket)
         .status()

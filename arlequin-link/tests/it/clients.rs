@@ -1,21 +1,23 @@
 //! The clients in Python and C that are shipped, each with its chain, beside our chain in this process.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "a failed set-up is a failed test; what is not run is said"
-)]
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 #![cfg(unix)]
 
 use crate::support::{BONDS, chain, coupled_in, gap, patient};
 use arlequin::core::{OwnStep, Silent, conformance};
 use arlequin::prelude::*;
 use arlequin_link::{Element, Listener, Remote, Shape};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn clients() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("clients")
+}
+
+/// Says on the terminal why a test ignores a client: what passing tests print is not shown.
+fn say_ignored(reason: &str) {
+    writeln!(std::io::stderr(), "ignored: {reason}").unwrap();
 }
 
 /// An interpreter that has numpy, or none, which is said.
@@ -25,9 +27,9 @@ fn python() -> Option<String> {
     if found.is_ok_and(|o| o.status.success()) {
         return Some(python);
     }
-    println!(
-        "not run: {python} has no numpy; install it, or name an interpreter that has it in ARLEQUIN_PYTHON"
-    );
+    say_ignored(&format!(
+        "{python} has no numpy; install it, or name an interpreter that has it in ARLEQUIN_PYTHON"
+    ));
     None
 }
 
@@ -39,7 +41,7 @@ fn python_chain() -> Option<Vec<String>> {
 /// The chain in C, built by the compiler of this system, or none, which is said.
 fn c_chain(to: &Path) -> Option<Vec<String>> {
     if Command::new("cc").arg("--version").output().is_err() {
-        println!("not run: there is no C compiler cc");
+        say_ignored("there is no C compiler cc");
         return None;
     }
     let program = to.join("chain");

@@ -5,12 +5,12 @@
     reason = "a test fails by panicking and shows what it measured"
 )]
 
+use crate::common::mms;
 use arlequin_core::{LinearModel, Model, Real, Uniform};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
-use crate::common::mms;
 use nalgebra::Point3;
 
 fn cube(steps: usize, jitter: f64) -> Domain {

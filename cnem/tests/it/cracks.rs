@@ -6,13 +6,13 @@
     reason = "a test fails by panicking, compares coordinates of grids and shows what it measured"
 )]
 
+use crate::common::{noise, solve};
 use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::{LinearModel, Model, Uniform};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Elastic, Inertia, Options, generate};
-use crate::common::{noise, solve};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 

@@ -2,11 +2,11 @@
 //! and mediators, inside, on faces, edges and nodes, and outside by round-off.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::{block, noise};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{Interpolation, ShapeRow};
 use cnem::NaturalField;
 use cnem::natural::Interpolant;
-use crate::common::{block, noise};
 use nalgebra::{Point3, Vector3};
 
 /// `|Σ φ − 1|` and `|Σ φ (n_k − x)|` of a row, the larger.

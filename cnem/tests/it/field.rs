@@ -1,12 +1,12 @@
 //! Natural-neighbour fields and mediators as the coupling uses them.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::{block, noise};
 use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{Error, Interpolation, Mediator, ShapeRow, conformance};
 use cnem::NaturalField;
 use cnem::natural::Interpolant;
-use crate::common::{block, noise};
 use nalgebra::Point3;
 use rayon::prelude::*;
 

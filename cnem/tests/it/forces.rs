@@ -2,12 +2,12 @@
 //! any number of threads.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::{block, largest, noise, silica};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{LinearModel, Model, Weight};
 use cnem::generate::Cylinder;
 use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation};
-use crate::common::{block, largest, noise, silica};
 use nalgebra::{Point3, center};
 
 /// Any value per cell will do here.

@@ -5,13 +5,13 @@
     reason = "a test fails by panicking and shows what it measured"
 )]
 
+use crate::common::beam::{THICK, cylinder, percent, study};
+use crate::common::{block, mms, silica, steps_under_falling_weights};
 use approx::assert_relative_eq;
 use arlequin_core::{Model, NodallyWeighted, Uniform, Weight};
-use crate::common::beam::{THICK, cylinder, percent, study};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::{CnemModel, Inertia, Options, generate};
-use crate::common::{block, mms, silica, steps_under_falling_weights};
 use nalgebra::{Point3, Vector3};
 
 const CENTROIDS: Options = Options {

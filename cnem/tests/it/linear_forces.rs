@@ -4,11 +4,11 @@
 //! around a node; no body refused, no node added by a turn.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::bodies::{Body, Map, blocky};
 use arlequin_core::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::{CnemModel, Elastic, Options, generate};
-use crate::common::bodies::{Body, Map, blocky};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::f64::consts::PI;
 

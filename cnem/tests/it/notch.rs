@@ -5,12 +5,12 @@
     reason = "a test fails by panicking and shows what it measured"
 )]
 
+use crate::common::{largest, noise, silica, solve};
 use arlequin_core::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Options, Stabilisation};
-use crate::common::{largest, noise, silica, solve};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 fn residual(domain: &Domain, options: Options) -> f64 {

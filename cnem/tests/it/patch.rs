@@ -6,6 +6,7 @@
     reason = "a test fails by panicking, may compare exact values and shows what it measured"
 )]
 
+use crate::common::{block, largest, noise, silica, solve, steps_under_falling_weights};
 use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::geometry::Cell;
 use arlequin_core::{LinearModel, Model, NodallyWeighted, Uniform, Weight, conformance};
@@ -13,7 +14,6 @@ use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation, generate};
-use crate::common::{block, largest, noise, silica, solve, steps_under_falling_weights};
 use nalgebra::{Matrix3, Point3, Vector3, center};
 
 fn gradient() -> Matrix3<f64> {

@@ -4,11 +4,11 @@
 //! and 3e6 m, its nodes moved to a grid of 2⁻³⁰ of the longest bond.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::bodies::Map;
 use arlequin_core::geometry::{Cell, Polyhedron};
 use arlequin_core::{Interpolation, ShapeRow};
 use cnem::NaturalField;
 use cnem::natural::Interpolant;
-use crate::common::bodies::Map;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Distance to the surface of the points that are looked at there: that of mediators which must not leave a

@@ -5,13 +5,13 @@
 //! turn, surface points inside.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use crate::common::bodies::{Body, Map, all, grid_hull, rings, voxels};
 use arlequin_core::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
 use cnem::generate::Cylinder;
 use cnem::natural::{Interpolant, Scratch};
 use cnem::{CnemModel, Elastic, Error, NaturalField, Options, Stabilisation};
-use crate::common::bodies::{Body, Map, all, grid_hull, rings, voxels};
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 fn model(body: &Body) -> cnem::Result<CnemModel> {

@@ -6,11 +6,11 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
+use crate::common::{free_part, noise, silica, solve};
 use arlequin_core::geometry::Sample;
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{Interpolation, LinearModel, Model, Real, ShapeRow, Uniform};
-use crate::common::{free_part, noise, silica, solve};
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{Elastic, ElementKind, FemModel};
 

@@ -5,11 +5,11 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
+use crate::common::jittered;
 use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::geometry::{Cell, Sample};
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin_core::{Error, Interpolation, Mediator, ShapeRow};
-use crate::common::jittered;
 use fem_ref::generate::{self, Cylinder, Rim};
 use fem_ref::{ElementKind, FemField, Mesh};
 use proptest::prelude::*;

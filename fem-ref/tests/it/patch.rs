@@ -5,11 +5,11 @@
     reason = "a test fails by panicking and may compare exact values"
 )]
 
+use crate::common::{jittered, largest, noise, silica, solve};
 use approx::assert_relative_eq;
 use arlequin_core::geometry::Cell;
 use arlequin_core::nalgebra::{Matrix3, Point3, Vector3, center};
 use arlequin_core::{LinearModel, Model, NodallyWeighted, Real, Uniform, Weight};
-use crate::common::{jittered, largest, noise, silica, solve};
 use fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
 use proptest::prelude::*;
 

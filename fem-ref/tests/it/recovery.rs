@@ -5,9 +5,9 @@
     reason = "a test fails by panicking and shows what it measured"
 )]
 
+use crate::common::{jittered, silica};
 use arlequin_core::nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 use arlequin_core::{Model, NodallyWeighted, Recovered, SymmetricTensor, Weight};
-use crate::common::{jittered, silica};
 use fem_ref::{Elastic, ElementKind, FemModel, generate};
 
 fn recovered(model: &dyn Model<f64>, q: &[f64], nodes: &[usize]) -> Vec<Recovered<f64>> {

@@ -35,6 +35,19 @@ pub(crate) fn command(arguments: &[&str]) -> Command {
     c
 }
 
+/// Waits for a file that a started program writes; after a minute the test fails.
+pub(crate) fn wait_for(path: &Path) {
+    let start = std::time::Instant::now();
+    while !path.exists() {
+        assert!(
+            start.elapsed().as_secs() < 60,
+            "no {} after a minute",
+            path.display()
+        );
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}
+
 /// Runs the binary.
 pub(crate) fn arlequin(arguments: &[&str]) -> Output {
     command(arguments).output().expect("the binary runs")
