@@ -256,17 +256,13 @@ fn gradient_junctions_on_particles() {
     let [fitted, neighbours] = [&[][..], &natural[..]].map(|fields| {
         let all: Vec<&str> = [h1].into_iter().chain(fields.iter().copied()).collect();
         let found = condition(&all);
-        // Gradients at the length of the mediator's elements cost digits, and few of them.
-        assert!(
-            found > values && found < 1e3 * values,
-            "{fields:?}: {found:e}, values alone {values:e}"
-        );
+        assert!(found > 1.0 && found < 1e4, "{fields:?}: {found:e}");
         found
     });
-    assert!(
-        (fitted / neighbours - 1.0).abs() > 1e-6,
-        "{fitted:e} {neighbours:e}"
-    );
+    // Three operators: neither the junction nor the field is passed over.
+    for (a, b) in [(values, fitted), (fitted, neighbours), (neighbours, values)] {
+        assert!((a / b).ln().abs() > 0.2, "{a:e} {b:e}");
+    }
     let (plan, message) = check(&["interface.middle.sampling=intersection"]);
     assert!(
         plan.is_none() && message.contains("use 'particles' sampling"),

@@ -73,7 +73,9 @@ fn bar_1d() {
     // The pulse arrives behind the overlap with its height, and little comes back.
     assert!((number(&s, "/probes/behind/max") / 1e-6 - 1.0).abs() < 0.01);
     assert!(number(&s, "/probes/before/last").abs() < 0.01e-6);
-    assert!(number(&s, "/energy/ledger/chain~1absorber") <= 0.0);
+    // A long pulse hardly meets the absorber, which takes some 3e-4 of it.
+    let absorbed = -number(&s, "/energy/ledger/chain~1absorber") / number(&s, "/energy/initial");
+    assert!(absorbed > 1e-4 && absorbed < 1e-3, "{absorbed:e}");
 }
 
 #[test]
