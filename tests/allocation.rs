@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
 #[allow(dead_code, reason = "each test binary uses its part of the shared setting")]
+#[path = "it/support/mod.rs"]
 mod support;
 
 use arlequin::cnem::constraint::Surface;

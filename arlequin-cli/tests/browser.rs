@@ -4,6 +4,7 @@
 //! Ignored by default, since a user's `cargo test` needs no browser. `.ci/run` installs one and runs
 //! `cargo test --release --workspace --test browser -- --ignored`, which fails if there is none.
 
+#[path = "it/common/mod.rs"]
 mod common;
 
 use common::browsers::{Browser, SIZES};

@@ -1,8 +1,9 @@
 //! Scenes under `mpirun`: the same files for any number of ranks, and ends that all ranks agree on.
 #![cfg(feature = "mpi")]
 
+#[path = "it/common/mod.rs"]
 mod common;
-#[path = "../../arlequin-scene/tests/shipped/mod.rs"]
+#[path = "../../arlequin-scene/tests/it/shipped/mod.rs"]
 mod shipped;
 
 use common::{command, scene, scratch, text};

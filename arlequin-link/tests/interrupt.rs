@@ -3,6 +3,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
+#[path = "it/support/mod.rs"]
 mod support;
 
 use arlequin::core::{Participant, interrupt};

@@ -5,6 +5,7 @@
 //! at most.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+#[path = "it/support/mod.rs"]
 mod support;
 
 use arlequin_core::ranks::{Communicator, Division};

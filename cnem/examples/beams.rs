@@ -9,14 +9,12 @@
     reason = "an example prints its results and stops at the first error"
 )]
 
-#[path = "../tests/common/beam.rs"]
-mod beam;
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::natural::Interpolant;
 use cnem::{Inertia, Options, Stabilisation};
+use common::beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 
 fn row(options: Options, sizes: [f64; 4]) {
     let shape = cylinder(sizes[0] == 0.0, sizes[1] as usize, sizes[2] as usize, sizes[3]);

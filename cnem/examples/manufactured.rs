@@ -6,7 +6,7 @@
     reason = "an example prints its results and stops at the first error"
 )]
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
 use arlequin_core::{Interpolation, Model, ShapeRow, Weight};

@@ -1,0 +1,126 @@
+//! Bad effects: each is refused before a step is made, at its key.
+
+use crate::common::{SMALL, arlequin, scratch, text};
+
+/// A few spheres and nothing else.
+const GRAINS: &str = r#"
+[model.grains]
+kind = "dem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [2e-3, 2e-3, 2e-3] }
+dem = { count = 200, protocol = "quench" }
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+
+[time]
+steps = 3
+"#;
+
+fn refused(folder: &std::path::Path, scene: &str, effect: &str, expected: &str) {
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, format!("{scene}\n[[effect]]\n{effect}\n")).expect("scene");
+    let out = arlequin(&["check", text(&path)]);
+    let error = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(2), "{effect}: {error}");
+    assert!(
+        error.contains(expected),
+        "'{effect}' should say '{expected}':\n{error}"
+    );
+    // A run says the same, and nothing is packed for it, unless it is bonds that are missed.
+    let run = arlequin(&["-v", "run", text(&path), "--out", text(&folder.join("never"))]);
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    let packs = expected == "crosses no bond";
+    assert_eq!(
+        said.contains("packing of"),
+        packs,
+        "'{effect}' packs first: {said}"
+    );
+    assert!(said.ends_with(&error), "{effect}: {error}, and by a run: {said}");
+}
+
+#[test]
+fn effects_of_particles() {
+    let folder = scratch("bad-effects-grains");
+    let sphere = "shape.sphere = { centre = [0.0, 0.0, 5e-3], radius = 1e-3 }";
+    let cases = [
+        (
+            "fracture = { criterion = \"rankine\", strength = -1.0 }",
+            "bond strength = -1",
+        ),
+        (
+            "fracture = { criterion = \"tresca\", strength = 1.0 }",
+            "unknown variant `tresca`",
+        ),
+        ("fracture = { strength = 1.0 }", "missing field `criterion`"),
+        (
+            "fracture = { criterion = \"axial\", strength = 1.0, weibull = 0.0 }",
+            "Weibull modulus = 0",
+        ),
+        (
+            "fracture = { criterion = \"axial\", strength = 1.0, weibull = 5.0, deviation = 0.1 }",
+            "weibull and deviation exclude each other",
+        ),
+        (
+            "fracture = { criterion = \"axial\", strength = 1.0, every = 0 }",
+            "steps between checks of the bonds = 0",
+        ),
+        ("contact = { friction = -0.1 }", "friction coefficient = -0.1"),
+        (
+            "contact = { restitution = 0.01 }",
+            "coefficient of restitution = 0.01 is outside [0.15, 1]",
+        ),
+        ("contact = { skin = 0.0 }", "skin of the neighbour list = 0"),
+        (
+            "contact = {}\n[[effect]]\ncontact = {}",
+            "model 'grains' has two; keep one",
+        ),
+        ("obstacle = {}", "missing field `shape`"),
+        (
+            "obstacle.shape.sphere = { centre = [0.0, 0.0, 0.0], radius = 0.0 }",
+            "radius of an obstacle = 0",
+        ),
+        (
+            "bulk_viscosity = {}",
+            "no model of the scene can have bulk_viscosity",
+        ),
+        ("local_damping = { share = 1.0 }", "local damping share = 1"),
+        (
+            "stiffness_damping = { time = -1.0 }",
+            "stiffness damping time = -1",
+        ),
+        (
+            "contact = {}\nfracture = { criterion = \"axial\", strength = 1.0 }",
+            "needs exactly one of body_force",
+        ),
+    ];
+    for (effect, expected) in cases {
+        refused(&folder, GRAINS, effect, expected);
+    }
+    let mut moved = format!("obstacle.mass = 1.0\nobstacle.{sphere}");
+    moved.push_str("\nobstacle.displacement = { amplitude = [0.0, 0.0, 1.0], time = \"step\" }");
+    refused(&folder, GRAINS, &moved, "displacement excludes velocity and mass");
+    let driven = format!("obstacle.{sphere}\nobstacle.spin = [0.0, 1.0, 0.0]");
+    refused(&folder, GRAINS, &driven, "only a free sphere turns");
+    let skin = format!("obstacle.{sphere}\nobstacle.contact.skin = 1.0");
+    refused(&folder, GRAINS, &skin, "an obstacle knows no skin");
+    let notch = "dem = { count = 200, protocol = \"quench\", notch = [{ low = [9.0, 9.0, 9.0], high = [9.0, 9.0, 9.0] }] }";
+    let scene = GRAINS.replace("dem = { count = 200, protocol = \"quench\" }", notch);
+    refused(&folder, &scene, "contact = {}", "crosses no bond");
+}
+
+#[test]
+fn effects_of_solids() {
+    let folder = scratch("bad-effects-solids");
+    let cases = [
+        ("contact = {}", "no model of the scene can have contact"),
+        (
+            "models = [\"left\"]\nfracture = { criterion = \"axial\", strength = 1.0 }",
+            "fracture needs kind = \"dem\", which model 'left' is not",
+        ),
+        (
+            "bulk_viscosity = { coefficient = -1.0 }",
+            "bulk viscosity coefficient = -1",
+        ),
+    ];
+    for (effect, expected) in cases {
+        refused(&folder, SMALL, effect, expected);
+    }
+}

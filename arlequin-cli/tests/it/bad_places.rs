@@ -1,0 +1,180 @@
+//! What a run refuses, `check` refuses too, in the same words, and before anything is packed.
+
+use crate::common::{SMALL, arlequin, scratch, text};
+use arlequin_scene::{Scene, Source};
+
+/// A block of spheres beside the end of a block of elements.
+const BESIDE: &str = r#"
+[model.grains]
+kind = "dem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [4e-3, 2e-3, 2e-3] }
+spacing = 0.4e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+
+[model.tail]
+kind = "fem"
+shape.cylinder = { from = [10e-3, 0.0, 0.0], length = 4e-3, radius = 1e-3 }
+spacing = 0.5e-3
+material = { young = 75e9, poisson = 0.17, density = 2200.0 }
+
+[time]
+end = 1e-7
+"#;
+
+/// The error of `check` and of `run`, which must be the same; no packing may have begun.
+fn refused(name: &str, scene: &str, key: &str, words: &str) {
+    let folder = scratch(&format!("places-{name}"));
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, scene).expect("scene");
+    let mut phases = Vec::new();
+    let source = Source::new(&path, scene);
+    let made = Scene::of(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
+    let error = made.map(|_| ()).expect_err("refused");
+    let (found, said) = (error.place().0.unwrap_or_default().to_owned(), error.to_string());
+    assert!(found == key && said.contains(words), "{name}: {found}: {said}");
+    let packed = phases.iter().find(|p| p.starts_with("packing"));
+    assert_eq!(packed, None, "{name}: {said}");
+    let [check, run] = ["check", "run"].map(|command| {
+        let mut arguments = vec![command, text(&path)];
+        let out = folder.join("out");
+        if command == "run" {
+            arguments.extend(["--out", text(&out)]);
+        }
+        let done = arlequin(&arguments);
+        assert_eq!(done.status.code(), Some(2), "{name}: {command}");
+        assert!(!out.exists(), "{name}: {command} left a folder");
+        String::from_utf8_lossy(&done.stderr).into_owned()
+    });
+    assert_eq!(check, run, "{name}");
+}
+
+#[test]
+fn places_in_no_model_are_refused_before_spheres_are_packed() {
+    let with = |more: &str| format!("{BESIDE}{more}");
+    let probe = |model: &str, at: &str| {
+        with(&format!(
+            "[probe.here]\nmodel = \"{model}\"\nat = {at}\ncomponent = \"x\"\n"
+        ))
+    };
+    let outside = "lies outside model 'grains'";
+    refused(
+        "beyond",
+        &probe("grains", "[5e-3, 1e-3, 1e-3]"),
+        "probe.here.at",
+        outside,
+    );
+    let skin = probe("grains", "[4e-3, 1e-3, 1e-3]");
+    refused("skin", &skin, "probe.here.at", "move the probe in by a diameter");
+    // In the box around the cylinder, and not in the cylinder.
+    let corner = probe("tail", "[12e-3, 0.95e-3, 0.95e-3]");
+    refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
+    let box_of = "where.box = { low = [1.0, 1.0, 1.0], high = [2.0, 2.0, 2.0] }";
+    let support = with(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
+    refused(
+        "support",
+        &support,
+        "support[0].where",
+        "holds no node of model 'tail'",
+    );
+    let load = with(&format!(
+        "[[load]]\nmodel = \"tail\"\n{box_of}\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n"
+    ));
+    refused(
+        "load",
+        &load,
+        "load[0].where",
+        "holds no surface facet of model 'tail'",
+    );
+}
+
+#[test]
+fn tractions_on_spheres_are_refused_before_they_are_packed() {
+    for what in ["traction = [1e6, 0.0, 0.0]", "pressure = 1e6"] {
+        let load =
+            format!("{BESIDE}[[load]]\nmodel = \"grains\"\nwhere = \"x-max\"\n{what}\ntime = \"step\"\n");
+        let words = "model 'grains' has no surface; give a force [N]";
+        refused("traction", &load, "load[0]", words);
+    }
+}
+
+#[test]
+fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
+    let dem = |more: &str| BESIDE.replacen("spacing = 0.4e-3", &format!("spacing = 0.4e-3\n{more}"), 1);
+    for (more, key, words) in [
+        (
+            "dem = { young = 265e9, radius_ratio = 5.0 }",
+            "model.grains.dem.radius_ratio",
+            "must lie between 0.2 and 1.5",
+        ),
+        (
+            "dem = { young = 265e9, radius_ratio = 0.1 }",
+            "model.grains.dem.radius_ratio",
+            "must lie between 0.2 and 1.5",
+        ),
+        ("dem.young = -1.0", "model.grains.dem", "beam Young's modulus"),
+        ("dem.poisson = 0.6", "model.grains.dem", "beam Poisson's ratio"),
+        (
+            "divisions = [4, 2, 2]",
+            "model.grains.divisions",
+            "is of elements",
+        ),
+        ("scale = 1e-3", "model.grains.scale", "is of a file"),
+        ("volume = \"a\"", "model.grains.volume", "is of a mesh file"),
+        ("dem.radii = \"r\"", "model.grains.dem.radii", "in dem.file"),
+    ] {
+        refused("beams", &dem(more), key, words);
+    }
+}
+
+/// Issue 26, D.5: elements lock there, whatever their number.
+#[test]
+fn ratios_of_poisson_next_to_their_ends_are_refused() {
+    for (nu, taken) in [
+        ("0.4999999999", false),
+        ("-0.9999999999", false),
+        ("0.4999", true),
+        ("-0.999", true),
+    ] {
+        let scene = SMALL.replace("poisson = 0.25", &format!("poisson = {nu}"));
+        if taken {
+            let path = scratch("poisson").join("scene.toml");
+            std::fs::write(&path, scene).expect("scene");
+            crate::common::succeed(&["check", text(&path)]);
+        } else {
+            let words = "must lie from -1 + 1e-4 to 0.5 - 5e-5";
+            refused("poisson", &scene, "model.left.material", words);
+        }
+    }
+}
+
+/// Issue 26, D.8: `check` took what `run` then refused.
+#[test]
+fn scenes_at_rest_that_can_move_are_refused_by_check() {
+    let bar = "[model.bar]\nkind = \"fem\"\ndivisions = [8, 2, 2]\n\
+               shape.box = { low = [0.0, 0.0, 0.0], high = [0.1, 0.01, 0.01] }\n\
+               material = { young = 70e9, poisson = 0.3, density = 2000.0 }\n\
+               [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\ncomponents = [\"x\"]\n\
+               [[load]]\nmodel = \"bar\"\nwhere = \"x-max\"\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n\
+               [static]\nsteps = 1\n";
+    let words = "'bar' can move along y and z and turn about x; fix rigid motions";
+    refused("rest", bar, "static", words);
+}
+
+/// Issue 26, D.8: errors stand under keys that the scene has or could be given.
+#[test]
+fn errors_stand_under_keys_of_the_scene() {
+    // A step of its own that is too long, without time.step.
+    let long = SMALL.replace("steps = 50", "steps = 50\nstep.seconds = 10.0");
+    refused("seconds", &long, "time.step.seconds", "exceeds the critical step");
+    let ratio = SMALL
+        .replace("steps = 50", "steps = 50\nstep.seconds = 1.0")
+        .replacen("spacing = 1.0", "spacing = 1.0\nstep.ratio = 4", 1)
+        .replacen("spacing = 0.5", "spacing = 0.5\nstep.ratio = 2", 1);
+    refused("ratio", &ratio, "model.right.step", "exceeds the critical step");
+    let alone = "[model.bar]\nkind = \"fem\"\ndivisions = [4, 1, 1]\n\
+                 shape.box = { low = [0.0, 0.0, 0.0], high = [4.0, 1.0, 1.0] }\n\
+                 material = { young = 1.0, poisson = 0.3, density = 1.0 }\n\
+                 [[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n[[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n\
+                 [time]\nsteps = 1\n";
+    refused("infinite", alone, "model.bar", "is not a finite number");
+}

@@ -1,0 +1,130 @@
+//! Runs that are killed half way and go on: what is told at the end is told of the whole run; what changed
+//! is noticed.
+
+use crate::common::{SMALL, WAKING, arlequin, changed, number, succeed, summary, text, written};
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+/// Runs a scene that writes one checkpoint about half way and kills it there; the output folder that can be
+/// resumed.
+fn killed_half_way(scene: &Path) -> PathBuf {
+    let out = scene.with_file_name("killed");
+    let checkpoint = out.with_extension("unfinished").join("checkpoint.bin");
+    for _ in 0..5 {
+        let _ = std::fs::remove_dir_all(&out);
+        let mut child = crate::common::command(&["run", text(scene), "--out", text(&out)])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("starts");
+        while !checkpoint.exists() && child.try_wait().expect("waits").is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let _ = child.kill();
+        child.wait().expect("ends");
+        if checkpoint.exists() {
+            return out;
+        }
+    }
+    panic!("always done before it could be killed");
+}
+
+/// What a run says at its end, whole and killed half way.
+fn both(scene: &Path) -> [serde_json::Value; 2] {
+    let whole = scene.with_file_name("whole");
+    succeed(&["run", text(scene), "--out", text(&whole)]);
+    let killed = killed_half_way(scene);
+    succeed(&["resume", text(&killed)]);
+    let found = [whole, killed].map(|f| summary(&f));
+    assert!(number(&found[1], "/resumed_at_step") > 0.0 && found[0].get("resumed_at_step").is_none());
+    found
+}
+
+/// Waves that die out: energy and velocity jumps (of a lumped constraint) are largest at the start, which a
+/// run that goes on from half way has not seen.
+#[test]
+fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
+    let head = SMALL.split("[[support]]").next().expect("models");
+    let head = head.replace("weight =", "lumped = true\nweight =");
+    let rest = "\n[[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [1.0, 0.3] }\n\
+        [[effect]]\nmass_damping = { rate = 0.002 }\n\
+        [time]\nsteps = 20000\n[output]\ncheckpoint_every = 10000\nplots = false\nevery = 20000\n";
+    let [whole, resumed] = both(&written("half-way", &format!("{head}{rest}")));
+    for figure in [
+        "/energy/initial",
+        "/energy/final",
+        "/energy/start_loss",
+        "/energy/h_drift_max",
+        "/interface/0/max_constraint_residual",
+    ] {
+        let [a, b] = [&whole, &resumed].map(|s| number(s, figure));
+        assert!(
+            a.to_bits() == b.to_bits(),
+            "{figure}: {a:e} of the whole run, {b:e} resumed"
+        );
+    }
+    assert_eq!(whole["energy"]["ledger"], resumed["energy"]["ledger"]);
+    // It is the start that is remembered.
+    assert!(number(&whole, "/energy/initial") > 100.0 * number(&whole, "/energy/final"));
+    assert!(number(&whole, "/interface/0/max_constraint_residual") > 1e-6);
+}
+
+/// A pulse has passed the place that is looked at long before the checkpoint; the zone never wakes.
+#[test]
+fn a_run_resumed_asleep_knows_the_highest_strain_of_before() {
+    let scene = changed(
+        WAKING,
+        &[
+            ("spacing = 0.25", "spacing = 0.5"),
+            ("criterion.strain = 5e-4", "criterion.strain = 1.0"),
+            (
+                "low = [11.9, 0.0, 0.0], high = [12.6",
+                "low = [2.9, 0.0, 0.0], high = [3.6",
+            ),
+            ("duration = 10.0", "duration = 5.0"),
+            ("end = 26.0", "end = 20.0\nstep.fraction = 0.02"),
+            ("[output]", "[output]\ncheckpoint_every = 1500\nevery = 100000"),
+        ],
+    );
+    let [whole, resumed] = both(&written("half-asleep", &scene));
+    let peak = number(&whole, "/wake/value");
+    assert!((peak / 1e-3 - 1.0).abs() < 0.1, "the pulse passed: {peak}");
+    assert_eq!(whole["wake"], resumed["wake"]);
+}
+
+/// One tetrahedron that is held and pulled.
+const MESH: &str = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n\
+    $Nodes\n1 4 1 4\n3 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n$EndNodes\n\
+    $Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 4\n$EndElements\n";
+
+#[test]
+fn a_file_that_changed_since_the_checkpoint_is_noticed() {
+    let scene = written(
+        "half-changed",
+        "[model.body]\nkind = \"fem\"\nrole = \"coarse\"\nshape.file = \"body.msh\"\n\
+         material = { young = 1.0, poisson = 0.25, density = 1.0 }\n\
+         [[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [1.0, 0.3] }\n\
+         [time]\nsteps = 400000\n[output]\ncheckpoint_every = 50000\nevery = 400000\nplots = false\n",
+    );
+    let mesh = scene.with_file_name("body.msh");
+    std::fs::write(&mesh, MESH).expect("mesh");
+    let killed = killed_half_way(&scene);
+    let refused = |changed: &str| {
+        std::fs::write(&mesh, changed).expect("mesh");
+        let out = arlequin(&["resume", text(&killed)]);
+        assert_eq!(out.status.code(), Some(2), "{changed}");
+        let said = String::from_utf8_lossy(&out.stderr).replace(['\n', '│'], " ");
+        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(
+            said.contains("body.msh") && said.contains("has changed since the checkpoint was written"),
+            "{said}"
+        );
+    };
+    // As long as before, and a blank more.
+    refused(&MESH.replace("1 0 0", "2 0 0"));
+    refused(&format!("{MESH} "));
+    std::fs::write(&mesh, MESH).expect("mesh");
+    succeed(&["resume", text(&killed)]);
+    assert_eq!(summary(&killed)["status"], "complete");
+}

@@ -1,0 +1,46 @@
+//! Mistyped numbers that ask for more than any machine has: a named error, no abort, no endless run.
+
+use crate::common::{arlequin, scene, text};
+
+#[test]
+fn sizes_beyond_any_memory_are_refused_by_name() {
+    for (file, set, named) in [
+        (
+            "bar-1d.toml",
+            "model.chain.spacing=1e-9",
+            "chain bonds = 600000000: must be between 1 and 16777216",
+        ),
+        ("bar-1d.toml", "model.chain.spacing=1e-300", "chain bonds"),
+        ("bar-1d.toml", "model.bar.spacing=1e-300", "bar elements"),
+        (
+            "bar-1d.toml",
+            "interface.joint.mediator.spacing=1e-9",
+            "bar elements = 40000000",
+        ),
+        (
+            "quickstart.toml",
+            "model.left.spacing=1e-300",
+            "must be at most 16777216",
+        ),
+        (
+            "dem-fem-beam.toml",
+            "model.right.spacing=1e-9",
+            "4.2e19 spheres of that diameter",
+        ),
+        ("bar-1d.toml", "time.end=1e300", "time.end = 1"),
+        (
+            "bar-1d.toml",
+            "time.step.fraction=1e-300",
+            "choose an earlier end",
+        ),
+    ] {
+        let path = scene(file);
+        let out = arlequin(&["check", text(&path), "--set", set]);
+        let error = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(2), "{set}: {error}");
+        assert!(
+            !error.contains("panicked") && error.contains(named),
+            "{set}: {error}"
+        );
+    }
+}

@@ -1,0 +1,36 @@
+//! Tests of the program, in one program: one link instead of 33.
+
+mod bad_effects;
+mod bad_input;
+mod bad_places;
+mod between;
+mod book;
+mod calibrate;
+mod common;
+mod effects;
+mod failures;
+mod fillings;
+mod folders;
+mod four_scenes;
+mod halfway;
+mod hard;
+mod huge_numbers;
+mod library;
+mod link;
+mod misled;
+mod new;
+mod output;
+mod own_steps;
+mod packings;
+mod pairs;
+mod plausible;
+mod resume;
+mod scenes;
+mod schema;
+mod several;
+mod sweep;
+mod three_levels;
+mod tumbling;
+mod verify;
+mod view;
+mod wake;

@@ -1,0 +1,242 @@
+//! Output files: VTU, atomic folders, determinism, interruption.
+
+use crate::common::{SMALL, arlequin, number, scratch, succeed, summary, text};
+use std::path::{Path, PathBuf};
+
+fn small(folder: &Path) -> PathBuf {
+    let path = folder.join("small.toml");
+    std::fs::write(&path, SMALL).expect("scene");
+    path
+}
+
+fn entries(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .expect("folder")
+        .map(|e| e.expect("entry").file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+fn attribute<'a>(tag: &'a str, name: &str) -> &'a str {
+    let start = tag.find(&format!("{name}=\"")).expect("attribute") + name.len() + 2;
+    tag[start..].split('"').next().expect("closing quote")
+}
+
+/// Name, type, components and bytes of an array.
+type Array = (String, String, usize, Vec<u8>);
+
+/// Numbers of points and cells of a VTU file, and its arrays.
+fn arrays(bytes: &[u8]) -> (usize, usize, Vec<Array>) {
+    let mark = b"<AppendedData encoding=\"raw\">\n_";
+    let at = bytes
+        .windows(mark.len())
+        .position(|w| w == mark)
+        .expect("data section");
+    let head = std::str::from_utf8(&bytes[..at]).expect("text header");
+    let data = &bytes[at + mark.len()..];
+    let piece = head.lines().find(|l| l.contains("<Piece")).expect("piece");
+    let count = |name| attribute(piece, name).parse().expect("count");
+    let mut out = Vec::new();
+    for tag in head.lines().filter(|l| l.contains("<DataArray")) {
+        let offset: usize = attribute(tag, "offset").parse().expect("offset");
+        let size = u64::from_le_bytes(data[offset..offset + 8].try_into().expect("size")) as usize;
+        let components = attribute(tag, "NumberOfComponents").parse().expect("components");
+        let block = data[offset + 8..offset + 8 + size].to_vec();
+        out.push((
+            attribute(tag, "Name").to_owned(),
+            attribute(tag, "type").to_owned(),
+            components,
+            block,
+        ));
+    }
+    (count("NumberOfPoints"), count("NumberOfCells"), out)
+}
+
+#[test]
+fn vtu_files_read_back() {
+    let folder = scratch("vtu");
+    let out = folder.join("out");
+    succeed(&[
+        "run",
+        text(&small(&folder)),
+        "--out",
+        text(&out),
+        "--set",
+        "output.every=20",
+    ]);
+    let index = std::fs::read_to_string(out.join("results.pvd")).expect("index");
+    let listed: Vec<&str> = index
+        .lines()
+        .filter(|l| l.contains("<DataSet"))
+        .map(|l| attribute(l, "file"))
+        .collect();
+    // Two models and a mediator at steps 0, 20, 40 and 50.
+    assert_eq!(listed.len(), 12);
+    assert_eq!(entries(&out.join("vtu")).len(), 12);
+    for file in listed {
+        let bytes = std::fs::read(out.join(file)).expect("listed file");
+        let (points, cells, arrays) = arrays(&bytes);
+        let names: Vec<&str> = arrays.iter().map(|a| a.0.as_str()).collect();
+        if file.contains("mediator") {
+            assert!(names.contains(&"multiplier"));
+        } else {
+            for name in [
+                "displacement [m]",
+                "velocity [m/s]",
+                "alpha",
+                "beta",
+                "gamma",
+                "energy density [J/m3]",
+            ] {
+                assert!(names.contains(&name), "{name} in {file}");
+            }
+        }
+        for (name, kind, components, block) in &arrays {
+            let rows = match name.as_str() {
+                "connectivity" => cells * 8,
+                "offsets" | "types" | "energy density [J/m3]" => cells,
+                _ => points,
+            };
+            let width = if kind == "UInt8" { 1 } else { 8 };
+            assert_eq!(block.len(), rows * components * width, "{name} in {file}");
+            if kind == "Float64" {
+                for chunk in block.chunks_exact(8) {
+                    let x = f64::from_le_bytes(chunk.try_into().expect("eight bytes"));
+                    assert!(x.is_finite(), "{name} in {file}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn folders_appear_at_once_and_are_not_overwritten() {
+    let folder = scratch("atomic");
+    let scene = small(&folder);
+    let out = folder.join("out");
+    let arguments = ["run", text(&scene), "--out", text(&out)];
+    succeed(&arguments);
+    assert_eq!(entries(&folder), ["out", "small.toml"]);
+    let second = arlequin(&arguments);
+    assert_eq!(second.status.code(), Some(2));
+    std::fs::remove_file(out.join("probes.csv")).expect("file");
+    succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
+    assert!(out.join("probes.csv").exists() && out.join("summary.json").exists());
+    assert_eq!(entries(&folder), ["out", "small.toml"]);
+}
+
+#[test]
+fn a_failed_run_leaves_nothing() {
+    let folder = scratch("failed");
+    let scene = small(&folder);
+    let out = folder.join("out");
+    let failed = arlequin(&[
+        "run",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--set",
+        "model.left.material.young=-1",
+    ]);
+    assert_eq!(failed.status.code(), Some(2));
+    assert_eq!(entries(&folder), ["small.toml"]);
+}
+
+#[test]
+fn same_bits_with_one_and_two_threads() {
+    let folder = scratch("threads");
+    let scene = small(&folder);
+    let outs = ["1", "2"].map(|n| {
+        let out = folder.join(n);
+        let spacing = "model.right.spacing=0.125";
+        succeed(&[
+            "run",
+            text(&scene),
+            "--out",
+            text(&out),
+            "--threads",
+            n,
+            "--set",
+            spacing,
+        ]);
+        assert_eq!(number(&summary(&out), "/threads").to_string(), n);
+        out
+    });
+    let same = |file: &str| {
+        let [a, b] = [0, 1].map(|k: usize| std::fs::read(outs[k].join(file)).expect("file"));
+        assert!(a == b, "{file} differs");
+    };
+    same("probes.csv");
+    same("energy.csv");
+    let frames = entries(&outs[0].join("vtu"));
+    assert!(frames.len() > 3);
+    frames.iter().for_each(|f| same(&format!("vtu/{f}")));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_writes_what_there_is() {
+    let folder = scratch("interrupt");
+    let scene = small(&folder);
+    let out = folder.join("out");
+    let child = crate::common::command(&[
+        "run",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--set",
+        "time.steps=100000000",
+    ])
+    .stdout(std::process::Stdio::piped())
+    .spawn()
+    .expect("starts");
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .expect("kill");
+    assert!(sent.success());
+    let done = child.wait_with_output().expect("ends");
+    assert_eq!(done.status.code(), Some(130));
+    assert!(String::from_utf8_lossy(&done.stdout).contains("interrupted by Ctrl-C after step"));
+    let s = summary(&out);
+    assert_eq!(s["status"], "interrupted");
+    assert!(number(&s, "/steps") > 0.0 && number(&s, "/steps") < 1e8);
+    assert!(out.join("results.pvd").exists() && out.join("plots/energy.svg").exists());
+}
+
+/// Components of an array of a VTU file.
+fn numbers(bytes: &[u8], wanted: &str) -> Vec<f64> {
+    let (_, _, all) = arrays(bytes);
+    let (.., block) = all.iter().find(|a| a.0 == wanted).expect("array");
+    let eight = |b: &[u8]| f64::from_le_bytes(b.try_into().expect("eight bytes"));
+    block.chunks_exact(8).map(eight).collect()
+}
+
+#[test]
+fn a_body_in_steady_flight_is_written_with_its_velocity_and_its_way() {
+    let folder = scratch("flight");
+    let scene = folder.join("flight.toml");
+    let head = SMALL.split("[[support]]").next().expect("models");
+    let motion =
+        "[[initial]]\nvelocity.uniform = [0.5, -2.0, 1.0]\n[time]\nsteps = 40\n[output]\nplots = false\n";
+    std::fs::write(&scene, format!("{head}{motion}")).expect("scene");
+    let out = folder.join("out");
+    succeed(&["run", text(&scene), "--out", text(&out)]);
+    let time = number(&summary(&out), "/time");
+    for model in ["left", "right"] {
+        let bytes = std::fs::read(out.join(format!("vtu/{model}_00000040.vtu"))).expect("frame");
+        let displacement = numbers(&bytes, "displacement [m]");
+        for (k, v) in numbers(&bytes, "velocity [m/s]").iter().enumerate() {
+            let expected = [0.5, -2.0, 1.0][k % 3];
+            assert!((v - expected).abs() < 1e-12, "{model}: {v} m/s, not {expected}");
+            let way = expected * time;
+            assert!(
+                (displacement[k] - way).abs() < 1e-11,
+                "{model}: {} m, not {way}",
+                displacement[k]
+            );
+        }
+    }
+}

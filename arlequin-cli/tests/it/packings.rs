@@ -1,0 +1,274 @@
+//! What a packing became is told, and no mass moves without a word.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::float_cmp, reason = "counts are whole numbers")]
+
+use crate::common::{arlequin, number, scene, scratch, succeed, summary, text};
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// A cube of edge `a` at `low` as STL facets.
+fn cube(low: f64, a: f64, out: &mut String) {
+    let corner = |i: usize| {
+        [
+            low + (i & 1) as f64 * a,
+            (i >> 1 & 1) as f64 * a,
+            (i >> 2) as f64 * a,
+        ]
+    };
+    let quads = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    for q in quads {
+        for t in [[q[0], q[1], q[2]], [q[0], q[2], q[3]]] {
+            out.push_str("facet normal 0 0 0\nouter loop\n");
+            for [x, y, z] in t.map(corner) {
+                writeln!(out, "vertex {x:e} {y:e} {z:e}").unwrap();
+            }
+            out.push_str("endloop\nendfacet\n");
+        }
+    }
+}
+
+fn stl(cubes: &[(f64, f64)]) -> String {
+    let mut out = String::from("solid cubes\n");
+    cubes.iter().for_each(|&(low, a)| cube(low, a, &mut out));
+    out + "endsolid cubes\n"
+}
+
+fn write_scene(folder: &Path, body: &str, rest: &str) -> String {
+    let path = folder.join("scene.toml");
+    let head = format!(
+        "[model.body]\nkind = \"dem\"\n{body}\nmaterial = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n"
+    );
+    let tail = "[time]\nsteps = 4\n[output]\nevery = 4\nplots = false\n";
+    std::fs::write(&path, format!("{head}{rest}{tail}")).unwrap();
+    text(&path).to_owned()
+}
+
+fn refused(scene: &str) -> String {
+    let out = arlequin(&["check", scene]);
+    assert_eq!(out.status.code(), Some(2));
+    // Words may be broken over lines of the terminal.
+    let text = String::from_utf8_lossy(&out.stderr).into_owned();
+    text.split_whitespace()
+        .filter(|w| *w != "│")
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+const BOX: &str = "shape.box = { low = [0.0, 0.0, 0.0], high = [2e-3, 2e-3, 2e-3] }";
+
+#[test]
+fn two_cubes_in_one_stl_are_two_parts_with_the_mass_of_their_own_volume() {
+    let folder = scratch("packings-two");
+    std::fs::write(folder.join("two.stl"), stl(&[(0.0, 2e-3), (3e-3, 1e-3)])).unwrap();
+    let dem = "dem = { count = 900, protocol = \"quench\" }";
+    let scene = write_scene(&folder, &format!("shape.file = \"two.stl\"\n{dem}"), "");
+    let plan: Value = serde_json::from_str(&succeed(&["check", &scene, "--json"])).unwrap();
+    let out = folder.join("out");
+    let table = succeed(&["run", &scene, "--out", text(&out)]);
+    for found in [&plan, &summary(&out)] {
+        let at = |key: &str| number(found, &format!("/models/0/packing/{key}"));
+        assert!(at("asked") == 900.0 && at("placed") == 900.0 && at("bodies") == 2.0);
+        assert!(at("parts/0/spheres") + at("parts/1/spheres") + at("dropped") == 900.0);
+        for (k, volume) in [(0, 8e-9), (1, 1e-9)] {
+            let mass = at(&format!("parts/{k}/mass"));
+            // Corners in a file have seven digits.
+            assert!((mass / (2200.0 * volume) - 1.0).abs() < 1e-6, "{mass:e}");
+        }
+        assert!((at("mass_ratio") - 1.0).abs() < 1e-12 && (at("mass") / (2200.0 * 9e-9) - 1.0).abs() < 1e-6);
+        assert!((at("coordination_all") - 6.2).abs() < 0.01 && at("coordination_retained") > 6.0);
+        assert!(at("coordination_interior") > 6.5);
+        assert!((at("void_fraction") - 0.38).abs() < 0.005 && at("across") < 7.0);
+    }
+    assert!(table.contains("900 spheres asked, 900 placed"), "{table}");
+    assert!(
+        table.contains("2 parts in 2 bodies") && table.contains("in body 2"),
+        "{table}"
+    );
+}
+
+#[test]
+fn loose_spheres_need_a_word_and_contact() {
+    let folder = scratch("packings-loose");
+    let dem = |more: &str| {
+        let list = format!("count = 400, protocol = \"quench\", coordination = 1.5{more}");
+        format!("{BOX}\ndem = {{ {list} }}")
+    };
+    let why = refused(&write_scene(&folder, &dem(""), ""));
+    assert!(
+        why.contains("of 400 spheres (") && why.contains("of the volume, above 2.00 %)"),
+        "{why}"
+    );
+    let keep = dem(", loose = \"keep\"");
+    let why = refused(&write_scene(&folder, &keep, ""));
+    assert!(
+        why.contains("model.body.dem.loose = keep: loose grains need contact"),
+        "{why}"
+    );
+    let off = "[[effect]]\ncontact = {}\nenabled = false\n";
+    assert!(refused(&write_scene(&folder, &keep, off)).contains("loose grains need contact"));
+    let on = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
+    let plan: Value = serde_json::from_str(&succeed(&["check", &on, "--json"])).unwrap();
+    assert!(number(&plan, "/models/0/nodes") == 400.0 && number(&plan, "/models/0/packing/grains") > 100.0);
+    let table = succeed(&["check", &on]);
+    assert!(
+        table.contains("400 spheres asked, 400 placed, 0 dropped") && table.contains("loose grains"),
+        "{table}"
+    );
+}
+
+#[test]
+fn islands_of_a_file_are_kept_and_a_shape_too_large_for_them_is_warned_of() {
+    let folder = scratch("packings-islands");
+    let mut rows = String::new();
+    for (low, n) in [(0.0, [4, 4, 4]), (2e-3, [4, 4, 3])] {
+        for k in 0..n[0] * n[1] * n[2] {
+            let [i, j, l] = [k % n[0], k / n[0] % n[1], k / n[0] / n[1]].map(|c| 1e-4 + 2e-4 * f64::from(c));
+            writeln!(rows, "{:e},{j:e},{l:e},1e-4", low + i).unwrap();
+        }
+    }
+    std::fs::write(folder.join("islands.csv"), rows).unwrap();
+    let shape = "shape.box = { low = [0.0, 0.0, 0.0], high = [2.8e-3, 0.8e-3, 0.8e-3] }";
+    let dem = "dem = { file = \"islands.csv\", coordination = 4.4 }";
+    let scene = write_scene(&folder, &format!("{shape}\n{dem}"), "");
+    let plan: Value = serde_json::from_str(&succeed(&["check", &scene, "--json"])).unwrap();
+    assert!(number(&plan, "/models/0/nodes") == 112.0);
+    for (k, share) in [(0, 64.0 / 112.0), (1, 48.0 / 112.0)] {
+        let mass = number(&plan, &format!("/models/0/packing/parts/{k}/mass"));
+        assert!(
+            (mass / (2200.0 * 2.8e-3 * 0.64e-6) - share).abs() < 1e-12,
+            "{mass:e}"
+        );
+    }
+    let warnings = plan.pointer("/warnings").unwrap().to_string();
+    assert!(
+        warnings.contains("are 2 parts that no bond joins (64, 48 spheres)"),
+        "{warnings}"
+    );
+    assert!(
+        warnings.contains("spheres fill 26.2 % of the shape"),
+        "{warnings}"
+    );
+}
+
+#[test]
+fn millimetres_and_single_spheres_are_named_as_what_they_are() {
+    let folder = scratch("packings-units");
+    std::fs::write(folder.join("mm.stl"), stl(&[(0.0, 2.0)])).unwrap();
+    let why = refused(&write_scene(
+        &folder,
+        "shape.file = \"mm.stl\"\nspacing = 0.2e-3",
+        "",
+    ));
+    assert!(
+        why.contains("fill the shape of 2.000e0 by 2.000e0 by 2.000e0 m")
+            && why.contains("a file in millimetres"),
+        "{why}"
+    );
+    let rod = |radius: &str| {
+        format!(
+            "shape.cylinder = {{ from = [0.0, 0.0, 0.0], length = 4e-3, radius = {radius} }}\nspacing = 0.2e-3"
+        )
+    };
+    let why = refused(&write_scene(&folder, &rod("0.1e-3"), ""));
+    assert!(
+        why.contains("not one fits across") && why.contains("check that lengths are in m"),
+        "{why}"
+    );
+    let why = refused(&write_scene(&folder, &rod("0.2e-3"), ""));
+    assert!(why.contains("only 2.2 fit across; packings need three"), "{why}");
+}
+
+#[test]
+fn a_needle_of_four_spheres_across_is_warned_of_with_what_to_expect() {
+    let folder = scratch("packings-needle");
+    let rod = |radius: f64| {
+        let shape =
+            format!("shape.cylinder = {{ from = [0.0, 0.0, 0.0], length = 3e-3, radius = {radius:e} }}");
+        write_scene(
+            &folder,
+            &format!("{shape}\nspacing = 0.2e-3\ndem.protocol = \"quench\""),
+            "",
+        )
+    };
+    let plan = succeed(&["check", &rod(0.4e-3)]);
+    let wanted = "only 4.0 spheres fit across the narrowest body; round bars so thin have E +7 %, nu 0.20";
+    assert!(plan.contains("bending -16 % and torsion -15 %"), "{plan}");
+    assert!(plan.contains(wanted), "{plan}");
+    let plan = succeed(&["check", &rod(0.9e-3)]);
+    assert!(!plan.contains("fit across the narrowest body"), "{plan}");
+}
+
+/// Seeds 0 and 16 left a sphere at the notch without a bond: refused for it.
+#[test]
+fn the_shipped_notched_bar_takes_loose_spheres_with_its_notch() {
+    let path = scene("notched-bar.toml");
+    for (seed, spheres) in [(0, 1.0), (16, 1.0), (1, 0.0)] {
+        let set = format!("model.bar.dem.seed={seed}");
+        let plan: Value =
+            serde_json::from_str(&succeed(&["check", text(&path), "--set", &set, "--json"])).unwrap();
+        let at = |key: &str| number(&plan, &format!("/models/0/packing/{key}"));
+        assert!(
+            (at("notch/spheres") - spheres).abs() < 0.5 && at("notch/bonds") > 80.0,
+            "{seed}"
+        );
+        let whole = 2200.0 * 12e-3 * 16e-6;
+        assert!((at("mass") + at("notch/mass") - whole).abs() < 1e-12 * whole);
+    }
+}
+
+#[test]
+fn strength_of_beams_over_that_of_their_bar() {
+    let flags = [
+        "calibrate",
+        "--box",
+        "4e-3,1.5e-3,1.5e-3",
+        "--protocol",
+        "quench",
+        "--seeds",
+        "2",
+        "--spacing",
+        "2e-4",
+    ];
+    let wanted = [
+        "--strength",
+        "--criterion",
+        "axial",
+        "--sizes",
+        "2.5e-4,2e-4",
+        "--json",
+    ];
+    let found: Value = serde_json::from_str(&succeed(&[&flags[..], &wanted].concat())).unwrap();
+    for k in 0..2 {
+        let at = |key: &str| number(&found, &format!("/strength/rows/{k}/{key}"));
+        assert!(at("ratio/mean") > 3.5 && at("ratio/mean") < 5.0, "{found}");
+        assert!((at("body/mean") * at("ratio/mean") / 200e6 - 1.0).abs() < 0.01);
+        assert!(at("first/mean") < 1.0 && at("broken/mean") > 0.0);
+    }
+    assert!(number(&found, "/strength/exponents/0/power").abs() < 1.0);
+    for (flags, wanted) in [
+        (&["--periodic", "--strength"][..], "strength is that of a bar"),
+        (
+            &["--box", "1,1,1", "--spacing", "0.1", "--strength", "--weibull=-1"],
+            "--weibull = -1",
+        ),
+        (
+            &["--box", "1,1,1", "--spacing", "0.1", "--strength", "--sizes", "0"],
+            "--sizes = 0",
+        ),
+    ] {
+        let out = arlequin(&[&["calibrate"], flags].concat());
+        let message = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(
+            out.status.code() == Some(2) && message.contains(wanted),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,27 @@
+//! Three levels in a row: a model that is fine beside one and coarse beside another.
+
+use crate::common::{number, scene, scratch, succeed, summary, text};
+
+#[test]
+fn three_levels_with_overlaps_that_touch_are_one_system() {
+    let out = scratch("three-levels").join("out");
+    let path = scene("three-levels.toml");
+    let said = succeed(&[
+        "run",
+        text(&path),
+        "--out",
+        text(&out),
+        "--set",
+        "model.near.dem.protocol=quench",
+    ]);
+    assert!(
+        said.contains("together with 'east'") && said.contains("together with 'west'"),
+        "{said}"
+    );
+    let s = summary(&out);
+    assert!(number(&s, "/energy/h_drift_max") < 1e-12, "{}", s["energy"]);
+    for k in 0..2 {
+        let jump = number(&s, &format!("/interface/{k}/max_constraint_residual"));
+        assert!(jump < 1e-11, "interface {k}: {jump:e}");
+    }
+}

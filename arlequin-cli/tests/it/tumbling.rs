@@ -1,0 +1,249 @@
+//! Bodies that turn: angular momentum in the ledger of a scene, any angle, and the hand-over of orientations.
+#![allow(clippy::unwrap_used, reason = "a test fails where it cannot go on")]
+
+use crate::common::{WAKING, changed, number, succeed, summary, text, written};
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// A free box of 120 spheres that spins about no principal axis; units in which waves run at about 1.
+const BOX: &str = r#"
+[model.box]
+kind = "dem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [4.0, 5.0, 6.0] }
+dem = { count = 120, protocol = "quench", finite_rotations = true }
+material = { young = 1.0, poisson = 0.17, density = 1.0 }
+
+[[initial]]
+spin = { rate = [0.012, 0.02, -0.008], centre = [2.0, 2.5, 3.0] }
+
+[time]
+end = 700.0
+
+[output]
+plots = false
+"#;
+
+/// Two boxes of elements that overlap; what `{}` says acts on them.
+const PAIR: &str = r#"
+[model.left]
+kind = "fem"
+role = "coarse"
+shape.box = { low = [0.0, 0.0, 0.0], high = [6.0, 2.0, 2.0] }
+spacing = 1.0
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[model.right]
+kind = "fem"
+role = "fine"
+shape.box = { low = [4.0, 0.0, 0.0], high = [10.0, 2.0, 2.0] }
+spacing = 0.5
+material = { young = 1.0, poisson = 0.25, density = 1.0 }
+
+[interface.joint]
+coarse = "left"
+fine = "right"
+overlap.slab = { coarse = [4.0, 1.0, 1.0], fine = [6.0, 1.0, 1.0] }
+
+[[initial]]
+velocity.polynomial = { component = "y", along = "x", coefficients = [0.0, 1e-4, 3e-5] }
+
+[time]
+end = 40.0
+
+[output]
+plots = false
+"#;
+
+fn run(name: &str, scene: &str, more: &[&str]) -> (PathBuf, String, Value) {
+    let path = written(name, scene);
+    let out = path.with_file_name("out");
+    let mut arguments = vec!["run", text(&path), "--out", text(&out)];
+    arguments.extend(more);
+    let said = succeed(&arguments);
+    let s = summary(&out);
+    (out, said, s)
+}
+
+#[test]
+fn a_scene_turns_by_any_angle_and_its_summary_shows_the_angular_momentum() {
+    let (out, said, s) = run("tumbling", BOX, &[]);
+    // Two and a half turns: beyond where rotation vectors end.
+    assert!(0.025 * number(&s, "/time") > 5.0 * std::f64::consts::PI);
+    let m = &s["momentum"][0];
+    let line = |m: &Value| ["models", "arms", "keeps", "because"].map(|k| m[k].clone());
+    let wanted = serde_json::json!([["box"], "present", "both", null]);
+    assert_eq!(Value::from(line(m).to_vec()), wanted);
+    for drift in ["linear_drift", "angular_drift"] {
+        assert!(number(m, &format!("/{drift}")) < 1e-10, "{m}");
+    }
+    assert!(number(&s, "/energy/h_drift_max") < 1e-4);
+    // L = M (b² + c²)/12 w for a brick: spheres of a packing come close.
+    let [lx, ly] = [0, 1].map(|c| number(m, &format!("/angular/{c}")));
+    let about = |w: f64, b: f64, c: f64| 120.0 * (b * b + c * c) / 12.0 * w;
+    assert!((lx / about(0.012, 5.0, 6.0) - 1.0).abs() < 0.15, "{lx}");
+    assert!((ly / about(0.02, 4.0, 6.0) - 1.0).abs() < 0.15, "{ly}");
+    assert!(said.contains("momentum   box"), "{said}");
+    let table = std::fs::read_to_string(out.join("energy.csv")).unwrap();
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| names.iter().position(|n| n.trim_matches('"') == name).unwrap();
+    let last: Vec<f64> = lines
+        .last()
+        .unwrap()
+        .split(',')
+        .map(|x| x.parse().unwrap())
+        .collect();
+    let shown = last[column("box angular momentum x [kg m2/s]")];
+    assert!((shown / lx - 1.0).abs() < 1e-9, "{shown} {lx}");
+    assert!(last[column("angular momentum drift [-]")] < 1e-10);
+    assert!(
+        s["warnings"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|w| !w.to_string().contains("momentum"))
+    );
+}
+
+/// By 2 rad about z: a displacement across the arm would read sin 2 = 0.91.
+#[test]
+fn a_probe_reads_the_angle_of_a_body_that_turns_far() {
+    let scene = BOX
+        .replace("rate = [0.012, 0.02, -0.008]", "rate = [0.0, 0.0, 0.02]")
+        .replace("end = 700.0", "end = 100.0");
+    let probe = "[probe.turn]\nmodel = \"box\"\nwhere.box = { low = [0.0, 0.0, 0.0], high = [4.0, 5.0, 6.0] }\nquantity = \"rotation\"\ncomponent = \"z\"\n";
+    let (_, _, s) = run("turning-probe", &format!("{scene}{probe}"), &[]);
+    let (turn, time) = (number(&s, "/probes/turn/last"), number(&s, "/time"));
+    assert!((turn / (0.02 * time) - 1.0).abs() < 0.02, "{turn} after {time}");
+}
+
+/// What is exactly kept depends on the laws; what is not is named with its reason.
+#[test]
+fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
+    let (_, _, s) = run("momentum-free", PAIR, &[]);
+    let m = &s["momentum"][0];
+    assert_eq!((&m["arms"], &m["keeps"]), (&"rest".into(), &"both".into()));
+    assert_eq!(m["models"], serde_json::json!(["left", "right"]));
+    let drifts = ["/linear_drift", "/angular_drift"].map(|p| number(m, p));
+    assert!(drifts.iter().all(|d| *d < 1e-12), "{drifts:?}");
+    let held = format!("{PAIR}\n[[support]]\nmodel = \"left\"\nwhere = \"x-min\"\n");
+    let (_, said, s) = run("momentum-held", &held, &[]);
+    let m = &s["momentum"][0];
+    assert_eq!(m["keeps"], "neither");
+    assert_eq!(m["because"], "supports of 'left'");
+    assert!(m["linear_drift"].is_null() && said.contains("no claim about either: supports of 'left'"));
+    // Elements do not turn, these spheres do: no angular momentum is kept exactly, and the run says that it
+    // has changed.
+    let mixed = PAIR
+        .replace(
+            "role = \"fine\"\n",
+            "role = \"fine\"\ndem = { count = 600, protocol = \"quench\", finite_rotations = true }\n",
+        )
+        .replacen("kind = \"fem\"", "kind = \"FEM\"", 1)
+        .replace("kind = \"fem\"", "kind = \"dem\"")
+        .replace("kind = \"FEM\"", "kind = \"fem\"")
+        .replace("spacing = 0.5\n", "")
+        .replace("[1e-4, 3e-5]", "")
+        .replace("end = 40.0", "end = 60.0");
+    let turning = mixed.replace(
+        "velocity.polynomial = { component = \"y\", along = \"x\", coefficients = [0.0, 1e-4, 3e-5] }",
+        "spin = { rate = [0.0, 0.0, 0.01], centre = [5.0, 1.0, 1.0] }",
+    );
+    for (scene, name, turns) in [
+        (&mixed, "momentum-mixed", false),
+        (&turning, "momentum-turning", true),
+    ] {
+        let (_, _, s) = run(name, scene, &[]);
+        let m = &s["momentum"][0];
+        assert_eq!((&m["arms"], &m["keeps"]), (&"present".into(), &"linear".into()));
+        let why = m["because"].as_str().unwrap();
+        assert!(
+            why.contains("the law of 'left' balances about the positions at rest, the law of 'right'"),
+            "{why}"
+        );
+        let [p, l] = ["/linear_drift", "/angular_drift"].map(|p| number(m, p));
+        assert!(p < 1e-11 && (l > 1e-2) == turns, "{p:e} {l:e}");
+        let warned = s["warnings"].to_string().contains("angular momentum has changed");
+        assert_eq!(warned, turns, "{}", s["warnings"]);
+    }
+}
+
+/// A sleeping scene hands a body that tumbles beside it over with its orientation, not with the spin it
+/// added up.
+#[test]
+fn a_body_that_tumbles_keeps_its_orientation_when_another_wakes() {
+    let stick = r#"
+[model.stick]
+kind = "dem"
+shape.box = { low = [0.0, 10.0, 0.0], high = [6.0, 11.2, 1.4] }
+dem = { count = 150, protocol = "quench", finite_rotations = true }
+material = { young = 1.0, poisson = 0.17, density = 1.0 }
+
+[[initial]]
+models = ["stick"]
+spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
+"#;
+    let later = [
+        (
+            "low = [11.9, 0.0, 0.0], high = [12.6",
+            "low = [16.9, 0.0, 0.0], high = [17.6",
+        ),
+        ("end = 26.0", "end = 30.0"),
+    ];
+    let scene = &(changed(WAKING, &later) + stick);
+    let (_, said, s) = run("wake-stick", scene, &[]);
+    assert!(said.contains("'right' woke at t ="), "{said}");
+    assert!(
+        number(&s, "/wake/time") > 15.0,
+        "it should have turned by two radians"
+    );
+    let jump = number(&s, "/wake/jump") / number(&s, "/wake/energy_before");
+    assert!(jump.abs() < 1e-6, "energy jumps by {jump:e}");
+    let stick = s["momentum"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|m| m["models"][0] == "stick")
+        .unwrap();
+    assert!(number(stick, "/angular_drift") < 1e-11, "{stick}");
+}
+
+/// Multipliers act where the material was, and yet keep the angular momentum of two models that turn: what
+/// they hold together has no jump. Not so with a junction of strains, which is told.
+#[test]
+fn two_models_that_turn_keep_their_angular_momentum_across_an_interface() {
+    let grains = "dem = { count = 400, protocol = \"quench\", finite_rotations = true }\n";
+    let scene = PAIR
+        .replace("kind = \"fem\"\n", &format!("kind = \"dem\"\n{grains}"))
+        .replace("spacing = 1.0\n", "")
+        .replace("spacing = 0.5\n", "")
+        .replace(
+            "velocity.polynomial = { component = \"y\", along = \"x\", coefficients = [0.0, 1e-4, 3e-5] }",
+            "spin = { rate = [0.002, 0.0, 0.01], centre = [5.0, 1.0, 1.0] }",
+        )
+        .replace(
+            "[interface.joint]\n",
+            "[interface.joint]\nmediator = { spacing = 1.0 }\n",
+        );
+    let (_, _, s) = run("turning-pair", &scene, &[]);
+    let m = &s["momentum"][0];
+    assert_eq!(
+        (&m["arms"], &m["keeps"]),
+        (&"present".into(), &"both".into()),
+        "{m}"
+    );
+    assert!(
+        number(m, "/angular_drift") < 1e-10 && number(m, "/linear_drift") < 1e-11,
+        "{m}"
+    );
+    assert!(number(&s, "/time") * 0.01 > 0.39, "they turn by 0.4 rad");
+    let strains = ["--set", "interface.joint.junction.kind=h1-strain"];
+    let (_, _, s) = run("turning-strains", &scene, &strains);
+    let m = &s["momentum"][0];
+    assert_eq!(m["keeps"], "linear");
+    assert_eq!(
+        m["because"],
+        "the junction of interface 'joint' balances about the positions at rest"
+    );
+    assert!(number(m, "/angular_drift") > 1e-9, "{m}");
+}

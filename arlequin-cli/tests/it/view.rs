@@ -1,0 +1,135 @@
+//! `arlequin view`: the page holds what the frames say, and no more than asked for; what it cannot show it
+//! says.
+
+use crate::common::{SMALL, arlequin, changed, scratch, succeed, text, written};
+use serde_json::Value;
+use std::path::Path;
+
+/// What a page tells of its data.
+fn about(page: &Path) -> Value {
+    let text = std::fs::read_to_string(page).expect("the page");
+    let start = text.find("application/json\">").expect("data") + 18;
+    let end = start + text[start..].find("</script>").expect("an end");
+    serde_json::from_str(&text[start..end]).expect("JSON")
+}
+
+#[test]
+fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
+    let scene = written(
+        "view-small",
+        &changed(SMALL, &[("[time]", "[output]\nevery = 10\n\n[time]")]),
+    );
+    let out = scene.with_file_name("out");
+    succeed(&["run", text(&scene), "--out", text(&out)]);
+    let said = succeed(&["view", text(&out)]);
+    assert!(said.contains("written") && !said.contains("notice"), "{said}");
+    let page = out.join("view.html");
+    let data = about(&page);
+    assert_eq!(data["times"].as_array().map(Vec::len), Some(6));
+    let parts = data["parts"].as_array().expect("parts");
+    let names: Vec<&str> = parts.iter().filter_map(|p| p["name"].as_str()).collect();
+    assert_eq!(names, ["left", "right", "mediator-joint"]);
+    // 6 x 1 x 1 cubes: 28 nodes, 31 faces of four corners and two cells.
+    assert_eq!(parts[0]["places"][1], 3 * 28);
+    assert_eq!(parts[0]["faces"][1], 6 * 31);
+    let field = |part: usize, name: &str| {
+        let all = parts[part]["fields"].as_array().expect("fields");
+        all.iter()
+            .find(|f| f["name"] == name)
+            .cloned()
+            .unwrap_or_default()
+    };
+    let moved = field(1, "displacement");
+    assert_eq!((&moved["frames"], &moved["components"]), (&6.into(), &3.into()));
+    // What never changes is kept once: here three numbers for 28 nodes.
+    assert_eq!(field(0, "alpha")["values"][1], 28);
+    let energy = crate::common::summary(&out);
+    let tip = crate::common::number(&energy, "/probes/tip/max").abs();
+    let largest = moved["high"][0].as_f64().expect("a number");
+    assert!((largest / tip - 1.0).abs() < 0.2, "{largest} {tip}");
+    let plots = data["plots"].as_array().expect("plots");
+    let titles: Vec<&str> = plots.iter().filter_map(|p| p["title"].as_str()).collect();
+    assert_eq!(titles, ["displacement", "energy", "work"]);
+    let text_of_page = std::fs::read_to_string(&page).expect("page");
+    for outside in ["src=\"", "href=\"http", "@import", "fetch("] {
+        assert!(!text_of_page.contains(outside), "{outside}");
+    }
+    // The page is one of the results: it is written again, and a new run takes its place.
+    succeed(&["view", text(&out)]);
+    succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
+    assert!(!page.exists());
+}
+
+#[test]
+fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
+    let out = scratch("view-thin").join("out");
+    let scene = crate::common::scene("ball-impact.toml");
+    succeed(&[
+        "run",
+        text(&scene),
+        "--set",
+        "time.end=2e-6",
+        "--set",
+        "output={ every = 1, fields = [\"displacement\", \"velocity\", \"weights\", \"energy-density\"] }",
+        "--out",
+        text(&out),
+    ]);
+    for plot in ["broken-bonds", "force-on-it", "displacement"] {
+        let svg = std::fs::read_to_string(out.join(format!("plots/effect-{plot}.svg"))).expect(plot);
+        assert!(svg.contains("grains/"), "{plot}");
+    }
+    let page = out.join("small.html");
+    let said = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
+    let data = about(&page);
+    let part = |name: &str| {
+        data["parts"]
+            .as_array()
+            .and_then(|p| p.iter().find(|p| p["name"] == name).cloned())
+    };
+    let grains = part("grains").expect("the particles");
+    let shown = grains["radii"][1].as_u64().expect("a number");
+    let all = crate::common::summary(&out)["models"][1]["nodes"]
+        .as_u64()
+        .expect("a number");
+    assert!(shown < all && shown > all / 10, "{shown} of {all}");
+    assert!(
+        said.contains("20 of") && said.contains("particles are shown"),
+        "{said}"
+    );
+    assert_eq!(data["times"].as_array().map(Vec::len), Some(20));
+    assert!(data["notices"].as_array().is_some_and(|n| !n.is_empty()));
+    // Bonds that are shown join particles that are shown.
+    let bonds = grains["lines"][1].as_u64().expect("a number");
+    assert!(bonds > 0 && bonds % 2 == 0);
+}
+
+#[test]
+fn what_is_no_result_is_refused_by_name() {
+    let folder = scratch("view-bad");
+    let refused = |arguments: &[&str]| {
+        let out = arlequin(arguments);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}");
+        String::from_utf8_lossy(&out.stderr).into_owned()
+    };
+    let error = refused(&["view", text(&folder)]);
+    assert!(
+        error.contains("results.pvd") && error.contains("check the path"),
+        "{error}"
+    );
+    let index = "<VTKFile><Collection><DataSet timestep=\"0\" part=\"0\" name=\"a\" file=\"a.vtu\"/></Collection></VTKFile>";
+    std::fs::write(folder.join("results.pvd"), index).expect("writes");
+    for content in ["", "<VTKFile>", "<VTKFile/><AppendedData encoding=\"raw\">_"] {
+        std::fs::write(folder.join("a.vtu"), content).expect("writes");
+        let error = refused(&["view", text(&folder)]);
+        assert!(
+            error.contains("a.vtu") && error.contains("no frame that 'arlequin run' wrote"),
+            "{error}"
+        );
+    }
+    std::fs::write(folder.join("mine.html"), "my own page").expect("writes");
+    let error = refused(&["view", text(&folder), "--html", text(&folder.join("mine.html"))]);
+    assert!(
+        error.contains("--html") && error.contains("choose another place"),
+        "{error}"
+    );
+}

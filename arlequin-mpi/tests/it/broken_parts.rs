@@ -1,0 +1,187 @@
+//! Bonds that break in a body on several ranks: the breaks of one, with their bits.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use crate::support::{Told, WAIT, bar, bits, first, same_on, shared, unknowns};
+use arlequin_core::effect::StiffnessDamping;
+use arlequin_core::nalgebra::Point3;
+use arlequin_core::ranks::{Communicator, Division};
+use arlequin_core::{
+    Coupled, Guard, Model, Partition, PrescribedMotion, Silent, Subdomain, TimeStep, Uniform, Weight, Weights,
+};
+use arlequin_mpi::threads;
+use dem_beam::fracture::{Criterion, Fracture, Scatter, SharedLog};
+use std::sync::Arc;
+
+/// One up to two thirds of the body, then down to 0.2.
+#[derive(Debug)]
+struct Ending;
+
+impl Weight<f64> for Ending {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.8 * ((x.x - 4e-3) / 2e-3).clamp(0.0, 1.0)
+    }
+}
+
+/// A way in which bonds break.
+#[derive(Debug, Clone, Copy)]
+struct Case {
+    spec: Fracture,
+    finite: bool,
+    /// Bonds compared one by one.
+    plainly: bool,
+    /// Whether its end lies in an overlap.
+    weighted: bool,
+}
+
+fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, SharedLog) {
+    let model = bar(case.finite).with_fracture(case.spec).unwrap();
+    let model = if case.plainly {
+        model.with_plain_checks()
+    } else {
+        model
+    };
+    let log = model.break_log();
+    let v = unknowns(&model, [12.0, 4e4]);
+    let weights = if case.weighted {
+        Weights::same(Arc::new(Ending))
+    } else {
+        Weights::same(Arc::new(Uniform(1.0)))
+    };
+    let held = PrescribedMotion::fixed(Vec::new());
+    let side = Subdomain::fine(model, weights)
+        .with_partition(Partition::Unchecked)
+        .with_support(held)
+        .with_effect(Box::new(StiffnessDamping::new(1e-10).unwrap()));
+    let n = v.len();
+    let side = side.with_initial(vec![0.0; n], v).unwrap();
+    let side = shared(side, ranks);
+    let guard = Guard {
+        interval: 4,
+        growth: 0.5,
+    };
+    let step = TimeStep::Fraction(0.4);
+    (
+        Coupled::new(vec![side], Vec::new(), step, Some(guard)).unwrap(),
+        log,
+    )
+}
+
+/// State, ledger and all breaks, in their order.
+fn told(run: (Coupled<f64>, SharedLog)) -> Told {
+    told_after(run, 30)
+}
+
+fn told_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Told {
+    run.run(steps, &mut Silent).unwrap();
+    let e = run.last_energy().unwrap().clone();
+    let mut sums = vec![e.invariant, e.internal, e.work, e.drift, run.energy()];
+    sums.extend(run.works().iter().map(|w| w.work));
+    sums.extend(run.effects().iter().flat_map(|e| e.facts.iter().map(|f| f.1)));
+    for e in log.read().unwrap().events() {
+        let numbers = [e.bond, e.pair[0], e.pair[1], e.mode as u32, u32::from(e.overlap)];
+        sums.extend(numbers.map(f64::from));
+        sums.extend([e.time, e.released, e.distance, e.place.x, e.place.y, e.place.z]);
+    }
+    let s = &run.subdomains()[0];
+    (bits(s.model(), &[&s.state().q, &s.state().v, &s.state().a]), sums)
+}
+
+fn cases() -> [Case; 4] {
+    let spec = |criterion, strength| Fracture {
+        scatter: Scatter::Weibull { modulus: 5.0 },
+        ..Fracture::new(criterion, strength)
+    };
+    let case = |spec| Case {
+        spec,
+        finite: false,
+        plainly: false,
+        weighted: false,
+    };
+    let rankine = spec(Criterion::Rankine, 1.2e9);
+    [
+        case(rankine),
+        Case {
+            finite: true,
+            ..case(Fracture {
+                scatter: Scatter::None,
+                ..spec(Criterion::Mises, 1.2e9)
+            })
+        },
+        Case {
+            weighted: true,
+            ..case(Fracture {
+                every: 3,
+                spare_overlap: true,
+                ..rankine
+            })
+        },
+        Case {
+            plainly: true,
+            finite: true,
+            weighted: true,
+            ..case(rankine)
+        },
+    ]
+}
+
+#[test]
+fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
+    for case in cases() {
+        let (run, log) = broken(case, None);
+        let whole = told((run, log.clone()));
+        let log = log.read().unwrap();
+        let bonds = bar(false).body().pairs().len();
+        let count = log.events().len();
+        assert!((10..bonds / 2).contains(&count), "{count} of {bonds}: {case:?}");
+        // Between ranks too, whichever of the two ends is loaded more.
+        let m = bar(false);
+        let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
+        let apart = |p: &[u32; 2]| halves.owner(p[0] as usize) != halves.owner(p[1] as usize);
+        let between = log.events().iter().filter(|e| apart(&e.pair)).count();
+        assert!(
+            between > 0,
+            "{count} of {bonds}, none between two ranks: {case:?}"
+        );
+        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| told(broken(case, Some(c))));
+    }
+}
+
+/// Saved on three ranks in the middle of all breaks.
+#[test]
+fn what_broke_on_three_ranks_stays_broken_on_others() {
+    for case in cases() {
+        let (run, log) = broken(case, None);
+        let whole = told((run, log.clone()));
+        let before = log.read().unwrap().events().len();
+        let (saved, count) = first(3, |c| {
+            let (mut run, log) = broken(case, Some(c));
+            run.run(12, &mut Silent).unwrap();
+            let count = log.read().unwrap().events().len();
+            (run.snapshot().unwrap(), count)
+        });
+        assert!((1..before).contains(&count), "{count} of {before}: {case:?}");
+        same_on(&[1, 2, 4], &case, &whole, |c| {
+            let (mut run, log) = broken(case, Some(c));
+            run.restore(&saved).unwrap();
+            told_after((run, log), 18)
+        });
+    }
+}
+
+/// The balance of energy closes to round-off in spite of breaks on any rank.
+#[test]
+fn what_breaks_takes_its_energy_out_of_the_balance_of_all_ranks() {
+    let case = cases()[0];
+    let kept = threads::run(3, 1, WAIT, |c| {
+        let (mut run, log) = broken(case, Some(c));
+        run.run(30, &mut Silent).unwrap();
+        let e = run.last_energy().unwrap().clone();
+        let released = log.read().unwrap().released();
+        (e.drift, e.invariant, released)
+    });
+    for k in kept {
+        let (drift, invariant, released) = k.unwrap();
+        assert!(released > 1e-4 * invariant, "{released:e} of {invariant:e}");
+        assert!(drift.abs() < 1e-12 * invariant, "{drift:e} of {invariant:e}");
+    }
+}

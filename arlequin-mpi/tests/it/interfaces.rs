@@ -1,0 +1,466 @@
+//! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever
+//! the division.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use arlequin_core::nalgebra::Point3;
+use arlequin_core::ranks::{Communicator, RankError};
+use arlequin_core::{
+    Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Model, OwnStep,
+    Partition, PrescribedMotion, Profile, Ramp, Sampling, Silent, Slab, Solver, Subdomain, TimeFunction,
+    TimeStep, Weighting, Weights,
+};
+use arlequin_mpi::threads;
+use dem_beam::packing::{Lattice, lattice};
+use dem_beam::{BeamMaterial, DemModel};
+use fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
+use std::sync::Arc;
+use std::time::Duration;
+
+const WAIT: Duration = Duration::from_secs(20);
+
+/// What differs from case to case.
+#[derive(Debug, Clone, Copy)]
+struct Case {
+    finite: bool,
+    /// Where the left bar ends, and where the right one begins; particles fill -0.05 to 3.95.
+    ends: [f64; 2],
+    /// Own steps of the particles.
+    steps: usize,
+    /// Whether both sides of the left overlap are held there, and whether they are moved.
+    held: bool,
+    moved: bool,
+    sort: Sort,
+    /// Particles along a radius of the plain case, and elements of a mediator along 0.5.
+    finer: usize,
+    elements: usize,
+    /// Whether there are interfaces at all.
+    tied: bool,
+}
+
+/// Junction and solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Sort {
+    Values,
+    Strains,
+    Gradients,
+    Iterated,
+    Damped,
+    Lumped,
+}
+
+const PLAIN: Case = Case {
+    finite: false,
+    ends: [1.05, 2.85],
+    steps: 1,
+    held: false,
+    moved: false,
+    sort: Sort::Values,
+    finer: 1,
+    elements: 1,
+    tied: true,
+};
+
+fn at(x: f64) -> Point3<f64> {
+    Point3::new(x, 0.0, 0.0)
+}
+
+fn bar(name: &str, from: f64, to: f64) -> FemModel<f64> {
+    let corner = |x: f64, y: f64| Point3::new(x, y, y);
+    let counts = [((to - from) / 0.25).round() as usize, 2, 2];
+    let mesh = generate::block(ElementKind::Hex8, corner(from, -0.05), corner(to, 0.55), counts).unwrap();
+    FemModel::new(name, mesh, Elastic::new(1.0, 0.2, 1.0).unwrap()).unwrap()
+}
+
+/// Weights of a bar: one at the border where it is alone.
+fn fading(alone: f64, border: f64) -> Weights<f64> {
+    let slab = Slab::between(at(border), at(alone)).unwrap();
+    Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
+}
+
+fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> InterfaceSpec<f64> {
+    let corner = |x: f64, y: f64| Point3::new(x, y, y);
+    let counts = [((to - from) / 0.5).round() as usize, 1, 1].map(|n| n * case.elements);
+    let mesh = generate::block(ElementKind::Hex8, corner(from, -0.05), corner(to, 0.55), counts).unwrap();
+    let junction: Box<dyn Junction<f64>> = match case.sort {
+        Sort::Strains => Box::new(H1Strain::new(0.1).unwrap()),
+        Sort::Gradients => Box::new(H1Gradient::new(0.1).unwrap()),
+        _ => Box::new(L2),
+    };
+    let iterated = Solver::ConjugateGradients {
+        tolerance: 1e-9,
+        max_iterations: 40,
+    };
+    InterfaceSpec {
+        options: InterfaceOptions {
+            sampling: Sampling::Particles,
+            solver: match case.sort {
+                Sort::Iterated => iterated,
+                Sort::Damped => Solver::Chebyshev {
+                    tolerance: 1e-9,
+                    max_iterations: 60,
+                },
+                _ => Solver::Auto,
+            },
+            lumped: case.sort == Sort::Lumped,
+            ..InterfaceOptions::default()
+        },
+        junction,
+        ..InterfaceSpec::new(name, coarse, 1, Arc::new(FemField::new(mesh)), L2)
+    }
+}
+
+/// A smooth displacement of both models, and velocities of which each has its own.
+fn moving(s: Subdomain<f64>, held: &[usize]) -> Subdomain<f64> {
+    let layout = s.model().layout();
+    let mut q = vec![0.0; layout.dofs()];
+    for (k, x) in s.model().nodes().iter().enumerate() {
+        (0..3).for_each(|c| q[3 * k + c] = 1e-3 * (0.8 * x.x + c as f64).sin());
+    }
+    let mut v: Vec<f64> = (0..layout.dofs())
+        .map(|d| 1e-3 * (1.7 * d as f64).sin())
+        .collect();
+    held.iter().for_each(|d| (q[*d], v[*d]) = (0.0, 0.0));
+    s.with_initial(q, v).unwrap()
+}
+
+/// Unknowns of the displacements of nodes near the lower face of the left overlap.
+fn lower(model: &dyn Model<f64>, held: bool) -> Vec<usize> {
+    let near = |x: &Point3<f64>| held && x.y < 0.02 && (0.0..0.5).contains(&x.x);
+    let nodes = model.nodes().iter().enumerate().filter(|n| near(n.1));
+    nodes.flat_map(|(k, _)| 3 * k..3 * k + 3).collect()
+}
+
+fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
+    let packing = lattice(
+        Lattice::Cubic,
+        [40, 6, 6].map(|n| n * case.finer),
+        0.05 / case.finer as f64,
+    )
+    .unwrap();
+    let beam = BeamMaterial {
+        young: 1.0,
+        ..BeamMaterial::SILICA
+    };
+    let particles = DemModel::new("particles", &packing, beam, 1.0).unwrap();
+    let particles = if case.finite {
+        particles.with_finite_rotations()
+    } else {
+        particles
+    };
+    let [end, begin] = case.ends;
+    let weights = [fading(-0.05, end), fading(3.95, begin)];
+    let rest = Weights::complement_of(&weights);
+    let [left, right] = weights;
+    let all = [
+        Subdomain::coarse(bar("left", -1.05, end), left),
+        Subdomain::fine(particles, rest).with_step(OwnStep::Ratio(case.steps)),
+        Subdomain::coarse(bar("right", begin, 4.95), right),
+    ];
+    let all = all.into_iter().map(|s| {
+        let held = lower(s.model(), case.held);
+        let s = moving(s.with_partition(Partition::Unchecked), &held);
+        // In the overlap, where multipliers do work on it.
+        let motion = PrescribedMotion {
+            amplitude: if case.moved { 1e-3 } else { 0.0 },
+            time: TimeFunction::Ramp { duration: 10.0 },
+            dofs: held,
+        };
+        s.with_support(motion)
+    });
+    let mut all: Vec<_> = all.collect();
+    if let Some(c) = communicator {
+        let particles = all.remove(1).shared(c);
+        all.insert(1, particles);
+    }
+    let mut interfaces = vec![
+        spec("left", 0, [-0.05, end], case),
+        spec("right", 2, [begin, 3.95], case),
+    ];
+    interfaces.retain(|_| case.tied);
+    Coupled::new(all, interfaces, TimeStep::Fraction(0.4), None).unwrap()
+}
+
+/// Bits of the particles by their numbers in the whole body, then what is the same on every rank.
+type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+
+fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
+    let mut run = run(case, communicator);
+    let mut same: Vec<f64> = run.critical_steps().to_vec();
+    same.extend([run.dt(), run.start_loss()]);
+    run.run(25, &mut Silent).unwrap();
+    let e = run.last_energy().unwrap().clone();
+    same.extend([
+        e.invariant,
+        e.kinetic,
+        e.internal,
+        e.work,
+        e.drift,
+        e.constraint_residual,
+    ]);
+    same.extend([run.energy(), run.drift(), run.constraint_residual()]);
+    same.extend(run.works().iter().map(|w| w.work));
+    same.extend(
+        run.displacement_jumps()
+            .iter()
+            .flat_map(|j| [j.largest, j.amplitude]),
+    );
+    same.extend((0..2).flat_map(|k| run.jumps(k)));
+    same.extend(
+        run.momentum()
+            .iter()
+            .flat_map(|p| p.iter().copied().collect::<Vec<_>>()),
+    );
+    for i in run.interfaces() {
+        same.extend(i.multipliers());
+        same.push(i.report().start_jump);
+        same.push(i.report().start_moved);
+    }
+    for s in [0, 2].map(|k| &run.subdomains()[k]) {
+        same.extend(s.state().q.iter().chain(&s.state().v));
+    }
+    let s = &run.subdomains()[1];
+    let n = s.model().layout().nodes;
+    let of = |i: usize| {
+        let six = |x: &Vec<f64>| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
+        let all = [&s.state().q, &s.state().v, &s.state().a];
+        let bits = all.into_iter().flat_map(six).map(f64::to_bits);
+        (s.portion().map_or(i, |p| p.global(i)), bits.collect())
+    };
+    ((0..n).map(of).collect(), same)
+}
+
+fn bits(x: &[f64]) -> Vec<u64> {
+    x.iter().map(|x| x.to_bits()).collect()
+}
+
+fn check(case: Case, ranks: &[usize]) {
+    let whole = told(case, None);
+    assert!(whole.1.iter().all(|x| x.is_finite()));
+    for &ranks in ranks {
+        let mut particles = Vec::new();
+        for (rank, one) in threads::run(ranks, 1, WAIT, |c| told(case, Some(c)))
+            .into_iter()
+            .enumerate()
+        {
+            let (own, same): Told = one.unwrap();
+            assert_eq!(bits(&same), bits(&whole.1), "rank {rank} of {ranks}, {case:?}");
+            particles.extend(own);
+        }
+        particles.sort();
+        assert!(particles == whole.0, "{ranks} ranks, {case:?}");
+    }
+}
+
+#[test]
+fn coupled_steps_have_the_bits_of_one_rank() {
+    check(PLAIN, &[1, 2, 3, 4]);
+    let finite = Case {
+        finite: true,
+        ..PLAIN
+    };
+    check(finite, &[3]);
+}
+
+/// Strains act between components; forty iterations do not get to the end.
+#[test]
+fn junctions_and_solvers_have_the_bits_of_one_rank() {
+    for sort in [
+        Sort::Strains,
+        Sort::Gradients,
+        Sort::Iterated,
+        Sort::Damped,
+        Sort::Lumped,
+    ] {
+        check(Case { sort, ..PLAIN }, &[3]);
+    }
+    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks
+    // together.
+    let fine = Case {
+        sort: Sort::Iterated,
+        elements: 4,
+        ..PLAIN
+    };
+    check(fine, &[2, 4]);
+    let damped = Case {
+        sort: Sort::Damped,
+        ..fine
+    };
+    check(damped, &[1, 2, 3, 4]);
+}
+
+#[test]
+fn own_steps_and_supports_in_the_overlap_have_the_bits_of_one_rank() {
+    let case = Case {
+        steps: 3,
+        held: true,
+        ..PLAIN
+    };
+    check(case, &[2, 4]);
+    check(Case { moved: true, ..case }, &[3]);
+}
+
+#[test]
+fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
+    let case = Case {
+        ends: [2.25, 1.65],
+        ..PLAIN
+    };
+    assert!(!run(case, None).interfaces()[0].report().together.is_empty());
+    check(case, &[2, 3, 4]);
+    for sort in [Sort::Iterated, Sort::Damped] {
+        check(Case { sort, ..case }, &[4]);
+    }
+}
+
+/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four
+/// ranks; multiplier unknowns; coupled particles.
+fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
+    let steps = 8;
+    let count = |tied: bool| {
+        let all = threads::run(4, 1, WAIT, |c| {
+            let counted = crate::support::Counted::new(c);
+            let mut run = run(Case { tied, ..case }, Some(counted.clone()));
+            // The first step draws the ledger, and the tenth.
+            run.run(1, &mut Silent).unwrap();
+            counted.take();
+            run.run(steps, &mut Silent).unwrap();
+            let of = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
+                let all = run.interfaces().iter().map(|i| n(i.report()));
+                all.sum::<usize>() as f64
+            };
+            let told = counted.take().map(|b| b / steps as f64);
+            (told, of(&|r| r.multipliers), of(&|r| r.coupled_nodes[1]))
+        });
+        all.into_iter().map(Result::unwrap).collect::<Vec<_>>()
+    };
+    let (with, without) = (count(true), count(false));
+    let of = |k: usize| {
+        let both = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
+        both.fold(0.0, f64::max)
+    };
+    ([of(0), of(1)], with[0].1, with[0].2)
+}
+
+#[test]
+fn interfaces_tell_of_multipliers_and_not_of_particles() {
+    let [plain, small, fine] = [(1, 1), (2, 1), (1, 2)].map(|(finer, elements)| {
+        told_in_a_step(Case {
+            finer,
+            elements,
+            ..PLAIN
+        })
+    });
+    for (told, multipliers, _) in [plain, small, fine] {
+        // Sums of multipliers, and of two interfaces an exact sum of what the kick changes.
+        assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
+    }
+    let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
+    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes
+    // each.
+    let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
+    assert!(
+        growth[1] > 8.0 && growth[0] < 0.5 * growth[1],
+        "{plain:?} {small:?}"
+    );
+    assert!(bytes(&small) < 24.0 * small.2 / 30.0, "{small:?}");
+    let growth = [fine.0[0] / plain.0[0], fine.1 / plain.1];
+    assert!(growth[0] < growth[1], "{plain:?} {fine:?}");
+}
+
+/// Narrow overlaps at the ends of six units.
+const NARROW: Case = Case {
+    ends: [0.55, 3.35],
+    ..PLAIN
+};
+
+/// Of six ranks some hold no particle of either overlap, some one overlap alone; of eight two hold nothing
+/// at all.
+#[test]
+fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_one_rank() {
+    let coupled = threads::run(8, 1, WAIT, |c| {
+        let run = run(NARROW, Some(c));
+        let nodes = run.subdomains()[1].model().nodes();
+        let within = |low: f64, high: f64| nodes.iter().filter(|x| x.x >= low && x.x <= high).count();
+        [within(-0.1, 0.55), within(3.35, 4.0), nodes.len()]
+    });
+    let coupled: Vec<[usize; 3]> = coupled.into_iter().map(Result::unwrap).collect();
+    assert_eq!(coupled.iter().filter(|c| c[2] == 0).count(), 2, "{coupled:?}");
+    assert!(
+        coupled.iter().any(|c| c[2] > 0 && c[0] + c[1] == 0),
+        "{coupled:?}"
+    );
+    assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
+    check(NARROW, &[6, 8]);
+    // Of few blocks of multipliers most ranks have none.
+    for sort in [Sort::Iterated, Sort::Damped] {
+        check(Case { sort, ..NARROW }, &[8]);
+    }
+}
+
+/// Saved on three ranks, gone on with on one, two and four: as if it had never stopped.
+#[test]
+fn a_run_goes_on_from_its_snapshot_on_another_number_of_ranks() {
+    for finite in [false, true] {
+        let case = Case { finite, ..PLAIN };
+        let saved = threads::run(3, 1, WAIT, |c| {
+            let mut run = run(case, Some(c));
+            run.run(13, &mut Silent).unwrap();
+            let saved = run.snapshot().unwrap();
+            run.run(12, &mut Silent).unwrap();
+            (saved, run.energy())
+        });
+        let mut saved = saved.into_iter().map(Result::unwrap);
+        let (saved, last) = saved.next().unwrap();
+        let go_on = |c: Option<Arc<dyn Communicator>>| {
+            let mut run = run(case, c);
+            run.restore(&saved).unwrap();
+            run.run(12, &mut Silent).unwrap();
+            run.energy()
+        };
+        assert_eq!(go_on(None).to_bits(), last.to_bits(), "one, finite {finite}");
+        for ranks in [2, 4] {
+            for energy in threads::run(ranks, 1, WAIT, |c| go_on(Some(c))) {
+                assert_eq!(
+                    energy.unwrap().to_bits(),
+                    last.to_bits(),
+                    "{ranks} ranks, finite {finite}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
+    let refused = threads::run(2, 1, WAIT, |c| {
+        let weights = Weights::uncoupled().with_weighting(Weighting::Nodal);
+        let bar = Subdomain::coarse(bar("bar", 0.0, 1.0), weights).shared(c);
+        Coupled::new(vec![bar], Vec::new(), TimeStep::Fraction(0.5), None).map(|_| ())
+    });
+    for r in refused {
+        let e = r.unwrap().unwrap_err();
+        assert!(
+            matches!(&e, Error::Unsupported { model, .. } if model == "bar"),
+            "{e}"
+        );
+        assert!(e.to_string().contains("in parts on 2 ranks"), "{e}");
+    }
+    let refused = threads::run(300, 1, WAIT, |c| {
+        let packing = lattice(Lattice::Cubic, [6, 6, 6], 0.05).unwrap();
+        let model = DemModel::new("few", &packing, BeamMaterial::SILICA, 1.0).unwrap();
+        let few = Subdomain::fine(model, Weights::uncoupled()).shared(c);
+        Coupled::new(vec![few], Vec::new(), TimeStep::Fraction(0.5), None).map(|_| ())
+    });
+    let e = refused.into_iter().next().unwrap().unwrap().unwrap_err();
+    assert!(
+        matches!(
+            e,
+            Error::Rank(RankError::TooMany {
+                ranks: 300,
+                nodes: 216,
+                ..
+            })
+        ),
+        "{e}"
+    );
+}

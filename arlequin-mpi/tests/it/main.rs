@@ -1,0 +1,12 @@
+//! Tests of ranks as threads, in one program: one link instead of 9.
+
+mod broken_parts;
+mod elements;
+mod interfaces;
+mod loaded_parts;
+mod meanwhile;
+mod natural;
+mod particles;
+mod pieces;
+mod support;
+mod touching_parts;

@@ -1,0 +1,170 @@
+//! What the tests of models in parts have in common.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(dead_code, reason = "not every target uses all of it")]
+
+pub(crate) mod continua;
+
+use arlequin_core::nalgebra::Point3;
+use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction};
+use arlequin_core::{Model, Subdomain, Weight};
+use arlequin_mpi::threads;
+use dem_beam::{BeamMaterial, Container, DemModel, Packing, PackingSpec};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
+
+pub(crate) const WAIT: Duration = Duration::from_secs(20);
+
+/// From 1 to 0.2 along the body.
+#[derive(Debug)]
+pub(crate) struct Along;
+
+impl Weight<f64> for Along {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.8 * (x.x / 6e-3).clamp(0.0, 1.0)
+    }
+}
+
+/// Six units, the last of them not full.
+pub(crate) fn bar(finite: bool) -> DemModel {
+    static BAR: LazyLock<Packing> = LazyLock::new(|| {
+        PackingSpec::quench(Container::cylinder(6e-3, 1e-3).unwrap(), 1450, 3)
+            .build()
+            .unwrap()
+    });
+    let m = DemModel::new("bar", &BAR, BeamMaterial::SILICA, 2200.0).unwrap();
+    if finite { m.with_finite_rotations() } else { m }
+}
+
+/// The part of a body that a rank holds.
+pub(crate) fn part(model: DemModel, communicator: Arc<dyn Communicator>) -> DemModel {
+    let ranks = communicator.ranks();
+    let division = Division::bisect(model.nodes().len(), &model.units(), ranks).unwrap();
+    model.share_out(&division, communicator).unwrap()
+}
+
+/// Number in the whole body.
+pub(crate) fn global(model: &dyn Model<f64>, particle: usize) -> usize {
+    model.portion().map_or(particle, |p| p.global(particle))
+}
+
+/// Something for every unknown, by its place in the whole body: displacements, then rotations.
+pub(crate) fn unknowns(model: &dyn Model<f64>, size: [f64; 2]) -> Vec<f64> {
+    let n = model.layout().nodes;
+    let of = |k: usize| {
+        let (sort, i, c) = (k / (3 * n), k / 3 % n, k % 3);
+        let i = global(model, i);
+        size[sort] * (1.7 * (6 * i + 3 * sort + c) as f64).sin()
+    };
+    (0..6 * n).map(of).collect()
+}
+
+/// Bits of unknowns by particle of the whole body.
+pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
+    let n = model.layout().nodes;
+    let of = |i: usize| {
+        let six = |x: &&[f64]| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
+        let bits = all.iter().flat_map(six).map(f64::to_bits);
+        (global(model, i), bits.collect())
+    };
+    (0..n).map(of).collect()
+}
+
+/// What ranks say together; sums must be the same on all.
+pub(crate) type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+pub(crate) fn together(parts: Vec<Result<Told, RankError>>) -> Told {
+    let mut all: Told = Default::default();
+    for (rank, told) in parts.into_iter().enumerate() {
+        let (unknowns, sums) = told.unwrap();
+        assert!(
+            rank == 0 || same(&sums, &all.1),
+            "rank {rank}: {sums:?} {:?}",
+            all.1
+        );
+        all.0.extend(unknowns);
+        all.1 = sums;
+    }
+    all.0.sort();
+    all
+}
+
+/// What `of` tells on so many ranks, threads of this test, is what one rank told.
+pub(crate) fn same_on(
+    ranks: &[usize],
+    what: &dyn std::fmt::Debug,
+    whole: &Told,
+    of: impl Fn(Arc<dyn Communicator>) -> Told + Sync,
+) {
+    for &ranks in ranks {
+        let all = together(threads::run(ranks, 1, WAIT, &of));
+        assert!(
+            same(&all.1, &whole.1),
+            "{ranks} ranks, {what:?}: {:?} {:?}",
+            all.1,
+            whole.1
+        );
+        assert!(all.0 == whole.0, "{ranks} ranks, {what:?}");
+    }
+}
+
+/// What the first of so many ranks has.
+pub(crate) fn first<R: Send>(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
+    let all = threads::run(ranks, 1, WAIT, of);
+    all.into_iter().next().unwrap().unwrap()
+}
+
+/// A subdomain on several ranks, or on one alone.
+pub(crate) fn shared(side: Subdomain<f64>, ranks: Option<Arc<dyn Communicator>>) -> Subdomain<f64> {
+    match ranks {
+        Some(c) => side.shared(c),
+        None => side,
+    }
+}
+
+pub(crate) fn same(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
+/// A transport that counts the bytes which this rank sends: in messages, and gives to reductions.
+#[derive(Debug)]
+pub(crate) struct Counted {
+    inner: Arc<dyn Communicator>,
+    bytes: [AtomicU64; 2],
+}
+
+impl Counted {
+    pub(crate) fn new(inner: Arc<dyn Communicator>) -> Arc<Self> {
+        let bytes = Default::default();
+        Arc::new(Self { inner, bytes })
+    }
+
+    /// Bytes since the last call.
+    pub(crate) fn take(&self) -> [f64; 2] {
+        self.bytes.each_ref().map(|b| b.swap(0, Relaxed) as f64)
+    }
+}
+
+impl Communicator for Counted {
+    fn rank(&self) -> usize {
+        self.inner.rank()
+    }
+    fn ranks(&self) -> usize {
+        self.inner.ranks()
+    }
+    fn exchange(
+        &self,
+        messages: &mut [Message],
+        meanwhile: &mut dyn FnMut() -> bool,
+    ) -> Result<(), RankError> {
+        let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
+        self.bytes[0].fetch_add(8 * numbers as u64, Relaxed);
+        self.inner.exchange(messages, meanwhile)
+    }
+    fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
+        self.bytes[1].fetch_add(8 * words.len() as u64, Relaxed);
+        self.inner.reduce(words, how)
+    }
+    fn abandon(&self, why: &str) {
+        self.inner.abandon(why);
+    }
+}

@@ -1,0 +1,22 @@
+//! Tests of scenes, in one program: one link instead of 20.
+
+mod cracks;
+mod end_zones;
+mod energy_release;
+mod far_field;
+mod fragments;
+mod intrusions;
+mod loads;
+mod locking;
+mod over_time;
+mod overlap_breaks;
+mod pieces;
+mod plate_with_hole;
+mod ranks;
+mod reactions;
+mod refusals;
+mod shipped;
+mod statics;
+mod stresses;
+mod volumes;
+mod zone;

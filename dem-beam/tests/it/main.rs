@@ -1,0 +1,25 @@
+//! Tests of the particles, in one program: one link instead of 24.
+
+mod around;
+mod bond;
+mod bricks;
+mod bulk;
+mod closed_forms;
+mod contact;
+mod contact_between;
+mod contact_energy;
+mod deep_start;
+mod fracture;
+mod grades;
+mod hard_cases;
+mod import;
+mod kernel;
+mod model;
+mod obstacle;
+mod packing;
+mod parts;
+mod recovery;
+mod screen;
+mod shells;
+mod stride;
+mod tumbling;

@@ -1,0 +1,191 @@
+//! Stresses at the nodes: exact for constant strain, without weights, of second order otherwise.
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test fails by panicking and shows what it measured"
+)]
+
+use crate::common::{jittered, silica};
+use arlequin_core::nalgebra::{Matrix3, Point3, Rotation3, Vector3};
+use arlequin_core::{Model, NodallyWeighted, Recovered, SymmetricTensor, Weight};
+use fem_ref::{Elastic, ElementKind, FemModel, generate};
+
+fn recovered(model: &dyn Model<f64>, q: &[f64], nodes: &[usize]) -> Vec<Recovered<f64>> {
+    let mut out = Vec::new();
+    let recovery = model.recovery().expect("a solid knows its stresses");
+    recovery.recover(q, nodes, &mut out).unwrap();
+    out
+}
+
+#[derive(Debug)]
+struct Falling;
+impl Weight<f64> for Falling {
+    fn at(&self, x: &Point3<f64>) -> f64 {
+        1.0 - 0.9 * x.x.clamp(0.0, 1.0)
+    }
+}
+
+/// Distorted meshes, turned, far from the origin, tiny and huge, with weights: constant stress at all nodes.
+#[test]
+fn constant_stress_is_recovered_to_round_off_on_distorted_bodies_of_any_place_and_size() {
+    let gradient = Matrix3::new(0.3, -0.1, 0.2, 0.5, 0.7, -0.4, 0.1, 0.2, -0.6) * 1e-3;
+    let material = silica();
+    let strain = SymmetricTensor::of(&gradient);
+    let stress = material.stress(&strain);
+    let turn = Rotation3::from_euler_angles(0.4, 1.1, -0.7);
+    for kind in [ElementKind::Tet4, ElementKind::Hex8] {
+        for (size, shift) in [(1.0, 0.0), (1e-6, 0.0), (1e4, 0.0), (1.0, 50.0)] {
+            let mesh = jittered(kind, 0.2, 5);
+            let mesh = mesh
+                .mapped(|x| Point3::from(turn * x.coords * size + Vector3::repeat(shift * size)))
+                .unwrap();
+            let mut model = FemModel::new("body", mesh, material).unwrap();
+            model.set_internal_weight(&Falling).unwrap();
+            let nodes: Vec<usize> = (0..model.nodes().len()).collect();
+            let q: Vec<f64> = model
+                .nodes()
+                .iter()
+                .flat_map(|x| (gradient * x.coords).data.0[0])
+                .collect();
+            let all = recovered(&model, &q, &nodes);
+            // The last digits of displacements far from the origin are strains.
+            let limit = 1e-10 * (1.0 + shift);
+            for r in &all {
+                let e = r.strain.unwrap();
+                let off = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - strain.0[c]).abs()));
+                assert!(off < limit * 1e-3, "{kind:?}, {size:e}, {shift}: {off:e}");
+                let off = (0..6).fold(0.0_f64, |m, c| m.max((r.stress.0[c] - stress.0[c]).abs()));
+                assert!(
+                    off < limit * stress.von_mises(),
+                    "{kind:?}, {size:e}, {shift}: {off:e}"
+                );
+            }
+            // Some nodes alone have the same values, and so does the model weighted at its nodes.
+            let some = recovered(&model, &q, &nodes[3..5]);
+            assert_eq!(some, all[3..5]);
+            let wrapped = NodallyWeighted::new(Box::new(model));
+            assert_eq!(recovered(&wrapped, &q, &nodes), all);
+        }
+    }
+}
+
+#[test]
+fn stresses_converge_with_second_order_but_at_the_surface_of_tetrahedra() {
+    let field = |x: &Point3<f64>| Vector3::new((2.0 * x.x + x.y).sin(), (x.y - x.z).cos(), (x.x * x.z).sin());
+    let strain = |x: &Point3<f64>| {
+        let (a, b, c) = ((2.0 * x.x + x.y).cos(), -(x.y - x.z).sin(), (x.x * x.z).cos());
+        SymmetricTensor::of(&Matrix3::new(
+            2.0 * a,
+            a,
+            0.0, //
+            0.0,
+            b,
+            -b, //
+            x.z * c,
+            0.0,
+            x.x * c,
+        ))
+    };
+    // Means of tetrahedra have errors of first order that cancel around inner nodes, and do not in the
+    // slopes of a patch.
+    for (kind, surface) in [(ElementKind::Tet4, 0.9), (ElementKind::Hex8, 1.6)] {
+        let error = |n: usize| {
+            let (low, high) = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
+            let mesh = generate::block(kind, low, high, [n; 3]).unwrap();
+            let model = FemModel::new("cube", mesh, Elastic::new(1.0, 0.3, 1.0).unwrap()).unwrap();
+            let q: Vec<f64> = model.nodes().iter().flat_map(|x| field(x).data.0[0]).collect();
+            let nodes: Vec<usize> = (0..model.nodes().len()).collect();
+            let found = recovered(&model, &q, &nodes);
+            let mut largest = [0.0_f64; 2];
+            for (r, x) in found.iter().zip(model.nodes()) {
+                let (e, exact) = (r.strain.unwrap(), strain(x));
+                let off = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - exact.0[c]).abs()));
+                let outer = x.iter().any(|c| *c < 1e-9 || *c > 1.0 - 1e-9);
+                let slot = &mut largest[usize::from(outer)];
+                *slot = slot.max(off);
+            }
+            largest
+        };
+        let (coarse, fine) = (error(8), error(16));
+        let order = [0, 1].map(|k: usize| (coarse[k] / fine[k]).log2());
+        println!("{kind:?}: {fine:?}, orders {order:?}");
+        assert!(
+            order[0] > 1.8,
+            "{kind:?}, inside: {coarse:?}, {fine:?}, order {order:?}"
+        );
+        assert!(
+            order[1] > surface,
+            "{kind:?}, surface: {coarse:?}, {fine:?}, order {order:?}"
+        );
+    }
+}
+
+#[test]
+fn bars_and_plates_one_element_thick_are_recovered_too() {
+    let bar = generate::bar(1.0, 3.0, 10, 1e-4).unwrap();
+    let model = FemModel::new("bar", bar, Elastic::new(210e9, 0.0, 7800.0).unwrap()).unwrap();
+    let q: Vec<f64> = model.nodes().iter().map(|x| 1e-3 * x.x).collect();
+    for r in recovered(&model, &q, &[0, 4, 10]) {
+        assert!((r.stress.0[0] / 210e6 - 1.0).abs() < 1e-10 && r.stress.0[1..].iter().all(|s| *s == 0.0));
+    }
+    let flat = generate::block(
+        ElementKind::Hex8,
+        Point3::origin(),
+        Point3::new(4.0, 4.0, 0.1),
+        [8, 8, 1],
+    );
+    let model = FemModel::new("plate", flat.unwrap(), Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap();
+    let q: Vec<f64> = model
+        .nodes()
+        .iter()
+        .flat_map(|x| [0.5 * x.x * x.x, 0.0, 0.0])
+        .collect();
+    let nodes: Vec<usize> = (0..model.nodes().len()).collect();
+    for (r, x) in recovered(&model, &q, &nodes).iter().zip(model.nodes()) {
+        assert!((r.stress.0[0] - x.x).abs() < 1e-10, "{x}: {:?}", r.stress);
+    }
+    assert!(
+        model
+            .recovery()
+            .unwrap()
+            .recover(&q, &[9999], &mut Vec::new())
+            .is_err()
+    );
+    assert!(
+        model
+            .recovery()
+            .unwrap()
+            .recover(&q[1..], &[0], &mut Vec::new())
+            .is_err()
+    );
+}
+
+/// What a surface node is told is of the elements around the nearest inner node, not of those around all
+/// that share an element with it.
+#[test]
+fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
+    let mesh = generate::block(
+        ElementKind::Hex8,
+        Point3::origin(),
+        Point3::new(6.0, 6.0, 6.0),
+        [6; 3],
+    )
+    .unwrap();
+    let model = FemModel::new("cube", mesh, Elastic::new(1.0, 0.3, 1.0).unwrap()).unwrap();
+    let node = |x: f64, y: f64, z: f64| {
+        let at = Point3::new(x, y, z);
+        model.nodes().iter().position(|p| (p - at).norm() < 1e-9).unwrap()
+    };
+    let mut q: Vec<f64> = model
+        .nodes()
+        .iter()
+        .flat_map(|x| [x.x * x.y, x.z, 0.5 * x.x])
+        .collect();
+    let face = [node(3.0, 3.0, 0.0)];
+    let before = recovered(&model, &q, &face);
+    // Around the inner node beside the nearest one, and not around that.
+    q[3 * node(1.0, 3.0, 1.0)] += 1.0;
+    assert_eq!(recovered(&model, &q, &face), before);
+    q[3 * node(2.0, 3.0, 1.0)] += 1.0;
+    assert_ne!(recovered(&model, &q, &face), before);
+}

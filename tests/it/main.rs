@@ -1,0 +1,26 @@
+//! Tests of the facade with its models, in one program: one link instead of 23.
+
+mod chains;
+mod claims;
+mod closed_forms;
+mod coupling_properties;
+mod cracks;
+mod determinism;
+mod displacement_jump;
+mod energy_release;
+mod hard_cases;
+mod multipliers;
+mod natural_patch;
+mod nodal_weighting;
+mod nonlinear;
+mod overlap_breakage;
+mod own_steps;
+mod pair_effects;
+mod partition;
+mod partition_guards;
+mod partition_packings;
+mod properties;
+mod restart;
+mod solid;
+mod support;
+mod theory;
