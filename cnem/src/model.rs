@@ -38,7 +38,7 @@ use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
 /// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of
-/// its hoop stress at the inner face. Measured in `arlequin-scene/tests/locking.rs`.
+/// its hoop stress at the inner face. Measured in `apps/scene/tests/locking.rs`.
 const LOCKING: [[f64; 3]; 6] = [
     [0.3, -0.007, 0.048],
     [0.4, -0.004, 0.079],

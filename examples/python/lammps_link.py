@@ -9,7 +9,7 @@ import sys
 import lammps_bar
 
 HERE = pathlib.Path(__file__).resolve()
-sys.path.append(str(HERE.parents[2] / "arlequin-link" / "clients" / "python"))
+sys.path.append(str(HERE.parents[2] / "apps" / "link" / "clients" / "python"))
 
 
 def serve():

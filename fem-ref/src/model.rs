@@ -23,7 +23,7 @@ use std::sync::{Arc, OnceLock};
 
 /// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner
 /// pressure is too stiff, error of its hoop stress at the inner face. Measured in
-/// `arlequin-scene/tests/locking.rs`.
+/// `apps/scene/tests/locking.rs`.
 const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
     (
         ElementKind::Hex8,

@@ -1,0 +1,120 @@
+//! What the program tells of itself: schemas, completions, man pages.
+
+use crate::common::{SMALL, changed, schemas::verdict, scratch, succeed, text};
+use std::path::{Path, PathBuf};
+
+fn shipped(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder);
+    let all = std::fs::read_dir(&folder).expect("folder").flatten();
+    let mut all: Vec<PathBuf> = all.map(|e| e.path()).collect();
+    all.retain(|p| p.extension().is_some_and(|e| e == "toml"));
+    assert!(!all.is_empty());
+    all
+}
+
+#[test]
+fn the_schema_accepts_every_shipped_scene_and_sweep() {
+    for (what, folder) in [
+        ("scene", "examples/scenes"),
+        ("scene", "examples/sweeps/scenes"),
+        ("sweep", "examples/sweeps"),
+    ] {
+        for path in shipped(folder) {
+            let scene = std::fs::read_to_string(&path).expect("readable");
+            assert_eq!(verdict(what, &scene), Some(true), "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_schema_refuses_what_it_can_tell_to_be_wrong() {
+    assert_eq!(verdict("scene", SMALL), Some(true));
+    let last = "force = [1e-3, 0.0, 0.0]";
+    for (from, to) in [
+        ("spacing = 1.0", "spacng = 1.0"),
+        ("spacing = 1.0", "spacing = \"wide\""),
+        ("role = \"coarse\"\n", "role = \"coarsest\"\n"),
+        ("coarse = \"left\"\n", ""),
+        ("profile = \"cubic\"", "profile = \"kubic\""),
+        ("[time]\nsteps = 50", ""),
+        ("steps = 50", "steps = 50\nend = 1.0"),
+        ("steps = 50", "steps = -1"),
+        (last, "force = [1e-3, 0.0]"),
+        (last, "force = [1e-3, 0.0, 0.0]\npressure = 1.0"),
+        (last, ""),
+        ("time.pulse = { duration = 2.0 }", "time = \"stepp\""),
+        (
+            "time.pulse = { duration = 2.0 }",
+            "time = { pulse = { duration = 2.0 }, ramp = { duration = 1.0 } }",
+        ),
+        (
+            "time.pulse = { duration = 2.0 }",
+            "time.pulse = { duration = 2.0, delay = 1.0 }",
+        ),
+        ("[probe.tip]", "[[effect]]\nenabled = true\n[probe.tip]"),
+        (
+            "[probe.tip]",
+            "[[effect]]\nprestress = {}\nlocal_damping = { share = 0.1 }\n[probe.tip]",
+        ),
+        ("component = \"x\"", "component = \"x\"\nat = [7.0, 0.5, 0.5]"),
+    ] {
+        assert_eq!(
+            verdict("scene", &changed(SMALL, &[(from, to)])),
+            Some(false),
+            "{to}"
+        );
+    }
+    for poisson in ["0.5", "-1.0"] {
+        let scene = SMALL.replace("poisson = 0.25", &format!("poisson = {poisson}"));
+        assert_eq!(verdict("scene", &scene), Some(false), "{poisson}");
+    }
+    assert_eq!(verdict("sweep", crate::common::sweeps::SWEEP), Some(true));
+    let sweep = changed(crate::common::sweeps::SWEEP, &[("targets =", "target =")]);
+    assert_eq!(verdict("sweep", &sweep), Some(false));
+}
+
+/// Descriptions are what editors show.
+#[test]
+fn every_key_of_the_schema_has_a_description() {
+    fn bare(at: &serde_json::Value, path: &str, out: &mut Vec<String>) {
+        let Some(object) = at.as_object() else { return };
+        for (key, value) in object
+            .get("properties")
+            .and_then(|p| p.as_object())
+            .into_iter()
+            .flatten()
+        {
+            let choice = object.contains_key("description") && object.contains_key("required");
+            if value.get("description").is_none() && !choice {
+                out.push(format!("{path}.{key}"));
+            }
+        }
+        for (key, value) in object {
+            match value {
+                serde_json::Value::Array(a) => a.iter().for_each(|v| bare(v, &format!("{path}.{key}"), out)),
+                _ => bare(value, &format!("{path}.{key}"), out),
+            }
+        }
+    }
+    for schema in ["schema", "schema --sweep"] {
+        let printed = succeed(&schema.split(' ').collect::<Vec<_>>());
+        assert!(!printed.contains("\\["), "escapes of Rust's documentation");
+        let mut out = Vec::new();
+        bare(&serde_json::from_str(&printed).expect("JSON"), "", &mut out);
+        assert_eq!(out, Vec::<String>::new());
+    }
+}
+
+#[test]
+fn completions_and_man_pages_know_every_command() {
+    let commands = ["run", "check", "sweep", "schema", "resume"];
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let printed = succeed(&["completions", shell]);
+        assert!(commands.iter().all(|c| printed.contains(c)), "{shell}");
+    }
+    let page = succeed(&["man"]);
+    assert!(page.contains(".TH arlequin 1") && commands.iter().all(|c| page.contains(c)));
+    let folder = scratch("man");
+    succeed(&["man", text(&folder)]);
+    assert!(folder.join("arlequin-run.1").is_file());
+}

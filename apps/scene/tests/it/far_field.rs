@@ -1,0 +1,217 @@
+//! A plate with a hole whose surroundings are particles: far away it must be as if all were finite elements.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::print_stdout, reason = "a test shows what it measured")]
+
+use arlequin::core::Uniform;
+use arlequin_scene::setup::Built;
+use arlequin_scene::setup::zone::Likeness;
+use arlequin_scene::{Scene, Silent, Source};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Load \[Pa\].
+const LOAD: f64 = 100e6;
+/// Half thickness of the plate \[mm\], with the mean diameter of its spheres \[mm\].
+const CASE: (f64, f64) = (3.0, 0.6);
+/// The same with spheres small enough for the far field: at least seven across.
+const FINE: (f64, f64) = (5.0, 0.6);
+/// Where stresses and displacements are compared \[mm\].
+const PLACES: [[f64; 2]; 7] = [
+    [50.0, 12.0],
+    [35.0, 5.0],
+    [25.0, 20.0],
+    [0.5, 22.0],
+    [0.0, 25.0],
+    [20.0, 20.0],
+    [20.0, 0.0],
+];
+
+/// Files written so far.
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+
+/// The tutorial's plate, `thick` times as thick.
+fn mesh(thick: f64) -> PathBuf {
+    let from = concat!(env!("CARGO_MANIFEST_DIR"), "/../cli/templates/plate.msh");
+    let text = std::fs::read_to_string(from).unwrap();
+    let nodes = text.find("$Nodes").unwrap()..text.find("$EndNodes").unwrap();
+    let mut out = text[..nodes.start].to_owned();
+    for line in text[nodes.clone()].lines() {
+        let numbers: Vec<&str> = line.split_whitespace().collect();
+        match numbers[..] {
+            [x, y, z] => writeln!(out, "{x} {y} {:?}", thick * z.parse::<f64>().unwrap()).unwrap(),
+            _ => writeln!(out, "{line}").unwrap(),
+        }
+    }
+    out += &text[nodes.end..];
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("far-field");
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join(format!("plate-{thick}.msh"));
+    let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let aside = folder.join(format!("{own}.msh"));
+    std::fs::write(&aside, out).unwrap();
+    std::fs::rename(&aside, &file).unwrap();
+    file
+}
+
+/// Stresses over the load and displacements over that of the end, at all places; and what the packing is
+/// like.
+fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
+    let file = mesh(thick);
+    let mut text = format!(
+        "[body]\nkind = \"fem\"\nshape.file = {:?}\nmaterial = {{ young = 210e9, poisson = 0.3, density = 7800.0 }}\n{zone}\n",
+        file.file_name().unwrap().to_str().unwrap()
+    );
+    for axis in ["x", "y", "z"] {
+        text +=
+            &format!("[[support]]\nmodel = \"body\"\nwhere = \"middle-{axis}\"\ncomponents = [\"{axis}\"]\n");
+    }
+    text += &format!(
+        "[[load]]\nmodel = \"body\"\nwhere = \"end\"\ntraction = [{LOAD:?}, 0.0, 0.0]\ntime = \"step\"\n\
+         [static]\nsteps = 1\n[output]\nplots = false\n\
+         [probe.end]\nmodel = \"body\"\nwhere = \"end\"\ncomponent = \"x\"\n"
+    );
+    let z = 0.5e-3 * thick;
+    for (k, [x, y]) in PLACES.iter().enumerate() {
+        for c in ["x", "y"] {
+            let at = format!("model = \"body\"\nat = [{:?}, {:?}, {z:?}]\n", 1e-3 * x, 1e-3 * y);
+            text += &format!("[probe.s{c}{k}]\n{at}quantity = \"stress\"\ncomponent = \"{c}{c}\"\n");
+            text += &format!("[probe.u{c}{k}]\n{at}component = \"{c}\"\n");
+        }
+    }
+    let scene =
+        Scene::of(Source::new(file.with_extension("toml"), &text)).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let ready = scene.prepare().unwrap();
+    let likeness = ready
+        .built()
+        .models
+        .iter()
+        .find_map(|m| m.packing.as_ref()?.likeness);
+    let results = ready.run(&mut Silent).unwrap();
+    let last = |name: &str| *results.probe(name).unwrap().1.last().unwrap();
+    let all = |what: &str, unit: f64| {
+        let each = (0..PLACES.len()).flat_map(|k| ["x", "y"].map(|c| last(&format!("{what}{c}{k}")) / unit));
+        each.collect::<Vec<f64>>()
+    };
+    (all("s", LOAD), all("u", last("end")), likeness)
+}
+
+/// Mass of all models with their weights \[kg\].
+fn mass(built: &Built) -> f64 {
+    let all = built.run.subdomains().iter().map(|s| {
+        let moved = s.model().layout().translations();
+        s.inertia()[..moved].iter().sum::<f64>() / 3.0
+    });
+    all.sum()
+}
+
+/// Mass of the particles between two radii around the hole \[mm\], weights left out, over that of the plate
+/// there.
+fn ring(built: &Built, thick: f64, low: f64, high: f64) -> f64 {
+    let hole = built
+        .run
+        .subdomains()
+        .iter()
+        .find(|s| s.model().name() == "hole")
+        .unwrap();
+    let model = hole.model();
+    let mut inertia = vec![0.0; model.layout().dofs()];
+    model.lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
+    let there = |k: &usize| (1e-3 * low..1e-3 * high).contains(&model.nodes()[*k].coords.xy().norm());
+    let found: f64 = (0..model.nodes().len())
+        .filter(there)
+        .map(|k| inertia[3 * k])
+        .sum();
+    let volume = 0.25e-9 * std::f64::consts::PI * (high * high - low * low) * thick;
+    found / (7800.0 * volume)
+}
+
+/// A scene that was not run yet.
+fn built(text: &str) -> Built {
+    let file = mesh(CASE.0).with_extension("toml");
+    let scene = Scene::of(Source::new(file, text)).unwrap();
+    arlequin_scene::setup::build(scene.spec(), scene.folder()).unwrap()
+}
+
+/// Weights add up to one, and what is cut at the border has the body's mass: in all, and across the overlap.
+#[test]
+fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
+    let (thick, diameter) = CASE;
+    let name = mesh(thick);
+    let body = format!(
+        "[body]\nkind = \"fem\"\nshape.file = {:?}\nmaterial = {{ young = 210e9, poisson = 0.3, density = 7800.0 }}\n",
+        name.file_name().unwrap().to_str().unwrap()
+    );
+    let end = "[time]\nsteps = 1\n[output]\nplots = false\n";
+    let alone = mass(&built(&format!("{body}{end}")));
+    let with = built(&format!("{body}{}\n{end}", particles(diameter, 1)));
+    let whole = mass(&with) / alone - 1.0;
+    let rings = [[7.0, 8.5], [8.5, 10.0]].map(|[low, high]| ring(&with, thick, low, high) - 1.0);
+    println!("all {whole:.5}, rings {rings:.4?}");
+    assert!(whole.abs() < 5e-3, "mass off by {whole}");
+    assert!(
+        rings.iter().all(|r| r.abs() < 0.04),
+        "mass in the overlap off by {rings:?}"
+    );
+}
+
+/// Largest difference of two lists.
+fn apart(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// The plate's zone of particles of a mean diameter \[mm\].
+fn particles(diameter: f64, seed: u64) -> String {
+    format!(
+        "[zone.hole]\nkind = \"dem\"\nspacing = {:?}\ndem.seed = {seed}\noverlap.width = 4e-3\n\
+         shape.cylinder = {{ point = [0.0, 0.0, 0.0], axis = [0.0, 0.0, 1.0], radius = 7e-3 }}",
+        1e-3 * diameter
+    )
+}
+
+#[test]
+fn far_from_a_hole_in_particles_a_plate_is_within_one_per_cent_of_finite_elements_whatever_the_seed() {
+    let (thick, diameter) = FINE;
+    let alone = solved(thick, "");
+    for seed in [1, 2] {
+        let found = solved(thick, &particles(diameter, seed));
+        let (stress, displacement) = (apart(&found.0, &alone.0), apart(&found.1, &alone.1));
+        let like = found.2.unwrap();
+        println!("seed {seed}: stress {stress:.4}, displacement {displacement:.4}, {like:?}");
+        assert!(stress < 0.01, "stress off by {stress} of the load, {like:?}");
+        assert!(
+            displacement < 0.01,
+            "displacement off by {displacement} of the end's, {like:?}"
+        );
+        // What beams can do, they did.
+        assert!(
+            like.uneven < 0.12 && (like.stiffness - 1.0).abs() < 1e-12,
+            "{like:?}"
+        );
+    }
+}
+
+/// Half a minute to minutes.
+#[test]
+#[ignore = "the table of decision 0041"]
+fn far_field_of_many_packings() {
+    for (thick, diameter) in [
+        (3.0, 0.6),
+        (3.0, 0.5),
+        (3.0, 0.4),
+        (5.0, 0.8),
+        (5.0, 0.6),
+        (1.0, 0.3),
+        (1.0, 0.2),
+    ] {
+        let alone = solved(thick, "");
+        for seed in [1, 2, 3] {
+            let found = solved(thick, &particles(diameter, seed));
+            let (stress, displacement) = (apart(&found.0, &alone.0), apart(&found.1, &alone.1));
+            println!(
+                "{thick} {diameter} {seed}: {stress:.4} {displacement:.4} {:?}",
+                found.2
+            );
+        }
+    }
+}
