@@ -1,4 +1,4 @@
-//! Errors of the crates as exceptions of `arlequin.errors`, by the names they have in Rust.
+//! Errors of the crates as exceptions of `arlequin.errors`, which carry the names they have in Rust as codes.
 
 use arlequin::{cnem, core, dem_beam, fem_ref};
 use arlequin_scene::Source;

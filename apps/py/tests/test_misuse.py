@@ -7,6 +7,7 @@ import pytest
 
 import arlequin as aq
 from arlequin import errors
+from codes import raises
 from test_plug import V0, X, Chain, LinearChain, Verlet, coupled, gap, states
 
 
@@ -36,7 +37,7 @@ def test_a_run_that_ended_within_a_step_goes_on_from_a_snapshot_only(method):
     with pytest.raises(Once):
         run.run(100)
     for go_on in (lambda: run.run(1), run.snapshot):
-        with pytest.raises(errors.Unsupported, match="restore"):
+        with raises("Unsupported", match="restore"):
             go_on()
     run.restore(kept)
     run.run(100)
@@ -48,13 +49,13 @@ def test_an_object_that_keeps_a_state_is_in_one_run_at_a_time():
     solver = Verlet(Chain(X, 1.0, 1.0), V0)
     run = coupled(solver)
     for again in (lambda: coupled(solver), lambda: aq.conformance.check(solver, step=0.8)):
-        with pytest.raises(errors.Unsupported, match="still there"):
+        with raises("Unsupported", match="still there"):
             again()
     del run
     coupled(solver).run(1)
     model = Chain(X, 1.0, 1.0)
     first = aq.Subdomain.fine(model)
-    with pytest.raises(errors.Unsupported, match="still there"):
+    with raises("Unsupported", match="still there"):
         aq.Subdomain.fine(model)
     del first
     # Its matrix was taken once and for all.
@@ -66,7 +67,7 @@ def test_an_object_that_keeps_a_state_is_in_one_run_at_a_time():
 def test_unknowns_that_no_node_has_are_refused(name, value):
     model = Chain(X, 1.0, 1.0)
     setattr(model, name, value)
-    with pytest.raises(errors.InvalidParameter, match=f"{name} of 'chain' = .* a node has one of"):
+    with raises("InvalidParameter", match=f"{name} of 'chain' = .* a node has one of"):
         aq.Subdomain.fine(model)
 
 
@@ -74,14 +75,14 @@ def test_unknowns_that_no_node_has_are_refused(name, value):
 def test_bonds_are_pairs(bonds):
     model = Chain(X, 1.0, 1.0)
     model.bonds = bonds
-    with pytest.raises(errors.SizeMismatch, match="bonds of 'chain'"):
+    with raises("SizeMismatch", match="bonds of 'chain'"):
         aq.Subdomain.fine(model)
 
 
 def test_cells_of_a_mesh_have_the_corners_of_their_kind():
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
     assert len(aq.Mesh("tet", corners, [[0, 1, 2, 3]]).points) == 4
-    with pytest.raises(errors.SizeMismatch, match=r"give \(n, 4\)"):
+    with raises("SizeMismatch", match=r"give \(n, 4\)"):
         aq.Mesh("tet", corners, [[0, 1], [2, 3]])
 
 
@@ -93,13 +94,13 @@ def test_what_is_no_number_is_named_with_the_method_that_answered_it():
 
     model = Chain(X, 1.0, 1.0)
     model.internal_forces = broken
-    with pytest.raises(errors.NotFinite, match="internal_forces of 'chain': entry 3"):
+    with raises("NotFinite", match="internal_forces of 'chain': entry 3"):
         coupled(model)
-    for method, what in (("velocities", errors.NotFinite), ("displacements", errors.NotFinite), ("invariant", errors.Error)):
+    for method, what in (("velocities", "NotFinite"), ("displacements", "NotFinite"), ("invariant", None)):
         solver = Verlet(Chain(X, 1.0, 1.0), V0)
         whole = getattr(solver, method)
         setattr(solver, method, lambda whole=whole: whole() * np.nan)
-        with pytest.raises(what, match=f"{method} of 'chain'"):
+        with raises(what, match=f"{method} of 'chain'"):
             coupled(solver).run(20)
 
 
@@ -108,16 +109,16 @@ def test_critical_steps_are_positive(step):
     model, solver = Chain(X, 1.0, 1.0), Verlet(Chain(X, 1.0, 1.0), V0)
     model.critical_step, solver.critical_step = (lambda inverse: step), (lambda: step)
     for object in (model, solver):
-        with pytest.raises(errors.InvalidParameter, match="critical_step of 'chain'"):
+        with raises("InvalidParameter", match="critical_step of 'chain'"):
             coupled(object)
 
 
 def test_a_table_of_time_has_as_many_values_as_times_and_runs_end_at_a_time():
-    with pytest.raises(errors.SizeMismatch, match="3 times and 2 values"):
+    with raises("SizeMismatch", match="3 times and 2 values"):
         aq.TimeFunction.table([0, 1, 2], [0, 1])
     run = coupled(Chain(X, 1.0, 1.0))
     for time in (np.nan, np.inf):
-        with pytest.raises(errors.InvalidParameter, match="finite"):
+        with raises("InvalidParameter", match="finite"):
             run.run_until(time)
 
 
@@ -141,7 +142,7 @@ def test_an_exception_in_a_function_of_time_comes_back_as_it_is(raised, where):
     with pytest.raises(raised):
         run.run(100)
     assert run.time < 5.0
-    with pytest.raises(errors.Unsupported, match="restore"):
+    with raises("Unsupported", match="restore"):
         run.run(1)
     run.restore(kept)
     healed.append(True)
@@ -157,7 +158,7 @@ def test_a_function_of_time_need_not_make_sense_before_time_zero():
 def test_a_solver_that_saves_nothing_is_named():
     solver = Verlet(Chain(X, 1.0, 1.0), V0)
     solver.save = lambda: None
-    with pytest.raises(errors.InvalidParameter, match="save of 'chain' answers None"):
+    with raises("InvalidParameter", match="save of 'chain' answers None"):
         coupled(solver).snapshot()
 
 
@@ -166,20 +167,20 @@ def test_names_and_kinds_are_texts(what):
     for make, part in ((lambda: Chain(X, 1.0, 1.0), aq.Subdomain.fine), (lambda: Verlet(Chain(X, 1.0, 1.0), V0), aq.Subdomain.participant)):
         object = make()
         setattr(object, what, 3)
-        with pytest.raises(errors.InvalidParameter, match=f"{what} = 3: .* a text"):
+        with raises("InvalidParameter", match=f"{what} = 3: .* a text"):
             part(object)
 
 
 def test_models_are_counted_from_zero():
     run = coupled(Chain(X, 1.0, 1.0))
     for number in (-1, 2):
-        with pytest.raises(errors.UnknownName, match="there is no subdomain .*; there are: bar, chain"):
+        with raises("UnknownName", match="there is no subdomain .*; there are: bar, chain"):
             run.velocity(number)
 
 
 def test_a_name_that_two_models_have_names_none():
     run = aq.Coupled([aq.Subdomain.fine(Chain(X, 1.0, 1.0)) for _ in range(2)], seconds=0.5)
-    with pytest.raises(errors.UnknownName, match="several are named 'chain'"):
+    with raises("UnknownName", match="several are named 'chain'"):
         run.velocity("chain")
     assert run.velocity(1).shape == (61, 1)
 

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 import arlequin as aq
 from arlequin import conformance, errors
+from codes import raises
 
 BONDS = 60
 X = -20.0 + np.arange(BONDS + 1.0)
@@ -211,7 +212,7 @@ def test_a_matrix_as_it_is_goes_with_weights_that_do_not_vary():
         run = coupled(aq.LinearModel("chain", one, matrix, M), profile="constant", value=1e-6)
         run.run(1000)
         assert run.drift < 1e-11
-    with pytest.raises(errors.Unsupported, match="override stiffness"):
+    with raises("Unsupported", match="override stiffness"):
         coupled(aq.LinearModel("chain", one, K, M))
 
 
@@ -254,11 +255,11 @@ class Shifted(Verlet):
 
 
 def test_conformance_says_what_is_wrong():
-    with pytest.raises(errors.Unsupported, match="not minus the slope"):
+    with raises("Unsupported", match="not minus the slope"):
         conformance.check(Wrong(X, 1.0, 1.0))
-    with pytest.raises(errors.Unsupported, match="moves nodes at once"):
+    with raises("Unsupported", match="moves nodes at once"):
         conformance.check(Shifted(Chain(X, 1.0, 1.0), V0), step=0.8)
-    with pytest.raises(errors.Key, match="step="):
+    with raises("Key", match="step="):
         conformance.check(chain("solver"))
 
 
@@ -269,14 +270,14 @@ def test_conformance_sees_steps_that_are_not_made_or_of_another_length(shares):
             for share in shares:
                 super().advance(time, share * step)
 
-    with pytest.raises(errors.Unsupported, match="by velocity times step"):
+    with raises("Unsupported", match="by velocity times step"):
         conformance.check(Other(Chain(X, 1.0, 1.0), V0), step=0.4)
 
 
 def test_conformance_sees_accelerations_that_are_forces():
     solver = Verlet(Chain(X, 1.0, 3.0), V0)
     solver.accelerations = lambda: solver.f
-    with pytest.raises(errors.Unsupported, match="by acceleration times step"):
+    with raises("Unsupported", match="by acceleration times step"):
         conformance.check(solver, step=0.4)
 
 
@@ -341,36 +342,36 @@ def test_what_does_not_fit_is_refused_by_name():
         def internal_forces(self, q):
             return super().internal_forces(q)[:-1]
 
-    with pytest.raises(errors.SizeMismatch, match="internal_forces of 'chain': expected 61 numbers, found 60"):
+    with raises("SizeMismatch", match="internal_forces of 'chain': expected 61 numbers, found 60"):
         coupled(Short(X, 1.0, 1.0))
 
     class Leaning(LinearChain):
         def stiffness(self, weight):
             return super().stiffness(weight) + 0.1 * sp.eye_array(BONDS + 1, k=1)
 
-    with pytest.raises(errors.InvalidParameter, match=r"give \(K \+ K.T\)/2"):
+    with raises("InvalidParameter", match=r"give \(K \+ K.T\)/2"):
         coupled(Leaning(X, 1.0, 1.0))
 
     class Infinite(LinearChain):
         def stiffness(self, weight):
             return super().stiffness(weight) * 1e308 * 1e308
 
-    with pytest.raises(errors.NotFinite, match="stiffness of 'chain'"):
+    with raises("NotFinite", match="stiffness of 'chain'"):
         coupled(Infinite(X, 1.0, 1.0))
 
     class Half(LinearChain):
         def stiffness(self, weight):
             return super().stiffness(weight).tocsr()[:, :-1]
 
-    with pytest.raises(errors.SizeMismatch, match="square"):
+    with raises("SizeMismatch", match="square"):
         coupled(Half(X, 1.0, 1.0))
 
     class Nowhere(aq.Model):
         name = "nowhere"
 
-    with pytest.raises(errors.InvalidParameter, match="self.mesh"):
+    with raises("InvalidParameter", match="self.mesh"):
         aq.Subdomain.fine(Nowhere())
-    with pytest.raises(errors.Unsupported, match="has no method"):
+    with raises("Unsupported", match="has no method"):
         aq.Subdomain.fine(type("Bare", (), {"mesh": aq.Mesh.line(X), "name": "bare"})())
     with pytest.raises(NotImplementedError, match="Nothing.set_internal_weight"):
         aq.Coupled([aq.Subdomain.fine(type("Nothing", (aq.Model,), {"mesh": aq.Mesh.line(X)})())])
@@ -433,12 +434,12 @@ def test_a_solver_in_another_process_moves_like_that_of_the_library(tmp_path):
 
 def test_a_solver_that_does_not_come_is_named():
     begin = time.monotonic()
-    with pytest.raises(errors.Command, match="before it connected"):
+    with raises("Command", match="before it connected"):
         aq.Subdomain.remote("nobody", [sys.executable, "-c", "pass"], timeout=2.0)
     with pytest.raises(errors.InputError):
         aq.Subdomain.remote("nobody", ["no-such-program-at-all"])
-    with pytest.raises(errors.Key, match="command="):
+    with raises("Key", match="command="):
         aq.Subdomain.remote("nobody")
-    with pytest.raises(errors.InvalidParameter, match="timeout"):
+    with raises("InvalidParameter", match="timeout"):
         aq.Subdomain.remote("nobody", ["true"], timeout=-1.0)
     assert time.monotonic() - begin < 5.0

@@ -23,6 +23,7 @@ PLATE = """
 import multiprocessing, sys, threading
 import numpy as np
 import arlequin as aq
+from codes import raises
 
 def energy(k):
     plate = aq.FemModel("plate", aq.Mesh.block("hex", [0, 0, 0], [1, 1, 1], [20, 20, 15]), aq.Elastic(1.0, 0.3, 1.0))
@@ -161,14 +162,14 @@ def test_a_solver_may_take_longer_to_start_than_to_answer(tmp_path):
     )
     command = [sys.executable, str(script)]
     assert aq.Subdomain.remote("mine", command, timeout=1.0).name == "mine"
-    with pytest.raises(errors.Silent, match="a connection to .* within 0.5 s"):
+    with raises("Silent", match="a connection to .* within 0.5 s"):
         aq.Subdomain.remote("mine", command, start_timeout=0.5)
 
 
 @pytest.mark.parametrize("cells", [[[0.5, 1, 2, 3]], [[0, 1, 2, np.nan]], [[0, 1, 2, -1]]])
 def test_node_numbers_are_whole(cells):
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
-    with pytest.raises(errors.InvalidParameter, match="node number .*; they are whole"):
+    with raises("InvalidParameter", match="node number .*; they are whole"):
         aq.Mesh("tet", corners, cells)
     for whole in ([[0, 1, 2, 3]], [[0.0, 1.0, 2.0, 3.0]], np.array([[0, 1, 2, 3]], np.uint8)):
         assert aq.Mesh("tet", corners, whole).cells.tolist() == [[0, 1, 2, 3]]
@@ -178,5 +179,5 @@ def test_progress_is_a_switch_or_an_object(tmp_path):
     file = tmp_path / "bar.toml"
     file.write_text(BAR)
     assert aq.run(file, **{"time.end": 1e-5}).summary.time >= 1e-5
-    with pytest.raises(errors.Value, match="progress = 0.5"):
+    with raises("Value", match="progress = 0.5"):
         aq.run(file, progress=0.5)

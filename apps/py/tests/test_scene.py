@@ -14,6 +14,7 @@ import pytest
 
 import arlequin
 from arlequin import Scene, errors
+from codes import raises
 
 SCENES = pathlib.Path(__file__).parents[3] / "examples" / "scenes"
 
@@ -109,10 +110,10 @@ def test_a_results_folder_is_what_the_command_line_writes(bar, tmp_path):
     assert told["energy"] == done.summary["energy"]
     table = np.genfromtxt(done.folder / "probes.csv", delimiter=",", names=True, deletechars="")
     assert np.array_equal(table["tip_displacement_[m]"], done.probes["tip"].u)
-    with pytest.raises(errors.Exists, match="--force"):
+    with raises("Exists", match="--force"):
         Scene(source).run(out=tmp_path / "out")
     Scene(source).run(out=tmp_path / "out", force=True)
-    with pytest.raises(errors.Checkpoint, match="has a run that has ended"):
+    with raises("Checkpoint", match="has a run that has ended"):
         arlequin.resume(tmp_path / "out")
 
 
@@ -122,24 +123,24 @@ def test_mistakes_are_exceptions_with_name_key_and_line(tmp_path):
         Scene.from_text(wrong).check()
     assert isinstance(caught.value, ValueError)
     assert caught.value.key.startswith("model.bar") and caught.value.line is not None
-    with pytest.raises(errors.Syntax, match="scene:4"):
+    with raises("Syntax", match="scene:4"):
         Scene.from_text(BAR.replace("kind", "kynd"))
-    with pytest.raises(errors.Set, match="time.end"):
+    with raises("Set", match="time.end"):
         Scene.from_text(BAR, **{"time.end": "soon"})
-    with pytest.raises(errors.Read, match="check the path"):
+    with raises("Read", match="check the path"):
         Scene(tmp_path / "none.toml")
-    with pytest.raises(errors.Value, match="no value of a scene"):
+    with raises("Value", match="no value of a scene"):
         Scene.from_text(BAR, title=object())
     with pytest.raises(KeyError, match="tip"):
         Scene.from_text(BAR, **{"time.end": 1e-5}).run().probes["top"]
     with pytest.raises(AttributeError, match="ask for 'u'"):
         Scene.from_text(BAR, **{"time.end": 1e-5}).run().probes["tip"].v
-    with pytest.raises(errors.Key, match="error or time"):
+    with raises("Key", match="error or time"):
         Scene.from_text(BAR).suggest()
 
 
 def test_failures_of_a_run_have_their_own_names(bar):
-    with pytest.raises(errors.UnstableStep) as caught:
+    with raises("UnstableStep") as caught:
         bar.changed(**{"time.step": {"seconds": 1e-3}, "time.end": 1e-2}).run()
     assert "critical step" in str(caught.value)
 
@@ -158,7 +159,7 @@ def test_ctrl_c_ends_a_run_at_once_and_keeps_what_was_computed(bar):
 
 @pytest.mark.parametrize("count", [0, 10**6])
 def test_threads_are_bounded_by_the_machine(count):
-    with pytest.raises(errors.InvalidParameter, match=f"threads = {count}: must be from 1 to"):
+    with raises("InvalidParameter", match=f"threads = {count}: must be from 1 to"):
         arlequin.set_threads(count)
 
 
@@ -297,7 +298,7 @@ scene = "bar.toml"
         made.column("mesh")
     again = arlequin.sweep(file, out=tmp_path / "out")
     assert all(r.reused for r in again.runs)
-    with pytest.raises(errors.Read):
+    with raises("Read"):
         arlequin.sweep(tmp_path / "none.toml", out=tmp_path / "out")
 
 

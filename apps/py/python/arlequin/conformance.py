@@ -51,11 +51,11 @@ def check(
     less. What nobody sees from outside is whether forces are those of the material, and whether the stiffness of a solver
     has the weights that its inertia has.
 
-    :raises arlequin.errors.Unsupported: if one is above ``tolerance``, with all of them and what they mean.
+    :raises arlequin.errors.InputError: if one is above ``tolerance``, with all of them and what they mean.
     """
     if hasattr(object, "kick"):
         if step is None:
-            raise errors.Key("a solver is checked in steps of a length: give step=… [s]")
+            raise errors.InputError("a solver is checked in steps of a length: give step=… [s]", code="Key")
         found = participant(object, step, steps)
     else:
         found = Record(
@@ -79,5 +79,5 @@ def check(
     limits = {name: max(tolerance, rough.get(name, 0.0)) for name in found}
     wrong = [f"{name} = {value:.1e}: {means[name]}" for name, value in found.items() if not value <= limits[name]]
     if wrong:
-        raise errors.Unsupported(f"'{getattr(object, 'name', object)}' is not fit to be coupled: " + "; ".join(wrong))
+        raise errors.InputError(f"'{getattr(object, 'name', object)}' is not fit to be coupled: " + "; ".join(wrong), code="Unsupported")
     return found

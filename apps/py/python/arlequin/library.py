@@ -44,7 +44,7 @@ class Coupled(_native.Coupled):
     def run_until(self, time: float, observer: Any = None, every: int = 1) -> int:
         """Makes as many steps as reach ``time`` [s]; returns how many were made."""
         if not math.isfinite(time):
-            raise errors.InvalidParameter(f"time = {time}: must be finite [s]")
+            raise errors.InputError(f"time = {time}: must be finite [s]", code="InvalidParameter")
         left = max(0, -int(-(time - self.time) * (1 - 1e-12) // self.dt))
         return self.run(left, observer, every)
 

@@ -127,10 +127,11 @@ class LinearModel(_Described):
     def _constant(self, weight: np.ndarray) -> float:
         # As much as the coupling asks for of a solver that cannot weight itself: one less 1e-6.
         if weight.size and np.ptp(weight) > 1e-5:
-            raise errors.Unsupported(
+            raise errors.InputError(
                 f"model '{self.name}' cannot share its energy by weights from {weight.min():g} to {weight.max():g}: it has "
                 "one matrix; override stiffness(weight) and inertia(weight), or give a ramp with profile 'constant' and "
-                "value=1e-6, or take Weights.with_weighting('nodal')"
+                "value=1e-6, or take Weights.with_weighting('nodal')",
+                code="Unsupported",
             )
         return float(weight.mean()) if weight.size else 1.0
 
@@ -180,5 +181,5 @@ def _rows(matrix: Any, name: str) -> tuple[int, list[int], list[int], np.ndarray
         columns = np.concatenate(used) if used else np.zeros(0, int)
         values = full[full != 0.0]
     if len(shape) != 2 or shape[0] != shape[1]:
-        raise errors.SizeMismatch(f"stiffness of '{name}' has the shape {shape}; give a square matrix")
+        raise errors.InputError(f"stiffness of '{name}' has the shape {shape}; give a square matrix", code="SizeMismatch")
     return shape[0], begin.tolist(), columns.tolist(), np.asarray(values, float)

@@ -242,7 +242,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib.pyplot as plt
     except ImportError:
-        raise errors.System("drawing needs matplotlib: pip install arlequin[plot]") from None
+        raise errors.RunError("drawing needs matplotlib: pip install arlequin[plot]", code="System") from None
     return plt
 
 
@@ -314,9 +314,9 @@ class Run:
         """
         times = self.times
         if len(times) == 0:
-            raise errors.Key("this run kept no frames; run the scene with frames=20, or look into its folder")
+            raise errors.InputError("this run kept no frames; run the scene with frames=20, or look into its folder", code="Key")
         if t is not None and not np.isfinite(t):
-            raise errors.Value(f"t = {t}: must be finite [s]")
+            raise errors.InputError(f"t = {t}: must be finite [s]", code="Value")
         k = len(times) - 1 if t is None else int(np.argmin(np.abs(times - t)))
         models = self._native.fields(k)
         return Frame(float(times[k]), {n: Fields(m["points"], m["cells"]) for n, m in models.items()})
@@ -328,7 +328,7 @@ class Run:
         try:
             import pyvista
         except ImportError:
-            raise errors.System("meshes need PyVista: pip install arlequin[mesh]") from None
+            raise errors.RunError("meshes need PyVista: pip install arlequin[mesh]", code="System") from None
         frame, grid = self.fields(t)[model], self.grids[model]
         cells = np.asarray(grid["cells"])
         count = np.full((len(cells), 1), cells.shape[1] if cells.ndim == 2 else 0)

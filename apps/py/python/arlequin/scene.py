@@ -33,7 +33,7 @@ def _toml(value: Any) -> str:
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, Iterable):
         return "[" + ", ".join(_toml(v) for v in value) + "]"
-    raise errors.Value(f"{value!r} is no value of a scene: give a number, a text, true or false, a list or a dictionary")
+    raise errors.InputError(f"{value!r} is no value of a scene: give a number, a text, true or false, a list or a dictionary", code="Value")
 
 
 def _assignments(changes: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -84,7 +84,7 @@ def _listener(progress: Union[bool, Progress]) -> Progress:
     if isinstance(progress, Progress):
         return progress
     if not isinstance(progress, bool):
-        raise errors.Value(f"progress = {progress!r}: give True, False or an arlequin.Progress")
+        raise errors.InputError(f"progress = {progress!r}: give True, False or an arlequin.Progress", code="Value")
     return Progress(progress)
 
 
@@ -140,7 +140,7 @@ class Scene:
     >>> scene.set("time.ende", 1.0)
     Traceback (most recent call last):
         ...
-    arlequin.errors.Set: ...
+    arlequin.errors.InputError: ...
     """
 
     def __init__(self, path: PathLike, **changes: Any) -> None:
