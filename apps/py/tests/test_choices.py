@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import arlequin as aq
-from arlequin import errors
 from codes import raises
 from test_plug import V0, X, Chain, coupled, gap, states
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import arlequin as aq
+from arlequin import errors
 from codes import raises
 
 

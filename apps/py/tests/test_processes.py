@@ -16,6 +16,7 @@ import pytest
 
 import arlequin as aq
 from arlequin import Scene, errors
+from codes import raises
 from test_scene import BAR
 
 # Enough unknowns that all threads compute: 7 203.
@@ -23,7 +24,6 @@ PLATE = """
 import multiprocessing, sys, threading
 import numpy as np
 import arlequin as aq
-from codes import raises
 
 def energy(k):
     plate = aq.FemModel("plate", aq.Mesh.block("hex", [0, 0, 0], [1, 1, 1], [20, 20, 15]), aq.Elastic(1.0, 0.3, 1.0))
