@@ -1,8 +1,8 @@
-//! How far the two models of an overlap are apart, and what that is held against: the motion there that
-//! deforms.
+//! Displacement jump of an overlap, and the deformation of the overlap with which the jump is compared.
 //!
-//! Of the displacements `u` of all nodes that multipliers act on, with masses `m` and places `y` from their
-//! common centre, the nearest rigid motion is taken off:
+//! The deformation is what remains of the displacements `u` after the nearest rigid motion is subtracted. It
+//! is taken over all nodes that multipliers act on, with masses `m` and positions `y` from their common
+//! centre:
 //!
 //! ```text
 //! amplitude = max |u − ū − W y|,    ū = Σ m u / Σ m
@@ -10,8 +10,8 @@
 //! W = R − 1    R: greatest eigenvector of Horn's matrix    turns of any size
 //! ```
 //!
-//! whichever of the two leaves less. A body that flies or turns as a whole has none; nothing depends on how
-//! axes lie.
+//! The rotation that leaves the smaller amplitude is taken. A body that flies or turns as a whole has no
+//! amplitude, and the directions of the axes do not matter.
 
 use super::ledger::DisplacementJump;
 use crate::Real;
@@ -22,34 +22,34 @@ use nalgebra::{Matrix3, Matrix4, Quaternion, SymmetricEigen, UnitQuaternion, Vec
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Last digits by which displacements differ that are the same but for round-off, per own step.
+/// Units of round-off by which equal displacements may differ, per own step.
 const DIGITS: f64 = 16.0;
 
-/// Looks without a doubled amplitude after which a jump is judged.
+/// Evaluations without a doubling of the amplitude after which a jump is judged.
 const LOOKS: usize = 10;
 
-/// Sweeps after which the search for a rotation is given up; it takes three or four.
+/// Largest number of iterations in the search for a rotation; three or four are usual.
 const SWEEPS: usize = 100;
 
-/// The nodes of an overlap that multipliers act on.
+/// Nodes of an overlap that multipliers act on.
 #[derive(Debug)]
 pub(super) struct Overlap<T: Real> {
-    /// Of the coarse and of the fine side.
+    /// Nodes of the coarse and of the fine side.
     nodes: [Vec<Node<T>>; 2],
     components: usize,
     mass: T,
     /// `Σ m y yᵀ`.
     spread: Matrix3<T>,
-    /// Inverse of `tr G − G`; zero about axes on which all nodes lie.
+    /// Pseudo-inverse of `tr G − G`; zero about an axis on which all nodes lie.
     inverse: Matrix3<T>,
-    /// Where the nodes of a side pass from unit to unit.
+    /// Boundaries between units of summation in the nodes of each side.
     cuts: [Cuts; 2],
-    /// Of a side in parts: what this rank holds.
+    /// This rank's part of each partitioned side.
     portions: [Option<Arc<Portion>>; 2],
-    /// Whether there is a first node of the coarse side, from which displacements are counted, and whether
-    /// it is here.
+    /// Reference node, from whose displacement others are counted: the first node of the coarse side. `None`
+    /// if there is none, otherwise whether this rank has it.
     first: Option<bool>,
-    /// An amplitude that has not doubled since, and looks since then.
+    /// Amplitude at its last doubling, and number of evaluations since then.
     steady: (T, usize),
 }
 
@@ -57,11 +57,11 @@ pub(super) struct Overlap<T: Real> {
 struct Node<T: Real> {
     index: usize,
     mass: T,
-    /// Place from the common centre \[m\].
+    /// Position from the common centre \[m\].
     arm: Vector3<T>,
 }
 
-/// A rigid motion: `base + turn · y`.
+/// Rigid motion `base + turn · y`.
 #[derive(Debug, Clone, Copy)]
 struct Rigid<T: Real> {
     base: Vector3<T>,
@@ -74,7 +74,7 @@ impl<T: Real> Overlap<T> {
         let side = |m: usize| {
             let s = &subdomains[interface.sides()[m]];
             let of = |index: usize| {
-                // Only directions in which nodes move are there to turn in.
+                // Nodes can turn only within the directions in which they move.
                 let mut arm = s.model().nodes()[index].coords;
                 (components..3).for_each(|c| arm[c] = T::zero());
                 let mass = s.inertia()[index * components];
@@ -86,7 +86,7 @@ impl<T: Real> Overlap<T> {
         Self::of([0, 1].map(side), components)
     }
 
-    /// Of nodes whose arms are from any point.
+    /// Builds the overlap from nodes whose arms start at any common point.
     fn of(mut nodes: [Vec<Node<T>>; 2], components: usize) -> Self {
         let all = || nodes.iter().flatten();
         let mass: T = all().map(|n| n.mass).sum();
@@ -110,7 +110,7 @@ impl<T: Real> Overlap<T> {
         }
     }
 
-    /// From now on models are in parts, of which it keeps the nodes here.
+    /// Keeps this rank's nodes of partitioned models.
     pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
         for (m, portion) in portions.into_iter().enumerate() {
             let Some(portion) = portion else { continue };
@@ -125,8 +125,8 @@ impl<T: Real> Overlap<T> {
         }
     }
 
-    /// Jump, amplitude and digits of the present state join those so far; `steps`: own steps so far of the
-    /// side that makes most.
+    /// Updates `so_far` with jump, amplitude and round-off of the present state; `steps` is the number of own
+    /// steps so far of the side that makes most.
     pub(super) fn look(
         &mut self,
         sides: [&Subdomain<T>; 2],
@@ -152,8 +152,8 @@ impl<T: Real> Overlap<T> {
         };
     }
 
-    /// Whether the amplitude has not doubled for some looks: of the first beginnings of a wave, which are
-    /// short, the jump is a large share that says nothing of the wave.
+    /// Returns whether the amplitude has not doubled for some evaluations. While a wave only begins to
+    /// arrive, the jump is a large share of the amplitude and says nothing about the wave.
     pub(super) fn has_settled(&self) -> bool {
         self.steady.1 >= LOOKS
     }
@@ -166,9 +166,11 @@ impl<T: Real> Overlap<T> {
         u
     }
 
-    /// Largest displacement \[m\] from the nearest rigid motion; `of`: displacement of a node of a side.
+    /// Returns the largest displacement \[m\] from the nearest rigid motion; `of` gives the displacement of a
+    /// node of a side.
     fn amplitude(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> T {
-        // From the displacement of one of them: digits of a common motion are lost once only.
+        // Displacements are counted from that of one node, so that a large common motion costs digits only
+        // once.
         let Some(first) = self.first(of) else {
             return T::zero();
         };
@@ -194,6 +196,8 @@ impl<T: Real> Overlap<T> {
             tilt[(1, 0)] - tilt[(0, 1)],
         );
         let turn = (self.inverse * axial).cross_matrix();
+        // Laws of small displacements do not resist `ω × y`, other laws do not resist a rotation: the better
+        // fit counts.
         let small = self.farthest(of, &Rigid { base, turn });
         let turned = rotation(&(self.spread + tilt)).filter(|_| self.components > 1);
         turned.map_or(small, |r| {
@@ -202,7 +206,7 @@ impl<T: Real> Overlap<T> {
         })
     }
 
-    /// Largest distance from a rigid motion.
+    /// Returns the largest distance \[m\] of displacements from a rigid motion, over all ranks.
     fn farthest(&self, of: &impl Fn(usize, &Node<T>) -> Vector3<T>, from: &Rigid<T>) -> T {
         let mut top = T::zero();
         for (m, nodes) in self.nodes.iter().enumerate() {
@@ -215,13 +219,14 @@ impl<T: Real> Overlap<T> {
         ranks::largest(all.map(|p| &**p), top).sqrt()
     }
 
-    /// Displacement of the first node of the coarse side, on all ranks.
+    /// Returns the displacement of the reference node on all ranks; `None` if the coarse side has no node.
     fn first(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> Option<Vector3<T>> {
         let here = self.first?;
         let own = (self.nodes[0].first().filter(|_| here)).map_or_else(Vector3::zeros, |n| of(0, n));
         let Some(portion) = &self.portions[0] else {
             return Some(own);
         };
+        // One rank has the node, the others add zero: the all-reduce is a broadcast.
         let sums = [0, 1, 2].map(|c| {
             let mut sum = Exact::zero();
             sum.add(own[c].as_f64());
@@ -231,12 +236,12 @@ impl<T: Real> Overlap<T> {
     }
 }
 
-/// Where nodes pass from unit to unit.
+/// Returns the boundaries between units of summation in a list of nodes.
 fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
     Cuts::of(nodes.iter().map(|n| n.index))
 }
 
-/// The rotation `R` for which `R y` is nearest to `x`, of `Σ m x yᵀ` (Horn 1987).
+/// Returns the rotation `R` for which `R y` is nearest to `x`, from the moment `Σ m x yᵀ` (Horn 1987).
 fn rotation<T: Real>(moment: &Matrix3<T>) -> Option<Matrix3<T>> {
     let m = |x: usize, y: usize| moment[(x, y)];
     let [a, b, c] = [m(2, 1) - m(1, 2), m(0, 2) - m(2, 0), m(1, 0) - m(0, 1)];
@@ -263,7 +268,7 @@ mod tests {
     use super::{Node, Overlap};
     use nalgebra::{Rotation3, Vector3};
 
-    /// Places on both sides, heavier here than there, and small displacements that no rigid motion makes.
+    /// Positions on both sides and small displacements that are no rigid motion; `flat` scales the axes.
     fn places(flat: Vector3<f64>) -> [Vec<(Vector3<f64>, Vector3<f64>)>; 2] {
         let at = |k: usize, side: usize| {
             let t = (7 * k + 3 * side) as f64;
@@ -276,7 +281,7 @@ mod tests {
         [(20, 0), (50, 1)].map(|(n, side)| (0..n).map(|k| at(k, side)).collect())
     }
 
-    /// The amplitude of displacements `u(x, bent)`.
+    /// Amplitude of the displacements `u(x, bent)`.
     fn amplitude(
         places: &[Vec<(Vector3<f64>, Vector3<f64>)>; 2],
         u: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector3<f64> + Sync,
@@ -315,12 +320,12 @@ mod tests {
                 let turned = amplitude(&places, |x, bent| r * (x + bent) - x);
                 // The two fits differ by the square of what bends, 1e-3.
                 assert!((turned / still - 1.0).abs() < 3e-3, "{flat}, {angle}: {turned:e}");
-                // Axes that lie otherwise.
+                // Rotated axes.
                 let seen = [0, 1].map(|m| places[m].iter().map(|(x, u)| (r * x, r * u)).collect());
                 let seen = amplitude(&seen, |_, bent| *bent);
                 assert!((seen / still - 1.0).abs() < 1e-10, "{flat}, {angle}: {seen:e}");
             }
-            // What models of small displacements take for a turn.
+            // Rotation of a model with small displacements.
             let spin = Vector3::new(0.3, 0.1, -0.2);
             let sheared = amplitude(&places, |x, bent| bent + spin.cross(x));
             assert!((sheared / still - 1.0).abs() < 3e-3, "{flat}: {sheared:e}");

@@ -7,24 +7,24 @@ use crate::subdomain::Subdomain;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
 
-/// Share of a field at a point that must be prescribed for it to count as prescribed there: a particle's
-/// centre lies a radius inside the face that is held.
+/// Least sum of the shape functions of prescribed nodes for which a field counts as prescribed at a point. It
+/// is below one because a particle's centre lies one radius inside the face that is held.
 const PRESCRIBED: f64 = 0.75;
-/// Difference of two motions over the larger one above which they are opposed.
+/// Largest difference of two motions, relative to the larger one, for which they count as equal.
 const SAME: f64 = 1e-6;
-/// Equal parts of a run at whose ends motions are compared.
+/// Number of equal parts of a run at whose ends motions are compared.
 const PARTS: u32 = 64;
 
 /// Times over which motions are compared \[s\].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
     pub(super) start: f64,
-    /// End of the run, where it is known.
+    /// End of the run, if known.
     pub(super) end: Option<f64>,
 }
 
-/// Refuses an interface whose two models are moved by prescribed motions that differ at one place within a
-/// span of time: no velocity jump can vanish there.
+/// Refuses an interface whose two models have different prescribed motions at one place within a span of
+/// time: the velocity jump could not vanish there.
 ///
 /// # Errors
 /// [`Error::OpposedMotions`].
@@ -70,11 +70,11 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
-/// Says where one model of an interface is supported in the overlap and the other is not, so that the
-/// multipliers alone hold that one.
+/// Returns a warning if one model of an interface is supported in the overlap and the other is not, so that
+/// the multipliers alone hold the other.
 pub(super) fn one_sided<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Option<String> {
     let sides = interface.sides.map(|k| &subdomains[k]);
-    // What a solver of its own holds is not known.
+    // The supports of an external solver are not known.
     if sides.iter().any(|s| s.is_guest()) {
         return None;
     }
@@ -102,7 +102,7 @@ pub(super) fn one_sided<T: Real>(interface: &Interface<T>, subdomains: &[Subdoma
     None
 }
 
-/// The motion of every unknown that has one.
+/// Returns the prescribed motion of every unknown, if it has one.
 fn by_unknown<T: Real>(s: &Subdomain<T>) -> Vec<Option<&PrescribedMotion<T>>> {
     let mut out = vec![None; s.model().layout().dofs()];
     for motion in s.supports() {
@@ -111,9 +111,11 @@ fn by_unknown<T: Real>(s: &Subdomain<T>) -> Vec<Option<&PrescribedMotion<T>>> {
     out
 }
 
-/// When \[s\] and by how much \[m\] a motion differs most from the prescribed share of a field, relative to
-/// the larger of both: to what it is within the run where the end of that is known; else at that time, or to
-/// its amplitude where that is more.
+/// Returns the time \[s\] and the size \[m\] of the largest relative difference between a motion and the
+/// prescribed part of a field; `None` if the two agree.
+///
+/// The difference is relative to the larger of the two motions: to its maximum within the run if the end of
+/// the run is known, otherwise to the larger of its value at that time and its amplitude.
 fn opposed<T: Real>(
     own: &PrescribedMotion<T>,
     held: &[(&PrescribedMotion<T>, f64)],
@@ -137,11 +139,11 @@ fn opposed<T: Real>(
     (worst.2 > SAME).then_some((worst.0, worst.1))
 }
 
-/// Instants of a span at which two different functions of time can be told apart.
+/// Returns the instants of a span at which two functions of time are compared.
 fn instants<T: Real>(f: &TimeFunction<T>, span: Span) -> Vec<f64> {
     let mut out = kinks(f);
     match span.end {
-        // Any time will tell two formulas apart, unless they are the same there.
+        // Without an end, formulas are compared at 49 instants from 1 µs to 1e6 s.
         None if is_formula(f) => out.extend((-24..=24).map(|k| 10.0_f64.powf(f64::from(k) / 4.0))),
         None => {}
         Some(end) => {
@@ -160,7 +162,8 @@ fn is_formula<T: Real>(f: &TimeFunction<T>) -> bool {
     }
 }
 
-/// Instants between which a function of time is known from its values there and in the middle.
+/// Returns instants at which values identify a function of its kind, such as the rows of a table; empty for a
+/// formula.
 fn kinks<T: Real>(f: &TimeFunction<T>) -> Vec<f64> {
     match f {
         TimeFunction::Step => vec![0.0],
@@ -190,7 +193,7 @@ mod tests {
         TimeFunction::Formula(Formula::new(text, value))
     }
 
-    /// Issue 26, D.4: two equal motions that grow with time were opposed by the round-off of 1e6 seconds.
+    /// Equal motions that grow with time must not be opposed by the round-off at 1e6 s (issue 26, D.4).
     #[test]
     fn equal_motions_are_not_opposed_however_fast_they_grow() {
         let square = || formula("(t/30e-6)^2", |t| (t / 30e-6).powi(2));
