@@ -6,12 +6,13 @@ use crate::model::DofLayout;
 use nalgebra::{Point3, SMatrix, SymmetricEigen, Vector3, Vector6};
 use std::fmt::Write as _;
 
-/// What of a unit motion of a whole body the supports may see of it and still leave it free.
+/// Largest resistance of the supports to a unit motion that counts as free, relative to their resistance to
+/// all six.
 const FREE: f64 = 1e-9;
 
 impl<T: Real> Coupled<T> {
-    /// In words, which rigid motions are free: `'left' and 'right' can move along y and turn about x`.
-    /// Empty if none is.
+    /// Describes the free rigid motions in words: `'left' and 'right' can move along y and turn about x`.
+    /// Empty if none is free.
     pub(super) fn free_motions(&self) -> String {
         let mut out = String::new();
         for group in self.tied() {
@@ -28,7 +29,7 @@ impl<T: Real> Coupled<T> {
         out
     }
 
-    /// Subdomains in sets that interfaces tie to each other.
+    /// Returns the groups of subdomains that interfaces tie to each other.
     fn tied(&self) -> Vec<Vec<usize>> {
         let mut set: Vec<usize> = (0..self.subdomains.len()).collect();
         for [a, b] in self
@@ -44,7 +45,8 @@ impl<T: Real> Coupled<T> {
         (0..set.len()).map(group).filter(|g| !g.is_empty()).collect()
     }
 
-    /// The free motions of a set in words; turns are about the middle of what is held.
+    /// Describes the free motions of a group in words; turns are about the middle of the supported nodes.
+    /// `None` if no motion is free.
     fn free_of(&self, group: &[usize]) -> Option<String> {
         let held = || {
             group.iter().flat_map(|k| {
@@ -76,12 +78,13 @@ impl<T: Real> Coupled<T> {
             let row = seen_by(d, layout, &((wide(&x) - middle) / size));
             seen += row * row.transpose();
         }
-        // A line knows one direction.
+        // Models on a line move in one direction only: the five other motions count as held.
         let lines = group
             .iter()
             .all(|k| self.subdomains[*k].model().layout().components == 1);
         let known = if lines { 1 } else { 6 };
         (known..6).for_each(|k| seen[(k, k)] += 1.0);
+        // Arms are relative to the size of the body, so that translations and turns compare.
         let limit = FREE * seen.trace().max(f64::MIN_POSITIVE);
         let free = SymmetricEigen::new(seen)
             .eigenvalues
@@ -93,8 +96,8 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// What of the six unit motions (three ways, three turns about the middle) a prescribed unknown sees, with
-/// the arm of its node.
+/// Returns the displacement of a prescribed unknown in each of the six unit motions (three translations,
+/// three turns about the middle); `arm` points from the middle to its node.
 fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
     let mut row = Vector6::zeros();
     if dof < layout.translations() {
@@ -109,7 +112,8 @@ fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
     row
 }
 
-/// The motions that are free by themselves, and how many more are.
+/// Puts into words the motions that are free on their own, and the number of other free motions, which
+/// combine several.
 fn in_words(named: &[usize], free: usize) -> String {
     let list = |from: usize| {
         let of = named.iter().filter(|k| (from..from + 3).contains(*k));

@@ -1,13 +1,13 @@
-//! Effects that act on the whole of a body, but on one model of an overlap only.
+//! Warnings of effects that act on a whole body but were given to only one model of an overlap.
 
 use crate::Real;
 use crate::interface::Interface;
 use crate::subdomain::Subdomain;
 
-/// Says which effects on the share of one model lack their counterpart on the other model of an interface.
+/// Returns a warning for each effect on the share of one model of an interface that the other model lacks.
 pub(super) fn warnings<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Vec<String> {
     let sides = interface.sides.map(|k| &subdomains[k]);
-    // What acts within a solver of its own is not known.
+    // Effects within an external solver are not known.
     if sides.iter().any(|s| s.is_guest()) {
         return Vec::new();
     }

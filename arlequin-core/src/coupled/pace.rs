@@ -1,7 +1,7 @@
-//! The step of a run and the own steps of its participants.
+//! Choice of the macro step and of the own steps of the participants.
 //!
-//! Reflections keep the sum of invariants for any own steps, so that only two things bound them: the
-//! critical step of each participant, and the jump of displacements that grows with the number of own steps
+//! Reflections keep the sum of the invariants for any own steps. Only two things limit the steps: the
+//! critical step of each participant, and the displacement jump, which grows with the number of own steps
 //! between two reflections (decision 0029).
 
 use super::TimeStep;
@@ -10,23 +10,24 @@ use crate::error::invalid;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Largest share of its critical step that a chosen step takes of a participant that is not the finest:
+/// Largest share of its critical step that [`TimeStep::Chosen`] gives to a participant other than the finest:
 /// waves in it are then as exact as its mesh.
 const COARSE: f64 = 0.5;
-/// Most own steps that are chosen: of five, models of three shipped scenes part by 7 to 15 % of the
-/// deformation of their overlap, of four by 2 to 8 % (decision 0029).
+/// Largest number of own steps that is chosen. With five, the models of three shipped scenes part by 7 to 15
+/// % of the deformation of their overlap; with four, by 2 to 8 % (decision 0029).
 const MOST: usize = 4;
-/// Most own steps that may be asked for: a step of the run ends, and can be broken off, after all of them.
+/// Largest number of own steps that may be asked for. A macro step ends, and a run can be interrupted, only
+/// after all own steps.
 const LIMIT: usize = 100_000;
 
-/// The step of the run \[s\] and the own steps of each participant in it.
+/// Macro step \[s\] and the number of own steps of each participant in it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pace<T> {
     pub(super) dt: T,
     pub(super) steps: Vec<usize>,
 }
 
-/// A participant's wish and limit.
+/// Requested own step and critical step \[s\] of a participant.
 #[derive(Debug, Clone, Copy)]
 struct Wish<T> {
     own: OwnStep<T>,
@@ -38,24 +39,24 @@ impl<T: Real> Wish<T> {
         matches!(self.own, OwnStep::Implicit)
     }
 
-    /// Least own steps in a step of the run that are no longer than a share of the critical one.
+    /// Returns the least number of own steps in a macro step `run` \[s\] for which none exceeds `share` of
+    /// the critical step.
     fn least(&self, run: T, share: T) -> usize {
         if self.is_implicit() {
             return 1;
         }
-        // A step that is a whole multiple up to round-off needs no further one.
+        // Round-off of a whole multiple must not add a step.
         let steps = (run / (share * self.critical)).as_f64() * (1.0 - 1e-9);
         (steps.ceil() as usize).max(1)
     }
 }
 
 impl<T: Real> TimeStep<T> {
-    /// The step of a run \[s\] and the own steps in it that [`TimeStep::Chosen`] takes for models with
-    /// these critical steps \[s\], if no model names its own.
+    /// Returns the macro step \[s\] and the own steps in it that [`TimeStep::Chosen`] gives to models with
+    /// these critical steps \[s\], if no model asks for a number of its own.
     ///
     /// # Errors
-    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, and without a finite critical
-    /// step.
+    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, or if no critical step is finite.
     pub fn chosen(share_of_finest: T, critical: &[T]) -> Result<(T, Vec<usize>)> {
         let wish = |c: &T| Wish {
             own: OwnStep::Same,
@@ -66,7 +67,7 @@ impl<T: Real> TimeStep<T> {
     }
 }
 
-/// Finds the step of the run and all own steps.
+/// Chooses the macro step and all own steps, and refuses unstable ones unless `step` says otherwise.
 pub(super) fn choose<T: Real>(
     step: TimeStep<T>,
     critical: &[T],
@@ -135,7 +136,8 @@ fn check<T: Real>(own: OwnStep<T>, s: &Subdomain<T>) -> Result<()> {
     }
 }
 
-/// Those that step together take the number of own steps that any of them names; it must be one.
+/// Gives all members of a lockstep group the number of own steps that any of them names; refuses different
+/// numbers.
 fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep: &[Lockstep]) -> Result<()> {
     for group in lockstep.iter().filter(|g| g.members.len() > 1) {
         let named = group.members.iter().filter_map(|k| match wishes[*k].own {
@@ -162,7 +164,7 @@ fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep:
     Ok(())
 }
 
-/// Longest step of the run of which no own step exceeds its share of the critical one.
+/// Returns the longest macro step \[s\] for which no own step exceeds `share` of its critical step.
 fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
     let of = |w: &Wish<T>| match w.own {
         OwnStep::Same => Some(share * w.critical),
@@ -173,7 +175,7 @@ fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
     if let Some(dt) = wishes.iter().filter_map(of).fold(None, smallest) {
         return Ok(dt);
     }
-    // All of them find their own number: the step of the run is the largest of their steps.
+    // All participants adapt their number of steps, so the longest own step is the macro step.
     let own = wishes.iter().filter_map(|w| match w.own {
         OwnStep::Fraction(f) => Some(f * w.critical),
         _ => None,
@@ -187,7 +189,8 @@ fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
         })
 }
 
-/// Own steps in a step of the run; `free` finds those of participants that name none.
+/// Returns the own steps in a macro step `run` \[s\]; `free` gives the number for participants with
+/// [`OwnStep::Same`].
 fn own_steps<T: Real>(wishes: &[Wish<T>], run: T, free: impl Fn(&Wish<T>) -> usize) -> Vec<usize> {
     let of = |w: &Wish<T>| match w.own {
         OwnStep::Same => free(w),
@@ -198,8 +201,8 @@ fn own_steps<T: Real>(wishes: &[Wish<T>], run: T, free: impl Fn(&Wish<T>) -> usi
     wishes.iter().map(of).collect()
 }
 
-/// The finest participant at `finest` of its critical step, and as many such steps in one of the run as
-/// those with the largest critical step allow.
+/// Puts the finest participant at `finest` of its critical step and takes as many of these steps in a macro
+/// step as the largest critical step has room for.
 fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Result<(T, Vec<usize>)> {
     let free = || wishes.iter().filter(|w| matches!(w.own, OwnStep::Same));
     let named = wishes.iter().any(|w| matches!(w.own, OwnStep::Ratio(_)));
@@ -216,7 +219,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
         return Ok((dt, own_steps(wishes, dt, |w| w.least(dt, finest))));
     };
     let own = smallest * finest;
-    // Who asks for less than that asks it of all.
+    // A share below `COARSE` applies to the coarse participants too.
     let coarse = T::of(COARSE).min(finest);
     let room_for = wishes
         .iter()
@@ -227,6 +230,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
     } else {
         (coarse * top / own).as_f64() * (1.0 + 1e-9)
     };
+    // If everybody makes `most` own steps, the longer macro step saves nothing: try a shorter one.
     for most in (1..=MOST).rev().filter(|m| *m as f64 <= room || *m == 1) {
         let dt = own * T::of(most as f64);
         let mut steps = own_steps(wishes, dt, |w| w.least(dt, coarse).min(most));
@@ -238,7 +242,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
     Ok((own, own_steps(wishes, own, |_| 1)))
 }
 
-/// Those that step together make as many steps as the one that needs most.
+/// Gives all members of a lockstep group the largest number of own steps among them.
 fn together(steps: &mut [usize], lockstep: &[Lockstep]) {
     for group in lockstep {
         let most = group.members.iter().map(|k| steps[*k]).max().unwrap_or(1);
@@ -278,7 +282,7 @@ fn refuse_unstable<T: Real>(
         return Ok(());
     };
     let dt = run / T::of(*m as f64);
-    // Own steps are quotients: their last digit is no excess.
+    // Own steps are quotients: an excess in their last digits is round-off.
     if dt <= w.critical * (T::one() + T::epsilon() * T::of(8.0)) {
         return Ok(());
     }
@@ -296,7 +300,7 @@ fn refuse_unstable<T: Real>(
 mod tests {
     use super::TimeStep;
 
-    /// Critical steps that are whole parts of the step of the run but for round-off.
+    /// Critical steps that divide the macro step up to round-off need no further own step.
     #[test]
     fn round_off_asks_for_no_further_own_step() {
         for k in 1..=60 {

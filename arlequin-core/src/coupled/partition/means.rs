@@ -1,4 +1,4 @@
-//! Whether the means of weights over cells are those of their values.
+//! Check that the mean of a weight over each cell agrees with its values.
 
 use super::{Group, INWARDS, KINDS, numbers};
 use crate::geometry::{self, Cell, Sample};
@@ -6,12 +6,13 @@ use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Error of a mean that is taken for one of quadrature, relative to the range of the weight in the cell: at
-/// once, and with the cell cut in parts. A jump may lie between two layers of points.
+/// Largest difference of a mean that counts as quadrature error, relative to the range of the weight in the
+/// cell: with the whole cell, and with the cell cut into parts. A jump may lie between two layers of points.
 const QUADRATURE: [f64; 2] = [0.01, 0.25];
-/// Most particles of a packing from which a line to the nearest one stands for a bond.
+/// Largest number of particles of a packing from which a line to the next particle stands for a bond.
 const LINES: usize = 2_000;
-/// Jump of a weight that is not noticed at an end of such a line, and then accepted in its mean.
+/// Largest jump of a weight at an end of such a line that is ignored, and is then accepted in the mean over
+/// the line.
 const JUMP: f64 = 1e-3;
 
 impl<T: Real> Group<'_, T> {
@@ -47,7 +48,7 @@ impl<T: Real> Group<'_, T> {
     }
 }
 
-/// Lines from particles to the next ones in their order, which are near.
+/// Returns lines between particles that follow each other in the list, which are near each other.
 fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     let stride = particles.len().div_ceil(LINES).max(1);
     let pairs = particles.windows(2).step_by(stride);
@@ -58,7 +59,8 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     pairs.map(line).collect()
 }
 
-/// Whether a weight does not jump where a line ends: along a border of the overlap it has no mean.
+/// Returns whether a weight has no jump near the ends of a line. Along a border of the overlap a weight jumps
+/// and has no mean.
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
     let step = crate::extent::length(line) * T::of(1e-4);
     line.corners().iter().all(|x| {
@@ -77,15 +79,15 @@ fn centre_of<T: Real>(corners: &[Point3<T>]) -> Point3<T> {
     Point3::from(sum / T::of(corners.len() as f64))
 }
 
-/// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ
-/// by more. `slack` is accepted beside the error of quadrature.
+/// Returns the mean of a weight over a cell, the mean of its values there and the accepted difference, if the
+/// two differ by more. `slack` is accepted beside the error of quadrature.
 fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Option<[T; 3]> {
     let corners = cell.corners();
     let centre = centre_of(&corners);
     let mean = weight.mean(cell);
     let inside = corners.iter().map(|x| x + (centre - x) * T::of(INWARDS));
     let corners: Vec<T> = inside.map(|x| weight.at(&x)).collect();
-    // As almost everywhere: a weight that is the same in the whole cell.
+    // Shortcut for almost all cells: the weight is constant in the cell.
     if corners.iter().all(|v| *v == mean) {
         return None;
     }
