@@ -1,4 +1,4 @@
-//! What subdomains do between two reflections.
+//! Own steps of the subdomains between two reflections.
 
 use super::{Coupled, pair};
 use crate::interface::Interface;
@@ -9,17 +9,17 @@ use crate::{Real, Result};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Subdomains that step together, since effects act between them.
+/// Group of subdomains that step together because effects act between them.
 #[derive(Debug, Clone)]
 pub(super) struct Lockstep {
-    /// Their numbers, ascending.
+    /// Numbers of the subdomains, ascending.
     pub(super) members: Vec<usize>,
-    /// Numbers of the effects between them.
+    /// Numbers of the pair effects between them.
     pub(super) pairs: Vec<usize>,
 }
 
 impl Lockstep {
-    /// Groups of `count` subdomains with effects between these.
+    /// Groups `count` subdomains by the pairs between which effects act.
     pub(super) fn of(count: usize, pairs: &[[usize; 2]]) -> Vec<Self> {
         let mut group: Vec<usize> = (0..count).collect();
         for [a, b] in pairs {
@@ -37,18 +37,18 @@ impl Lockstep {
     }
 }
 
-/// Entries of the coupling matrices of an interface on unknowns that move as prescribed: the forces on them
-/// are work.
+/// Entries of an interface's coupling matrices on unknowns with a moving support, for the work of the
+/// multipliers on the support.
 #[derive(Debug)]
 pub(super) struct Held<T> {
-    /// Coarse side, fine side; none where nothing moves.
+    /// Coarse side, fine side; `None` if no support moves there.
     sides: [Option<HeldSide<T>>; 2],
     components: usize,
 }
 
 #[derive(Debug)]
 struct HeldSide<T> {
-    /// Multiplier, unknown, entry with the sign of the force; by unknowns.
+    /// Multiplier, unknown, entry with the sign of the force; sorted by unknowns.
     entries: Vec<(usize, usize, T)>,
     cuts: Cuts,
     portion: Option<Arc<Portion>>,
@@ -83,7 +83,7 @@ impl<T: Real> Held<T> {
         Self { sides, components }
     }
 
-    /// From now on models are in parts.
+    /// Keeps this rank's entries of partitioned models.
     pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
         let d = self.components;
         for (side, portion) in self.sides.iter_mut().zip(portions) {
@@ -96,7 +96,7 @@ impl<T: Real> Held<T> {
         }
     }
 
-    /// Power of the multipliers on moving supports \[W\], on all ranks.
+    /// Power of the multipliers on moving supports \[W\], over all ranks.
     pub(super) fn power(&self, lambda: &[T], v: [&[T]; 2]) -> T {
         let of = |(side, v): (&Option<HeldSide<T>>, &[T])| {
             let side = side.as_ref()?;
@@ -111,13 +111,13 @@ impl<T: Real> Held<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// Time \[s\] so long after the start of the steps made so far.
+    /// Returns the time \[s\] that lies the given number of macro steps after the present one.
     pub(super) fn instant(&self, steps: usize) -> T {
         self.start_time + T::of((self.step + steps) as f64) * self.dt
     }
 
-    /// All own steps of all subdomains up to the next reflection; `draw` says whether invariants will be
-    /// asked for.
+    /// Makes the own steps of all subdomains up to the next reflection; `draw` is true if invariants will be
+    /// evaluated then.
     pub(super) fn own_steps_of_all(&mut self, draw: bool, announce: &mut Announce<'_>) -> Result<()> {
         for g in 0..self.lockstep.len() {
             let first = self.lockstep[g].members[0];
@@ -127,6 +127,8 @@ impl<T: Real> Coupled<T> {
             );
             for j in 1..=steps {
                 let last = j == steps;
+                // The last own step ends exactly at the macro step: a sum of quotients would be off by
+                // round-off.
                 let time = if last {
                     self.instant(1)
                 } else {
@@ -134,6 +136,7 @@ impl<T: Real> Coupled<T> {
                 };
                 let reached = Reached { time, since: dt, dt };
                 self.own_step(g, reached, draw && last, announce)?;
+                // Works of the last own step are added after the reflection, with corrected velocities.
                 if !last {
                     self.account_own(g, announce);
                 }
@@ -142,7 +145,7 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// One own step of those that step together.
+    /// Makes one own step of a lockstep group; `keep` as in [`Subdomain::predict`].
     pub(super) fn own_step(
         &mut self,
         group: usize,
@@ -158,7 +161,7 @@ impl<T: Real> Coupled<T> {
         self.add_pair_forces(group, |_| reached, announce)
     }
 
-    /// Forces between subdomains that step together, then the accelerations of all they act on.
+    /// Adds the forces of the group's pair effects and accelerates the subdomains that wait for them.
     pub(super) fn add_pair_forces(
         &mut self,
         group: usize,
@@ -184,7 +187,7 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Works of an own step that no reflection follows.
+    /// Adds the works of an own step that no reflection follows.
     fn account_own(&mut self, group: usize, announce: &mut Announce<'_>) {
         announce(Phase::Ledger);
         for &k in &self.lockstep[group].members {

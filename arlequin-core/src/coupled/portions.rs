@@ -1,4 +1,4 @@
-//! What a run asks of models that are in parts on several ranks.
+//! Requirements of a run on models that are partitioned among ranks.
 
 use super::apart::Overlap;
 use super::own_steps::Held;
@@ -9,7 +9,7 @@ use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Refuses what models in parts cannot do.
+/// Refuses combinations that partitioned models do not support.
 pub(super) fn check<T: Real>(
     subdomains: &[Subdomain<T>],
     interfaces: &[InterfaceSpec<T>],
@@ -45,7 +45,8 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
-/// Shares out the models that are to be, and tells what acts on their nodes.
+/// Partitions the models that asked for it, and the interfaces, overlaps and supports that act on their
+/// nodes.
 pub(super) fn share_out<T: Real>(
     subdomains: &mut [Subdomain<T>],
     interfaces: &mut [Interface<T>],
@@ -65,14 +66,14 @@ pub(super) fn share_out<T: Real>(
     Ok(())
 }
 
-/// Whether ranks still hear of each other.
+/// Returns the first error of the communication between ranks, if there was one.
 pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
 }
 
-/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must
-/// have the same bits.
+/// Checks that the energy has the same bits on all ranks: each rank computes models that are not partitioned
+/// by itself. Collective.
 pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
     let mut all = subdomains.iter().filter_map(Subdomain::portion);
     let Some(portion) = all.next() else {
@@ -86,7 +87,7 @@ pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize
     )?)
 }
 
-/// Refuses to do what needs all of every model here.
+/// Refuses an action that needs every model whole on this rank.
 pub(super) fn whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
     let parted = |s: &&Subdomain<T>| s.portion().is_some();
     subdomains.iter().find(parted).map_or(Ok(()), |s| {

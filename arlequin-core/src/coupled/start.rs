@@ -1,19 +1,19 @@
-//! A consistent start: displacements, velocities and accelerations on the constraint.
+//! Consistent start: displacements, velocities and accelerations meet the constraint.
 
 use super::ledger::DisplacementJump;
 use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result, ranks};
 
-/// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to
-/// the largest.
+/// Largest accepted jump of the initial displacements beside an external solver, relative to the largest
+/// displacement: the core cannot change the solver's displacements.
 const GUEST_JUMP: f64 = 1e-6;
 
 impl<T: Real> Coupled<T> {
-    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and starts with the half
-    /// reflection that a constant acceleration needs, `δ_0 = −ΔT/2 P a_0`. A displacement jump would stay
-    /// for ever, as the constraint is on velocities; without `δ_0` multipliers would flip their sign every
-    /// step for ever.
+    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and computes the first half
+    /// reflection, that of a constant acceleration, `δ_0 = −ΔT/2 P a_0`. Without the projection a
+    /// displacement jump would stay for ever, as the constraint is on velocities. Without `δ_0` multipliers
+    /// would change their sign in every step.
     pub(super) fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
             s.hold(self.time);
@@ -41,9 +41,9 @@ impl<T: Real> Coupled<T> {
         self.check_start()
     }
 
-    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy
-    /// of displacements `q` that cancels, as in a rigid motion, and that of lengths which are differences
-    /// of places `x` in the model.
+    /// Returns the energy \[J\] that round-off is worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency
+    /// `ω` of each model. The first term is for displacements `q` whose energy cancels, as in a rigid motion;
+    /// the second is for lengths that are differences of positions `x`.
     pub(super) fn round_off(&self) -> T {
         let all = self.subdomains.iter().zip(&self.critical);
         all.map(|(s, critical)| {
@@ -55,7 +55,7 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// Displacements of some models.
+/// Copies the displacements of some models.
 fn displacements<T: Real>(subdomains: &[Subdomain<T>], models: &[usize]) -> Vec<Vec<T>> {
     models.iter().map(|s| subdomains[*s].state().q.clone()).collect()
 }
@@ -91,10 +91,10 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Whether interfaces that are solved for together have jumps that can be taken out; refuses those that
-    /// are too large.
+    /// Returns whether interfaces that are solved together have displacement jumps that can be removed;
+    /// refuses jumps that are too large.
     fn is_open(&mut self, members: &[usize], models: &[usize]) -> Result<bool> {
-        // What the core cannot move must agree from the start.
+        // The core cannot change the displacements of an external solver: they must agree from the start.
         let movable = !models.iter().any(|s| self.subdomains[*s].is_guest());
         let mut open = false;
         for &k in members {
@@ -127,7 +127,7 @@ impl<T: Real> Coupled<T> {
         Ok(open && movable)
     }
 
-    /// Reports how far displacements were moved.
+    /// Reports the largest change that the projection made to the displacements.
     fn moved(&mut self, members: &[usize], models: &[usize], before: &[Vec<T>]) {
         let of = |(s, before): (&usize, &Vec<T>)| {
             let all = self.subdomains[*s].state().q.iter().zip(before);

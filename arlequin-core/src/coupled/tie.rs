@@ -1,4 +1,4 @@
-//! Whether mediators fill the overlap, and which nodes they hold.
+//! Checks that mediators fill the overlap, and counts the nodes that multipliers act on.
 
 use super::partition::{Filling, ROUND_OFF, SHARE, numbers};
 use crate::extent::Extent;
@@ -7,21 +7,22 @@ use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
-/// A mediator, its two models' places in the group, and what of the overlap lies outside of it.
+/// Mediator, the places of its two models in the group, and measures of the overlap inside and outside of it.
 pub(super) struct Tie<'a, T: Real> {
     pub(super) name: &'a str,
     pub(super) number: usize,
     pub(super) sides: [usize; 2],
     pub(super) extent: Extent<'a, T>,
-    /// Its `h_B`: half of it outside, a point is held by the elements beside it.
+    /// Element size `h_B` of the mediator \[m\]. The elements at its border hold points up to half of this
+    /// outside.
     pub(super) spacing: T,
     pub(super) overlap: T,
-    /// Where only one of the two is, and the weights miss the other.
+    /// Measure where only the one or the other model is present and weight is missing.
     pub(super) only: [T; 2],
     pub(super) outside: T,
-    /// A point of that.
+    /// A point of the overlap outside of the mediator.
     pub(super) beside: Point3<T>,
-    /// What particles fill of the overlap beside the other model.
+    /// Volumes that particles and the other model fill of the overlap.
     pub(super) filling: Filling<T>,
     pub(super) deep: T,
     pub(super) place: Point3<T>,
@@ -46,7 +47,7 @@ impl<'a, T: Real> Tie<'a, T> {
     }
 }
 
-/// Share of the overlap outside of a mediator.
+/// Returns the share of the overlap outside of a mediator; refuses an overlap that reaches too far beyond it.
 pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
     if t.overlap <= T::zero() {
         return Ok(0.0);
@@ -63,8 +64,8 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
     Ok(share(t.outside))
 }
 
-/// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their
-/// volumes for particles, by their number otherwise.
+/// Returns the shares of the coarse and of the fine model's nodes in the overlap on which multipliers act: by
+/// volume for particles, by number otherwise.
 pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
     [0, 1].map(|m| {
         let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
@@ -72,7 +73,7 @@ pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>
         let particles = s.model().particles();
         let (mut held, mut all) = (0.0, 0.0);
         for (k, x) in s.model().nodes().iter().enumerate() {
-            // Weights of both: a model may share other places with other partners.
+            // Both weights must be shared, as a model may share other places with other partners.
             let inside = [s, partner].into_iter().all(|s| {
                 let w = s.weights().kinetic.at(x).as_f64();
                 w > ROUND_OFF && w < 1.0 - ROUND_OFF
