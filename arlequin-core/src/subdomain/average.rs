@@ -17,7 +17,7 @@ use sprs::TriMat;
 
 use super::step::Reached;
 
-/// What the implicit stepper keeps.
+/// Factor and working buffers of the implicit stepper.
 #[derive(Debug)]
 pub(super) struct Average<T> {
     factor: Box<dyn SpdFactor<T>>,
@@ -25,8 +25,8 @@ pub(super) struct Average<T> {
     mean: Vec<T>,
     /// Loads in the middle of the step.
     loads: Vec<T>,
-    /// Displacements in the middle of the step where they are prescribed, those at its start elsewhere; and
-    /// forces there.
+    /// Displacements: in the middle of the step where they are prescribed, at its start elsewhere. `pull`
+    /// holds the internal forces there.
     trial: Vec<T>,
     pull: Vec<T>,
     /// Work of the moving supports in the step \[J\].
@@ -34,7 +34,7 @@ pub(super) struct Average<T> {
 }
 
 impl<T: Real> Average<T> {
-    /// Finds the loads of an instant.
+    /// Evaluates the loads of an instant.
     pub(super) fn load(
         &mut self,
         effects: &mut [Attached<T, dyn Effect<T>>],
@@ -46,13 +46,13 @@ impl<T: Real> Average<T> {
             .try_for_each(|e| e.effect.add_forces(at, &mut self.loads))
     }
 
-    /// Loads that were found last.
+    /// Loads of the last [`Self::load`].
     pub(super) fn loads(&self) -> &[T] {
         &self.loads
     }
 }
 
-/// An instant of a state, for dead loads.
+/// Returns the instant of a state, for dead loads.
 pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal: &'a [T]) -> Instant<'a, T> {
     Instant {
         time,
@@ -65,7 +65,7 @@ pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Factors the matrix of the implicit stepper.
+    /// Factors the matrix of the implicit stepper for the present length of own steps.
     pub(super) fn make_implicit(&mut self) -> Result<()> {
         if let Some(why) = self.not_implicit() {
             return Err(Error::Unsupported {
@@ -107,7 +107,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// Why the implicit stepper cannot be had, if so.
+    /// Returns the reason why the implicit stepper cannot be used; `None` if it can.
     fn not_implicit(&mut self) -> Option<String> {
         if self.model.evolving().is_some() {
             return Some("it changes itself as it moves".into());
@@ -135,14 +135,15 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// One step.
+    /// Makes one implicit step.
     pub(super) fn average_step(&mut self, reached: Reached<T>) -> Result<()> {
         self.load_the_middle(reached)?;
         self.find_mean(reached);
         self.go_on(reached)
     }
 
-    /// Loads in the middle of the step, and internal forces with what is prescribed there already.
+    /// Evaluates the loads in the middle of the step, and the internal forces with prescribed displacements
+    /// already there.
     fn load_the_middle(&mut self, reached: Reached<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
@@ -166,7 +167,8 @@ impl<T: Real> Subdomain<T> {
         self.model.add_internal_forces(trial, pull)
     }
 
-    /// Mean velocities of the step, and what moving supports do in it at its start.
+    /// Computes the mean velocities of the step, and the work of moving supports but for that against the
+    /// internal forces at the end of the step.
     fn find_mean(&mut self, reached: Reached<T>) {
         let Stepper::Average(average) = &mut self.stepper else {
             return;
@@ -196,14 +198,14 @@ impl<T: Real> Subdomain<T> {
             let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
             for &d in &motion.dofs {
                 mean[d] = (end - q[d]) / dt;
-                // Against the forces at both ends, and to the masses that are moved.
+                // Work against loads and initial internal forces, and kinetic energy of the supported masses.
                 let kinetic = self.inertia[d] * (velocity * velocity - v[d] * v[d]) * T::of(0.5);
                 *support += kinetic - mean[d] * (dt * loads[d] + half * now[d]);
             }
         }
     }
 
-    /// State, forces and works of the end.
+    /// Computes state, forces and works at the end of the step.
     fn go_on(&mut self, reached: Reached<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
@@ -242,7 +244,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// `½vᵀMv + U(q)`.
+    /// Returns the invariant `½vᵀMv + U(q)` \[J\].
     pub(super) fn average_invariant(&mut self) -> T {
         let internal = self.internal_energy();
         self.energies.now = Some(internal);

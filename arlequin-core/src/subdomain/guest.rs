@@ -1,4 +1,4 @@
-//! Whole solvers in the place of a model that the core steps.
+//! External solvers in the place of a model that the core steps.
 
 use super::step::Reached;
 use super::{Stepper, Subdomain};
@@ -9,20 +9,21 @@ use crate::weight::Weights;
 use crate::{Error, Interpolation, Real, Result};
 use std::sync::Arc;
 
-/// A participant and what the core keeps of it.
+/// External solver, and the data that the core keeps about it.
 pub(super) struct Guest<T: Real> {
     solver: Box<dyn Participant<T>>,
-    /// Last change of its velocities, and the impulse handed over.
+    /// Working buffer: change of velocities, then the impulse of it.
     change: Vec<T>,
-    /// Energy \[J\] at the start and what impulses have brought since.
+    /// Kinetic energy at the start and energy that impulses have brought since \[J\].
     received: T,
-    /// Velocities that the solver should tell after all impulses of this instant, and `Σ |p|` of these.
+    /// Velocities that the solver should report after all impulses of this instant, and (`given`) `Σ |p|` of
+    /// these impulses.
     due: Vec<T>,
     given: T,
 }
 
-/// Relative error of a solver in single precision: four roundings, of impulse, mass, quotient and sum, and
-/// as much again for one that converts units.
+/// Relative error of a solver in single precision: four roundings (impulse, mass, quotient, sum), and as much
+/// again for a solver that converts units.
 const ROUNDED: f64 = 8.0 * f32::EPSILON as f64;
 
 impl<T: Real> std::fmt::Debug for Guest<T> {
@@ -32,11 +33,12 @@ impl<T: Real> std::fmt::Debug for Guest<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// A whole solver, with the field that interfaces and probes see. Its state is its own: it takes no
-    /// initial state, support or effect of the core's.
+    /// Makes a subdomain of an external solver, with the field that interfaces and probes see. The solver
+    /// owns its state: it takes no initial state, support or effect from the core.
     ///
     /// # Errors
-    /// Those of [`Participant::weigh`]; a layout that the core does not know, or nodes that do not fit it.
+    /// Errors of [`Participant::weigh`]; a layout that the core does not know, or nodes that do not fit the
+    /// layout.
     pub fn participant(
         mut solver: Box<dyn Participant<T>>,
         field: Arc<dyn Interpolation<T>>,
@@ -68,12 +70,13 @@ impl<T: Real> Subdomain<T> {
         Ok(out)
     }
 
-    /// Whether a solver of its own stands here.
+    /// Returns whether an external solver makes the own steps.
     pub(crate) fn is_guest(&self) -> bool {
         matches!(self.stepper, Stepper::Guest(_))
     }
 
-    /// Has the guest take its weights; refuses what only models of the core can have.
+    /// Passes the weights to an external solver; refuses supports, effects, initial states and the implicit
+    /// scheme, which only models of the core can have.
     pub(super) fn weigh_guest(&mut self, paired: bool) -> Result<()> {
         let Stepper::Guest(guest) = &mut self.stepper else {
             return Ok(());
@@ -99,7 +102,7 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// The solver goes on.
+    /// Advances the external solver and reads its state.
     pub(super) fn guest_step(&mut self, reached: Reached<T>) -> Result<()> {
         let Stepper::Guest(guest) = &mut self.stepper else {
             return Ok(());
@@ -114,7 +117,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// Accelerations of the start, where the solver has them.
+    /// Reads the accelerations of an external solver at the start; zero if it reports none.
     pub(super) fn guest_start(&mut self) {
         if let Stepper::Guest(guest) = &mut self.stepper
             && !guest.solver.accelerations(&mut self.state.a)
@@ -123,7 +126,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Hands the whole reflection over: half of it is in the velocities, of this instant.
+    /// Passes the impulse of a whole reflection to an external solver; `half` is the half that is already in
+    /// the velocities of this instant.
     pub(crate) fn hand_over(&mut self, half: &Transfer<T>) -> Result<()> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.change.fill(T::zero());
@@ -135,6 +139,8 @@ impl<T: Real> Subdomain<T> {
                 .zip(&guest.change)
                 .for_each(|(v, half)| *v += *half + *half);
             for ((p, m), v) in guest.change.iter_mut().zip(&self.inertia).zip(&self.state.v) {
+                // Velocities are those in the middle of the impulse, so that `p·v` is exactly the energy it
+                // brings.
                 *p *= *m * T::of(2.0);
                 guest.received += *p * *v;
             }
@@ -144,8 +150,8 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// The same at the start: what the projection of its velocities changed, and all `halves` of
-    /// reflections that are still to come.
+    /// Passes the impulse of the start to an external solver: the change that the projection made to its
+    /// velocities, and all `halves` of reflections that are still to come.
     pub(crate) fn hand_over_start(&mut self, halves: &[&Transfer<T>]) -> Result<()> {
         if let Stepper::Guest(guest) = &mut self.stepper {
             guest.solver.velocities(&mut guest.change);
@@ -162,6 +168,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
+    /// Returns the invariant that an external solver reports, otherwise the energy it has received \[J\].
     pub(super) fn guest_invariant(&mut self) -> T {
         let kinetic = self.kinetic_energy();
         let Stepper::Guest(guest) = &self.stepper else {
@@ -172,7 +179,7 @@ impl<T: Real> Subdomain<T> {
         all
     }
 
-    /// Whether its energy is known: that of a solver is if it tells an invariant.
+    /// Returns whether the energy is known; that of an external solver is if it reports an invariant.
     pub(crate) fn tells_energy(&self) -> bool {
         match &self.stepper {
             Stepper::Guest(guest) => guest.solver.invariant().is_some(),
@@ -180,8 +187,9 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Of a solver that tells no energy and was given impulses in this step: momentum that its velocities
-    /// are off by after them, and what round-off explains of it, both relative to `Σ |p|`.
+    /// Returns the momentum by which the velocities of an external solver are off after the impulses of this
+    /// step, and the part that round-off explains, both relative to `Σ |p|`. `None` if the solver reports an
+    /// invariant or received no impulse.
     pub(crate) fn missed_impulse(&mut self) -> Option<[T; 2]> {
         if self.tells_energy() {
             return None;
@@ -202,8 +210,8 @@ impl<T: Real> Subdomain<T> {
         Some([off / guest.given, rounded])
     }
 
-    /// What the model remembers; of a solver also what it received, and its inertia, velocities and centre
-    /// of mass, to know it by.
+    /// Returns the state that the model saves. For an external solver, inertia, velocities, centre of mass
+    /// and received energy follow, by which [`Self::restore_model`] recognises it.
     pub(super) fn save_model(&self) -> Result<Record<T>> {
         let Stepper::Guest(guest) = &self.stepper else {
             return Ok(self.model.save());
@@ -218,7 +226,7 @@ impl<T: Real> Subdomain<T> {
         Ok(record)
     }
 
-    /// Undoes [`Self::save_model`]; displacements are those of the snapshot already.
+    /// Restores the state of [`Self::save_model`]; displacements are those of the snapshot already.
     pub(super) fn restore_model(&mut self, from: &Record<T>) -> Result<()> {
         let (n, centre) = (self.inertia.len(), self.centre());
         let Stepper::Guest(guest) = &mut self.stepper else {
@@ -261,11 +269,12 @@ impl<T: Real> Subdomain<T> {
     }
 }
 
-/// Refuses numbers that are not those of a checkpoint, up to the round-off of a solver in single precision.
+/// Refuses values that differ from those of a checkpoint by more than the round-off of a solver in single
+/// precision.
 fn same_as_saved<T: Real>(model: &str, what: &'static str, found: &[T], saved: &[T]) -> Result<()> {
     let top = saved.iter().fold(T::zero(), |m, x| m.max(x.abs()));
     let allowed = top * T::of(ROUNDED);
-    // Nothing that is no number agrees with anything.
+    // A comparison with NaN is false: a value that is not a number never agrees.
     let agrees = |(a, b): (&T, &T)| (*a - *b).abs() <= allowed;
     match found.iter().zip(saved).position(|pair| !agrees(pair)) {
         None => Ok(()),

@@ -24,6 +24,7 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
+    /// Position at time `t` \[s\].
     pub(crate) fn at(&self, t: T) -> T {
         if self.amplitude == T::zero() {
             T::zero()
@@ -32,11 +33,11 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
-    /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences
-    /// over `dt` \[s\]: with these velocity Verlet follows the motion exactly. With `dt` zero the time
-    /// stands still: position alone.
+    /// Returns position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\]. The latter two
+    /// are central differences over `dt` \[s\], so that velocity Verlet follows the motion exactly. With `dt`
+    /// zero time stands still, and they are zero.
     pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
-        // In double precision whatever `T` is: the differences are many digits below the values.
+        // Always in double precision: the differences are many digits below the values.
         let amplitude = self.amplitude.as_f64();
         if amplitude == 0.0 {
             return (T::zero(), T::zero(), T::zero());

@@ -1,4 +1,4 @@
-//! What a subdomain needs before the first step: weights, inertia, attached effects, its critical step.
+//! Preparation of a subdomain before the first step: weights, inertia, attached effects, critical step.
 
 use super::Subdomain;
 use crate::effect::{Attached, Effect, Host, StepDemand, shortened};
@@ -9,11 +9,12 @@ use crate::{Error, Real, Result, ranks};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl<T: Real> Subdomain<T> {
-    /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two
-    /// subdomains act on this one.
+    /// Weights the model, computes its inertia and attaches the effects; `paired` is true if pair effects act
+    /// on this subdomain.
     pub(crate) fn prepare(&mut self, paired: bool) -> Result<()> {
         self.model.layout().check(self.model.name())?;
         self.check_energy()?;
+        // The check left a trial weight behind.
         self.model.set_internal_weight(&*self.weights.internal)?;
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;
@@ -28,7 +29,7 @@ impl<T: Real> Subdomain<T> {
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;
         if self.is_to_be_shared() {
-            // To its part.
+            // Effects are attached after partitioning, to this rank's part.
             return Ok(());
         }
         self.attach(paired)
@@ -36,7 +37,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Attaches the effects.
     pub(super) fn attach(&mut self, paired: bool) -> Result<()> {
-        // Loads must stay out of the invariant's internal forces.
+        // The invariant needs internal forces without loads, so loads get an array of their own.
         self.forces.expect_loads(!self.chosen.is_empty(), paired);
         let chosen = std::mem::take(&mut self.chosen);
         let host = self.host();
@@ -46,8 +47,8 @@ impl<T: Real> Subdomain<T> {
         self.check_parts()
     }
 
-    /// Refuses effects that need the whole of a model that is in parts here, and ranks that do not have the
-    /// same.
+    /// Refuses effects that need the whole of a partitioned model, and ranks whose effects or supports
+    /// differ. Collective.
     fn check_parts(&self) -> Result<()> {
         let Some(portion) = self.portion() else {
             return Ok(());
@@ -75,7 +76,8 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// The unknowns whose motion is prescribed.
+    /// Marks the unknowns whose motion is prescribed; refuses unknowns that do not exist or are prescribed
+    /// twice.
     fn prescribed(&self) -> Result<Vec<bool>> {
         let dofs = self.model.layout().dofs();
         let mut out = vec![false; dofs];
@@ -109,7 +111,7 @@ impl<T: Real> Subdomain<T> {
         Ok(out)
     }
 
-    /// Fills the inverse inertia, zero where motion is prescribed.
+    /// Computes the inverse inertia, zero where motion is prescribed; refuses nodes without mass.
     fn invert(&mut self, prescribed: &[bool]) -> Result<()> {
         let layout = self.model.layout();
         let top = self.inertia[..layout.translations()]
@@ -141,7 +143,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// What effects may see of the prepared subdomain.
+    /// Returns the view of the prepared subdomain that effects get.
     pub(crate) fn host(&self) -> Host<'_, T> {
         Host {
             model: &*self.model,
@@ -152,7 +154,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Critical step of the weighted model with its effects and those `between` it and others \[s\].
+    /// Returns the critical step \[s\] of the weighted model with its effects and with the demands `between`
+    /// of pair effects.
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to `2/ω (√(1 +
     /// ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
@@ -168,7 +171,7 @@ impl<T: Real> Subdomain<T> {
         Ok(shortened(free, own.chain(between.iter().copied())))
     }
 
-    /// What an effect demands on any rank.
+    /// Returns the largest demand of an effect over all ranks.
     fn of_all_ranks(&self, d: StepDemand<T>) -> StepDemand<T> {
         let largest = |x: T| ranks::largest(self.portion(), x);
         StepDemand {

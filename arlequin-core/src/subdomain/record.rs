@@ -1,4 +1,4 @@
-//! What a subdomain must remember to go on with the same bits.
+//! State that a subdomain saves to continue with the same bits.
 
 use super::Subdomain;
 use super::account::Energies;
@@ -7,7 +7,7 @@ use crate::record::{Record, same};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
 
-/// What a subdomain must remember.
+/// Saved state of a subdomain.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SubdomainSnapshot<T> {
@@ -17,17 +17,17 @@ pub struct SubdomainSnapshot<T> {
     pub v: Vec<T>,
     /// Accelerations.
     pub a: Vec<T>,
-    /// Internal forces at `q`; none once the model makes its steps itself.
+    /// Internal forces at `q`; empty if the model makes its steps itself.
     pub internal: Vec<T>,
-    /// Internal energy at `q` \[J\], where the ledger knows it.
+    /// Internal energy at `q` \[J\], if the ledger knows it.
     pub energy: Option<T>,
     /// Works of the effects since the start \[J\].
     pub works: Vec<T>,
-    /// Work of the evolution of the model since the start \[J\].
+    /// Work since the start \[J\] of the model's changes to itself, negative; `None` if it makes none.
     pub evolved: Option<T>,
-    /// What the model remembers.
+    /// State that the model saves.
     pub model: Record<T>,
-    /// What the effects remember.
+    /// States that the effects save.
     pub effects: Vec<Record<T>>,
 }
 
@@ -50,8 +50,8 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole
-    /// model on the first rank.
+    /// Returns the state that an effect saves. In a partitioned model it has one number per unknown, or none,
+    /// and is gathered on rank 0.
     fn recorded_of(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
         let own = effect.save();
         let portion = self.portion().filter(|_| !effect.saves_whole());
@@ -69,7 +69,7 @@ impl<T: Real> Subdomain<T> {
         Ok(Record { numbers, ..own })
     }
 
-    /// Unknowns of the whole model; none on ranks but the first.
+    /// Gathers `x` on rank 0; empty on the other ranks.
     fn recorded(&self, x: &[T]) -> Result<Vec<T>> {
         Ok(self.in_all(x)?.unwrap_or_default())
     }

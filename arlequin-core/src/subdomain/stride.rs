@@ -7,11 +7,11 @@ use crate::model::{State, Stride};
 use crate::{Real, Result};
 
 impl<T: Real> Subdomain<T> {
-    /// Lets the model make the step if it can and nothing else acts within it; `keep` as in
-    /// [`Self::predict`]. `false` where the step is still to be made.
+    /// Lets the model make the step itself if it can and nothing else acts within the step; returns whether
+    /// it did. `keep` as in [`Self::predict`].
     ///
-    /// Accelerations are those of the internal forces, so that neither forces nor displacements of the step
-    /// before are stored.
+    /// Accelerations are then those of the internal forces alone, so that neither forces nor displacements of
+    /// the step before are stored.
     pub(super) fn stride(&mut self, reached: Reached<T>, keep: bool) -> Result<bool> {
         let alone = self.forces.are_internal() && self.moving().next().is_none();
         if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
