@@ -96,6 +96,7 @@ impl<T: Real> Overlap<T> {
         let spread = all.fold(Matrix3::zeros(), |g, n| g + n.arm * n.arm.transpose() * n.mass);
         let inertia = Matrix3::from_diagonal_element(spread.trace()) - spread;
         let first = nodes[0].first().map(|_| true);
+        // Moments of inertia below round-off belong to axes on which all nodes lie.
         let least = spread.trace() * T::epsilon() * T::of(DIGITS);
         Self {
             inverse: inertia.pseudo_inverse(least).unwrap_or_else(|_| Matrix3::zeros()),
@@ -115,6 +116,7 @@ impl<T: Real> Overlap<T> {
         for (m, portion) in portions.into_iter().enumerate() {
             let Some(portion) = portion else { continue };
             let nodes = &mut self.nodes[m];
+            // Before `retain`: the reference node may be on another rank.
             if m == 0 {
                 self.first = nodes.first().map(|n| portion.local(n.index).is_some());
             }
@@ -136,6 +138,7 @@ impl<T: Real> Overlap<T> {
     ) {
         let q = sides.map(|s| &*s.state().q);
         let of = |m: usize, n: &Node<T>| self.displacement(q[m], n);
+        // Round-off is that of the displacements themselves, the distance from no motion at all.
         let none = Rigid {
             base: Vector3::zeros(),
             turn: Matrix3::zeros(),
@@ -176,6 +179,7 @@ impl<T: Real> Overlap<T> {
         };
         let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
         for (m, nodes) in self.nodes.iter().enumerate() {
+            // Mean and tilt go through one sum, whose bits do not depend on the number of ranks.
             let part = |range: Range<usize>| {
                 let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
                 for n in &nodes[range] {
@@ -199,6 +203,7 @@ impl<T: Real> Overlap<T> {
         // Laws of small displacements do not resist `ω × y`, other laws do not resist a rotation: the better
         // fit counts.
         let small = self.farthest(of, &Rigid { base, turn });
+        // Nothing turns along a line.
         let turned = rotation(&(self.spread + tilt)).filter(|_| self.components > 1);
         turned.map_or(small, |r| {
             let turn = r - Matrix3::identity();
@@ -254,6 +259,7 @@ fn rotation<T: Real>(moment: &Matrix3<T>) -> Option<Matrix3<T>> {
         b, d, y - x - z, f,
         c, e, f, z - x - y,
     );
+    // A run that diverges has no rotation.
     if !horn.iter().all(|h| h.is_finite()) {
         return None;
     }

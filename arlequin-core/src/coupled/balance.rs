@@ -126,6 +126,7 @@ impl<T: Real> Coupled<T> {
         } else {
             T::zero()
         };
+        // One evaluation stands for all steps since the one before.
         let steps = self.guard.interval.min(self.step);
         self.ledger.curvature += curvature * T::of(steps as f64);
         let grown = relative.abs() > self.ledger.top_drift;

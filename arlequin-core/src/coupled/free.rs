@@ -73,6 +73,7 @@ impl<T: Real> Coupled<T> {
         } else {
             (low + high) / 2.0
         };
+        // A motion is free if no prescribed unknown sees it: a null vector of this matrix.
         let mut seen = SMatrix::<f64, 6, 6>::zeros();
         for (x, d, layout) in held() {
             let row = seen_by(d, layout, &((wide(&x) - middle) / size));

@@ -220,7 +220,7 @@ impl<T: Real> Coupled<T> {
     /// [`Error::MultipliersUnsolved`], [`Error::ImpulseMissed`].
     pub fn advance(&mut self, observer: &mut dyn Observer<T>) -> Result<StepReport<T>> {
         // Works are summed in every step. The invariant costs two energy evaluations, so it is evaluated
-        // every few steps.
+        // every few steps, and in the first one, which sets the reference.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
         self.tell_warnings(observer);
         observer.phase(Phase::Interface);
@@ -231,8 +231,7 @@ impl<T: Real> Coupled<T> {
         self.reflect()?;
         self.step += 1;
         self.time = self.instant(0);
-        // After a failed exchange all sums are NaN: the failure is reported here, before a check finds the
-        // NaN.
+        // After a failed exchange sums are NaN: report the exchange before a check finds the NaN.
         portions::heard(&self.subdomains)?;
         observer.phase(Phase::Ledger);
         self.check_multipliers()?;
@@ -255,7 +254,7 @@ impl<T: Real> Coupled<T> {
     /// Makes macro steps until the count is reached or the observer breaks; returns the number of steps made.
     ///
     /// # Errors
-    /// Those of [`Self::advance`] and of the observer.
+    /// Errors of [`Self::advance`] and of the observer.
     pub fn run(&mut self, steps: usize, observer: &mut dyn Observer<T>) -> Result<usize> {
         for made in 0..steps {
             let report = self.advance(observer)?;
@@ -278,9 +277,11 @@ impl<T: Real> Coupled<T> {
         for (i, held) in self.interfaces.iter().zip(&self.held) {
             let [c, d] = i.sides;
             let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
+            // Interfaces in a joint have one power together, below.
             if i.is_alone() {
                 self.ledger.constraint -= self.dt * i.power();
             }
+            // Multipliers push on moving supports too, and the supports do the opposite work.
             self.ledger.supports -= self.dt * held.power(i.multipliers(), [&a.v, &b.v]);
         }
         for j in &self.joints {

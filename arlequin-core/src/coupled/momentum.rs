@@ -155,7 +155,7 @@ impl<T: Real> Body<T> {
 
     /// Evaluates the momenta and returns their relative changes, zero for momenta that need not be kept.
     /// `rate` is the number of own steps so far over the length of one \[1/s\]: forces know displacements to
-    /// their last digit only, and the impulses of these errors add up.
+    /// their last digit only, and the momenta of these errors add up.
     pub(crate) fn balance(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
         if limits[0].is_none() {
@@ -164,6 +164,7 @@ impl<T: Real> Body<T> {
         let now = self.sums(all);
         let mut out = [T::zero(); 2];
         for (k, out) in out.iter_mut().enumerate() {
+            // The largest sums so far: a body may come to rest.
             self.scale[k] = self.scale[k].max(now.sizes[k]);
             let change = (now.momenta[k] - self.start[k]).norm();
             if self.scale[k] > T::zero() {

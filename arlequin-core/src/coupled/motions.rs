@@ -47,6 +47,7 @@ pub(super) fn check<T: Real>(
                 let Some(own) = mine[node * count + c] else {
                     continue;
                 };
+                // A node outside of the other model contradicts nothing.
                 if there.field().shape_at(&point, false, &mut row).is_err() {
                     break;
                 }
@@ -126,6 +127,7 @@ fn opposed<T: Real>(
         return None;
     }
     let motions = || held.iter().map(|h| h.0).chain([own]);
+    // In double precision whatever `T` is: equal motions may be large.
     let value = |m: &PrescribedMotion<T>, t: f64| m.amplitude.as_f64() * m.time.at_wide(t);
     let gap = |t: f64| (value(own, t) - held.iter().map(|(m, v)| v * value(m, t)).sum::<f64>() / share).abs();
     let size = |t: f64| motions().fold(0.0, |s: f64, m| s.max(value(m, t).abs()));

@@ -56,6 +56,7 @@ struct HeldSide<T> {
 
 impl<T: Real> HeldSide<T> {
     fn new(mut entries: Vec<(usize, usize, T)>, components: usize) -> Self {
+        // Sums run over units of nodes, so entries are sorted by unknowns.
         entries.sort_by_key(|e| (e.1, e.0));
         Self {
             cuts: Cuts::of(entries.iter().map(|e| e.1 / components)),
@@ -156,6 +157,7 @@ impl<T: Real> Coupled<T> {
         for &k in &self.lockstep[group].members {
             announce(Phase::Predict(k));
             self.subdomains[k].predict(k, reached, keep, announce)?;
+            // Implicit steps know the work of their supports now, explicit ones after the reflection.
             self.ledger.supports += self.subdomains[k].work_within();
         }
         self.add_pair_forces(group, |_| reached, announce)
@@ -172,6 +174,7 @@ impl<T: Real> Coupled<T> {
             announce(Phase::Pair(k));
             let p = &mut self.pairs[k];
             let [a, b] = pair(&mut self.subdomains, p.sides[0], p.sides[1]);
+            // Both sides make the same own steps.
             let at = reached(a);
             let ((here, f), (there, g)) = (a.loaded_at(at), b.loaded_at(at));
             p.line.effect.add_forces([&here, &there], [f, g])?;

@@ -210,6 +210,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
         .map(|w| w.critical)
         .fold(None, |a: Option<T>, c| Some(a.map_or(c, |a| a.min(c))));
     let Some(smallest) = smallest.filter(|c| !named && c.is_finite()) else {
+        // Models that name a number of own steps bound the macro step; the others adapt to it.
         let bound: Vec<_> = wishes
             .iter()
             .copied()
@@ -225,6 +226,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
         .iter()
         .filter(|w| matches!(w.own, OwnStep::Same | OwnStep::Fraction(_)));
     let top = room_for.fold(T::zero(), |a, w| a.max(w.critical));
+    // An implicit participant takes any macro step.
     let room = if wishes.iter().any(Wish::is_implicit) {
         MOST as f64
     } else {

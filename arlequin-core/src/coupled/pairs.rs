@@ -60,6 +60,7 @@ pub(super) fn attach<T: Real>(
                 let Some(side) = (0..2).find(|&s| i.sides[s] == own && i.sides[1 - s] == other) else {
                     continue;
                 };
+                // Stays empty where no interface ties the two sides.
                 mine.resize(subdomains[own].model().layout().nodes, false);
                 for node in coupled_nodes(&i.coupling[side], i.components()) {
                     mine[node] = true;

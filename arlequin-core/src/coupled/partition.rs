@@ -150,6 +150,7 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
             let mut group = Group::new(&numbers, subdomains, specs);
             group.check(&mut report)?;
             for (k, t) in group.ties.iter().enumerate() {
+                // The mass is that of the group: its first interface reports it.
                 let mass = (k == 0).then(|| group.mass_warning(&report)).flatten();
                 found[t.number] = outside_of(t).map(|outside| TieFindings {
                     outside,
@@ -217,10 +218,12 @@ impl<'a, T: Real> Group<'a, T> {
         let mut weighted = T::zero();
         let mut known = true;
         for m in 0..self.members.len() {
+            // A model with neither cells nor particles has no volume to compare.
             let volume = self.fill(m);
             known &= volume > T::zero();
             weighted += self.weighted(m, volume)?;
         }
+        // A violation at a point names the place, so it comes before errors of sums.
         if let Some((_, error)) = self.broken.take() {
             return Err(error);
         }
@@ -304,6 +307,7 @@ impl<'a, T: Real> Group<'a, T> {
     /// cancel.
     fn alike(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
+        // Lengths do not tell sections apart.
         self.check_sections(t)?;
         if sides.iter().any(|m| m.extent.is_particles()) {
             return t.filling.check(t.name, sides.map(Member::name));

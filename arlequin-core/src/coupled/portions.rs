@@ -45,7 +45,7 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
-/// Partitions the models that asked for it, and the interfaces, overlaps and supports that act on their
+/// Partitions the models that are marked for it, and the interfaces, overlaps and supports that act on their
 /// nodes.
 pub(super) fn share_out<T: Real>(
     subdomains: &mut [Subdomain<T>],

@@ -34,6 +34,7 @@ impl<T: Real> Coupled<T> {
         let mut forces = vec![T::zero(); s.model().layout().dofs()];
         s.pull(time, &mut forces)?;
         for i in &self.interfaces {
+            // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
             for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
                 if i.sides[m] == subdomain {
                     i.coupling[m].add_force(sign, i.multipliers(), &mut forces);

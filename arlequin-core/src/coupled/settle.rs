@@ -195,6 +195,8 @@ impl<T: Real> Coupled<T> {
             if !kinetic.is_finite() {
                 return Err(self.diverged("velocity"));
             }
+            // Past a maximum of kinetic energy the models are near a minimum of potential energy: stop them
+            // there.
             let passed = kinetic < peak;
             peak = kinetic;
             if passed || (k >= how.ramp && k.is_multiple_of(LOOK)) {
@@ -202,6 +204,7 @@ impl<T: Real> Coupled<T> {
                     self.stop()?;
                     peak = T::zero();
                 }
+                // Forces below round-off cannot be balanced any better.
                 borne = borne.max(self.carried()?).max(self.last_digits() / how.tolerance);
                 if k >= how.ramp {
                     let off = self.unbalanced(now)?;
@@ -292,11 +295,13 @@ impl<T: Real> Coupled<T> {
             s.pull(time, &mut forces)?;
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
+                    // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
                     if i.sides[m] == k {
                         i.coupling[m].add_force(sign, i.multipliers(), &mut forces);
                     }
                 }
             }
+            // Supports balance the prescribed unknowns.
             let free = self.subdomains[k].inverse_inertia()[..moving].iter().zip(&forces);
             let free = free.filter(|(w, _)| **w > T::zero());
             off = free.fold(off, |m, (_, f)| m.max(f.abs()));

@@ -112,7 +112,7 @@ impl<T: Real> Coupled<T> {
     /// time from the first evaluation on, and time is counted from there.
     ///
     /// # Errors
-    /// Those of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
+    /// Errors of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
     pub fn starting_at(
         start: T,
         subdomains: Vec<Subdomain<T>>,
@@ -133,8 +133,8 @@ impl<T: Real> Coupled<T> {
     /// Builds a run from all its parts, effects between two subdomains included.
     ///
     /// # Errors
-    /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a
-    /// subdomain and itself.
+    /// Errors of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for an effect between
+    /// a subdomain and itself.
     pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
         Self::announced(parts, step, guard, &mut |_| ())
     }
@@ -142,7 +142,7 @@ impl<T: Real> Coupled<T> {
     /// Builds a run like [`Self::of`] and calls `announce` before each phase of the set-up.
     ///
     /// # Errors
-    /// Those of [`Self::of`].
+    /// Errors of [`Self::of`].
     pub fn announced(
         parts: Parts<T>,
         step: TimeStep<T>,
@@ -304,6 +304,7 @@ fn interfaces_of<T: Real>(
         members.iter().for_each(|k| alone[*k] = false);
         joints.push(Joint::new(members, specs, &mut drafts, &inverse)?);
     }
+    // Interfaces in a joint have no operator of their own: the joint holds that of all of them.
     let mut built = Vec::with_capacity(specs.len());
     for (k, (draft, spec)) in drafts.into_iter().zip(specs).enumerate() {
         if alone[k] {

@@ -122,9 +122,11 @@ impl<T: Real> Coupled<T> {
             check_finite("impulses of the snapshot", f)?;
             i.restore(f);
         }
+        // Joints take their impulses from the interfaces, which come first.
         self.joints.iter_mut().for_each(|j| j.restore(&self.interfaces));
         self.ledger.restore(&from.ledger)?;
         self.step = from.step;
+        // A product as in the run, so that times have the same bits.
         self.time = self.start_time + T::of(from.step as f64) * self.dt;
         self.start_loss = from.start_loss;
         self.warnings.clone_from(&from.warnings);

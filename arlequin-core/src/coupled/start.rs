@@ -16,6 +16,7 @@ impl<T: Real> Coupled<T> {
     /// would change their sign in every step.
     pub(super) fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
+            // Prescribed values come first: projections leave them as they are.
             s.hold(self.time);
         }
         for i in &mut self.interfaces {

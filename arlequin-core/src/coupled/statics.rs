@@ -64,6 +64,7 @@ impl<T: Real> System<T> {
             self.scale = self.scale.max(v.abs());
         }
         let n = s.model().layout().dofs();
+        // Effects are evaluated at rest: here none depends on positions, and damping has no force.
         let rest = vec![T::zero(); n];
         let at = Instant {
             time: t,
@@ -220,6 +221,8 @@ impl<T: Real> System<T> {
         };
         let mut b: Vec<T> = (0..n).map(scaled).collect();
         for (v, (i, j)) in full.iter() {
+            // Columns of prescribed unknowns go to the right-hand side, their rows become those of the
+            // identity.
             if fixed[i] {
                 continue;
             }
@@ -264,9 +267,10 @@ fn solve_with_supports<T: Real>(
     let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
     let r = residual(a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+    // The last bound keeps 0/0 out where there are no loads.
     let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
-    // A singular matrix may show in the residual, in a refinement that changes the displacements by their own
-    // size, or in a solution that is larger than the right-hand side over round-off.
+    // A singular matrix may show in the residual, in a refinement that changes the displacements too much, or
+    // in a solution that is larger than the right-hand side over round-off.
     if !relative.is_finite()
         || relative > T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
         || changed

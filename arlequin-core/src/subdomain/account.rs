@@ -183,6 +183,7 @@ impl<T: Real> Subdomain<T> {
     /// Adds the works of effects over an own step; returns the work of the moving supports \[J\], without
     /// that of coupling forces on them.
     pub(crate) fn account(&mut self) -> T {
+        // Implicit steps record their works while they are made; external solvers keep theirs.
         if !matches!(self.stepper, Stepper::Verlet) {
             return T::zero();
         }
@@ -218,6 +219,7 @@ impl<T: Real> Subdomain<T> {
     fn support_power(&self) -> Exact {
         let (mut sum, total) = (Exact::zero(), self.forces.total());
         for d in self.moving().flat_map(|m| m.dofs.iter().copied()) {
+            // The support supplies what inertia needs beyond all other forces.
             let reaction = self.inertia[d] * self.state.a[d] - total[d];
             sum.add((reaction * self.state.v[d]).as_f64());
         }

@@ -86,6 +86,7 @@ impl<T: Real> Subdomain<T> {
             matrix.add_triplet(i, j, quarter * *k);
         }
         for (i, m) in self.inertia.iter().enumerate() {
+            // Prescribed unknowns have a row of the identity and zero on the right-hand side.
             matrix.add_triplet(i, i, if free(i) { *m } else { T::one() });
         }
         let factor = T::cholesky(&matrix.to_csc()).map_err(|e| Error::Unsupported {

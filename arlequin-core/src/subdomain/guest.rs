@@ -54,6 +54,7 @@ impl<T: Real> Subdomain<T> {
             });
         }
         let mut inertia = vec![T::zero(); layout.dofs()];
+        // The partition check compares the weighted inertia with this one, without weights.
         solver.weigh(&Weights::uncoupled(), &mut inertia)?;
         let outline = Outline::of(&*solver, inertia);
         // Weights are the solver's business: the outline must not be weighted at its nodes.
@@ -112,6 +113,7 @@ impl<T: Real> Subdomain<T> {
             .advance(reached.time - reached.since, reached.since)?;
         guest.solver.displacements(&mut self.state.q);
         guest.solver.velocities(&mut self.state.v);
+        // The impulses of the next reflections are added to this by `hand_over`.
         guest.due.copy_from_slice(&self.state.v);
         guest.given = T::zero();
         Ok(())
@@ -206,6 +208,7 @@ impl<T: Real> Subdomain<T> {
         let (off, all) = told.fold((T::zero(), T::zero()), |(off, all), ((v, due), m)| {
             (off + *m * (*v - *due).abs(), all + *m * due.abs())
         });
+        // Velocities that are large beside their change have larger round-off.
         let rounded = T::of(ROUNDED) * (T::one() + all / guest.given);
         Some([off / guest.given, rounded])
     }

@@ -89,7 +89,7 @@ pub struct Subdomain<T: Real> {
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
     forces: Forces<T>,
-    /// Own step that was asked for, and (`pace`) the one that was chosen.
+    /// Requested own step, and (`pace`) the one that was chosen.
     own: OwnStep<T>,
     pace: Pace<T>,
     stepper: Stepper<T>,

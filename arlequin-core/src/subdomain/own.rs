@@ -14,8 +14,8 @@ pub enum OwnStep<T> {
     Same,
     /// This number of own steps, at least one.
     Ratio(usize),
-    /// As few own steps as keep each at or below this share, in (0, 1], of the critical step of the
-    /// participant.
+    /// Smallest number of own steps that keeps each at or below this share, in (0, 1], of the critical step
+    /// of the participant.
     Fraction(T),
     /// One implicit step without a critical step: average acceleration, for linear continua.
     Implicit,
@@ -36,7 +36,7 @@ impl<T: Real> Subdomain<T> {
         self
     }
 
-    /// Own step that was asked for.
+    /// Requested own step.
     pub fn step_choice(&self) -> OwnStep<T> {
         self.own
     }
@@ -54,7 +54,7 @@ impl<T: Real> Subdomain<T> {
     /// Sets the number of own steps in a macro step `run` \[s\].
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] if the model was asked to step implicitly and cannot.
+    /// [`crate::Error::Unsupported`] if an implicit step was requested and the model cannot make it.
     pub(crate) fn set_pace(&mut self, run: T, steps: usize) -> Result<()> {
         let dt = if steps == 1 {
             run

@@ -54,6 +54,7 @@ impl<T: Real> Subdomain<T> {
             return Ok(());
         };
         let model = self.model.name();
+        // One number shows whether all ranks were given the same effects and supports.
         let mut told = DefaultHasher::new();
         for e in &self.effects {
             e.effect.name().hash(&mut told);
@@ -64,6 +65,7 @@ impl<T: Real> Subdomain<T> {
         let what = format!("the effects on '{model}' and its supports");
         ranks::agree(portion.communicator(), &what, told.finish())?;
         let (layout, v) = (self.model.layout(), &self.state.v);
+        // An effect that cannot add its power unit by unit acts on whole models only.
         let whole = |e: &&Attached<T, _>| !Effect::add_power(&*e.effect, &layout, v, &mut Exact::zero());
         self.effects.iter().find(whole).map_or(Ok(()), |e| {
             let (effect, ranks) = (e.effect.name(), portion.division().ranks());

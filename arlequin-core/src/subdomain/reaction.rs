@@ -101,6 +101,7 @@ impl<T: Real> Subdomain<T> {
         let mut add = |k: usize, x: T| sums[k].add(x.as_f64());
         for d in unknowns {
             match d.checked_sub(layout.translations()) {
+                // Behind the translations are rotations, whose forces are torques.
                 Some(behind) => add(3 + behind % 3, forces[d]),
                 None => {
                     let mut force = Vector3::zeros();
@@ -154,6 +155,7 @@ impl<T: Real> Subdomain<T> {
         let mut motion = vec![T::zero(); layout.dofs()];
         let mut sums = [Exact::zero(); 6];
         for c in 0..3 {
+            // A component of force is the power in a unit translation, one of moment that in a unit turn.
             let axis = Vector3::ith(c, T::one());
             if c < layout.components {
                 motion.fill(T::zero());

@@ -43,6 +43,7 @@ impl<T: Real> Subdomain<T> {
             internal_before: self.forces.internal(),
         };
         let mut loads = self.forces.internal().to_vec();
+        // Effects are evaluated too, since they remember their forces.
         for e in &mut self.effects {
             e.effect.add_forces(&at, &mut loads)?;
         }
@@ -57,6 +58,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Writes the weighted internal forces of the present state, without other forces.
     pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
+        // A model that makes its steps itself stores no forces.
         if self.forces.are_released() && matches!(self.stepper, Stepper::Verlet) {
             out.fill(T::zero());
             return self.model.add_internal_forces(&self.state.q, out);

@@ -74,7 +74,7 @@ impl<T: Real> Subdomain<T> {
         self.portion().map_or(here, |p| p.division().nodes())
     }
 
-    /// Partitions the model if that was asked for, keeps this rank's part and attaches the effects to it.
+    /// Partitions the model if it is marked for that, keeps this rank's part and attaches the effects to it.
     ///
     /// # Errors
     /// Errors of [`crate::Model::share_out`] and of the effects.
@@ -104,6 +104,7 @@ impl<T: Real> Subdomain<T> {
         }
         self.forces = Forces::zero(self.inertia.len());
         self.portion = Some(portion.clone());
+        // No pair effect acts on a partitioned model: the set-up refuses it.
         self.attach(false)?;
         Ok(Some(portion))
     }

@@ -290,8 +290,7 @@ impl<T: Real> Subdomain<T> {
         }
         let evolves = self.model.evolving().is_some();
         let forces = &mut self.forces;
-        // The forces of the last instant become those before; the kick zeroes the array that the new ones go
-        // to.
+        // The kick zeroes the array of forces before last, and the new forces go there.
         std::mem::swap(&mut forces.internal, &mut forces.internal_before);
         let keeps = keep || evolves;
         if keeps {
@@ -301,9 +300,11 @@ impl<T: Real> Subdomain<T> {
         if keeps {
             parallel::kick_and_drift_from(reached.since, &forces.q_before, q, v, a, &mut forces.internal);
         } else {
+            // One array less to read where nobody needs the old displacements.
             parallel::kick_and_drift(reached.since, q, v, a, &mut forces.internal);
         }
         for motion in &self.supports {
+            // Before forces are evaluated: the drift has moved prescribed unknowns by their velocity only.
             let now = motion.at(reached.time);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
@@ -338,7 +339,7 @@ impl<T: Real> Subdomain<T> {
             })?;
             line.release(released);
             if released != T::zero() {
-                // They are those of the model before the change.
+                // The known energies are those of the model before its change.
                 self.energies = Energies::unknown();
             }
         }

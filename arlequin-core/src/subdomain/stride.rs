@@ -17,6 +17,7 @@ impl<T: Real> Subdomain<T> {
         if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
             return Ok(false);
         }
+        // Only the ledger needs the energy before the step.
         let before = match self.energies.now {
             None if keep => Some(self.model.internal_energy(&self.state.q)),
             known => known,

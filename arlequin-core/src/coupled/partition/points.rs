@@ -46,6 +46,7 @@ impl<T: Real> Group<'_, T> {
                 let inside = x + (centre - x) * T::of(INWARDS);
                 self.visit(&Station::node(m, &inside, length(cell)));
             }
+            // Away from all other models the corners alone are checked: most cells need no quadrature.
             if self.near_others(m, cell) {
                 samples.clear();
                 self.fill_cell(m, cell, &mut samples);
@@ -142,6 +143,7 @@ impl<T: Real> Group<'_, T> {
         let count = (0..self.members.len())
             .filter(|k| self.present(s.member, *k))
             .count();
+        // Every model that is present visits this place, so each visit counts for a part of it.
         let part = s.measure / T::of(count as f64);
         let mut lacking = false;
         for kind in 0..self.kinds {
