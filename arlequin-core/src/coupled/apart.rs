@@ -324,7 +324,7 @@ mod tests {
             for angle in [1e-4, 0.5, 2.0, 3.1] {
                 let r = Rotation3::new(Vector3::new(1.0, 2.0, -0.7).normalize() * angle);
                 let turned = amplitude(&places, |x, bent| r * (x + bent) - x);
-                // The two fits differ by the square of what bends, 1e-3.
+                // The two fits differ by the square of the deformation, 1e-3.
                 assert!((turned / still - 1.0).abs() < 3e-3, "{flat}, {angle}: {turned:e}");
                 // Rotated axes.
                 let seen = [0, 1].map(|m| places[m].iter().map(|(x, u)| (r * x, r * u)).collect());
@@ -348,7 +348,7 @@ mod tests {
                 .for_each(|(_, u)| *u = Vector3::zeros());
             places[side][0].1 = Vector3::new(0.0, 1e-3, 0.0);
             let found = amplitude(&places, |_, u| *u);
-            // It is a 211th of all masses, and takes little of the others along.
+            // The node has 1/211 of all mass, so that the nearest rigid motion hardly follows it.
             assert!((9e-4..1e-3).contains(&found), "{side}: {found:e}");
         }
     }

@@ -13,8 +13,8 @@ use crate::{Error, Real, Result};
 /// Largest share of its critical step that [`TimeStep::Chosen`] gives to a participant other than the finest:
 /// waves in it are then as exact as its mesh.
 const COARSE: f64 = 0.5;
-/// Largest number of own steps that is chosen. With five, the models of three shipped scenes part by 7 to 15
-/// % of the deformation of their overlap; with four, by 2 to 8 % (decision 0029).
+/// Largest number of own steps that is chosen. Decision 0029: with five, the models of three shipped scenes
+/// part by 7 to 15 % of the deformation of their overlap, and with four by 2 to 8 %.
 const MOST: usize = 4;
 /// Largest number of own steps that may be asked for. A macro step ends, and a run can be interrupted, only
 /// after all own steps.

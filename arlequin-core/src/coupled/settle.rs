@@ -181,7 +181,7 @@ impl<T: Real> Coupled<T> {
         let mut peak = T::zero();
         let mut residual = T::of(f64::INFINITY);
         self.stop()?;
-        // Forces that break apart are compared with the largest force before, not with the zero that is left.
+        // Where bonds break, forces are compared with the largest one before, not with the zero that is left.
         let mut borne = self.carried()?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));

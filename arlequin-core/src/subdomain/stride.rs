@@ -43,7 +43,7 @@ impl<T: Real> Subdomain<T> {
             now: drawn.map(|d| d.internal),
             moving: drawn.map(|d| d.moving),
         };
-        // Fixed unknowns: with moving ones the model does not make the step.
+        // Supports only fix unknowns here: with moving supports the model does not make the step itself.
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {
             (self.state.v[d], self.state.a[d]) = (T::zero(), T::zero());
         }
