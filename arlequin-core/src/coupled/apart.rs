@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! amplitude = max |u − ū − W y|,    ū = Σ m u / Σ m
-//! W = ω ×      (tr G − G) ω = Σ m y × u,  G = Σ m y yᵀ     small turns, which laws of small displacements do not resist
+//! W = ω ×      (tr G − G) ω = Σ m y × u,  G = Σ m y yᵀ     small turns
 //! W = R − 1    R: greatest eigenvector of Horn's matrix    turns of any size
 //! ```
 //!
@@ -48,7 +48,7 @@ pub(super) struct Overlap<T: Real> {
     portions: [Option<Arc<Portion>>; 2],
     /// Reference node, from whose displacement others are counted: the first node of the coarse side. `None`
     /// if there is none, otherwise whether this rank has it.
-    first: Option<bool>,
+    reference_is_local: Option<bool>,
     /// Amplitude at its last doubling, and number of evaluations since then.
     steady: (T, usize),
 }
@@ -73,7 +73,7 @@ impl<T: Real> Overlap<T> {
         let components = interface.components();
         let side = |m: usize| {
             let s = &subdomains[interface.sides()[m]];
-            let of = |index: usize| {
+            let node = |index: usize| {
                 // Nodes can turn only within the directions in which they move.
                 let mut arm = s.model().nodes()[index].coords;
                 (components..3).for_each(|c| arm[c] = T::zero());
@@ -81,21 +81,21 @@ impl<T: Real> Overlap<T> {
                 Node { index, mass, arm }
             };
             let nodes = coupled_nodes(&interface.coupling[m], components);
-            nodes.into_iter().map(of).collect::<Vec<_>>()
+            nodes.into_iter().map(node).collect::<Vec<_>>()
         };
-        Self::of([0, 1].map(side), components)
+        Self::from_nodes([0, 1].map(side), components)
     }
 
     /// Builds the overlap from nodes whose arms start at any common point.
-    fn of(mut nodes: [Vec<Node<T>>; 2], components: usize) -> Self {
-        let all = || nodes.iter().flatten();
-        let mass: T = all().map(|n| n.mass).sum();
-        let centre = all().fold(Vector3::zeros(), |c, n| c + n.arm * (n.mass / mass));
+    fn from_nodes(mut nodes: [Vec<Node<T>>; 2], components: usize) -> Self {
+        let all_nodes = || nodes.iter().flatten();
+        let mass: T = all_nodes().map(|n| n.mass).sum();
+        let centre = all_nodes().fold(Vector3::zeros(), |c, n| c + n.arm * (n.mass / mass));
         nodes.iter_mut().flatten().for_each(|n| n.arm -= centre);
-        let all = nodes.iter().flatten();
-        let spread = all.fold(Matrix3::zeros(), |g, n| g + n.arm * n.arm.transpose() * n.mass);
+        let all_nodes = nodes.iter().flatten();
+        let spread = all_nodes.fold(Matrix3::zeros(), |g, n| g + n.arm * n.arm.transpose() * n.mass);
         let inertia = Matrix3::from_diagonal_element(spread.trace()) - spread;
-        let first = nodes[0].first().map(|_| true);
+        let reference_is_local = nodes[0].first().map(|_| true);
         // Moments of inertia below round-off belong to axes on which all nodes lie.
         let least = spread.trace() * T::epsilon() * T::of(DIGITS);
         Self {
@@ -106,19 +106,19 @@ impl<T: Real> Overlap<T> {
             mass,
             spread,
             portions: [None, None],
-            first,
+            reference_is_local,
             steady: (T::zero(), 0),
         }
     }
 
     /// Keeps this rank's nodes of partitioned models.
-    pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+    pub(super) fn restrict(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
         for (m, portion) in portions.into_iter().enumerate() {
             let Some(portion) = portion else { continue };
             let nodes = &mut self.nodes[m];
             // Before `retain`: the reference node may be on another rank.
             if m == 0 {
-                self.first = nodes.first().map(|n| portion.local(n.index).is_some());
+                self.reference_is_local = nodes.first().map(|n| portion.local(n.index).is_some());
             }
             nodes.retain(|n| portion.local(n.index).is_some());
             (nodes.iter_mut()).for_each(|n| n.index = portion.local(n.index).unwrap_or_default());
@@ -129,7 +129,7 @@ impl<T: Real> Overlap<T> {
 
     /// Updates `so_far` with jump, amplitude and round-off of the present state; `steps` is the number of own
     /// steps so far of the side that makes most.
-    pub(super) fn look(
+    pub(super) fn update(
         &mut self,
         sides: [&Subdomain<T>; 2],
         jump: T,
@@ -137,15 +137,16 @@ impl<T: Real> Overlap<T> {
         so_far: &mut DisplacementJump<T>,
     ) {
         let q = sides.map(|s| &*s.state().q);
-        let of = |m: usize, n: &Node<T>| self.displacement(q[m], n);
+        let displacement = |m: usize, n: &Node<T>| self.displacement(q[m], n);
         // Round-off is that of the displacements themselves, the distance from no motion at all.
-        let none = Rigid {
+        let no_motion = Rigid {
             base: Vector3::zeros(),
             turn: Matrix3::zeros(),
         };
-        let digits = T::epsilon() * T::of(DIGITS) * T::of(steps as f64) * self.farthest(&of, &none);
+        let digits =
+            T::epsilon() * T::of(DIGITS) * T::of(steps as f64) * self.farthest(&displacement, &no_motion);
         so_far.largest = so_far.largest.max(jump);
-        so_far.amplitude = so_far.amplitude.max(self.amplitude(&of));
+        so_far.amplitude = so_far.amplitude.max(self.amplitude(&displacement));
         so_far.digits = so_far.digits.max(digits);
         let (amplitude, looks) = self.steady;
         self.steady = if so_far.amplitude > amplitude * T::of(2.0) {
@@ -169,12 +170,12 @@ impl<T: Real> Overlap<T> {
         u
     }
 
-    /// Returns the largest displacement \[m\] from the nearest rigid motion; `of` gives the displacement of a
+    /// Returns the largest displacement \[m\] from the nearest rigid motion; `displacement` gives that of a
     /// node of a side.
-    fn amplitude(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> T {
+    fn amplitude(&self, displacement: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> T {
         // Displacements are counted from that of one node, so that a large common motion costs digits only
         // once.
-        let Some(first) = self.first(of) else {
+        let Some(first) = self.reference_displacement(displacement) else {
             return T::zero();
         };
         let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
@@ -183,7 +184,7 @@ impl<T: Real> Overlap<T> {
             let part = |range: Range<usize>| {
                 let (mut mean, mut tilt) = (Vector3::zeros(), Matrix3::zeros());
                 for n in &nodes[range] {
-                    let u = (of(m, n) - first) * n.mass;
+                    let u = (displacement(m, n) - first) * n.mass;
                     mean += u;
                     tilt += u * n.arm.transpose();
                 }
@@ -194,6 +195,7 @@ impl<T: Real> Overlap<T> {
             tilt += Matrix3::from_column_slice(&sums[3..]);
         }
         let base = first + mean / self.mass;
+        // `Σ m y × u` from the antisymmetric part of `Σ m u yᵀ`.
         let axial = Vector3::new(
             tilt[(2, 1)] - tilt[(1, 2)],
             tilt[(0, 2)] - tilt[(2, 0)],
@@ -202,39 +204,43 @@ impl<T: Real> Overlap<T> {
         let turn = (self.inverse * axial).cross_matrix();
         // Laws of small displacements do not resist `ω × y`, other laws do not resist a rotation: the better
         // fit counts.
-        let small = self.farthest(of, &Rigid { base, turn });
+        let small = self.farthest(displacement, &Rigid { base, turn });
         // Nothing turns along a line.
         let turned = rotation(&(self.spread + tilt)).filter(|_| self.components > 1);
         turned.map_or(small, |r| {
             let turn = r - Matrix3::identity();
-            small.min(self.farthest(of, &Rigid { base, turn }))
+            small.min(self.farthest(displacement, &Rigid { base, turn }))
         })
     }
 
     /// Returns the largest distance \[m\] of displacements from a rigid motion, over all ranks.
-    fn farthest(&self, of: &impl Fn(usize, &Node<T>) -> Vector3<T>, from: &Rigid<T>) -> T {
+    fn farthest(&self, displacement: &impl Fn(usize, &Node<T>) -> Vector3<T>, from: &Rigid<T>) -> T {
         let mut top = T::zero();
         for (m, nodes) in self.nodes.iter().enumerate() {
             for n in nodes {
-                let left = of(m, n) - from.base - from.turn * n.arm;
-                top = top.max(left.norm_squared());
+                let remainder = displacement(m, n) - from.base - from.turn * n.arm;
+                top = top.max(remainder.norm_squared());
             }
         }
-        let all = self.portions.iter().flatten().next();
-        ranks::largest(all.map(|p| &**p), top).sqrt()
+        let portion = self.portions.iter().flatten().next();
+        ranks::largest(portion.map(|p| &**p), top).sqrt()
     }
 
     /// Returns the displacement of the reference node on all ranks; `None` if the coarse side has no node.
-    fn first(&self, of: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync)) -> Option<Vector3<T>> {
-        let here = self.first?;
-        let own = (self.nodes[0].first().filter(|_| here)).map_or_else(Vector3::zeros, |n| of(0, n));
+    fn reference_displacement(
+        &self,
+        displacement: &(impl Fn(usize, &Node<T>) -> Vector3<T> + Sync),
+    ) -> Option<Vector3<T>> {
+        let is_local = self.reference_is_local?;
+        let local =
+            (self.nodes[0].first().filter(|_| is_local)).map_or_else(Vector3::zeros, |n| displacement(0, n));
         let Some(portion) = &self.portions[0] else {
-            return Some(own);
+            return Some(local);
         };
         // One rank has the node, the others add zero: the all-reduce is a broadcast.
         let sums = [0, 1, 2].map(|c| {
             let mut sum = Exact::zero();
-            sum.add(own[c].as_f64());
+            sum.add(local[c].as_f64());
             sum
         });
         Some(Vector3::from(portion.total(sums).map(T::of)))
@@ -249,6 +255,7 @@ fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
 /// Returns the rotation `R` for which `R y` is nearest to `x`, from the moment `Σ m x yᵀ` (Horn 1987).
 fn rotation<T: Real>(moment: &Matrix3<T>) -> Option<Matrix3<T>> {
     let m = |x: usize, y: usize| moment[(x, y)];
+    // The eigenvector of the greatest eigenvalue of Horn's matrix is the quaternion of the rotation.
     let [a, b, c] = [m(2, 1) - m(1, 2), m(0, 2) - m(2, 0), m(1, 0) - m(0, 1)];
     let [d, e, f] = [m(1, 0) + m(0, 1), m(0, 2) + m(2, 0), m(2, 1) + m(1, 2)];
     let [x, y, z] = [m(0, 0), m(1, 1), m(2, 2)];
@@ -276,7 +283,7 @@ mod tests {
 
     /// Positions on both sides and small displacements that are no rigid motion; `flat` scales the axes.
     fn places(flat: Vector3<f64>) -> [Vec<(Vector3<f64>, Vector3<f64>)>; 2] {
-        let at = |k: usize, side: usize| {
+        let point = |k: usize, side: usize| {
             let t = (7 * k + 3 * side) as f64;
             let x = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin() + 0.3).component_mul(&flat);
             (
@@ -284,7 +291,7 @@ mod tests {
                 1e-3 * Vector3::new((3.1 * t).sin(), x.x * x.y, (2.2 * t).cos()),
             )
         };
-        [(20, 0), (50, 1)].map(|(n, side)| (0..n).map(|k| at(k, side)).collect())
+        [(20, 0), (50, 1)].map(|(n, side)| (0..n).map(|k| point(k, side)).collect())
     }
 
     /// Amplitude of the displacements `u(x, bent)`.
@@ -300,7 +307,7 @@ mod tests {
         let nodes = places
             .each_ref()
             .map(|side| side.iter().enumerate().map(node).collect());
-        Overlap::of(nodes, 3).amplitude(&|m, n| {
+        Overlap::from_nodes(nodes, 3).amplitude(&|m, n| {
             let (x, bent) = &places[m][n.index];
             u(x, bent)
         })
@@ -347,9 +354,9 @@ mod tests {
                 .flatten()
                 .for_each(|(_, u)| *u = Vector3::zeros());
             places[side][0].1 = Vector3::new(0.0, 1e-3, 0.0);
-            let found = amplitude(&places, |_, u| *u);
+            let largest = amplitude(&places, |_, u| *u);
             // The node has 1/211 of all mass, so that the nearest rigid motion hardly follows it.
-            assert!((9e-4..1e-3).contains(&found), "{side}: {found:e}");
+            assert!((9e-4..1e-3).contains(&largest), "{side}: {largest:e}");
         }
     }
 
@@ -360,10 +367,13 @@ mod tests {
         let rigid = amplitude(&places, |x, _| r * x - x + Vector3::new(5.0, 0.0, 1.0));
         assert!(rigid < 1e-14, "{rigid:e}");
         // Along x, from the common centre.
-        let all = || places.iter().flat_map(|side| side.iter().enumerate());
-        let mass: f64 = all().map(|(k, _)| 1.0 + 0.1 * k as f64).sum();
-        let centre = all().map(|(k, (x, _))| (1.0 + 0.1 * k as f64) * x.x).sum::<f64>() / mass;
-        let farthest = all().fold(0.0_f64, |m, (_, (x, _))| m.max((x.x - centre).abs()));
+        let all_nodes = || places.iter().flat_map(|side| side.iter().enumerate());
+        let mass: f64 = all_nodes().map(|(k, _)| 1.0 + 0.1 * k as f64).sum();
+        let centre = all_nodes()
+            .map(|(k, (x, _))| (1.0 + 0.1 * k as f64) * x.x)
+            .sum::<f64>()
+            / mass;
+        let farthest = all_nodes().fold(0.0_f64, |m, (_, (x, _))| m.max((x.x - centre).abs()));
         let line = places.each_ref().map(|side| {
             let on_x = side.iter().map(|(x, u)| (Vector3::new(x.x, 0.0, 0.0), *u));
             on_x.collect()

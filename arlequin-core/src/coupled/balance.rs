@@ -81,8 +81,9 @@ impl<T: Real> Coupled<T> {
             .iter()
             .flat_map(Subdomain::works)
             .chain(self.pairs.iter().map(|p| p.line.work()));
-        let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
-        all.by_ref()
+        let mut all_works = works.chain([self.ledger.supports, self.ledger.constraint]);
+        all_works
+            .by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
@@ -90,18 +91,18 @@ impl<T: Real> Coupled<T> {
     /// velocities, or else with such an energy.
     pub(super) fn diverged(&self, what: &'static str) -> Error {
         // A failed exchange makes sums NaN on all ranks: it is the cause then.
-        if let Err(e) = portions::heard(&self.subdomains) {
+        if let Err(e) = portions::check_communication(&self.subdomains) {
             return e;
         }
         let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
-        let all = || self.subdomains.iter();
-        let found = all().find(|s| !s.is_finite());
-        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        let subdomains = || self.subdomains.iter();
+        let culprit = subdomains().find(|s| !s.is_finite());
+        let culprit = culprit.or_else(|| subdomains().find(|s| !energy(s).is_finite()));
         Error::Diverged {
             step: self.step,
             time: self.time.as_f64(),
             what,
-            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+            model: culprit.map_or_else(String::new, |s| s.model().name().to_owned()),
         }
     }
 
@@ -113,7 +114,7 @@ impl<T: Real> Coupled<T> {
             return Err(self.diverged("velocity"));
         }
         portions::agree(&self.subdomains, invariant, self.step)?;
-        let residual = self.gaps()?;
+        let residual = self.check_jumps()?;
         let (work, volume) = self.total_work();
         // Before the first evaluation only a model that changed itself in the first step has done work.
         let start = *self.ledger.start.get_or_insert(invariant - work);
@@ -148,17 +149,18 @@ impl<T: Real> Coupled<T> {
             return Err(self.diverged("energy"));
         }
         self.warn_of_momentum();
+        // A drift that is not the largest so far has been judged before.
         if grown {
             self.check_drift(drift)?;
         }
         // Growth is relative to the energy put in, since the energy itself grows.
-        self.bounded(drift, start.abs().max(volume))?;
+        self.check_growth(drift, start.abs().max(volume))?;
         self.ledger.last = Some(sample.clone());
         Ok(sample)
     }
 
     /// Checks the jumps of all interfaces; returns the largest velocity jump over the largest speed so far.
-    fn gaps(&mut self) -> Result<T> {
+    fn check_jumps(&mut self) -> Result<T> {
         let top = self.top_speed();
         self.ledger.top_velocity = top;
         let mut residual = T::zero();
@@ -167,9 +169,10 @@ impl<T: Real> Coupled<T> {
             residual = residual.max(velocity);
             self.check_velocity_jump(k, velocity, top)?;
             let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
-            let own = sides.map(Subdomain::own_steps);
-            let steps = self.step * own[0].max(own[1]);
-            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
+            let own_steps = sides.map(Subdomain::own_steps);
+            // The side with more own steps has more round-off.
+            let steps = self.step * own_steps[0].max(own_steps[1]);
+            self.overlaps[k].update(sides, displacement, steps, &mut self.ledger.jumps[k]);
             if self.overlaps[k].has_settled() {
                 self.warn_of_displacement_jump(k);
             }
@@ -180,8 +183,8 @@ impl<T: Real> Coupled<T> {
     /// Largest component of velocity so far \[m/s\], over all models and ranks.
     fn top_speed(&self) -> T {
         let speed = |s: &Subdomain<T>| {
-            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
-            ranks::largest(s.portion(), own)
+            let largest = parallel::largest(&s.state().v[..s.model().layout().translations()]);
+            ranks::largest(s.portion(), largest)
         };
         let speeds = self.subdomains.iter().map(speed);
         speeds.fold(self.ledger.top_velocity, |a, b| a.max(b))
@@ -302,8 +305,8 @@ impl<T: Real> Coupled<T> {
     pub(super) fn draw_invariants(&mut self) -> [T; 2] {
         let mut curvature = T::zero();
         let invariants = self.subdomains.iter_mut().map(|s| {
-            let [invariant, one] = s.invariant();
-            curvature += one.abs() * T::of(s.own_steps() as f64);
+            let [invariant, term] = s.invariant();
+            curvature += term.abs() * T::of(s.own_steps() as f64);
             invariant
         });
         [invariants.sum(), curvature]
@@ -359,12 +362,14 @@ impl<T: Real> Coupled<T> {
     /// Returns the most likely cause of an energy error.
     fn suspect(&self) -> Suspect {
         let name = |s: &Subdomain<T>| s.model().name().to_owned();
-        let mut all = self.subdomains.iter();
-        if let Some(s) = all.find(|s| s.weights().weighting == Weighting::Nodal) {
+        let mut subdomains = self.subdomains.iter();
+        // Nodal weights are known to change the energy, so they come first.
+        if let Some(s) = subdomains.find(|s| s.weights().weighting == Weighting::Nodal) {
             return Suspect::Nodal(name(s));
         }
-        let mut all = self.subdomains.iter();
-        all.find(|s| s.is_guest())
+        let mut subdomains = self.subdomains.iter();
+        subdomains
+            .find(|s| s.is_external())
             .map_or(Suspect::Anybody, |s| Suspect::Solver(name(s)))
     }
 
@@ -377,7 +382,7 @@ impl<T: Real> Coupled<T> {
 
     /// Names of the models whose energy is not known: external solvers that report no invariant.
     pub fn unknown_energies(&self) -> Vec<String> {
-        let unknown = self.subdomains.iter().filter(|s| !s.tells_energy());
+        let unknown = self.subdomains.iter().filter(|s| !s.reports_energy());
         unknown.map(|s| s.model().name().to_owned()).collect()
     }
 
@@ -414,14 +419,14 @@ impl<T: Real> Coupled<T> {
         let rate = T::of(self.step as f64) * finest * finest / self.dt;
         let mut drift = [T::zero(); 2];
         for b in &mut self.ledger.bodies {
-            let one = b.balance(&self.subdomains, rate);
-            (0..2).for_each(|k| drift[k] = drift[k].max(one[k]));
+            let changes = b.balance(&self.subdomains, rate);
+            (0..2).for_each(|k| drift[k] = drift[k].max(changes[k]));
         }
         drift
     }
 
     /// Refuses an energy that has grown by more than the guard allows.
-    fn bounded(&self, drift: T, reference: T) -> Result<()> {
+    fn check_growth(&self, drift: T, reference: T) -> Result<()> {
         let bound = self.guard.growth * reference + self.rounded;
         if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {

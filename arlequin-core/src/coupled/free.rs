@@ -15,8 +15,8 @@ impl<T: Real> Coupled<T> {
     /// Empty if none is free.
     pub(super) fn free_motions(&self) -> String {
         let mut out = String::new();
-        for group in self.tied() {
-            let Some(motions) = self.free_of(&group) else {
+        for group in self.tied_groups() {
+            let Some(motions) = self.describe_free(&group) else {
                 continue;
             };
             let names: Vec<String> = group
@@ -30,7 +30,7 @@ impl<T: Real> Coupled<T> {
     }
 
     /// Returns the groups of subdomains that interfaces tie to each other.
-    fn tied(&self) -> Vec<Vec<usize>> {
+    fn tied_groups(&self) -> Vec<Vec<usize>> {
         let mut set: Vec<usize> = (0..self.subdomains.len()).collect();
         for [a, b] in self
             .interfaces
@@ -47,7 +47,7 @@ impl<T: Real> Coupled<T> {
 
     /// Describes the free motions of a group in words; turns are about the middle of the supported nodes.
     /// `None` if no motion is free.
-    fn free_of(&self, group: &[usize]) -> Option<String> {
+    fn describe_free(&self, group: &[usize]) -> Option<String> {
         let held = || {
             group.iter().flat_map(|k| {
                 let s = &self.subdomains[*k];
@@ -57,11 +57,11 @@ impl<T: Real> Coupled<T> {
             })
         };
         let wide = |x: &Point3<T>| Vector3::new(x.x.as_f64(), x.y.as_f64(), x.z.as_f64());
-        let all = group
+        let points = group
             .iter()
             .flat_map(|k| self.subdomains[*k].model().nodes())
             .map(wide);
-        let (low, high) = all.fold(
+        let (low, high) = points.fold(
             (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
             |(l, h), x| (l.inf(&x), h.sup(&x)),
         );
@@ -117,8 +117,9 @@ fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
 /// combine several.
 fn in_words(named: &[usize], free: usize) -> String {
     let list = |from: usize| {
-        let of = named.iter().filter(|k| (from..from + 3).contains(*k));
-        of.map(|k| ["x", "y", "z"][k - from])
+        let in_range = named.iter().filter(|k| (from..from + 3).contains(*k));
+        in_range
+            .map(|k| ["x", "y", "z"][k - from])
             .collect::<Vec<_>>()
             .join(" and ")
     };

@@ -124,6 +124,7 @@ impl<T: Real> Ledger<T> {
 
     /// Returns all numbers but the last sample, for [`Self::restore`].
     pub(crate) fn record(&self) -> Vec<T> {
+        // An option takes two numbers.
         let started = if self.start.is_some() { T::one() } else { T::zero() };
         let start = self.start.unwrap_or_else(T::zero);
         let tops = [
@@ -151,7 +152,7 @@ impl<T: Real> Ledger<T> {
         };
         let (sums, bodies) = from.split_at_checked(SUMS).ok_or_else(wrong)?;
         let (jumps, bodies) = bodies.split_at_checked(3 * self.jumps.len()).ok_or_else(wrong)?;
-        let (bodies, rest) = bodies.as_chunks::<RECORDED>();
+        let (bodies, surplus) = bodies.as_chunks::<RECORDED>();
         let &[
             supports,
             constraint,
@@ -167,7 +168,7 @@ impl<T: Real> Ledger<T> {
         else {
             return Err(wrong());
         };
-        if bodies.len() != self.bodies.len() || !rest.is_empty() {
+        if bodies.len() != self.bodies.len() || !surplus.is_empty() {
             return Err(wrong());
         }
         for (jump, f) in self.jumps.iter_mut().zip(jumps.chunks_exact(3)) {

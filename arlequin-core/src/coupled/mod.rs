@@ -83,9 +83,9 @@ pub struct Coupled<T: Real> {
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
-    /// Warnings so far; an observer has received the first `told` of them.
+    /// Warnings so far; an observer has received the first `warnings_sent` of them.
     warnings: Vec<Warning>,
-    told: usize,
+    warnings_sent: usize,
     /// Matrix and factor of the last static solution.
     factored: Option<statics::Factored<T>>,
 }
@@ -222,9 +222,9 @@ impl<T: Real> Coupled<T> {
         // Works are summed in every step. The invariant costs two energy evaluations, so it is evaluated
         // every few steps, and in the first one, which sets the reference.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
-        self.tell_warnings(observer);
+        self.send_warnings(observer);
         observer.phase(Phase::Interface);
-        self.kick_again();
+        self.apply_second_half();
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
         let drawn = draw.then(|| self.draw_invariants());
         observer.phase(Phase::Interface);
@@ -232,7 +232,7 @@ impl<T: Real> Coupled<T> {
         self.step += 1;
         self.time = self.instant(0);
         // After a failed exchange sums are NaN: report the exchange before a check finds the NaN.
-        portions::heard(&self.subdomains)?;
+        portions::check_communication(&self.subdomains)?;
         observer.phase(Phase::Ledger);
         self.check_multipliers()?;
         // The invariant was taken before the forces of the new instant did work, so the balance comes before
@@ -243,7 +243,7 @@ impl<T: Real> Coupled<T> {
             self.check_created()?;
             self.check_impulses()?;
         }
-        self.tell_warnings(observer);
+        self.send_warnings(observer);
         Ok(StepReport {
             step: self.step,
             time: self.time,
@@ -256,11 +256,11 @@ impl<T: Real> Coupled<T> {
     /// # Errors
     /// Errors of [`Self::advance`] and of the observer.
     pub fn run(&mut self, steps: usize, observer: &mut dyn Observer<T>) -> Result<usize> {
-        for made in 0..steps {
+        for done in 0..steps {
             let report = self.advance(observer)?;
             observer.phase(Phase::Observe);
             if let ControlFlow::Break(()) = observer.observe(self, &report)? {
-                return Ok(made + 1);
+                return Ok(done + 1);
             }
         }
         Ok(steps)
@@ -291,9 +291,9 @@ impl<T: Real> Coupled<T> {
 }
 
 /// Returns two different subdomains, both mutable, in the order of the arguments.
-pub(crate) fn pair<T: Real>(all: &mut [Subdomain<T>], a: usize, b: usize) -> [&mut Subdomain<T>; 2] {
+pub(crate) fn pair<T: Real>(subdomains: &mut [Subdomain<T>], a: usize, b: usize) -> [&mut Subdomain<T>; 2] {
     let (low, high) = (a.min(b), a.max(b));
-    let (head, tail) = all.split_at_mut(high);
+    let (head, tail) = subdomains.split_at_mut(high);
     if a < b {
         [&mut head[low], &mut tail[0]]
     } else {

@@ -92,8 +92,8 @@ impl<T: Real> From<[T; 8]> for Sums<T> {
 }
 
 impl<T: Real> From<Sums<T>> for [T; 8] {
-    fn from(of: Sums<T>) -> Self {
-        let ([p, l], [linear, angular]) = (of.momenta, of.sizes);
+    fn from(sums: Sums<T>) -> Self {
+        let ([p, l], [linear, angular]) = (sums.momenta, sums.sizes);
         [p.x, p.y, p.z, l.x, l.y, l.z, linear, angular]
     }
 }
@@ -121,24 +121,24 @@ pub(crate) struct Body<T: Real> {
     top: [T; 2],
     /// True if the momentum changed by more than its limit and by more than the round-off of displacements
     /// explains.
-    told: [bool; 2],
+    exceeded: [bool; 2],
 }
 
 /// Number of values per body in a record of the ledger.
 pub(crate) const RECORDED: usize = 15;
 
 impl<T: Real> Body<T> {
-    fn sums(&self, all: &[Subdomain<T>]) -> Sums<T> {
+    fn sums(&self, subdomains: &[Subdomain<T>]) -> Sums<T> {
         let members = self.members.iter();
-        let of = |k: &usize| momentum_of(&all[*k], self.arms, &self.centre);
-        members.map(of).fold(Sums::zero(), |a, b| a + b)
+        let sum = |k: &usize| momentum_of(&subdomains[*k], self.arms, &self.centre);
+        members.map(sum).fold(Sums::zero(), |a, b| a + b)
     }
 
     /// Returns `Σ m |u|` and `Σ |y| m |u|`, from which the round-off of the momenta is estimated.
-    fn moved(&self, all: &[Subdomain<T>]) -> [T; 2] {
+    fn moved(&self, subdomains: &[Subdomain<T>]) -> [T; 2] {
         let members = self.members.iter();
-        let of = |k: &usize| moved_of(&all[*k], self.arms, &self.centre);
-        let moved = members.map(of).fold(Vector2::zeros(), |a, b| a + b);
+        let displaced = |k: &usize| moved_of(&subdomains[*k], self.arms, &self.centre);
+        let moved = members.map(displaced).fold(Vector2::zeros(), |a, b| a + b);
         [moved.x, moved.y]
     }
 
@@ -156,12 +156,12 @@ impl<T: Real> Body<T> {
     /// Evaluates the momenta and returns their relative changes, zero for momenta that need not be kept.
     /// `rate` is the number of own steps so far over the length of one \[1/s\]: forces know displacements to
     /// their last digit only, and the momenta of these errors add up.
-    pub(crate) fn balance(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
+    pub(crate) fn balance(&mut self, subdomains: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
         if limits[0].is_none() {
             return [T::zero(); 2];
         }
-        let now = self.sums(all);
+        let now = self.sums(subdomains);
         let mut out = [T::zero(); 2];
         for (k, out) in out.iter_mut().enumerate() {
             // The largest sums so far: a body may come to rest.
@@ -173,7 +173,7 @@ impl<T: Real> Body<T> {
             }
             // Another pass over all nodes, so only where the limit is exceeded.
             if limits[k].is_some_and(|limit| *out > limit) {
-                self.told[k] |= change > T::epsilon() * rate * self.moved(all)[k];
+                self.exceeded[k] |= change > T::epsilon() * rate * self.moved(subdomains)[k];
             }
         }
         let angular = matches!(self.claim, Claim::Both);
@@ -182,8 +182,8 @@ impl<T: Real> Body<T> {
 
     pub(crate) fn record(&self) -> impl Iterator<Item = T> {
         let vectors = [self.centre, self.start[0], self.start[1]];
-        let told = self.told.map(|t| if t { T::one() } else { T::zero() });
-        let numbers = [self.scale, self.top, told];
+        let exceeded = self.exceeded.map(|t| if t { T::one() } else { T::zero() });
+        let numbers = [self.scale, self.top, exceeded];
         let vectors = vectors.into_iter().flat_map(<[T; 3]>::from);
         vectors.chain(numbers.into_iter().flatten())
     }
@@ -194,7 +194,7 @@ impl<T: Real> Body<T> {
         self.centre = three(0);
         self.start = [three(3), three(6)];
         (self.scale, self.top) = ([from[9], from[10]], [from[11], from[12]]);
-        self.told = [from[13], from[14]].map(|t| t > T::zero());
+        self.exceeded = [from[13], from[14]].map(|t| t > T::zero());
     }
 }
 
@@ -205,7 +205,7 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
     let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
     let part = |range: Range<usize>| -> [T; 8] {
-        let all = range.fold(Sums::zero(), |mut sum, k| {
+        let total = range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 p[c] = m[k * d + c] * state.v[k * d + c];
@@ -213,16 +213,16 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
                     y[c] += state.q[k * d + c];
                 }
             }
-            let mut own = Vector3::zeros();
+            let mut spin = Vector3::zeros();
             if turns {
-                (0..3).for_each(|c| own[c] = m[first + 3 * k + c] * state.v[first + 3 * k + c]);
+                (0..3).for_each(|c| spin[c] = m[first + 3 * k + c] * state.v[first + 3 * k + c]);
             }
             let orbit = y.cross(&p);
-            sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
-            sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
+            sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + spin];
+            sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + spin.norm()];
             sum
         });
-        all.into()
+        total.into()
     };
     ranks::sum(layout.nodes, s.portion(), &part).into()
 }
@@ -233,7 +233,7 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
     let d = layout.components;
     let (nodes, m, q) = (s.model().nodes(), s.inertia(), &s.state().q);
     let part = |range: Range<usize>| -> [T; 2] {
-        let all = range.fold(Vector2::zeros(), |sum, k| {
+        let total = range.fold(Vector2::zeros(), |sum, k| {
             let (mut u, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 u[c] = m[k * d + c] * q[k * d + c];
@@ -244,7 +244,7 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
             let moved = u.norm();
             sum + Vector2::new(moved, moved * y.norm())
         });
-        all.into()
+        total.into()
     };
     ranks::sum(layout.nodes, s.portion(), &part).into()
 }
@@ -260,7 +260,7 @@ impl<T: Real> Subdomain<T> {
 impl<T: Real> Coupled<T> {
     /// Momentum of every body and how well it was kept.
     pub fn bodies(&self) -> Vec<BodyMomentum<T>> {
-        let of = |b: &Body<T>| {
+        let report = |b: &Body<T>| {
             let [linear, angular] = b.sums(&self.subdomains).momenta;
             BodyMomentum {
                 models: self.names(b),
@@ -272,7 +272,7 @@ impl<T: Real> Coupled<T> {
                 drift: b.top,
             }
         };
-        self.ledger.bodies.iter().map(of).collect()
+        self.ledger.bodies.iter().map(report).collect()
     }
 
     fn names(&self, b: &Body<T>) -> Vec<String> {
@@ -287,7 +287,7 @@ impl<T: Real> Coupled<T> {
             for angular in [false, true] {
                 let b = &self.ledger.bodies[k];
                 let which = usize::from(angular);
-                let Some(limit) = b.limits()[which].filter(|_| b.told[which]) else {
+                let Some(limit) = b.limits()[which].filter(|_| b.exceeded[which]) else {
                     continue;
                 };
                 let because = match &b.claim {
@@ -321,7 +321,7 @@ impl<T: Real> Coupled<T> {
                     start: [Vector3::zeros(); 2],
                     scale: [T::zero(); 2],
                     top: [T::zero(); 2],
-                    told: [false; 2],
+                    exceeded: [false; 2],
                 };
                 let sums = body.sums(&self.subdomains);
                 (body.start, body.scale) = (sums.momenta, sums.sizes);
@@ -338,9 +338,9 @@ impl<T: Real> Coupled<T> {
             let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
             group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
         }
-        let own = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
+        let members = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
         let firsts = (0..group.len()).filter(|k| group[*k] == *k);
-        firsts.map(own).collect()
+        firsts.map(members).collect()
     }
 
     fn centre(&self, members: &[usize], arms: Arms) -> Vector3<T> {
@@ -349,18 +349,18 @@ impl<T: Real> Coupled<T> {
             let (d, nodes) = (s.model().layout().components, s.model().nodes());
             let (m, q) = (s.inertia(), &s.state().q);
             let part = |range: Range<usize>| {
-                range.fold([T::zero(); 4], |[a, b, c, all], k| {
+                range.fold([T::zero(); 4], |[a, b, c, total], k| {
                     let mut y = nodes[k].coords;
                     if arms == Arms::Current {
                         (0..d).for_each(|c| y[c] += q[k * d + c]);
                     }
                     let m = m[k * d];
-                    [a + m * y.x, b + m * y.y, c + m * y.z, all + m]
+                    [a + m * y.x, b + m * y.y, c + m * y.z, total + m]
                 })
             };
-            let [x, y, z, all] = ranks::sum(nodes.len(), s.portion(), &part);
+            let [x, y, z, total] = ranks::sum(nodes.len(), s.portion(), &part);
             sum += Vector3::new(x, y, z);
-            mass += all;
+            mass += total;
         }
         if mass > T::zero() { sum / mass } else { sum }
     }
@@ -368,6 +368,7 @@ impl<T: Real> Coupled<T> {
     /// Returns the momenta that a group of subdomains should keep, and the positions of the arms.
     fn claim(&self, members: &[usize]) -> (Arms, Claim) {
         let mut laws: Vec<(String, Arms)> = Vec::new();
+        // The first cause is enough for the report.
         let mut outside = None;
         for s in members.iter().map(|k| &self.subdomains[*k]) {
             let name = s.model().name();
@@ -402,13 +403,13 @@ impl<T: Real> Coupled<T> {
             }
         }
         let find = |wanted: Arms| laws.iter().find(|l| l.1 == wanted).map(|l| &l.0);
-        let (rest, now) = (find(Arms::Reference), find(Arms::Current));
-        if let (Some(a), Some(b)) = (rest, now) {
+        let (reference, current) = (find(Arms::Reference), find(Arms::Current));
+        if let (Some(a), Some(b)) = (reference, current) {
             doubt = Some(format!(
                 "{a} balances about the positions at rest, {b} about the present ones"
             ));
         }
-        let arms = if now.is_some() {
+        let arms = if current.is_some() {
             Arms::Current
         } else {
             Arms::Reference
@@ -423,7 +424,7 @@ impl<T: Real> Coupled<T> {
             ));
         }
         if arms == Arms::Current
-            && let Some(why) = self.parting(members)
+            && let Some(why) = self.parting_reason(members)
         {
             doubt.get_or_insert(why);
         }
@@ -437,7 +438,7 @@ impl<T: Real> Coupled<T> {
 
     /// Returns the reason why multipliers between these subdomains do not balance about present positions:
     /// own steps that leave a displacement jump.
-    fn parting(&self, members: &[usize]) -> Option<String> {
+    fn parting_reason(&self, members: &[usize]) -> Option<String> {
         let parts = |s: &&Subdomain<T>| s.own_steps() > 1 || matches!(s.step_choice(), OwnStep::Implicit);
         let mut tied = self.interfaces.iter().filter(|i| members.contains(&i.sides[0]));
         tied.find_map(|i| {

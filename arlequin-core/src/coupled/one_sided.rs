@@ -8,7 +8,7 @@ use crate::subdomain::Subdomain;
 pub(super) fn warnings<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Vec<String> {
     let sides = interface.sides.map(|k| &subdomains[k]);
     // Effects within an external solver are not known.
-    if sides.iter().any(|s| s.is_guest()) {
+    if sides.iter().any(|s| s.is_external()) {
         return Vec::new();
     }
     let [coarse, fine] = sides.map(|s| -> Vec<&str> {
@@ -17,8 +17,10 @@ pub(super) fn warnings<T: Real>(interface: &Interface<T>, subdomains: &[Subdomai
     });
     let [first, second] = sides.map(|s| s.model().name());
     let mut out = Vec::new();
-    for (here, there, with, without) in [(&coarse, &fine, first, second), (&fine, &coarse, second, first)] {
-        for name in here.iter().filter(|n| !there.contains(n)) {
+    for (names, partner_names, with, without) in
+        [(&coarse, &fine, first, second), (&fine, &coarse, second, first)]
+    {
+        for name in names.iter().filter(|n| !partner_names.contains(n)) {
             out.push(format!(
                 "'{with}' has the effect '{name}', '{without}' has it not: in the overlap it acts on the share of '{with}' alone, which \
                  grows from nothing to all of the body across it; give both models the same, or none"

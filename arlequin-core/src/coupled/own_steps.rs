@@ -4,7 +4,7 @@ use super::{Coupled, pair};
 use crate::interface::Interface;
 use crate::phase::Phase;
 use crate::ranks::{Cuts, Portion};
-use crate::subdomain::{Announce, Reached, Subdomain};
+use crate::subdomain::{Announce, StepEnd, Subdomain};
 use crate::{Real, Result};
 use std::ops::Range;
 use std::sync::Arc;
@@ -20,20 +20,20 @@ pub(super) struct Lockstep {
 
 impl Lockstep {
     /// Groups `count` subdomains by the pairs between which effects act.
-    pub(super) fn of(count: usize, pairs: &[[usize; 2]]) -> Vec<Self> {
+    pub(super) fn groups(count: usize, pairs: &[[usize; 2]]) -> Vec<Self> {
         let mut group: Vec<usize> = (0..count).collect();
         for [a, b] in pairs {
             let (low, high) = (group[*a].min(group[*b]), group[*a].max(group[*b]));
             group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
         }
         let firsts = (0..count).filter(|k| group[*k] == *k);
-        let of = |first: usize| Self {
+        let lockstep = |first: usize| Self {
             members: (0..count).filter(|k| group[*k] == first).collect(),
             pairs: (0..pairs.len())
                 .filter(|p| group[pairs[*p][0]] == first)
                 .collect(),
         };
-        firsts.map(of).collect()
+        firsts.map(lockstep).collect()
     }
 }
 
@@ -77,37 +77,38 @@ impl<T: Real> Held<T> {
                 return None;
             }
             let matrix = interface.coupling_matrix(m)?;
-            let all = matrix.iter().filter(|(_, (_, j))| moving.contains(j));
-            let entries = all.map(|(b, (i, j))| (i, j, sign * *b)).collect();
+            let matching = matrix.iter().filter(|(_, (_, j))| moving.contains(j));
+            let entries = matching.map(|(b, (i, j))| (i, j, sign * *b)).collect();
             Some(HeldSide::new(entries, components))
         });
         Self { sides, components }
     }
 
     /// Keeps this rank's entries of partitioned models.
-    pub(super) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+    pub(super) fn restrict(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
         let d = self.components;
         for (side, portion) in self.sides.iter_mut().zip(portions) {
             let (Some(side), Some(portion)) = (side, portion) else {
                 continue;
             };
-            let here = |(i, j, b): &(usize, usize, T)| Some((*i, portion.local(j / d)? * d + j % d, *b));
-            *side = HeldSide::new(side.entries.iter().filter_map(here).collect(), d);
+            let local_entry =
+                |(i, j, b): &(usize, usize, T)| Some((*i, portion.local(j / d)? * d + j % d, *b));
+            *side = HeldSide::new(side.entries.iter().filter_map(local_entry).collect(), d);
             side.portion = Some(portion.clone());
         }
     }
 
     /// Power of the multipliers on moving supports \[W\], over all ranks.
     pub(super) fn power(&self, lambda: &[T], v: [&[T]; 2]) -> T {
-        let of = |(side, v): (&Option<HeldSide<T>>, &[T])| {
+        let side_power = |(side, v): (&Option<HeldSide<T>>, &[T])| {
             let side = side.as_ref()?;
             let part = |range: Range<usize>| {
-                let all = side.entries[range].iter();
-                [all.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()]
+                let entries = side.entries[range].iter();
+                [entries.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()]
             };
             Some(side.cuts.sum(side.portion.as_deref(), 1, &part)[0])
         };
-        self.sides.iter().zip(v).filter_map(of).sum()
+        self.sides.iter().zip(v).filter_map(side_power).sum()
     }
 }
 
@@ -135,8 +136,8 @@ impl<T: Real> Coupled<T> {
                 } else {
                     self.instant(0) + T::of(j as f64) * dt
                 };
-                let reached = Reached { time, since: dt, dt };
-                self.own_step(g, reached, draw && last, announce)?;
+                let step_end = StepEnd { time, since: dt, dt };
+                self.own_step(g, step_end, draw && last, announce)?;
                 // Works of the last own step are added after the reflection, with corrected velocities.
                 if !last {
                     self.account_own(g, announce);
@@ -150,24 +151,24 @@ impl<T: Real> Coupled<T> {
     pub(super) fn own_step(
         &mut self,
         group: usize,
-        reached: Reached<T>,
+        step_end: StepEnd<T>,
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
         for &k in &self.lockstep[group].members {
             announce(Phase::Predict(k));
-            self.subdomains[k].predict(k, reached, keep, announce)?;
+            self.subdomains[k].predict(k, step_end, keep, announce)?;
             // Implicit steps know the work of their supports now, explicit ones after the reflection.
             self.ledger.supports += self.subdomains[k].work_within();
         }
-        self.add_pair_forces(group, |_| reached, announce)
+        self.add_pair_forces(group, |_| step_end, announce)
     }
 
     /// Adds the forces of the group's pair effects and accelerates the subdomains that wait for them.
     pub(super) fn add_pair_forces(
         &mut self,
         group: usize,
-        reached: impl Fn(&Subdomain<T>) -> Reached<T>,
+        step_end: impl Fn(&Subdomain<T>) -> StepEnd<T>,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
         for &k in &self.lockstep[group].pairs {
@@ -175,16 +176,16 @@ impl<T: Real> Coupled<T> {
             let p = &mut self.pairs[k];
             let [a, b] = pair(&mut self.subdomains, p.sides[0], p.sides[1]);
             // Both sides make the same own steps.
-            let at = reached(a);
-            let ((here, f), (there, g)) = (a.loaded_at(at), b.loaded_at(at));
-            p.line.effect.add_forces([&here, &there], [f, g])?;
+            let end = step_end(a);
+            let ((first, f), (second, g)) = (a.loaded_at(end), b.loaded_at(end));
+            p.line.effect.add_forces([&first, &second], [f, g])?;
         }
         for &k in &self.lockstep[group].members {
             let s = &mut self.subdomains[k];
             if s.is_paired() {
                 announce(Phase::Predict(k));
-                let at = reached(s);
-                s.accelerate(at);
+                let end = step_end(s);
+                s.accelerate(end);
             }
         }
         Ok(())

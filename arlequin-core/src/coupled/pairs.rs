@@ -55,15 +55,16 @@ pub(super) fn attach<T: Real>(
     for p in pairs {
         let mut tied = [Vec::new(), Vec::new()];
         for i in interfaces {
-            for (m, mine) in tied.iter_mut().enumerate() {
-                let [own, other] = [p.sides[m], p.sides[1 - m]];
-                let Some(side) = (0..2).find(|&s| i.sides[s] == own && i.sides[1 - s] == other) else {
+            for (m, mask) in tied.iter_mut().enumerate() {
+                let [subdomain, partner] = [p.sides[m], p.sides[1 - m]];
+                let Some(side) = (0..2).find(|&s| i.sides[s] == subdomain && i.sides[1 - s] == partner)
+                else {
                     continue;
                 };
                 // Stays empty where no interface ties the two sides.
-                mine.resize(subdomains[own].model().layout().nodes, false);
+                mask.resize(subdomains[subdomain].model().layout().nodes, false);
                 for node in coupled_nodes(&i.coupling[side], i.components()) {
-                    mine[node] = true;
+                    mask[node] = true;
                 }
             }
         }
@@ -78,7 +79,7 @@ pub(super) fn attach<T: Real>(
 
 /// Returns the demands of pair effects on the step of one subdomain.
 pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepDemand<T>> {
-    let of = |p: &Pair<T>| {
+    let demand = |p: &Pair<T>| {
         let [a, b] = p.line.effect.step_demand();
         let [first, second] = p.sides.map(|s| s == subdomain);
         match (first, second) {
@@ -87,7 +88,7 @@ pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepD
             _ => None,
         }
     };
-    pairs.iter().filter_map(of).collect()
+    pairs.iter().filter_map(demand).collect()
 }
 
 impl<T: Real> Coupled<T> {
@@ -106,17 +107,17 @@ impl<T: Real> Coupled<T> {
     /// Returns findings in the present state that need an effect which is not on, each with the name of its
     /// model.
     pub fn watch(&self) -> Vec<(String, Finding)> {
-        let of = |s: &Subdomain<T>| {
-            let on =
+        let missing = |s: &Subdomain<T>| {
+            let is_on =
                 |name: &str| s.effects().any(|e| e.name() == name) || s.model().effects().contains(&name);
-            let found = s.watch();
-            found
+            let findings = s.watch();
+            findings
                 .into_iter()
-                .filter(|f| !on(f.effect))
+                .filter(|f| !is_on(f.effect))
                 .map(|f| (s.model().name().to_owned(), f))
                 .collect::<Vec<_>>()
         };
-        self.subdomains.iter().flat_map(of).collect()
+        self.subdomains.iter().flat_map(missing).collect()
     }
 
     /// Energy \[J\] created by effects that must not create any, `work + stored − supplied`; round-off if

@@ -132,7 +132,7 @@ fn tolerance<T: Real>() -> T {
 
 /// Checks all groups; returns a report for each group and the findings about each interface.
 pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec<T>]) -> Result<Findings> {
-    let mut found: Vec<_> = specs.iter().map(|_| Ok(TieFindings::default())).collect();
+    let mut findings: Vec<_> = specs.iter().map(|_| Ok(TieFindings::default())).collect();
     let mut reports = Vec::new();
     for numbers in groups(subdomains.len(), specs) {
         let models = numbers.iter().map(|&k| subdomains[k].model().name().to_owned());
@@ -152,25 +152,29 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
             for (k, t) in group.ties.iter().enumerate() {
                 // The mass is that of the group: its first interface reports it.
                 let mass = (k == 0).then(|| group.mass_warning(&report)).flatten();
-                found[t.number] = outside_of(t).map(|outside| TieFindings {
+                findings[t.number] = outside_of(t).map(|outside| TieFindings {
                     outside,
-                    warnings: mass.into_iter().chain(beside(t, outside)).collect(),
+                    warnings: mass.into_iter().chain(outside_warning(t, outside)).collect(),
                 });
             }
         }
         reports.push(report);
     }
-    Ok((reports, found))
+    Ok((reports, findings))
 }
 
 /// Returns the numbers of the models in each group tied to each other, directly or through others.
 fn groups<T: Real>(count: usize, specs: &[InterfaceSpec<T>]) -> Vec<Vec<usize>> {
-    let mut of: Vec<usize> = (0..count).collect();
+    let mut group_of: Vec<usize> = (0..count).collect();
     for s in specs.iter().filter(|s| s.coarse < count && s.fine < count) {
-        let (a, b) = (of[s.coarse].min(of[s.fine]), of[s.coarse].max(of[s.fine]));
-        of.iter_mut().filter(|g| **g == b).for_each(|g| *g = a);
+        let (a, b) = (
+            group_of[s.coarse].min(group_of[s.fine]),
+            group_of[s.coarse].max(group_of[s.fine]),
+        );
+        // The smaller number wins, so each group ends with that of its first model.
+        group_of.iter_mut().filter(|g| **g == b).for_each(|g| *g = a);
     }
-    let members = |g: usize| (0..count).filter(|k| of[*k] == g).collect::<Vec<_>>();
+    let members = |g: usize| (0..count).filter(|k| group_of[*k] == g).collect::<Vec<_>>();
     (0..count).map(members).filter(|m| !m.is_empty()).collect()
 }
 
@@ -212,7 +216,7 @@ impl<'a, T: Real> Group<'a, T> {
 
     fn check(&mut self, report: &mut PartitionReport) -> Result<()> {
         if self.members.len() == 1 {
-            return self.alone();
+            return self.check_alone();
         }
         self.check_means()?;
         let mut weighted = T::zero();
@@ -250,10 +254,11 @@ impl<'a, T: Real> Group<'a, T> {
             }
         }
         for t in &self.ties {
-            self.alike(t)?;
+            self.check_shapes(t)?;
         }
         report.excess_mass = relative(weighted - measure);
         let particles = self.members.iter().any(|m| m.extent.is_particles());
+        // The interface with the fewest particles decides.
         let chance = self.ties.iter().map(|t| t.filling.chance()).fold(0.0, f64::max);
         let limit = if particles { PARTICLES + chance } else { MASS };
         let nodal = |m: &Member<'_, T>| m.subdomain.weights().weighting == Weighting::Nodal;
@@ -305,7 +310,7 @@ impl<'a, T: Real> Group<'a, T> {
 
     /// Refuses an overlap that one model fills more than the other. Differences between facets of one surface
     /// cancel.
-    fn alike(&self, t: &Tie<'_, T>) -> Result<()> {
+    fn check_shapes(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
         // Lengths do not tell sections apart.
         self.check_sections(t)?;
@@ -358,7 +363,7 @@ impl<'a, T: Real> Group<'a, T> {
     }
 
     /// Checks a model without ties: its weights must be one at every node.
-    fn alone(&self) -> Result<()> {
+    fn check_alone(&self) -> Result<()> {
         self.check_means()?;
         let member = &self.members[0];
         for x in member.subdomain.model().nodes() {
@@ -403,8 +408,8 @@ impl<'a, T: Real> Group<'a, T> {
 }
 
 /// Returns a warning if too much of an overlap lies outside of its mediator.
-fn beside<T: Real>(t: &Tie<'_, T>, outside: f64) -> Option<String> {
-    let [x, y, z] = numbers(&t.beside);
+fn outside_warning<T: Real>(t: &Tie<'_, T>, outside: f64) -> Option<String> {
+    let [x, y, z] = numbers(&t.outside_point);
     (outside > BESIDE).then(|| {
         format!(
             "{:.1} % of the overlap lies outside of the mediator (above {:.0} %), such as ({x:.3e}, {y:.3e}, {z:.3e}) m: both models have \

@@ -28,7 +28,7 @@ pub(super) fn check<T: Real>(
                 model: s.model().name().to_owned(),
                 what: format!("be tied by interface '{name}' where it is in parts already; {how}"),
             });
-        } else if s.remembers() {
+        } else if s.has_memory() {
             "go on from what it remembers".to_owned()
         } else if pairs.iter().any(|p| p.sides.contains(&k)) {
             "touch another model".to_owned()
@@ -47,27 +47,27 @@ pub(super) fn check<T: Real>(
 
 /// Partitions the models that are marked for it, and the interfaces, overlaps and supports that act on their
 /// nodes.
-pub(super) fn share_out<T: Real>(
+pub(super) fn partition_models<T: Real>(
     subdomains: &mut [Subdomain<T>],
     interfaces: &mut [Interface<T>],
     joints: &mut [Joint<T>],
     overlaps: &mut [Overlap<T>],
     held: &mut [Held<T>],
 ) -> Result<()> {
-    let portions = subdomains.iter_mut().map(Subdomain::share_out);
+    let portions = subdomains.iter_mut().map(Subdomain::partition_model);
     let portions: Vec<_> = portions.collect::<Result<_>>()?;
     for ((i, overlap), held) in interfaces.iter_mut().zip(overlaps).zip(held) {
-        let of = i.sides().map(|s| portions[s].as_ref());
-        i.share_out(of);
-        overlap.share_out(of);
-        held.share_out(of);
+        let side_portions = i.sides().map(|s| portions[s].as_ref());
+        i.share_out(side_portions);
+        overlap.restrict(side_portions);
+        held.restrict(side_portions);
     }
     joints.iter_mut().for_each(|j| j.share_out(&portions));
     Ok(())
 }
 
 /// Returns the first error of the communication between ranks, if there was one.
-pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
+pub(super) fn check_communication<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
 }
@@ -75,8 +75,8 @@ pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
 /// Checks that the energy has the same bits on all ranks: each rank computes models that are not partitioned
 /// by itself. Collective.
 pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
-    let mut all = subdomains.iter().filter_map(Subdomain::portion);
-    let Some(portion) = all.next() else {
+    let mut portions = subdomains.iter().filter_map(Subdomain::portion);
+    let Some(portion) = portions.next() else {
         return Ok(());
     };
     let what = format!("the energy of step {step} (processors of different kinds)");
@@ -88,7 +88,7 @@ pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize
 }
 
 /// Refuses an action that needs every model whole on this rank.
-pub(super) fn whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
+pub(super) fn require_whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
     let parted = |s: &&Subdomain<T>| s.portion().is_some();
     subdomains.iter().find(parted).map_or(Ok(()), |s| {
         Err(Error::Unsupported {

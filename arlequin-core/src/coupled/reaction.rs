@@ -28,11 +28,11 @@ impl<T: Real> Coupled<T> {
     /// [`crate::Error::InvalidParameter`] if the subdomain does not exist; errors of the model's forces;
     /// [`crate::Error::Unsupported`] between [`Coupled::restore`] and the next step.
     pub fn reactions(&mut self, subdomain: usize) -> Result<Vec<T>> {
-        self.known(subdomain)?;
+        self.check_number(subdomain)?;
         let time = self.time;
         let s = &mut self.subdomains[subdomain];
         let mut forces = vec![T::zero(); s.model().layout().dofs()];
-        s.pull(time, &mut forces)?;
+        s.write_forces(time, &mut forces)?;
         for i in &self.interfaces {
             // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
             for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
@@ -42,7 +42,7 @@ impl<T: Real> Coupled<T> {
             }
         }
         let s = &self.subdomains[subdomain];
-        s.react(&mut forces);
+        s.replace_by_reactions(&mut forces);
         check_finite(&format!("reactions of '{}'", s.model().name()), &forces)?;
         Ok(forces)
     }
@@ -60,7 +60,7 @@ impl<T: Real> Coupled<T> {
         reactions: &[T],
         about: &Point3<T>,
     ) -> Result<Resultant<T>> {
-        self.known(subdomain)?;
+        self.check_number(subdomain)?;
         let s = &self.subdomains[subdomain];
         let Some(motion) = s.supports().get(support) else {
             let rule = format!("'{}' has {} supports", s.model().name(), s.supports().len());
@@ -82,7 +82,7 @@ impl<T: Real> Coupled<T> {
         name: &str,
         about: &Point3<T>,
     ) -> Result<Resultant<T>> {
-        self.known(subdomain)?;
+        self.check_number(subdomain)?;
         let time = self.time;
         let s = &mut self.subdomains[subdomain];
         // Brings the loads of an implicit step to this instant.
@@ -98,9 +98,9 @@ impl<T: Real> Coupled<T> {
                     // The power of this side alone: the other side stands still.
                     let still = vec![T::zero(); self.subdomains[p.sides[1 - m]].inertia().len()];
                     let effect = &p.line.effect;
-                    let power = |v: &[T], to: &mut Exact| {
+                    let power = |v: &[T], sum: &mut Exact| {
                         let power = effect.power(if m == 0 { [v, &still] } else { [&still, v] });
-                        to.add(power.as_f64());
+                        sum.add(power.as_f64());
                     };
                     out += s.resultant_by_power(about, effect.arms(), &power);
                 }
@@ -117,7 +117,7 @@ impl<T: Real> Coupled<T> {
     /// [`crate::Error::InvalidParameter`] if the subdomain does not exist; errors of the model's forces and
     /// of [`EnergyRelease::at`].
     pub fn energy_release(&mut self, subdomain: usize, crack: &EnergyRelease<T>) -> Result<T> {
-        self.known(subdomain)?;
+        self.check_number(subdomain)?;
         let s = &mut self.subdomains[subdomain];
         let mut forces = vec![T::zero(); s.model().layout().dofs()];
         s.forces_of_displacements(&mut forces)?;
@@ -143,7 +143,7 @@ impl<T: Real> Coupled<T> {
         any
     }
 
-    fn known(&self, subdomain: usize) -> Result<()> {
+    fn check_number(&self, subdomain: usize) -> Result<()> {
         let count = self.subdomains.len();
         if subdomain < count {
             return Ok(());

@@ -8,13 +8,13 @@ use crate::{Real, Result};
 
 impl<T: Real> Coupled<T> {
     /// Applies the second half of the last reflections.
-    pub(super) fn kick_again(&mut self) {
+    pub(super) fn apply_second_half(&mut self) {
         let alone = self.interfaces.iter().filter(|i| i.is_alone());
         let sides = alone.flat_map(|i| (0..2).map(|m| (i.sides[m], &i.coupling[m])));
         let joints = self.joints.iter().flat_map(|j| j.kicks());
         for (s, change) in sides.chain(joints) {
             // An external solver received both halves in `hand_over`.
-            if !self.subdomains[s].is_guest() {
+            if !self.subdomains[s].is_external() {
                 change.kick(self.subdomains[s].velocities());
             }
         }
@@ -25,6 +25,7 @@ impl<T: Real> Coupled<T> {
         for i in self.interfaces.iter_mut().filter(|i| i.is_alone()) {
             let [coarse, fine] = i.sides;
             i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
+            // A failed solution must not reach an external solver.
             i.check()?;
             for (m, s) in i.sides.into_iter().enumerate() {
                 self.subdomains[s].hand_over(&i.coupling[m])?;
@@ -65,14 +66,15 @@ impl<T: Real> Coupled<T> {
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().a, half);
             j.check()?;
+            // The multipliers of the start are those of the accelerations.
             j.tell(&mut self.interfaces);
         }
         for (k, subdomain) in self.subdomains.iter_mut().enumerate() {
             let alone = self.interfaces.iter().filter(|i| i.is_alone());
             let sides = alone.flat_map(|i| (0..2).map(|m| (i.sides[m], &i.coupling[m])));
             let joints = self.joints.iter().flat_map(|j| j.kicks());
-            let mine = sides.chain(joints).filter(|(s, _)| *s == k);
-            subdomain.hand_over_start(&mine.map(|m| m.1).collect::<Vec<&Transfer<T>>>())?;
+            let transfers = sides.chain(joints).filter(|(s, _)| *s == k);
+            subdomain.hand_over_start(&transfers.map(|m| m.1).collect::<Vec<&Transfer<T>>>())?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use super::{Coupled, portions};
 use crate::error::invalid;
 use crate::geometry::bounds_of;
 use crate::phase::Phase;
-use crate::subdomain::{Reached, Subdomain};
+use crate::subdomain::{StepEnd, Subdomain};
 use crate::{Error, Real, Result, parallel};
 
 /// Parameters of a relaxation.
@@ -75,10 +75,10 @@ impl<T: Real> Coupled<T> {
     /// [`Error::Unsupported`] for an external solver and for a partitioned model.
     pub fn settle(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         if how.tolerance <= T::zero() || how.most == 0 {
-            let found = format_args!("tolerance {}, {} steps", how.tolerance, how.most);
+            let settings = format_args!("tolerance {}, {} steps", how.tolerance, how.most);
             return Err(invalid(
                 "relaxation",
-                found,
+                settings,
                 "needs a positive tolerance and at least one step",
             ));
         }
@@ -114,8 +114,8 @@ impl<T: Real> Coupled<T> {
     }
 
     fn check_settling(&self) -> Result<()> {
-        portions::whole(&self.subdomains, "be brought to rest")?;
-        match self.subdomains.iter().find(|s| s.is_guest()) {
+        portions::require_whole(&self.subdomains, "be brought to rest")?;
+        match self.subdomains.iter().find(|s| s.is_external()) {
             None => Ok(()),
             Some(s) => Err(Error::Unsupported {
                 model: s.model().name().to_owned(),
@@ -125,11 +125,11 @@ impl<T: Real> Coupled<T> {
     }
 
     fn settle_directly(&mut self, time: T) -> Result<Settled<T>> {
-        let found = self.equilibrium(time)?;
-        for (s, q) in self.subdomains.iter_mut().zip(&found.displacements) {
-            s.rest(q, time)?;
+        let equilibrium = self.equilibrium(time)?;
+        for (s, q) in self.subdomains.iter_mut().zip(&equilibrium.displacements) {
+            s.set_at_rest(q, time)?;
         }
-        for (i, lambda) in self.interfaces.iter_mut().zip(&found.multipliers) {
+        for (i, lambda) in self.interfaces.iter_mut().zip(&equilibrium.multipliers) {
             i.hold(lambda);
         }
         for j in &mut self.joints {
@@ -137,9 +137,9 @@ impl<T: Real> Coupled<T> {
         }
         Ok(Settled {
             method: "direct",
-            residual: found.residual,
+            residual: equilibrium.residual,
             iterations: 0,
-            energy: found.energy,
+            energy: equilibrium.energy,
         })
     }
 
@@ -155,6 +155,7 @@ impl<T: Real> Coupled<T> {
         let shortest = self.subdomains.iter().fold(run, |m, s| m.min(s.own_dt()));
         self.change_pace(shortest, &vec![1; steps.len()])?;
         let settled = self.relax_in_step(from, time, how);
+        // The run gets its steps back even if it did not settle.
         self.change_pace(run, &steps)?;
         settled
     }
@@ -166,6 +167,7 @@ impl<T: Real> Coupled<T> {
         }
         self.dt = run;
         for i in &mut self.interfaces {
+            // Impulses are multipliers times the step, so they are computed again for the new step.
             let lambda = i.multipliers().to_vec();
             i.pace(run);
             i.hold(&lambda);
@@ -182,7 +184,7 @@ impl<T: Real> Coupled<T> {
         let mut residual = T::of(f64::INFINITY);
         self.stop()?;
         // Where bonds break, forces are compared with the largest one before, not with the zero that is left.
-        let mut borne = self.carried()?;
+        let mut borne = self.largest_internal_force()?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
@@ -205,9 +207,11 @@ impl<T: Real> Coupled<T> {
                     peak = T::zero();
                 }
                 // Forces below round-off cannot be balanced any better.
-                borne = borne.max(self.carried()?).max(self.last_digits() / how.tolerance);
+                borne = borne
+                    .max(self.largest_internal_force()?)
+                    .max(self.round_off_force() / how.tolerance);
                 if k >= how.ramp {
-                    let off = self.unbalanced(now)?;
+                    let off = self.largest_unbalanced_force(now)?;
                     residual = if borne > T::zero() { off / borne } else { off };
                     if residual <= how.tolerance {
                         self.stop()?;
@@ -232,18 +236,18 @@ impl<T: Real> Coupled<T> {
 
     /// Makes one macro step while time stands still.
     fn still_step(&mut self, time: T) -> Result<()> {
-        self.kick_again();
+        self.apply_second_half();
         for g in 0..self.lockstep.len() {
             let first = &self.subdomains[self.lockstep[g].members[0]];
             let (steps, dt) = (first.own_steps(), first.own_dt());
             for _ in 0..steps {
                 // Prescribed unknowns are moved, but have no velocity.
-                let reached = Reached {
+                let step_end = StepEnd {
                     time,
                     since: dt,
                     dt: T::zero(),
                 };
-                self.own_step(g, reached, false, &mut |_: Phase| {})?;
+                self.own_step(g, step_end, false, &mut |_: Phase| {})?;
             }
         }
         self.reflect()
@@ -259,22 +263,23 @@ impl<T: Real> Coupled<T> {
 
     /// Returns the force \[N\] that round-off of displacements and positions is worth, `m ω² ε (|q| + |x|)`
     /// with the highest frequency `ω` of each model.
-    fn last_digits(&self) -> T {
-        let all = self.subdomains.iter().zip(&self.critical);
-        all.map(|(s, critical)| {
-            let layout = s.model().layout();
-            let mass = parallel::largest(&s.inertia()[..layout.translations()]);
-            let [low, high] = bounds_of(s.model().nodes().iter());
-            let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
-            let omega = T::of(2.0) / *critical;
-            mass * omega * omega * reach * T::epsilon()
-        })
-        .filter(|f| f.is_finite())
-        .fold(T::zero(), |a, b| a.max(b))
+    fn round_off_force(&self) -> T {
+        let models = self.subdomains.iter().zip(&self.critical);
+        models
+            .map(|(s, critical)| {
+                let layout = s.model().layout();
+                let mass = parallel::largest(&s.inertia()[..layout.translations()]);
+                let [low, high] = bounds_of(s.model().nodes().iter());
+                let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
+                let omega = T::of(2.0) / *critical;
+                mass * omega * omega * reach * T::epsilon()
+            })
+            .filter(|f| f.is_finite())
+            .fold(T::zero(), |a, b| a.max(b))
     }
 
     /// Returns the largest internal force on a displacement \[N\].
-    fn carried(&mut self) -> Result<T> {
+    fn largest_internal_force(&mut self) -> Result<T> {
         let mut most = T::zero();
         for s in &mut self.subdomains {
             let layout = s.model().layout();
@@ -286,13 +291,13 @@ impl<T: Real> Coupled<T> {
     }
 
     /// Returns the largest unbalanced force on a free displacement \[N\].
-    fn unbalanced(&mut self, time: T) -> Result<T> {
+    fn largest_unbalanced_force(&mut self, time: T) -> Result<T> {
         let mut off = T::zero();
         for k in 0..self.subdomains.len() {
             let s = &mut self.subdomains[k];
             let moving = s.model().layout().translations();
             let mut forces = vec![T::zero(); s.model().layout().dofs()];
-            s.pull(time, &mut forces)?;
+            s.write_forces(time, &mut forces)?;
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
                     // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.

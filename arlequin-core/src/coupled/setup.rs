@@ -156,15 +156,15 @@ impl<T: Real> Coupled<T> {
             interfaces,
             pairs,
         } = parts;
-        let paired = paired(start, subdomains.len(), &pairs)?;
+        let paired = paired_subdomains(start, subdomains.len(), &pairs)?;
         portions::check(&subdomains, &interfaces, &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
         }
         announce(SetupPhase::Partition);
-        let (partition, found) = partition::check(&subdomains, &interfaces)?;
-        let (mut built, mut joints) = interfaces_of(&interfaces, found, &subdomains, announce)?;
+        let (partition, findings) = partition::check(&subdomains, &interfaces)?;
+        let (mut built, mut joints) = interfaces_of(&interfaces, findings, &subdomains, announce)?;
         announce(SetupPhase::Step);
         let span = motions::Span {
             start: start.as_f64(),
@@ -174,16 +174,16 @@ impl<T: Real> Coupled<T> {
             .iter()
             .try_for_each(|i| motions::check(i, &subdomains, span))?;
         for i in &mut built {
-            let told = motions::one_sided(i, &subdomains);
-            i.report.warnings.extend(told);
+            let warning = motions::one_sided(i, &subdomains);
+            i.report.warnings.extend(warning);
         }
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         // Interfaces and overlaps are built from whole models; from here on each rank keeps its parts.
-        portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
+        portions::partition_models(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
         for i in &mut built {
-            let beside = one_sided::warnings(i, &subdomains);
-            i.report.warnings.extend(beside);
+            let warnings = one_sided::warnings(i, &subdomains);
+            i.report.warnings.extend(warnings);
         }
         // Pair effects must know which nodes the interfaces tie.
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
@@ -193,7 +193,7 @@ impl<T: Real> Coupled<T> {
             critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
         }
         let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
-        let lockstep = Lockstep::of(subdomains.len(), &between);
+        let lockstep = Lockstep::groups(subdomains.len(), &between);
         let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
         for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
             s.set_pace(pace.dt, steps)?;
@@ -219,12 +219,12 @@ impl<T: Real> Coupled<T> {
             partition,
             work: Vec::new(),
             warnings: Vec::new(),
-            told: 0,
+            warnings_sent: 0,
             factored: None,
         };
         announce(SetupPhase::Start);
         run.start()?;
-        portions::heard(&run.subdomains)?;
+        portions::check_communication(&run.subdomains)?;
         run.warn_of_unknown_energy();
         Ok(run)
     }
@@ -236,6 +236,7 @@ impl<T: Real> Coupled<T> {
             (
                 s.model().name().to_owned(),
                 s.model().kind().to_owned(),
+                // Counts are those of whole models on every rank.
                 s.nodes_in_all(),
                 s.nodes_in_all() * (layout.components + layout.rotations),
                 c.as_f64(),
@@ -255,7 +256,7 @@ impl<T: Real> Coupled<T> {
 
 /// Returns for each of `count` subdomains whether a pair effect acts on it; refuses a start time that is not
 /// finite, a run without models and pair effects between subdomains that do not exist.
-fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<bool>> {
+fn paired_subdomains<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<bool>> {
     if !start.is_finite() {
         return Err(invalid("start time", start, "must be finite [s]"));
     }
@@ -277,12 +278,12 @@ type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
 /// nodes.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
-    found: Vec<Result<partition::TieFindings>>,
+    findings: Vec<Result<partition::TieFindings>>,
     subdomains: &[Subdomain<T>],
     announce: &mut dyn FnMut(SetupPhase),
 ) -> Result<Tied<T>> {
     let mut drafts = Vec::with_capacity(specs.len());
-    for (k, (spec, found)) in specs.iter().zip(found).enumerate() {
+    for (k, (spec, findings)) in specs.iter().zip(findings).enumerate() {
         let sides = [
             side(subdomains, spec, spec.coarse)?,
             side(subdomains, spec, spec.fine)?,
@@ -290,10 +291,10 @@ fn interfaces_of<T: Real>(
         announce(SetupPhase::Junction(k));
         let mut draft = Draft::new(spec, sides)?;
         // Errors of the interface itself come before those of its overlap.
-        let found = found?;
-        draft.interface.report.outside = found.outside;
-        draft.interface.report.warnings.extend(found.warnings);
-        draft.interface.report.tied = tie::tied(&draft.interface, subdomains);
+        let findings = findings?;
+        draft.interface.report.outside = findings.outside;
+        draft.interface.report.warnings.extend(findings.warnings);
+        draft.interface.report.tied = tie::tied_shares(&draft.interface, subdomains);
         drafts.push(draft);
     }
     let nodes: Vec<_> = subdomains.iter().map(|s| s.model().layout().nodes).collect();
@@ -318,26 +319,31 @@ fn interfaces_of<T: Real>(
     Ok((built, joints))
 }
 
-fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {
-    if k >= all.len() || spec.coarse == spec.fine {
+fn side<'a, T: Real>(
+    subdomains: &'a [Subdomain<T>],
+    spec: &InterfaceSpec<T>,
+    k: usize,
+) -> Result<Side<'a, T>> {
+    if k >= subdomains.len() || spec.coarse == spec.fine {
         let what = format!("subdomain of interface '{}'", spec.name);
         return Err(invalid(
             &what,
             k,
-            &format!("must be two different ones of {}", all.len()),
+            &format!("must be two different ones of {}", subdomains.len()),
         ));
     }
     Ok(Side {
-        name: all[k].model().name(),
-        field: &**all[k].field(),
-        layout: all[k].model().layout(),
-        inverse_inertia: all[k].inverse_inertia(),
-        weight: &*all[k].weights().kinetic,
+        name: subdomains[k].model().name(),
+        field: &**subdomains[k].field(),
+        layout: subdomains[k].model().layout(),
+        inverse_inertia: subdomains[k].inverse_inertia(),
+        weight: &*subdomains[k].weights().kinetic,
     })
 }
 
 /// Returns the given guard, or else that of the weighting; refuses limits that are not positive.
-fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) -> Result<Guard<T>> {
+fn checked_guard<T: Real>(requested: Option<Guard<T>>, subdomains: &[Subdomain<T>]) -> Result<Guard<T>> {
+    // One nodal model is enough: its energy is part of that of the run.
     let nodal = subdomains
         .iter()
         .any(|s| s.weights().weighting == Weighting::Nodal);
@@ -346,7 +352,7 @@ fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) 
     } else {
         Weighting::Energy
     };
-    let guard = given.unwrap_or_else(|| Guard::for_weighting(weighting));
+    let guard = requested.unwrap_or_else(|| Guard::for_weighting(weighting));
     if guard.interval == 0 || !guard.growth.is_finite() || guard.growth <= T::zero() {
         return Err(invalid(
             "guard",

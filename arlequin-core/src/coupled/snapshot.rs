@@ -90,11 +90,11 @@ impl<T: Real> Coupled<T> {
             let rule = format!("the run has {}; restore into the run that was saved", self.dt);
             return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
         }
-        let own: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
-        if from.own_steps != own {
-            let rule = format!("the run has {own:?}; restore into the run that was saved");
-            let found = format_args!("{:?}", from.own_steps);
-            return Err(crate::error::invalid("own steps of the snapshot", found, &rule));
+        let own_steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
+        if from.own_steps != own_steps {
+            let rule = format!("the run has {own_steps:?}; restore into the run that was saved");
+            let saved = format_args!("{:?}", from.own_steps);
+            return Err(crate::error::invalid("own steps of the snapshot", saved, &rule));
         }
         same(
             "subdomains of the snapshot",
@@ -130,7 +130,7 @@ impl<T: Real> Coupled<T> {
         self.time = self.start_time + T::of(from.step as f64) * self.dt;
         self.start_loss = from.start_loss;
         self.warnings.clone_from(&from.warnings);
-        self.told = self.warnings.len();
+        self.warnings_sent = self.warnings.len();
         Ok(())
     }
 }

@@ -65,16 +65,16 @@ impl<T: Real> System<T> {
         }
         let n = s.model().layout().dofs();
         // Effects are evaluated at rest: here none depends on positions, and damping has no force.
-        let rest = vec![T::zero(); n];
-        let at = Instant {
+        let zeros = vec![T::zero(); n];
+        let instant = Instant {
             time: t,
-            q: &rest,
-            v_half: &rest,
+            q: &zeros,
+            v_half: &zeros,
             dt: T::zero(),
-            internal: &rest,
-            internal_before: &rest,
+            internal: &zeros,
+            internal_before: &zeros,
         };
-        s.add_effects(&at, &mut self.rhs[start..start + n])?;
+        s.add_effects(&instant, &mut self.rhs[start..start + n])?;
         for motion in s.supports() {
             for &d in &motion.dofs {
                 self.fixed[start + d] = true;
@@ -100,9 +100,11 @@ impl<T: Real> Coupled<T> {
         }
         self.add_constraints(&starts, system.scale, &mut system.matrix);
         let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
+        // Taken out while `system` is solved, and put back after an error too.
         let mut factored = self.factored.take();
         let solved = solve_with_supports(&system, moving, &mut factored);
         self.factored = factored;
+        // The solver knows no geometry, so free motions are named here.
         let (q, residual) = solved.map_err(|e| match e {
             Error::SingularSystem { size, residual, .. } => {
                 let free = self.free_motions();
@@ -194,7 +196,7 @@ impl<T: Real> System<T> {
     /// diagonal: their largest entry is scaled to the stiffness instead, so that pivoting compares like with
     /// like.
     fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
-        let of = |(i, row): (usize, CsVecView<'_, T>)| {
+        let factor = |(i, row): (usize, CsVecView<'_, T>)| {
             let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
             let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
             if diagonal > T::zero() {
@@ -205,7 +207,7 @@ impl<T: Real> System<T> {
                 T::one()
             }
         };
-        full.outer_iterator().enumerate().map(of).collect()
+        full.outer_iterator().enumerate().map(factor).collect()
     }
 
     /// Returns the scaled matrix and right-hand side, with prescribed unknowns eliminated.
@@ -241,18 +243,18 @@ impl<T: Real> System<T> {
 
 /// Eliminates prescribed unknowns, scales symmetrically and solves with one step of iterative refinement;
 /// returns the solution and its relative residual. The first `moving` unknowns are displacements, the others
-/// multipliers. The matrix is factored only if it differs from that of `kept`.
+/// multipliers. The matrix is factored only if it differs from that of `cache`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,
-    kept: &mut Option<Factored<T>>,
+    cache: &mut Option<Factored<T>>,
 ) -> Result<(Vec<T>, T)> {
     let full = system.matrix.to_csr::<usize>();
     let weight = system.scaling(&full);
     let (fresh, b) = system.reduced(&full, &weight);
-    let Factored { matrix: a, factor } = match kept.take() {
-        Some(same) if same.matrix == fresh => kept.insert(same),
-        _ => kept.insert(Factored {
+    let Factored { matrix: a, factor } = match cache.take() {
+        Some(known) if known.matrix == fresh => cache.insert(known),
+        _ => cache.insert(Factored {
             factor: T::lu(&fresh)?,
             matrix: fresh,
         }),

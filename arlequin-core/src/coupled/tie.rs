@@ -21,11 +21,11 @@ pub(super) struct Tie<'a, T: Real> {
     pub(super) only: [T; 2],
     pub(super) outside: T,
     /// A point of the overlap outside of the mediator.
-    pub(super) beside: Point3<T>,
+    pub(super) outside_point: Point3<T>,
     /// Volumes that particles and the other model fill of the overlap.
     pub(super) filling: Filling<T>,
     pub(super) deep: T,
-    pub(super) place: Point3<T>,
+    pub(super) deep_point: Point3<T>,
 }
 
 impl<'a, T: Real> Tie<'a, T> {
@@ -39,10 +39,10 @@ impl<'a, T: Real> Tie<'a, T> {
             overlap: T::zero(),
             only: [T::zero(); 2],
             outside: T::zero(),
-            beside: Point3::origin(),
+            outside_point: Point3::origin(),
             filling: Filling::new(rough),
             deep: T::zero(),
-            place: Point3::origin(),
+            deep_point: Point3::origin(),
         }
     }
 }
@@ -57,7 +57,7 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
         return Err(Error::UncoveredOverlap {
             interface: t.name.to_owned(),
             outside: share(t.outside),
-            point: numbers(&t.place),
+            point: numbers(&t.deep_point),
             limit: SHARE,
         });
     }
@@ -66,12 +66,12 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
 
 /// Returns the shares of the coarse and of the fine model's nodes in the overlap on which multipliers act: by
 /// volume for particles, by number otherwise.
-pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
+pub(super) fn tied_shares<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
     [0, 1].map(|m| {
         let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
         let coupled = coupled_nodes(&interface.coupling[m], interface.components());
         let particles = s.model().particles();
-        let (mut held, mut all) = (0.0, 0.0);
+        let (mut held, mut total) = (0.0, 0.0);
         for (k, x) in s.model().nodes().iter().enumerate() {
             // Both weights must be shared, as a model may share other places with other partners.
             let inside = [s, partner].into_iter().all(|s| {
@@ -82,11 +82,11 @@ pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>
                 continue;
             }
             let size = particles.map_or(1.0, |p| p[k].measure.as_f64());
-            all += size;
+            total += size;
             if coupled.binary_search(&k).is_ok() {
                 held += size;
             }
         }
-        if all > 0.0 { held / all } else { 1.0 }
+        if total > 0.0 { held / total } else { 1.0 }
     })
 }

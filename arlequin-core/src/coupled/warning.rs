@@ -289,10 +289,10 @@ impl<T: Real> Coupled<T> {
     }
 
     /// Sends the warnings that are new to an observer.
-    pub(super) fn tell_warnings(&mut self, observer: &mut dyn Observer<T>) {
-        for warning in &self.warnings[self.told..] {
+    pub(super) fn send_warnings(&mut self, observer: &mut dyn Observer<T>) {
+        for warning in &self.warnings[self.warnings_sent..] {
             observer.warning(warning);
         }
-        self.told = self.warnings.len();
+        self.warnings_sent = self.warnings.len();
     }
 }

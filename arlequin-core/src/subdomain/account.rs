@@ -59,13 +59,14 @@ impl<T: Real> Subdomain<T> {
         match self.stepper {
             Stepper::Verlet => {}
             Stepper::Average(_) => return [self.average_invariant(), T::zero()],
-            Stepper::Guest(_) => return [self.guest_invariant(), T::zero()],
+            Stepper::External(_) => return [self.external_invariant(), T::zero()],
         }
         let [q_before, force_before] = self.forces.before();
         let energy = |q: &[T]| self.model.internal_energy(q);
         let before = self.energies.before.unwrap_or_else(|| energy(q_before));
         let now = self.energies.now.unwrap_or_else(|| energy(&self.state.q));
         let potential = T::of(0.5) * (before + now);
+        // A model that makes its steps itself has summed `moving` on the way.
         let [moving, pushed] = match self.energies.moving.take() {
             Some(moving) => [moving, self.pushed_by_model(moving)],
             None => self.moving_energy(q_before, force_before),
@@ -82,8 +83,8 @@ impl<T: Real> Subdomain<T> {
             range.fold([T::zero(); 2], |[sum, pushed], i| {
                 let dq = q[i] - q_before[i];
                 let v = dq / dt;
-                let one = half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]);
-                [sum + one, pushed + half * dq * (force[i] + force_before[i])]
+                let term = half * inertia[i] * v * v + quarter * dq * (force[i] - force_before[i]);
+                [sum + term, pushed + half * dq * (force[i] + force_before[i])]
             })
         };
         self.sums(&part)
@@ -117,6 +118,7 @@ impl<T: Real> Subdomain<T> {
         let layout = self.model.layout();
         let (d, r, first) = (layout.components, layout.rotations, layout.translations());
         let of_nodes = |n: Range<usize>| {
+            // Translations and rotations of a node belong to one unit of summation, whatever rank has it.
             let turning = part(first + r * n.start..first + r * n.end);
             let moving = part(d * n.start..d * n.end);
             std::array::from_fn(|k| moving[k] + turning[k])
@@ -163,7 +165,7 @@ impl<T: Real> Subdomain<T> {
     /// Internal energy at the whole step \[J\], over all ranks. For an external solver it follows from the
     /// invariant when the ledger was last evaluated.
     pub fn internal_energy(&self) -> T {
-        if self.is_guest() {
+        if self.is_external() {
             return self.drawn_energy();
         }
         self.model().internal_energy(&self.state.q)
@@ -192,6 +194,7 @@ impl<T: Real> Subdomain<T> {
         }
         // Powers of all effects, then of the supports: one all-reduce serves all of them.
         let mut powers = std::mem::take(&mut self.powers);
+        // The buffer stays with the subdomain, so that steps do not allocate.
         powers.clear();
         let layout = self.model.layout();
         for e in &self.effects {
@@ -245,15 +248,15 @@ impl<T: Real> Subdomain<T> {
         self.effects.iter().map(|e| e.created()).sum()
     }
 
-    /// Lists the effects with their works: those of the model first, then those that were added. `own` is the
-    /// number of this subdomain.
-    pub(crate) fn effect_lines(&self, own: usize) -> Vec<EffectLine<T>> {
+    /// Lists the effects with their works: those of the model first, then those that were added. `number` is
+    /// that of this subdomain.
+    pub(crate) fn effect_lines(&self, number: usize) -> Vec<EffectLine<T>> {
         let name = |effect: &str| format!("{}/{effect}", self.model().name());
         let of_model = self.model().effects().iter().map(|effect| {
             let taken = self.evolved.filter(|e| e.effect == *effect);
             EffectLine {
                 name: name(effect),
-                phase: taken.map(|_| Phase::Evolve(own)),
+                phase: taken.map(|_| Phase::Evolve(number)),
                 work: taken.map(|e| e.work),
                 pending: T::zero(),
                 stored: T::zero(),
@@ -262,17 +265,17 @@ impl<T: Real> Subdomain<T> {
             }
         });
         let added = self.effects.iter().enumerate();
-        let added = added.map(|(k, e)| e.line(name(e.effect.name()), Phase::Effect(own, k)));
+        let added = added.map(|(k, e)| e.line(name(e.effect.name()), Phase::Effect(number, k)));
         of_model.chain(added).collect()
     }
 
     /// Returns whether all velocities are finite, on all ranks. Collective.
     pub(crate) fn is_finite(&self) -> bool {
-        let own = if self.state.v.iter().all(|v| v.is_finite()) {
+        let local = if self.state.v.iter().all(|v| v.is_finite()) {
             T::zero()
         } else {
             T::one()
         };
-        ranks::largest(self.portion(), own) <= T::zero()
+        ranks::largest(self.portion(), local) <= T::zero()
     }
 }

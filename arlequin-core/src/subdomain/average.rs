@@ -15,7 +15,7 @@ use crate::weight::Weighting;
 use crate::{Error, Real, Result, parallel};
 use sprs::TriMat;
 
-use super::step::Reached;
+use super::step::StepEnd;
 
 /// Factor and working buffers of the implicit stepper.
 #[derive(Debug)]
@@ -38,12 +38,12 @@ impl<T: Real> Average<T> {
     pub(super) fn load(
         &mut self,
         effects: &mut [Attached<T, dyn Effect<T>>],
-        at: &Instant<'_, T>,
+        instant: &Instant<'_, T>,
     ) -> Result<()> {
         self.loads.fill(T::zero());
         effects
             .iter_mut()
-            .try_for_each(|e| e.effect.add_forces(at, &mut self.loads))
+            .try_for_each(|e| e.effect.add_forces(instant, &mut self.loads))
     }
 
     /// Loads of the last [`Self::load`].
@@ -137,30 +137,31 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Makes one implicit step.
-    pub(super) fn average_step(&mut self, reached: Reached<T>) -> Result<()> {
-        self.load_the_middle(reached)?;
-        self.find_mean(reached);
-        self.go_on(reached)
+    pub(super) fn average_step(&mut self, step_end: StepEnd<T>) -> Result<()> {
+        self.load_middle(step_end)?;
+        self.compute_mean(step_end);
+        self.finish_step(step_end)
     }
 
     /// Evaluates the loads in the middle of the step, and the internal forces with prescribed displacements
     /// already there.
-    fn load_the_middle(&mut self, reached: Reached<T>) -> Result<()> {
+    fn load_middle(&mut self, step_end: StepEnd<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
         };
-        let middle = reached.time - reached.since * T::of(0.5);
-        let at = instant(middle, reached.since, &self.state, self.forces.internal());
-        average.load(&mut self.effects, &at)?;
+        let middle = step_end.time - step_end.since * T::of(0.5);
+        let middle_instant = instant(middle, step_end.since, &self.state, self.forces.internal());
+        average.load(&mut self.effects, &middle_instant)?;
         let Average { trial, pull, .. } = &mut **average;
         let (q, now) = (&self.state.q, self.forces.internal());
         if self.supports.iter().all(|m| m.amplitude == T::zero()) {
+            // Without moving supports the internal forces are those at the start.
             parallel::copy(pull, now);
             return Ok(());
         }
         trial.copy_from_slice(q);
         for motion in &self.supports {
-            let end = motion.at(reached.time);
+            let end = motion.position(step_end.time);
             let middle = |d: &usize| trial[*d] = (q[*d] + end) * T::of(0.5);
             motion.dofs.iter().for_each(middle);
         }
@@ -170,7 +171,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Computes the mean velocities of the step, and the work of moving supports but for that against the
     /// internal forces at the end of the step.
-    fn find_mean(&mut self, reached: Reached<T>) {
+    fn compute_mean(&mut self, step_end: StepEnd<T>) {
         let Stepper::Average(average) = &mut self.stepper else {
             return;
         };
@@ -182,7 +183,7 @@ impl<T: Real> Subdomain<T> {
             support,
             ..
         } = &mut **average;
-        let (dt, half) = (reached.since, reached.since * T::of(0.5));
+        let (dt, half) = (step_end.since, step_end.since * T::of(0.5));
         let State { q, v, .. } = &self.state;
         for (i, mean) in mean.iter_mut().enumerate() {
             let free = self.inverse_inertia[i] > T::zero();
@@ -196,7 +197,7 @@ impl<T: Real> Subdomain<T> {
         *support = T::zero();
         let now = self.forces.internal();
         for motion in &self.supports {
-            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            let (end, velocity, _) = motion.kinematics(step_end.time, step_end.dt);
             for &d in &motion.dofs {
                 mean[d] = (end - q[d]) / dt;
                 // Work against loads and initial internal forces, and kinetic energy of the supported masses.
@@ -207,14 +208,14 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Computes state, forces and works at the end of the step.
-    fn go_on(&mut self, reached: Reached<T>) -> Result<()> {
+    fn finish_step(&mut self, step_end: StepEnd<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
         };
         let Average {
             mean, loads, support, ..
         } = &mut **average;
-        let dt = reached.since;
+        let dt = step_end.since;
         let State { q, v, a } = &mut self.state;
         let now = self.forces.internal_mut();
         for ((q, v), mean) in q.iter_mut().zip(v.iter_mut()).zip(&*mean) {
@@ -222,7 +223,8 @@ impl<T: Real> Subdomain<T> {
             *v = *mean + *mean - *v;
         }
         for motion in &self.supports {
-            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            // Prescribed unknowns follow their motion exactly, the others the scheme.
+            let (end, velocity, _) = motion.kinematics(step_end.time, step_end.dt);
             motion.dofs.iter().for_each(|&d| (q[d], v[d]) = (end, velocity));
         }
         now.fill(T::zero());
@@ -235,7 +237,7 @@ impl<T: Real> Subdomain<T> {
             *a = *w * (*f + *g);
         }
         for motion in &self.supports {
-            let (.., acceleration) = motion.kinematics(reached.time, reached.dt);
+            let (.., acceleration) = motion.kinematics(step_end.time, step_end.dt);
             motion.dofs.iter().for_each(|&d| a[d] = acceleration);
         }
         for e in &mut self.effects {

@@ -15,11 +15,12 @@ impl<T: Real> Subdomain<T> {
     /// Refuses a model whose internal energy with a weight of one half is not half of that with one. The
     /// weight must be set again afterwards. External solvers are not checked: only they know their energy.
     pub(super) fn check_energy(&mut self) -> Result<()> {
+        // A model whose weights are one everywhere need not follow them.
         let weighted = |s: &Self| {
             let w = &s.weights.internal;
             s.model.nodes().iter().any(|x| w.at(x) != T::one())
         };
-        if self.is_guest()
+        if self.is_external()
             || self.portion().is_some()
             || self.weights.weighting == Weighting::Nodal
             || !weighted(self)

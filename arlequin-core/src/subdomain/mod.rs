@@ -5,8 +5,8 @@
 
 mod account;
 mod average;
+mod external;
 mod follow;
-mod guest;
 mod motion;
 mod own;
 mod prepare;
@@ -22,7 +22,7 @@ pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
 pub(crate) use share::local;
-pub(crate) use step::{Announce, Reached};
+pub(crate) use step::{Announce, StepEnd};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
@@ -35,7 +35,7 @@ use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
 use account::{Energies, Evolved};
 use average::Average;
-use guest::Guest;
+use external::External;
 use nalgebra::{Point3, Vector3};
 use own::Pace;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ enum Stepper<T: Real> {
     /// Average acceleration, which is implicit.
     Average(Box<Average<T>>),
     /// An external solver.
-    Guest(Box<Guest<T>>),
+    External(Box<External<T>>),
 }
 
 /// One model with all data that the coupled run has about it.
@@ -90,7 +90,7 @@ pub struct Subdomain<T: Real> {
     inverse_inertia: Vec<T>,
     forces: Forces<T>,
     /// Requested own step, and (`pace`) the one that was chosen.
-    own: OwnStep<T>,
+    requested_step: OwnStep<T>,
     pace: Pace<T>,
     stepper: Stepper<T>,
     /// Line of the ledger for a model that changes itself.
@@ -142,7 +142,7 @@ impl<T: Real> Subdomain<T> {
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],
             forces: Forces::zero(n),
-            own: OwnStep::Same,
+            requested_step: OwnStep::Same,
             pace: Pace {
                 steps: 1,
                 dt: T::zero(),
@@ -202,8 +202,8 @@ impl<T: Real> Subdomain<T> {
     /// Lets the model continue from a state that an equal model saved ([`Model::save`]). The initial
     /// displacements are then those at which it was saved.
     #[must_use]
-    pub fn with_memory(mut self, of: Record<T>) -> Self {
-        self.memory = Some(of);
+    pub fn with_memory(mut self, memory: Record<T>) -> Self {
+        self.memory = Some(memory);
         self
     }
 

@@ -25,7 +25,7 @@ impl<T: Real> PrescribedMotion<T> {
     }
 
     /// Position at time `t` \[s\].
-    pub(crate) fn at(&self, t: T) -> T {
+    pub(crate) fn position(&self, t: T) -> T {
         if self.amplitude == T::zero() {
             T::zero()
         } else {
@@ -44,10 +44,10 @@ impl<T: Real> PrescribedMotion<T> {
         }
         let (t, dt) = (t.as_f64(), dt.as_f64());
         if dt <= 0.0 {
-            return (self.at(T::of(t)), T::zero(), T::zero());
+            return (self.position(T::of(t)), T::zero(), T::zero());
         }
-        let at = |t: f64| amplitude * self.time.at_wide(t);
-        let (before, now, after) = (at(t - dt), at(t), at(t + dt));
+        let position = |t: f64| amplitude * self.time.at_wide(t);
+        let (before, now, after) = (position(t - dt), position(t), position(t + dt));
         (
             T::of(now),
             T::of((after - before) / (dt + dt)),

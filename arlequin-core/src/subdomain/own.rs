@@ -31,14 +31,14 @@ pub(super) struct Pace<T> {
 impl<T: Real> Subdomain<T> {
     /// Sets how the model steps between two reflections; [`OwnStep::Same`] by default.
     #[must_use]
-    pub fn with_step(mut self, own: OwnStep<T>) -> Self {
-        self.own = own;
+    pub fn with_step(mut self, step: OwnStep<T>) -> Self {
+        self.requested_step = step;
         self
     }
 
     /// Requested own step.
     pub fn step_choice(&self) -> OwnStep<T> {
-        self.own
+        self.requested_step
     }
 
     /// Number of own steps in a macro step; set when the run is built.
@@ -62,7 +62,7 @@ impl<T: Real> Subdomain<T> {
             run / T::of(steps as f64)
         };
         self.pace = Pace { steps, dt };
-        match self.own {
+        match self.requested_step {
             OwnStep::Implicit => self.make_implicit(),
             _ => Ok(()),
         }

@@ -19,8 +19,8 @@ impl<T: Real> Subdomain<T> {
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;
         }
-        if self.is_guest() {
-            self.weigh_guest(paired)?;
+        if self.is_external() {
+            self.weigh_external(paired)?;
         } else {
             self.model
                 .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
@@ -28,7 +28,7 @@ impl<T: Real> Subdomain<T> {
         check_finite("weighted inertia", &self.inertia)?;
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;
-        if self.is_to_be_shared() {
+        if self.is_to_be_partitioned() {
             // Effects are attached after partitioning, to this rank's part.
             return Ok(());
         }
@@ -55,15 +55,15 @@ impl<T: Real> Subdomain<T> {
         };
         let model = self.model.name();
         // One number shows whether all ranks were given the same effects and supports.
-        let mut told = DefaultHasher::new();
+        let mut hasher = DefaultHasher::new();
         for e in &self.effects {
-            e.effect.name().hash(&mut told);
+            e.effect.name().hash(&mut hasher);
         }
         for m in &self.supports {
-            m.amplitude.as_f64().to_bits().hash(&mut told);
+            m.amplitude.as_f64().to_bits().hash(&mut hasher);
         }
         let what = format!("the effects on '{model}' and its supports");
-        ranks::agree(portion.communicator(), &what, told.finish())?;
+        ranks::agree(portion.communicator(), &what, hasher.finish())?;
         let (layout, v) = (self.model.layout(), &self.state.v);
         // An effect that cannot add its power unit by unit acts on whole models only.
         let whole = |e: &&Attached<T, _>| !Effect::add_power(&*e.effect, &layout, v, &mut Exact::zero());
@@ -166,15 +166,15 @@ impl<T: Real> Subdomain<T> {
         if self.effects.is_empty() && between.is_empty() {
             return Ok(free);
         }
-        let own = self
+        let demands = self
             .effects
             .iter()
-            .map(|e| self.of_all_ranks(e.effect.step_demand()));
-        Ok(shortened(free, own.chain(between.iter().copied())))
+            .map(|e| self.largest_demand(e.effect.step_demand()));
+        Ok(shortened(free, demands.chain(between.iter().copied())))
     }
 
     /// Returns the largest demand of an effect over all ranks.
-    fn of_all_ranks(&self, d: StepDemand<T>) -> StepDemand<T> {
+    fn largest_demand(&self, d: StepDemand<T>) -> StepDemand<T> {
         let largest = |x: T| ranks::largest(self.portion(), x);
         StepDemand {
             stiffness: largest(d.stiffness),

@@ -51,8 +51,8 @@ impl<T: Real> Subdomain<T> {
         }
         // The implicit scheme evaluated its loads in the middle of the step.
         if let Stepper::Average(average) = &mut self.stepper {
-            let at = average::instant(time, self.pace.dt, &self.state, self.forces.internal());
-            average.load(&mut self.effects, &at)?;
+            let instant = average::instant(time, self.pace.dt, &self.state, self.forces.internal());
+            average.load(&mut self.effects, &instant)?;
         }
         Ok(())
     }
@@ -61,13 +61,13 @@ impl<T: Real> Subdomain<T> {
     ///
     /// # Errors
     /// Errors of the model and of [`Self::refresh`].
-    pub(crate) fn pull(&mut self, time: T, out: &mut [T]) -> Result<()> {
+    pub(crate) fn write_forces(&mut self, time: T, out: &mut [T]) -> Result<()> {
         self.refresh(time)?;
         match &self.stepper {
-            Stepper::Guest(_) => out.fill(T::zero()),
+            Stepper::External(_) => out.fill(T::zero()),
             Stepper::Average(average) => {
-                let all = self.forces.internal().iter().zip(average.loads());
-                out.iter_mut().zip(all).for_each(|(o, (f, g))| *o = *f + *g);
+                let terms = self.forces.internal().iter().zip(average.loads());
+                out.iter_mut().zip(terms).for_each(|(o, (f, g))| *o = *f + *g);
             }
             // A model that makes its steps itself has no other forces.
             Stepper::Verlet if self.forces.are_released() => {
@@ -81,12 +81,12 @@ impl<T: Real> Subdomain<T> {
 
     /// Replaces all forces `F` but those of the supports by the reactions `R = M q̈ − F` of the prescribed
     /// unknowns, zero elsewhere.
-    pub(crate) fn react(&self, forces: &mut [T]) {
-        let mut kept = vec![T::zero(); forces.len()];
+    pub(crate) fn replace_by_reactions(&self, forces: &mut [T]) {
+        let mut reactions = vec![T::zero(); forces.len()];
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {
-            kept[d] = self.inertia[d] * self.state.a[d] - forces[d];
+            reactions[d] = self.inertia[d] * self.state.a[d] - forces[d];
         }
-        forces.copy_from_slice(&kept);
+        forces.copy_from_slice(&reactions);
     }
 
     /// Returns force and moment about a point of the forces on some unknowns, over all ranks.
@@ -102,7 +102,7 @@ impl<T: Real> Subdomain<T> {
         for d in unknowns {
             match d.checked_sub(layout.translations()) {
                 // Behind the translations are rotations, whose forces are torques.
-                Some(behind) => add(3 + behind % 3, forces[d]),
+                Some(rotation) => add(3 + rotation % 3, forces[d]),
                 None => {
                     let mut force = Vector3::zeros();
                     force[d % layout.components] = forces[d];
@@ -118,11 +118,11 @@ impl<T: Real> Subdomain<T> {
 
     /// Adds up the sums of all ranks: force, then moment.
     fn resultant_of(&self, sums: [Exact; 6]) -> Resultant<T> {
-        let all = match self.portion() {
+        let totals = match self.portion() {
             Some(p) => p.total(sums),
             None => sums.map(Exact::value),
         };
-        let [a, b, c, x, y, z] = all.map(T::of);
+        let [a, b, c, x, y, z] = totals.map(T::of);
         Resultant {
             force: Vector3::new(a, b, c),
             moment: Vector3::new(x, y, z),
@@ -132,9 +132,9 @@ impl<T: Real> Subdomain<T> {
     /// Returns force and moment about a point of the last forces of an effect.
     pub(crate) fn resultant_of_effect(&self, about: &Point3<T>, effect: &dyn Effect<T>) -> Resultant<T> {
         let layout = self.model.layout();
-        self.resultant_by_power(about, effect.arms(), &|v, to| {
-            if !effect.add_power(&layout, v, to) {
-                to.add(effect.power(v).as_f64());
+        self.resultant_by_power(about, effect.arms(), &|v, sum| {
+            if !effect.add_power(&layout, v, sum) {
+                sum.add(effect.power(v).as_f64());
             }
         })
     }

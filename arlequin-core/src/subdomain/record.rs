@@ -46,27 +46,28 @@ impl<T: Real> Subdomain<T> {
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
             model: self.save_model()?,
-            effects: (self.effects.iter().map(|e| self.recorded_of(&*e.effect))).collect::<Result<_>>()?,
+            effects: (self.effects.iter().map(|e| self.recorded_effect(&*e.effect)))
+                .collect::<Result<_>>()?,
         })
     }
 
     /// Returns the state that an effect saves. In a partitioned model it has one number per unknown, or none,
     /// and is gathered on rank 0.
-    fn recorded_of(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
-        let own = effect.save();
+    fn recorded_effect(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
+        let record = effect.save();
         let portion = self.portion().filter(|_| !effect.saves_whole());
-        let Some(portion) = portion else { return Ok(own) };
-        if !portion.any(!own.numbers.is_empty())? {
-            return Ok(own);
+        let Some(portion) = portion else { return Ok(record) };
+        if !portion.any(!record.numbers.is_empty())? {
+            return Ok(record);
         }
         let name = self.model().name();
         same(
             &format!("memory of an effect on '{name}'"),
             self.inertia.len(),
-            own.numbers.len(),
+            record.numbers.len(),
         )?;
-        let numbers = self.recorded(&own.numbers)?;
-        Ok(Record { numbers, ..own })
+        let numbers = self.recorded(&record.numbers)?;
+        Ok(Record { numbers, ..record })
     }
 
     /// Gathers `x` on rank 0; empty on the other ranks.
@@ -76,7 +77,7 @@ impl<T: Real> Subdomain<T> {
 
     pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {
         let layout = self.model.layout();
-        let all = self.nodes_in_all() * (layout.components + layout.rotations);
+        let dofs = self.nodes_in_all() * (layout.components + layout.rotations);
         let name = self.model().name().to_owned();
         let parts = [
             ("displacements", &from.q),
@@ -89,7 +90,7 @@ impl<T: Real> Subdomain<T> {
             .chain((!from.internal.is_empty()).then_some(forces));
         for (what, x) in parts {
             let what = format!("{what} of '{name}' in the snapshot");
-            same(&what, all, x.len())?;
+            same(&what, dofs, x.len())?;
             check_finite(&what, x)?;
         }
         same(
@@ -102,15 +103,16 @@ impl<T: Real> Subdomain<T> {
             self.effects.len(),
             from.effects.len(),
         )?;
-        self.state.q = self.here(&from.q);
-        self.state.v = self.here(&from.v);
-        self.state.a = self.here(&from.a);
+        self.state.q = self.restrict(&from.q);
+        self.state.v = self.restrict(&from.v);
+        self.state.a = self.restrict(&from.a);
         if from.internal.is_empty() {
             self.forces.restore(&[]);
         } else {
-            let internal = self.here(&from.internal);
+            let internal = self.restrict(&from.internal);
             self.forces.restore(&internal);
         }
+        // The next step needs no other energies.
         self.energies = Energies {
             now: from.energy,
             ..Energies::unknown()
@@ -119,14 +121,14 @@ impl<T: Real> Subdomain<T> {
             line.work = work;
         }
         self.restore_model(&from.model)?;
-        let here = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
-            Some(_) if record.numbers.len() == all && !e.effect.saves_whole() => Record {
-                numbers: self.here(&record.numbers),
+        let local_record = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
+            Some(_) if record.numbers.len() == dofs && !e.effect.saves_whole() => Record {
+                numbers: self.restrict(&record.numbers),
                 integers: record.integers.clone(),
             },
             _ => record.clone(),
         };
-        let records: Vec<_> = self.effects.iter().zip(&from.effects).map(here).collect();
+        let records: Vec<_> = self.effects.iter().zip(&from.effects).map(local_record).collect();
         for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&records)) {
             e.restore(*work, record)?;
         }

@@ -9,7 +9,7 @@ use crate::{Real, Result};
 impl<T: Real> Subdomain<T> {
     /// Returns the reason why the equilibrium is not the solution of one linear system; `None` if it is.
     pub(crate) fn not_direct(&mut self) -> Option<String> {
-        if self.is_guest() {
+        if self.is_external() {
             return Some("it is a solver of its own".into());
         }
         if self.model.evolving().is_some() {
@@ -26,7 +26,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Sets displacements at a time \[s\], with zero velocities and accelerations, and evaluates all forces
     /// there.
-    pub(crate) fn rest(&mut self, q: &[T], time: T) -> Result<()> {
+    pub(crate) fn set_at_rest(&mut self, q: &[T], time: T) -> Result<()> {
         self.state.q.copy_from_slice(q);
         self.state.v.fill(T::zero());
         self.state.a.fill(T::zero());
@@ -34,7 +34,7 @@ impl<T: Real> Subdomain<T> {
         let mut forces = vec![T::zero(); q.len()];
         self.model.advance(q, &mut forces)?;
         self.forces.settle(forces);
-        let at = Instant {
+        let instant = Instant {
             time,
             q: &self.state.q,
             v_half: &self.state.v,
@@ -45,7 +45,7 @@ impl<T: Real> Subdomain<T> {
         let mut loads = self.forces.internal().to_vec();
         // Effects are evaluated too, since they remember their forces.
         for e in &mut self.effects {
-            e.effect.add_forces(&at, &mut loads)?;
+            e.effect.add_forces(&instant, &mut loads)?;
         }
         self.forces.settle_loads(&loads);
         Ok(())

@@ -22,12 +22,12 @@ impl<T: Real> Subdomain<T> {
         self.ranks.as_ref().map(|c| c.ranks())
     }
 
-    pub(crate) fn is_to_be_shared(&self) -> bool {
+    pub(crate) fn is_to_be_partitioned(&self) -> bool {
         self.ranks.is_some()
     }
 
     /// Returns whether a saved state was given to the model.
-    pub(crate) fn remembers(&self) -> bool {
+    pub(crate) fn has_memory(&self) -> bool {
         self.memory.is_some()
     }
 
@@ -46,17 +46,17 @@ impl<T: Real> Subdomain<T> {
             return Ok(Some(x.to_vec()));
         };
         let layout = self.model.layout();
-        let (first, behind) = x.split_at(layout.translations().min(x.len()));
+        let (first, rotations) = x.split_at(layout.translations().min(x.len()));
         let mut out = portion.collect(layout.components, first)?;
         if layout.rotations > 0 {
-            let turns = portion.collect(layout.rotations, behind)?;
+            let turns = portion.collect(layout.rotations, rotations)?;
             out = out.zip(turns).map(|(a, b)| [a, b].concat());
         }
         Ok(out)
     }
 
     /// Restricts values of all unknowns of the whole model to the unknowns of this rank.
-    pub(crate) fn here(&self, x: &[T]) -> Vec<T> {
+    pub(crate) fn restrict(&self, x: &[T]) -> Vec<T> {
         let Some(portion) = self.portion() else {
             return x.to_vec();
         };
@@ -70,15 +70,15 @@ impl<T: Real> Subdomain<T> {
 
     /// Number of nodes of the whole model, over all ranks.
     pub fn nodes_in_all(&self) -> usize {
-        let here = self.model.layout().nodes;
-        self.portion().map_or(here, |p| p.division().nodes())
+        let local = self.model.layout().nodes;
+        self.portion().map_or(local, |p| p.division().nodes())
     }
 
     /// Partitions the model if it is marked for that, keeps this rank's part and attaches the effects to it.
     ///
     /// # Errors
     /// Errors of [`crate::Model::share_out`] and of the effects.
-    pub(crate) fn share_out(&mut self) -> Result<Option<Arc<Portion>>> {
+    pub(crate) fn partition_model(&mut self) -> Result<Option<Arc<Portion>>> {
         let Some(communicator) = self.ranks.take() else {
             return Ok(None);
         };
@@ -112,22 +112,22 @@ impl<T: Real> Subdomain<T> {
 
 /// Restricts values of all unknowns of the whole model to the unknowns of a rank.
 pub(crate) fn part_of<T: Real>(portion: &Portion, whole: &DofLayout, x: &[T]) -> Vec<T> {
-    let (first, behind) = x.split_at(whole.translations());
-    let all = [(first, whole.components), (behind, whole.rotations)];
-    let of = |(x, count): (&[T], usize)| -> Vec<T> {
+    let (first, rotations) = x.split_at(whole.translations());
+    let blocks = [(first, whole.components), (rotations, whole.rotations)];
+    let restricted = |(x, count): (&[T], usize)| -> Vec<T> {
         let nodes = 0..portion.nodes();
         nodes
             .flat_map(|k| x[portion.global(k) * count..][..count].to_vec())
             .collect()
     };
-    all.map(of).concat()
+    blocks.map(restricted).concat()
 }
 
 /// Returns the number on this rank of an unknown of the whole model, if the rank has it.
 pub(crate) fn local(portion: &Portion, whole: &DofLayout, unknown: usize) -> Option<usize> {
     let (first, count, start) = match unknown.checked_sub(whole.translations()) {
         None => (unknown, whole.components, 0),
-        Some(behind) => (behind, whole.rotations, portion.nodes() * whole.components),
+        Some(rotation) => (rotation, whole.rotations, portion.nodes() * whole.components),
     };
     Some(start + portion.local(first / count)? * count + first % count)
 }

@@ -12,7 +12,7 @@ pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
 
 /// Instant at the end of a step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reached<T> {
+pub(crate) struct StepEnd<T> {
     /// Time \[s\].
     pub(crate) time: T,
     /// Length of the step that led to the instant \[s\]; zero at the start of a run.
@@ -69,10 +69,11 @@ impl<T: Real> Forces<T> {
         self.known
     }
 
-    /// Allocates forces beside the internal ones: for `own` effects, and for pair effects (`paired`).
-    pub(super) fn expect_loads(&mut self, own: bool, paired: bool) {
+    /// Allocates forces beside the internal ones: for effects of the subdomain (`has_effects`) and for pair
+    /// effects (`paired`).
+    pub(super) fn expect_loads(&mut self, has_effects: bool, paired: bool) {
         let zeros = || vec![T::zero(); self.internal.len()];
-        self.loads = match (own, paired) {
+        self.loads = match (has_effects, paired) {
             (_, true) => Loads::Paired(zeros()),
             (true, false) => Loads::Own(zeros()),
             (false, false) => Loads::Absent,
@@ -107,9 +108,9 @@ impl<T: Real> Forces<T> {
     }
 
     /// Sets all forces of another state, where there are others than internal ones.
-    pub(super) fn settle_loads(&mut self, all: &[T]) {
+    pub(super) fn settle_loads(&mut self, forces: &[T]) {
         if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
-            total.copy_from_slice(all);
+            total.copy_from_slice(forces);
         }
     }
 
@@ -145,12 +146,12 @@ impl<T: Real> Forces<T> {
 
     /// Returns the instant as effects see it, and the forces to which they add; an empty slice if there are
     /// no effects.
-    fn at<'a>(&'a mut self, reached: Reached<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
-        let at = Instant {
-            time: reached.time,
+    fn instant<'a>(&'a mut self, step_end: StepEnd<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
+        let instant = Instant {
+            time: step_end.time,
             q: &state.q,
             v_half: &state.v,
-            dt: reached.since,
+            dt: step_end.since,
             internal: &self.internal,
             internal_before: &self.internal_before,
         };
@@ -158,7 +159,7 @@ impl<T: Real> Forces<T> {
             Loads::Absent => &mut [],
             Loads::Own(total) | Loads::Paired(total) => total,
         };
-        (at, total)
+        (instant, total)
     }
 }
 
@@ -168,43 +169,44 @@ impl<T: Real> Subdomain<T> {
         self.forces.is_paired()
     }
 
-    /// Adds the forces of effects to the internal forces, which are known. `own` is the number of this
+    /// Adds the forces of effects to the internal forces, which are known. `number` is that of this
     /// subdomain.
-    fn evaluate(&mut self, reached: Reached<T>, own: usize, announce: &mut Announce<'_>) -> Result<()> {
+    fn evaluate(&mut self, step_end: StepEnd<T>, number: usize, announce: &mut Announce<'_>) -> Result<()> {
         // On a rank without nodes effects are evaluated all the same, since they communicate with other
         // ranks.
         if self.forces.are_internal() {
             return Ok(());
         }
-        let (at, total) = self.forces.at(reached, &self.state);
-        parallel::copy(total, at.internal);
+        let (instant, total) = self.forces.instant(step_end, &self.state);
+        parallel::copy(total, instant.internal);
         for (k, e) in self.effects.iter_mut().enumerate() {
-            announce(Phase::Effect(own, k));
-            e.effect.add_forces(&at, total)?;
+            announce(Phase::Effect(number, k));
+            e.effect.add_forces(&instant, total)?;
         }
-        announce(Phase::Predict(own));
+        announce(Phase::Predict(number));
         Ok(())
     }
 
     /// Returns the instant and the forces to which pair effects add theirs.
-    pub(crate) fn loaded_at(&mut self, reached: Reached<T>) -> (Instant<'_, T>, &mut [T]) {
-        self.forces.at(reached, &self.state)
+    pub(crate) fn loaded_at(&mut self, step_end: StepEnd<T>) -> (Instant<'_, T>, &mut [T]) {
+        self.forces.instant(step_end, &self.state)
     }
 
     /// Adds the forces of the effects at an instant that the caller chooses.
-    pub(crate) fn add_effects(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+    pub(crate) fn add_effects(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         self.effects
             .iter_mut()
-            .try_for_each(|e| e.effect.add_forces(at, f))
+            .try_for_each(|e| e.effect.add_forces(instant, f))
     }
 
     /// Computes `a` from all forces, adds `Δt/2 a` to `v`, and sets prescribed velocities and accelerations.
-    pub(crate) fn accelerate(&mut self, reached: Reached<T>) {
-        let half = reached.since * T::of(0.5);
+    pub(crate) fn accelerate(&mut self, step_end: StepEnd<T>) {
+        let half = step_end.since * T::of(0.5);
         let State { v, a, .. } = &mut self.state;
         parallel::accelerate(half, v, a, self.forces.total(), &self.inverse_inertia);
         for motion in &self.supports {
-            let (_, velocity, acceleration) = motion.kinematics(reached.time, reached.dt);
+            // Prescribed unknowns take no part in the acceleration: their inverse inertia is zero.
+            let (_, velocity, acceleration) = motion.kinematics(step_end.time, step_end.dt);
             for &d in &motion.dofs {
                 a[d] = acceleration;
                 v[d] = velocity;
@@ -213,7 +215,7 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Sets prescribed displacements and velocities at time `t` \[s\].
-    pub(crate) fn hold(&mut self, t: T) {
+    pub(crate) fn set_prescribed(&mut self, t: T) {
         let dt = self.pace.dt;
         for motion in &self.supports {
             let (q, v, _) = motion.kinematics(t, dt);
@@ -225,19 +227,19 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Returns the instant at which a run starts.
-    pub(crate) fn at_start(&self, time: T) -> Reached<T> {
-        Reached {
+    pub(crate) fn at_start(&self, time: T) -> StepEnd<T> {
+        StepEnd {
             time,
             since: T::zero(),
             dt: self.pace.dt,
         }
     }
 
-    /// Computes forces and accelerations of the start, after [`Self::hold`].
+    /// Computes forces and accelerations of the start, after [`Self::set_prescribed`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
         self.forces.known = true;
-        if self.is_guest() {
-            self.guest_start();
+        if self.is_external() {
+            self.external_start();
             return Ok(());
         }
         let start = self.at_start(time);
@@ -254,38 +256,38 @@ impl<T: Real> Subdomain<T> {
     /// multipliers. Where pair effects act, it stops at the forces, and [`Self::accelerate`] follows the pair
     /// effects.
     ///
-    /// Takes two passes over the unknowns beside the model's: before its forces and after them. `own` is the
-    /// number of this subdomain, for `announce`; `keep` is true if displacements of the step before are kept
+    /// Takes two passes over the unknowns beside the model's: before its forces and after them. `number` is
+    /// that of this subdomain, for `announce`; `keep` is true if displacements of the step before are kept
     /// for [`Self::invariant`].
     pub(crate) fn predict(
         &mut self,
-        own: usize,
-        reached: Reached<T>,
+        number: usize,
+        step_end: StepEnd<T>,
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
         self.forces.known = true;
         match self.stepper {
             Stepper::Verlet => {}
-            Stepper::Average(_) => return self.average_step(reached),
-            Stepper::Guest(_) => return self.guest_step(reached),
+            Stepper::Average(_) => return self.average_step(step_end),
+            Stepper::External(_) => return self.external_step(step_end),
         }
         if parallel::pays(self.inertia.len()) {
             // One entry into the pool for all passes: each would cost a wake-up otherwise.
-            rayon::scope(|_| self.passes(own, reached, keep, announce))
+            rayon::scope(|_| self.passes(number, step_end, keep, announce))
         } else {
-            self.passes(own, reached, keep, announce)
+            self.passes(number, step_end, keep, announce)
         }
     }
 
     fn passes(
         &mut self,
-        own: usize,
-        reached: Reached<T>,
+        number: usize,
+        step_end: StepEnd<T>,
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
-        if self.stride(reached, keep)? {
+        if self.stride(step_end, keep)? {
             return Ok(());
         }
         let evolves = self.model.evolving().is_some();
@@ -298,14 +300,14 @@ impl<T: Real> Subdomain<T> {
         }
         let State { q, v, a } = &mut self.state;
         if keeps {
-            parallel::kick_and_drift_from(reached.since, &forces.q_before, q, v, a, &mut forces.internal);
+            parallel::kick_and_drift_from(step_end.since, &forces.q_before, q, v, a, &mut forces.internal);
         } else {
             // One array less to read where nobody needs the old displacements.
-            parallel::kick_and_drift(reached.since, q, v, a, &mut forces.internal);
+            parallel::kick_and_drift(step_end.since, q, v, a, &mut forces.internal);
         }
         for motion in &self.supports {
             // Before forces are evaluated: the drift has moved prescribed unknowns by their velocity only.
-            let now = motion.at(reached.time);
+            let now = motion.position(step_end.time);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
         // The energy after the last step is that before this one.
@@ -316,13 +318,13 @@ impl<T: Real> Subdomain<T> {
             self.model.advance(q, &mut forces.internal)?;
         }
         if evolves {
-            announce(Phase::Evolve(own));
-            self.evolve(reached.time)?;
-            announce(Phase::Predict(own));
+            announce(Phase::Evolve(number));
+            self.evolve(step_end.time)?;
+            announce(Phase::Predict(number));
         }
-        self.evaluate(reached, own, announce)?;
+        self.evaluate(step_end, number, announce)?;
         if !self.is_paired() {
-            self.accelerate(reached);
+            self.accelerate(step_end);
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use super::Subdomain;
 use super::account::Energies;
-use super::step::Reached;
+use super::step::StepEnd;
 use crate::model::{State, Stride};
 use crate::{Real, Result};
 
@@ -12,7 +12,7 @@ impl<T: Real> Subdomain<T> {
     ///
     /// Accelerations are then those of the internal forces alone, so that neither forces nor displacements of
     /// the step before are stored.
-    pub(super) fn stride(&mut self, reached: Reached<T>, keep: bool) -> Result<bool> {
+    pub(super) fn stride(&mut self, step_end: StepEnd<T>, keep: bool) -> Result<bool> {
         let alone = self.forces.are_internal() && self.moving().next().is_none();
         if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
             return Ok(false);
@@ -25,7 +25,7 @@ impl<T: Real> Subdomain<T> {
         self.forces.release();
         let State { q, v, a } = &mut self.state;
         let step = Stride {
-            dt: reached.since,
+            dt: step_end.since,
             q,
             v,
             a,

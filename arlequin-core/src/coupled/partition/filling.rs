@@ -122,6 +122,7 @@ impl<T: Real> Filling<T> {
         if counts == [1; 3] {
             return None;
         }
+        // A direction that is shorter than a cube has one cube of full size.
         let edges = Vector3::from_fn(|c, _| ((high - low)[c] / T::of(numbers[c])).max(least));
         let mut cubes = vec![[T::zero(); 2]; counts.iter().product()];
         for (side, x, v) in &self.samples {
@@ -131,9 +132,9 @@ impl<T: Real> Filling<T> {
         }
         // Cubes that are less than half full lie at the border of the overlap and have too few samples.
         let full = edges.iter().fold(T::of(0.5), |p, e| p * *e);
-        let apart = |[a, b]: &[T; 2]| (*a - *b).abs() / a.max(*b);
+        let difference = |[a, b]: &[T; 2]| (*a - *b).abs() / a.max(*b);
         let filled = cubes.iter().enumerate().filter(|(_, [a, b])| a.max(*b) >= full);
-        let worst = filled.max_by(|a, b| apart(a.1).as_f64().total_cmp(&apart(b.1).as_f64()))?;
+        let worst = filled.max_by(|a, b| difference(a.1).as_f64().total_cmp(&difference(b.1).as_f64()))?;
         let place = [
             worst.0 % counts[0],
             worst.0 / counts[0] % counts[1],
@@ -154,7 +155,7 @@ fn spread<T: Real>(
     give: &mut dyn FnMut(usize, T),
 ) {
     let half = T::of(0.5) * volume.cbrt();
-    let along = |c: usize| {
+    let cubes_along = |c: usize| {
         let [low, high] = [x[c] - half, x[c] + half].map(|x| (x / edges[c]).as_f64());
         let first = low.floor() as i64;
         (first..=high.floor() as i64).map(move |k| {
@@ -162,9 +163,9 @@ fn spread<T: Real>(
             (k.clamp(0, counts[c] as i64 - 1) as usize, part)
         })
     };
-    for (i, a) in along(0) {
-        for (j, b) in along(1) {
-            for (k, c) in along(2) {
+    for (i, a) in cubes_along(0) {
+        for (j, b) in cubes_along(1) {
+            for (k, c) in cubes_along(2) {
                 give((k * counts[1] + j) * counts[0] + i, volume * T::of(a * b * c));
             }
         }

@@ -19,9 +19,11 @@ impl<T: Real> Group<'_, T> {
     /// Refuses a weight whose mean over a cell is not that of its values.
     pub(super) fn check_means(&self) -> Result<()> {
         for m in &self.members {
+            // Nodal weighting takes values at nodes and no means.
             if m.subdomain.weights().weighting == Weighting::Nodal {
                 continue;
             }
+            // The bonds of a packing are not known here: lines between neighbours stand for them.
             let lines = m.extent.particles().map(|p| {
                 let mut lines = lines_between(p);
                 lines.retain(|l| (0..self.kinds).all(|kind| is_beside_jumps(m.weight(kind), l)));
@@ -65,12 +67,12 @@ fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
     let step = crate::extent::length(line) * T::of(1e-4);
     line.corners().iter().all(|x| {
         let value = weight.at(x);
-        let beside = |k: usize| {
+        let nearby_value = |k: usize| {
             let mut d = Vector3::zeros();
             d[k / 2] = if k.is_multiple_of(2) { step } else { -step };
             weight.at(&(x + d))
         };
-        (0..6).all(|k| (beside(k) - value).abs() < T::of(JUMP))
+        (0..6).all(|k| (nearby_value(k) - value).abs() < T::of(JUMP))
     })
 }
 
@@ -95,6 +97,7 @@ fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Opt
     let mut values = T::zero();
     let mut limit = T::zero();
     let finest = super::LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
+    // The whole cell suffices for most; only the others are cut into parts.
     for (levels, share) in [0, finest].into_iter().zip(QUADRATURE) {
         samples.clear();
         for part in geometry::parts(cell, levels) {

@@ -101,16 +101,16 @@ impl<T: Real> Group<'_, T> {
 
     fn near_others(&self, m: usize, cell: &Cell<T>) -> bool {
         let bounds = cell.bounds();
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| o.extent.meets(&bounds))
+        let mut other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        other_members.any(|(_, o)| o.extent.meets(&bounds))
     }
 
     /// Returns the exact measure that a cell has in common with the cells of the other models; `None` unless
     /// exactly one other model is near and has cells.
     fn common(&self, m: usize, cell: &Cell<T>) -> Option<T> {
         let bounds = cell.bounds();
-        let others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        let mut near = others.filter(|(_, o)| !o.extent.is_particles() && o.extent.meets(&bounds));
+        let other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        let mut near = other_members.filter(|(_, o)| !o.extent.is_particles() && o.extent.meets(&bounds));
         let (_, other) = near.next()?;
         (near.next().is_none() && !other.extent.cells().is_empty()).then(|| other.extent.common(cell))
     }
@@ -122,8 +122,8 @@ impl<T: Real> Group<'_, T> {
             let first = inside(&corners[0]);
             corners.iter().any(|x| inside(x) != first)
         };
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
+        let mut other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        other_members.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
             || self
                 .ties
                 .iter()
@@ -244,12 +244,14 @@ impl<T: Real> Group<'_, T> {
                 (_, true, false) => false,
             }
         };
-        let all = || (0..self.members.len()).filter(counted);
-        let cells = all().filter(|k| !self.members[*k].extent.is_particles()).count();
+        let present_models = || (0..self.members.len()).filter(counted);
+        let cells = present_models()
+            .filter(|k| !self.members[*k].extent.is_particles())
+            .count();
         if cells > 0 && self.members[m].extent.is_particles() {
             return T::zero();
         }
-        T::one() / T::of(all().count() as f64)
+        T::one() / T::of(present_models().count() as f64)
     }
 
     /// Adds a point to the overlap of each mediator that should hold it; several mediators between the same
@@ -276,11 +278,11 @@ impl<T: Real> Group<'_, T> {
             t.overlap += part;
             if !inside {
                 t.outside += part;
-                t.beside = *x;
+                t.outside_point = *x;
             }
             if !near {
                 t.deep += part;
-                t.place = *x;
+                t.deep_point = *x;
             }
         }
     }
@@ -335,8 +337,8 @@ impl<T: Real> Group<'_, T> {
 fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
     let quarter = T::of(0.25) * s.measure.cbrt();
     let octant = |k: usize| {
-        let along = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
-        s.point + Vector3::new(along(0), along(1), along(2))
+        let offset = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
+        s.point + Vector3::new(offset(0), offset(1), offset(2))
     };
     let count = (0..8).filter(|k| is_shared(&octant(*k))).count();
     T::of(count as f64 / 8.0)
