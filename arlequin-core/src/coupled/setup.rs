@@ -89,7 +89,8 @@ pub struct Plan {
     pub critical_dt: f64,
     /// Interfaces.
     pub interfaces: Vec<InterfaceReport>,
-    /// Effects that are on, as `model/effect`; effects between two models by their own name.
+    /// Names of the effects that are on: `model/effect`, or the effect's own name if it acts between two
+    /// models.
     pub effects: Vec<String>,
 }
 

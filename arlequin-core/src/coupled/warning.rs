@@ -47,7 +47,8 @@ pub enum Warning {
         angular: bool,
         /// Largest change relative to the sum of moduli.
         share: f64,
-        /// Share that round-off explains, or small displacements.
+        /// Largest share that round-off explains; for an angular momentum without a claim, that small
+        /// displacements explain.
         limit: f64,
         /// Reason why the angular momentum is kept for small displacements only, if so.
         because: Option<String>,

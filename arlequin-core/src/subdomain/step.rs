@@ -169,7 +169,7 @@ impl<T: Real> Subdomain<T> {
         self.forces.is_paired()
     }
 
-    /// Adds the forces of effects to the internal forces, which are known. `number` is that of this
+    /// Adds the forces of effects to the internal forces, which are known by now. `number` is that of this
     /// subdomain.
     fn evaluate(&mut self, step_end: StepEnd<T>, number: usize, announce: &mut Announce<'_>) -> Result<()> {
         // On a rank without nodes effects are evaluated all the same, since they communicate with other

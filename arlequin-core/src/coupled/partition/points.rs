@@ -227,8 +227,8 @@ impl<T: Real> Group<'_, T> {
         self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
     }
 
-    /// Returns the share of the filled space that a point of model `m` accounts for: equal shares of all
-    /// models there. Where there are cells, they fill the space and particles have no share.
+    /// Returns the share of the filled space that a point of model `m` accounts for: an equal one for each
+    /// model there. Where there are cells, they fill the space and particles have no share.
     fn share_of_space(&self, m: usize) -> T {
         let floor = T::of(FLOOR);
         let counted = |k: &usize| {
