@@ -398,6 +398,7 @@ impl<T: Real> Coupled<T> {
             }
             let model = self.subdomains[k].model().name().to_owned();
             let (share, limit) = (missed.as_f64(), limit.as_f64());
+            // Round-off never ends a run.
             if share > MISSED.max(limit) {
                 return Err(Error::ImpulseMissed {
                     model,

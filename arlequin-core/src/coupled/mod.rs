@@ -125,8 +125,8 @@ impl<T: Real> Coupled<T> {
         &self.partition
     }
     /// Operator `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, with rows and columns in
-    /// the order of [`Interface::multipliers`]; `A = Δt/2 S`. Each call assembles it anew. `None` if the
-    /// interface does not exist or one of its models is partitioned.
+    /// the order of [`Interface::multipliers`]. The multipliers solve `A λ = B v⁻` with `A = ΔT/2 S`. Each
+    /// call assembles it anew. `None` if the interface does not exist or one of its models is partitioned.
     pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
         let i = self
             .interfaces

@@ -158,6 +158,7 @@ impl<T: Real> Body<T> {
     /// their last digit only, and the momenta of these errors add up.
     pub(crate) fn balance(&mut self, subdomains: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
+        // Without anything to keep, a pass over all nodes is saved.
         if limits[0].is_none() {
             return [T::zero(); 2];
         }
@@ -414,6 +415,7 @@ impl<T: Real> Coupled<T> {
         } else {
             Arms::Reference
         };
+        // A junction that mixes components balances about the positions at rest only.
         let mixes = |i: &&crate::interface::Interface<T>| members.contains(&i.sides[0]) && !i.splits();
         if arms == Arms::Current
             && let Some(i) = self.interfaces.iter().find(mixes)

@@ -69,6 +69,7 @@ impl<T: Real> HeldSide<T> {
 impl<T: Real> Held<T> {
     pub(super) fn new(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> Self {
         let components = interface.components();
+        // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
         let sides = [(0, -T::one()), (1, T::one())].map(|(m, sign)| {
             let s = &subdomains[interface.sides()[m]];
             let moving: std::collections::HashSet<usize> =
@@ -115,6 +116,7 @@ impl<T: Real> Held<T> {
 impl<T: Real> Coupled<T> {
     /// Returns the time \[s\] that lies the given number of macro steps after the present one.
     pub(super) fn instant(&self, steps: usize) -> T {
+        // A product, not a sum: round-off does not grow with the steps.
         self.start_time + T::of((self.step + steps) as f64) * self.dt
     }
 

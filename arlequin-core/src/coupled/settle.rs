@@ -210,6 +210,7 @@ impl<T: Real> Coupled<T> {
                 borne = borne
                     .max(self.largest_internal_force()?)
                     .max(self.round_off_force() / how.tolerance);
+                // While loads still change there is no equilibrium to reach.
                 if k >= how.ramp {
                     let off = self.largest_unbalanced_force(now)?;
                     residual = if borne > T::zero() { off / borne } else { off };

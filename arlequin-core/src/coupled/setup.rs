@@ -160,6 +160,7 @@ impl<T: Real> Coupled<T> {
         let paired = paired_subdomains(start, subdomains.len(), &pairs)?;
         portions::check(&subdomains, &interfaces, &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
+            // Weights come first: the partition check and the interfaces read weighted inertia.
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
         }

@@ -105,6 +105,7 @@ impl<T: Real> Coupled<T> {
             let i = &mut self.interfaces[k];
             let sides = i.sides.map(|s| &self.subdomains[s]);
             let jump = i.jump(sides.map(|s| &*s.state().q), &mut self.work);
+            // Displacements count as vectors, so that the directions of axes do not matter.
             let largest = sides.map(|s| {
                 let layout = s.model().layout();
                 let q = s.state().q[..layout.translations()].chunks_exact(layout.components);

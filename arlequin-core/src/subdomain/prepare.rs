@@ -122,7 +122,7 @@ impl<T: Real> Subdomain<T> {
         let top = ranks::largest(self.portion(), top);
         for (i, m) in self.inertia.iter().enumerate() {
             // Round-off of element means may leave a few epsilon of the largest mass where there should be
-            // none.
+            // none. Inertia of rotations may be that small beside masses, so only zero is refused there.
             if !prescribed[i]
                 && *m <= top * T::epsilon() * T::of(4.0)
                 && (i < layout.translations() || *m <= T::zero())
@@ -140,6 +140,7 @@ impl<T: Real> Subdomain<T> {
                     mass: m.as_f64(),
                 });
             }
+            // A zero keeps forces and constraints from moving a prescribed unknown.
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
         Ok(())

@@ -97,6 +97,7 @@ impl<T: Real> Subdomain<T> {
         about: &Point3<T>,
     ) -> Resultant<T> {
         let layout = self.model.layout();
+        // Exact sums have the same bits on any number of ranks.
         let mut sums = [Exact::zero(); 6];
         let mut add = |k: usize, x: T| sums[k].add(x.as_f64());
         for d in unknowns {

@@ -47,6 +47,7 @@ impl<T: Real> Subdomain<T> {
         };
         let layout = self.model.layout();
         let (first, rotations) = x.split_at(layout.translations().min(x.len()));
+        // Translations and rotations are gathered apart, since each block is in the order of nodes.
         let mut out = portion.collect(layout.components, first)?;
         if layout.rotations > 0 {
             let turns = portion.collect(layout.rotations, rotations)?;

@@ -50,6 +50,7 @@ impl<T: Real> Filling<T> {
     /// particles.
     pub(super) fn chance(&self) -> f64 {
         let fewest = self.particles.iter().filter(|n| **n > 0).min();
+        // Counting error of the fewest particles, `1/√n`.
         fewest.map_or(0.0, |n| 1.0 / (*n as f64).sqrt())
     }
 

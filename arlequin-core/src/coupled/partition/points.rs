@@ -25,6 +25,7 @@ impl<T: Real> Group<'_, T> {
             let particles: Vec<_> = particles.into();
             return self.fill_particles(m, &particles);
         }
+        // A model without cells and particles can be checked at its nodes only.
         if self.members[m].extent.cells().is_empty() {
             let model = self.members[m].subdomain;
             for x in model.model().nodes() {
@@ -168,6 +169,7 @@ impl<T: Real> Group<'_, T> {
         if split || lacking {
             self.shared += part;
         }
+        // Nodes have no measure to add.
         if s.measure > T::zero() {
             self.tie(s.point, part, lacking);
             self.account(s);
