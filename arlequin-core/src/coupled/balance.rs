@@ -1,17 +1,17 @@
-//! The balance that is drawn up every few steps, and what it is held to.
+//! Energy balance, evaluated every few steps, and the limits of its drift.
 //!
-//! What is left of `H − H_0 − work` may be
+//! The drift `H − H_0 − work` may be as large as
 //!
 //! ```text
 //! |drift| ≤ 1e-9 E + digits + 10 Σ |ΔU + ½ Δq·(f_n + f_{n+1})|
 //! ```
 //!
-//! with the largest energy `E` so far (single precision: 4096 of its last digits in place of 1e-9). The
-//! last sum is over all own steps, from those at which the balance was drawn. Each term is the error of the
-//! trapezium rule, by which the scheme takes the work of the internal forces `f`: a step changes `H` by the
-//! mean of its term and that of the step before. For a linear law it is round-off; for others it is of the
-//! third order in the step, and of either sign. Above that there is a warning, and above
-//! [`Guard::growth`](super::Guard::growth) the run ends.
+//! with the largest energy `E` so far (in single precision 4096 units of round-off in place of 1e-9). The sum
+//! is over all own steps, extrapolated from those at which the balance is evaluated. Each term is the error
+//! of the trapezium rule, by which the scheme takes the work of the internal forces `f`: a step changes `H`
+//! by the mean of its term and that of the step before. For a linear law the term is round-off; for others it
+//! is of third order in the step, and of either sign. A larger drift gives a warning, and a drift above
+//! [`Guard::growth`](super::Guard::growth) ends the run.
 
 use super::ledger::EnergySample;
 use super::warning::{Suspect, Warning};
@@ -21,37 +21,40 @@ use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result, parallel, ranks};
 
-/// Share of the energy in play that effects may create. Sound laws create none but for round-off and for
-/// what forces unknown to them do within a step (multipliers): decision 0011 has the figures.
+/// Largest share of the energy in play that effects may create. Sound laws create none but for round-off and
+/// for the work, within a step, of forces that they do not know (multipliers): decision 0011 has the figures.
 const CREATED: f64 = 1e-3;
 
-/// Drift of linear laws, relative to the largest energy so far; measured: below 1e-11 after a million steps.
+/// Accepted drift of linear laws, relative to the largest energy so far; measured: below 1e-11 after a
+/// million steps.
 const LINEAR: f64 = 1e-9;
 
-/// The same, and jumps of velocity, in last digits: what counts in single precision.
+/// Accepted drift of linear laws, and accepted velocity jump, in units of round-off: the larger limit in
+/// single precision.
 const DIGITS: f64 = 4096.0;
 
-/// Factor for a sum that is taken from every tenth step.
+/// Safety factor of the sum in the module's bound, which is extrapolated from every tenth step.
 const SAMPLED: f64 = 10.0;
 
-/// Drift that is worth a warning whatever the laws.
+/// Relative drift above which there is a warning whatever the laws.
 const ANY_LAW: f64 = 1e-2;
 
-/// Jump of velocities, relative to the largest velocity, above which there is a warning, and above which
-/// the run ends.
+/// Velocity jump, relative to the largest velocity, above which there is a warning, and above which the run
+/// ends.
 const VELOCITY_JUMP: [f64; 2] = [1e-6, 0.05];
 
-/// Jump of displacements over the deformation of the overlap above which there is a warning.
+/// Displacement jump over the deformation of the overlap above which there is a warning.
 const DISPLACEMENT_JUMP: f64 = 0.05;
 
 /// Share of an impulse that may be missing before the run ends.
 const MISSED: f64 = 0.05;
 
 impl<T: Real> Coupled<T> {
-    /// Refuses effects that made energy from nothing.
+    /// Refuses effects that created energy.
     pub(super) fn check_created(&mut self) -> Result<()> {
         let created = self.created();
         let (_, volume) = self.total_work();
+        // Energy in play: that of the start, or the moduli of all works if more.
         let reference = self.ledger.start.unwrap_or_default().abs().max(volume);
         if reference > T::zero() {
             let relative = created / reference;
@@ -71,46 +74,49 @@ impl<T: Real> Coupled<T> {
         })
     }
 
+    /// Returns the sum of all works, and the sum of their moduli \[J\].
     fn total_work(&self) -> (T, T) {
         let works = self
             .subdomains
             .iter()
             .flat_map(Subdomain::works)
             .chain(self.pairs.iter().map(|p| p.line.work()));
-        let mut all = works.chain([self.ledger.supports, self.ledger.constraint]);
-        all.by_ref()
+        let mut all_works = works.chain([self.ledger.supports, self.ledger.constraint]);
+        all_works
+            .by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))
     }
 
-    /// The error for a quantity that is no longer finite: of the first model with such a state, or with
-    /// such an energy.
+    /// Returns the error for a quantity that is no longer finite. It names the first model with such
+    /// velocities, or else with such an energy.
     pub(super) fn diverged(&self, what: &'static str) -> Error {
-        if let Err(e) = portions::heard(&self.subdomains) {
+        // A failed exchange makes sums NaN on all ranks: it is the cause then.
+        if let Err(e) = portions::check_communication(&self.subdomains) {
             return e;
         }
         let energy = |s: &Subdomain<T>| s.kinetic_energy() + s.drawn_energy();
-        let all = || self.subdomains.iter();
-        let found = all().find(|s| !s.is_finite());
-        let found = found.or_else(|| all().find(|s| !energy(s).is_finite()));
+        let subdomains = || self.subdomains.iter();
+        let culprit = subdomains().find(|s| !s.is_finite());
+        let culprit = culprit.or_else(|| subdomains().find(|s| !energy(s).is_finite()));
         Error::Diverged {
             step: self.step,
             time: self.time.as_f64(),
             what,
-            model: found.map_or_else(String::new, |s| s.model().name().to_owned()),
+            model: culprit.map_or_else(String::new, |s| s.model().name().to_owned()),
         }
     }
 
-    /// Draws the balance up; `curvature`: the terms of the module's sum in one step of the run.
+    /// Evaluates the balance; `curvature` holds the terms of the module's sum in one macro step.
     pub(super) fn balance(&mut self, [invariant, curvature]: [T; 2]) -> Result<EnergySample<T>> {
-        // Of a velocity that is not finite the energy is not either.
+        // The kinetic energy is finite only if all velocities are.
         let kinetic: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         if !kinetic.is_finite() {
             return Err(self.diverged("velocity"));
         }
         portions::agree(&self.subdomains, invariant, self.step)?;
-        let residual = self.gaps()?;
+        let residual = self.check_jumps()?;
         let (work, volume) = self.total_work();
-        // Only a model that changed itself in the first step has done work before the first drawing.
+        // Before the first evaluation only a model that changed itself in the first step has done work.
         let start = *self.ledger.start.get_or_insert(invariant - work);
         let drift = invariant - start - work;
         let scale = self.ledger.scale.max(start.abs());
@@ -121,6 +127,7 @@ impl<T: Real> Coupled<T> {
         } else {
             T::zero()
         };
+        // One evaluation stands for all steps since the one before.
         let steps = self.guard.interval.min(self.step);
         self.ledger.curvature += curvature * T::of(steps as f64);
         let grown = relative.abs() > self.ledger.top_drift;
@@ -142,17 +149,18 @@ impl<T: Real> Coupled<T> {
             return Err(self.diverged("energy"));
         }
         self.warn_of_momentum();
+        // A drift that is not the largest so far has been judged before.
         if grown {
             self.check_drift(drift)?;
         }
-        // Growth is measured against what was put in, not against the (growing) energy itself.
-        self.bounded(drift, start.abs().max(volume))?;
+        // Growth is relative to the energy put in, since the energy itself grows.
+        self.check_growth(drift, start.abs().max(volume))?;
         self.ledger.last = Some(sample.clone());
         Ok(sample)
     }
 
-    /// Looks at the jumps of all interfaces; that of velocities over the largest speed so far.
-    fn gaps(&mut self) -> Result<T> {
+    /// Checks the jumps of all interfaces; returns the largest velocity jump over the largest speed so far.
+    fn check_jumps(&mut self) -> Result<T> {
         let top = self.top_speed();
         self.ledger.top_velocity = top;
         let mut residual = T::zero();
@@ -161,9 +169,10 @@ impl<T: Real> Coupled<T> {
             residual = residual.max(velocity);
             self.check_velocity_jump(k, velocity, top)?;
             let sides = self.interfaces[k].sides().map(|s| &self.subdomains[s]);
-            let own = sides.map(Subdomain::own_steps);
-            let steps = self.step * own[0].max(own[1]);
-            self.overlaps[k].look(sides, displacement, steps, &mut self.ledger.jumps[k]);
+            let own_steps = sides.map(Subdomain::own_steps);
+            // The side with more own steps has more round-off.
+            let steps = self.step * own_steps[0].max(own_steps[1]);
+            self.overlaps[k].update(sides, displacement, steps, &mut self.ledger.jumps[k]);
             if self.overlaps[k].has_settled() {
                 self.warn_of_displacement_jump(k);
             }
@@ -171,17 +180,17 @@ impl<T: Real> Coupled<T> {
         Ok(if top > T::zero() { residual / top } else { residual })
     }
 
-    /// Largest speed so far, of all models.
+    /// Largest component of velocity so far \[m/s\], over all models and ranks.
     fn top_speed(&self) -> T {
         let speed = |s: &Subdomain<T>| {
-            let own = parallel::largest(&s.state().v[..s.model().layout().translations()]);
-            ranks::largest(s.portion(), own)
+            let largest = parallel::largest(&s.state().v[..s.model().layout().translations()]);
+            ranks::largest(s.portion(), largest)
         };
         let speeds = self.subdomains.iter().map(speed);
         speeds.fold(self.ledger.top_velocity, |a, b| a.max(b))
     }
 
-    /// Looks at the velocities of interfaces whose multipliers did not reach their tolerance in this step.
+    /// Checks the velocity jump of interfaces whose multipliers did not reach their tolerance in this step.
     pub(super) fn check_multipliers(&mut self) -> Result<()> {
         for k in 0..self.interfaces.len() {
             let together = |j: &Joint<T>| j.is_unsolved() && j.members.contains(&k);
@@ -194,7 +203,7 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// The same of all interfaces at the start.
+    /// Checks the velocity jumps of all interfaces at the start.
     pub(super) fn check_start(&mut self) -> Result<()> {
         let top = self.top_speed();
         for k in 0..self.interfaces.len() {
@@ -204,13 +213,13 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Warns of a jump of velocities \[m/s\] across an interface beside the `top` speed, and refuses one
-    /// that nobody asked for.
+    /// Warns of a velocity jump \[m/s\] that is too large beside the `top` speed. Refuses a larger one,
+    /// unless the user limited the iterations.
     fn check_velocity_jump(&mut self, k: usize, jump: T, top: T) -> Result<()> {
         let i = &self.interfaces[k];
         let [noted, accepted] = VELOCITY_JUMP;
         let noted = T::of(noted).max(T::epsilon() * T::of(DIGITS));
-        // Row sums in place of the operator meet the constraint in the mean only.
+        // A lumped operator meets the constraint in the mean only: a jump is no fault.
         if i.report().solver == "lumped" || jump <= top * noted {
             return Ok(());
         }
@@ -253,9 +262,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Warns of displacement jumps as they stand, in runs too short for the amplitude of the overlap to
-    /// settle as well. To be called where a run ends; within a run the same warnings come once amplitudes
-    /// have settled.
+    /// Warns of displacement jumps as they stand, even where the amplitude of an overlap has not settled. To
+    /// be called where a run ends; within a run the same warnings come once amplitudes have settled.
     pub fn warn_of_jumps(&mut self) {
         (0..self.interfaces.len()).for_each(|k| self.warn_of_displacement_jump(k));
     }
@@ -293,19 +301,19 @@ impl<T: Real> Coupled<T> {
         self.warn(warning);
     }
 
-    /// Invariants of all models, and the terms of the module's sum in one step of the run.
+    /// Returns the sum of the invariants of all models, and the terms of the module's sum in one macro step.
     pub(super) fn draw_invariants(&mut self) -> [T; 2] {
         let mut curvature = T::zero();
         let invariants = self.subdomains.iter_mut().map(|s| {
-            let [invariant, one] = s.invariant();
-            curvature += one.abs() * T::of(s.own_steps() as f64);
+            let [invariant, term] = s.invariant();
+            curvature += term.abs() * T::of(s.own_steps() as f64);
             invariant
         });
         [invariants.sum(), curvature]
     }
 
-    /// Drift of the balance that the laws of the models and round-off explain so far, relative to the
-    /// largest energy.
+    /// Drift of the balance so far that the laws of the models and round-off explain, relative to the largest
+    /// energy.
     pub fn explained_drift(&self) -> T {
         let linear = T::of(LINEAR).max(T::epsilon() * T::of(DIGITS));
         let scale = self.ledger.scale;
@@ -316,13 +324,14 @@ impl<T: Real> Coupled<T> {
         laws.min(T::of(ANY_LAW)) + self.rounded / scale
     }
 
-    /// Warns of a drift that is larger than all before and than what is explained, and refuses a loss.
+    /// Warns of the largest drift so far if it exceeds what is explained, and refuses a loss beyond the
+    /// guard.
     fn check_drift(&mut self, drift: T) -> Result<()> {
         let (limit, scale) = (self.explained_drift(), self.ledger.scale);
         if drift.abs() <= limit * scale {
             return Ok(());
         }
-        // Rarely: what the last digits of the present displacements are worth.
+        // Round-off of the present displacements takes a pass over all unknowns, so it is computed only here.
         let digits = self.round_off() * T::of(ROUND_OFF);
         if drift.abs() <= limit * scale + digits {
             return Ok(());
@@ -350,33 +359,35 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Who may be at fault where energy is not kept.
+    /// Returns the most likely cause of an energy error.
     fn suspect(&self) -> Suspect {
         let name = |s: &Subdomain<T>| s.model().name().to_owned();
-        let mut all = self.subdomains.iter();
-        if let Some(s) = all.find(|s| s.weights().weighting == Weighting::Nodal) {
+        let mut subdomains = self.subdomains.iter();
+        // Nodal weights are known to change the energy, so they come first.
+        if let Some(s) = subdomains.find(|s| s.weights().weighting == Weighting::Nodal) {
             return Suspect::Nodal(name(s));
         }
-        let mut all = self.subdomains.iter();
-        all.find(|s| s.is_guest())
+        let mut subdomains = self.subdomains.iter();
+        subdomains
+            .find(|s| s.is_external())
             .map_or(Suspect::Anybody, |s| Suspect::Solver(name(s)))
     }
 
-    /// Warns of solvers that tell no energy.
+    /// Warns of external solvers that report no energy.
     pub(super) fn warn_of_unknown_energy(&mut self) {
         for model in self.unknown_energies() {
             self.warn(Warning::EnergyUnknown { model });
         }
     }
 
-    /// Names of the models whose energy is not known: solvers with steps of their own that tell no invariant.
+    /// Names of the models whose energy is not known: external solvers that report no invariant.
     pub fn unknown_energies(&self) -> Vec<String> {
-        let unknown = self.subdomains.iter().filter(|s| !s.tells_energy());
+        let unknown = self.subdomains.iter().filter(|s| !s.reports_energy());
         unknown.map(|s| s.model().name().to_owned()).collect()
     }
 
-    /// Holds the velocities of solvers that tell no energy against the impulses that they were given in
-    /// this step.
+    /// Compares the velocities of external solvers that report no energy with the impulses that they received
+    /// in this step; warns of a difference and refuses a large one.
     pub(super) fn check_impulses(&mut self) -> Result<()> {
         for k in 0..self.subdomains.len() {
             let Some([missed, limit]) = self.subdomains[k].missed_impulse() else {
@@ -387,6 +398,7 @@ impl<T: Real> Coupled<T> {
             }
             let model = self.subdomains[k].model().name().to_owned();
             let (share, limit) = (missed.as_f64(), limit.as_f64());
+            // Round-off never ends a run.
             if share > MISSED.max(limit) {
                 return Err(Error::ImpulseMissed {
                     model,
@@ -400,21 +412,22 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Largest of all bodies, of linear and of angular momentum.
+    /// Returns the largest relative changes of linear and of angular momentum over all bodies.
     fn momentum_drift(&mut self) -> [T; 2] {
         let finest = self.subdomains.iter().map(Subdomain::own_steps).max();
         let finest = T::of(finest.unwrap_or(1) as f64);
+        // Own steps so far over the length of one, for the finest model.
         let rate = T::of(self.step as f64) * finest * finest / self.dt;
         let mut drift = [T::zero(); 2];
         for b in &mut self.ledger.bodies {
-            let one = b.balance(&self.subdomains, rate);
-            (0..2).for_each(|k| drift[k] = drift[k].max(one[k]));
+            let changes = b.balance(&self.subdomains, rate);
+            (0..2).for_each(|k| drift[k] = drift[k].max(changes[k]));
         }
         drift
     }
 
-    /// Whether the energy has grown no more than the guard allows.
-    fn bounded(&self, drift: T, reference: T) -> Result<()> {
+    /// Refuses an energy that has grown by more than the guard allows.
+    fn check_growth(&self, drift: T, reference: T) -> Result<()> {
         let bound = self.guard.growth * reference + self.rounded;
         if reference > T::zero() && drift > bound {
             return Err(Error::EnergyGrowth {

@@ -6,16 +6,17 @@ use crate::model::DofLayout;
 use nalgebra::{Point3, SMatrix, SymmetricEigen, Vector3, Vector6};
 use std::fmt::Write as _;
 
-/// What of a unit motion of a whole body the supports may see of it and still leave it free.
+/// Largest resistance of the supports to a unit motion that counts as free, relative to their resistance to
+/// all six.
 const FREE: f64 = 1e-9;
 
 impl<T: Real> Coupled<T> {
-    /// In words, which rigid motions are free: `'left' and 'right' can move along y and turn about x`.
-    /// Empty if none is.
+    /// Describes the free rigid motions in words: `'left' and 'right' can move along y and turn about x`.
+    /// Empty if none is free.
     pub(super) fn free_motions(&self) -> String {
         let mut out = String::new();
-        for group in self.tied() {
-            let Some(motions) = self.free_of(&group) else {
+        for group in self.tied_groups() {
+            let Some(motions) = self.describe_free(&group) else {
                 continue;
             };
             let names: Vec<String> = group
@@ -28,8 +29,8 @@ impl<T: Real> Coupled<T> {
         out
     }
 
-    /// Subdomains in sets that interfaces tie to each other.
-    fn tied(&self) -> Vec<Vec<usize>> {
+    /// Returns the groups of subdomains that interfaces tie to each other.
+    fn tied_groups(&self) -> Vec<Vec<usize>> {
         let mut set: Vec<usize> = (0..self.subdomains.len()).collect();
         for [a, b] in self
             .interfaces
@@ -44,8 +45,9 @@ impl<T: Real> Coupled<T> {
         (0..set.len()).map(group).filter(|g| !g.is_empty()).collect()
     }
 
-    /// The free motions of a set in words; turns are about the middle of what is held.
-    fn free_of(&self, group: &[usize]) -> Option<String> {
+    /// Describes the free motions of a group in words; turns are about the middle of the supported nodes.
+    /// `None` if no motion is free.
+    fn describe_free(&self, group: &[usize]) -> Option<String> {
         let held = || {
             group.iter().flat_map(|k| {
                 let s = &self.subdomains[*k];
@@ -55,11 +57,11 @@ impl<T: Real> Coupled<T> {
             })
         };
         let wide = |x: &Point3<T>| Vector3::new(x.x.as_f64(), x.y.as_f64(), x.z.as_f64());
-        let all = group
+        let points = group
             .iter()
             .flat_map(|k| self.subdomains[*k].model().nodes())
             .map(wide);
-        let (low, high) = all.fold(
+        let (low, high) = points.fold(
             (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
             |(l, h), x| (l.inf(&x), h.sup(&x)),
         );
@@ -71,17 +73,19 @@ impl<T: Real> Coupled<T> {
         } else {
             (low + high) / 2.0
         };
+        // A motion is free if no prescribed unknown sees it: a null vector of this matrix.
         let mut seen = SMatrix::<f64, 6, 6>::zeros();
         for (x, d, layout) in held() {
             let row = seen_by(d, layout, &((wide(&x) - middle) / size));
             seen += row * row.transpose();
         }
-        // A line knows one direction.
+        // Models on a line move in one direction only: the five other motions count as held.
         let lines = group
             .iter()
             .all(|k| self.subdomains[*k].model().layout().components == 1);
         let known = if lines { 1 } else { 6 };
         (known..6).for_each(|k| seen[(k, k)] += 1.0);
+        // Arms are relative to the size of the body, so that translations and turns compare.
         let limit = FREE * seen.trace().max(f64::MIN_POSITIVE);
         let free = SymmetricEigen::new(seen)
             .eigenvalues
@@ -93,8 +97,8 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// What of the six unit motions (three ways, three turns about the middle) a prescribed unknown sees, with
-/// the arm of its node.
+/// Returns the displacement of a prescribed unknown in each of the six unit motions (three translations,
+/// three turns about the middle); `arm` points from the middle to its node.
 fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
     let mut row = Vector6::zeros();
     if dof < layout.translations() {
@@ -109,11 +113,13 @@ fn seen_by(dof: usize, layout: DofLayout, arm: &Vector3<f64>) -> Vector6<f64> {
     row
 }
 
-/// The motions that are free by themselves, and how many more are.
+/// Puts into words the motions that are free on their own, and the number of other free motions, which
+/// combine several.
 fn in_words(named: &[usize], free: usize) -> String {
     let list = |from: usize| {
-        let of = named.iter().filter(|k| (from..from + 3).contains(*k));
-        of.map(|k| ["x", "y", "z"][k - from])
+        let in_range = named.iter().filter(|k| (from..from + 3).contains(*k));
+        in_range
+            .map(|k| ["x", "y", "z"][k - from])
             .collect::<Vec<_>>()
             .join(" and ")
     };

@@ -12,7 +12,7 @@ pub struct WorkLine<T> {
     pub work: T,
 }
 
-/// The balance at one step.
+/// Energy balance at one step.
 ///
 /// The invariant `H = ½ v_{n+½}ᵀMv_{n+½} + ½ q_nᵀKq_{n+1}` changes exactly by the work `Δt F_n·v_n` of
 /// loads, damping, supports and constraint; what remains is [`EnergySample::drift`].
@@ -32,12 +32,12 @@ pub struct EnergySample<T> {
     pub work: T,
     /// `H − H_0 − work` \[J\].
     pub drift: T,
-    /// Drift relative to the energy in play.
+    /// Drift relative to the largest energy so far.
     pub relative_drift: T,
-    /// Largest change of linear and of angular momentum of a body that should keep it, relative to what is
-    /// in play; see [`crate::BodyMomentum`].
+    /// Largest change of linear and of angular momentum over all bodies that should keep it, each relative to
+    /// its sum of moduli; see [`crate::BodyMomentum`].
     pub momentum_drift: [T; 2],
-    /// Largest jump of velocity between the models, relative to the largest velocity in the run so far.
+    /// Largest velocity jump between the models, relative to the largest velocity so far.
     pub constraint_residual: T,
 }
 
@@ -48,40 +48,41 @@ impl<T: Real> EnergySample<T> {
     }
 }
 
-/// Sums and extremes in the record of the ledger.
+/// Number of sums and extremes in a record of the ledger.
 const SUMS: usize = 10;
 
-/// Running sums behind the samples.
+/// Running sums and extremes from which samples are made.
 #[derive(Debug, Clone)]
 pub(crate) struct Ledger<T: Real> {
     pub(crate) supports: T,
     pub(crate) constraint: T,
     pub(crate) start: Option<T>,
-    /// Largest energy seen in any account: the scale for relative figures.
+    /// Largest energy so far \[J\]: the scale of relative figures.
     pub(crate) scale: T,
     pub(crate) top_drift: T,
     pub(crate) top_residual: T,
     pub(crate) top_velocity: T,
-    /// Largest share of the energy in play that effects created.
+    /// Largest energy created by effects, relative to the energy in play.
     pub(crate) top_created: T,
-    /// `Σ |ΔU + ½ Δq·(f_n + f_{n+1})|` \[J\]: what laws that are not linear may change the invariant by.
+    /// Sum `Σ |ΔU + ½ Δq·(f_n + f_{n+1})|` \[J\]: change of the invariant that nonlinear laws explain.
     pub(crate) curvature: T,
     pub(crate) last: Option<EnergySample<T>>,
     pub(crate) bodies: Vec<Body<T>>,
-    /// Of every interface.
+    /// Displacement jump of each interface.
     pub(crate) jumps: Vec<DisplacementJump<T>>,
 }
 
-/// Jump of displacements between the two models of an interface: zero up to round-off where both make one
-/// step at a time, and what more own steps cost otherwise.
+/// Displacement jump between the two models of an interface. It is round-off if both models make one explicit
+/// step in a macro step, and grows with the number of own steps.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DisplacementJump<T> {
-    /// Largest so far \[m\], as multipliers see it.
+    /// Largest jump so far \[m\] at a multiplier.
     pub largest: T,
-    /// Largest displacement so far \[m\] of a node that multipliers act on, from the rigid motion that is
-    /// nearest to those of all of them: a common motion neither deforms nor parts the models.
+    /// Deformation of the overlap \[m\]: largest displacement so far of a node that multipliers act on, from
+    /// the nearest rigid motion of all these nodes. A common rigid motion neither deforms nor parts the
+    /// models.
     pub amplitude: T,
-    /// Jump that the last digits of the displacements may have made so far \[m\].
+    /// Jump that round-off of the displacements may have made so far \[m\].
     pub digits: T,
 }
 
@@ -92,7 +93,7 @@ impl<T: Real> DisplacementJump<T> {
 }
 
 impl<T: Real> DisplacementJump<T> {
-    /// Jump over amplitude; zero for a jump that is round-off.
+    /// Returns jump over amplitude, or zero if the jump is round-off.
     pub fn share(&self) -> T {
         if self.largest > self.digits && self.amplitude > T::zero() {
             self.largest / self.amplitude
@@ -121,8 +122,9 @@ impl<T: Real> Ledger<T> {
         }
     }
 
-    /// Everything but the last sample.
+    /// Returns all numbers but the last sample, for [`Self::restore`].
     pub(crate) fn record(&self) -> Vec<T> {
+        // An option takes two numbers.
         let started = if self.start.is_some() { T::one() } else { T::zero() };
         let start = self.start.unwrap_or_else(T::zero);
         let tops = [
@@ -140,7 +142,7 @@ impl<T: Real> Ledger<T> {
             .collect()
     }
 
-    /// Undoes [`Self::record`].
+    /// Restores the numbers of [`Self::record`].
     pub(crate) fn restore(&mut self, from: &[T]) -> crate::Result<()> {
         crate::scalar::check_finite("ledger of the snapshot", from)?;
         let wrong = || crate::Error::SizeMismatch {
@@ -150,7 +152,7 @@ impl<T: Real> Ledger<T> {
         };
         let (sums, bodies) = from.split_at_checked(SUMS).ok_or_else(wrong)?;
         let (jumps, bodies) = bodies.split_at_checked(3 * self.jumps.len()).ok_or_else(wrong)?;
-        let (bodies, rest) = bodies.as_chunks::<RECORDED>();
+        let (bodies, surplus) = bodies.as_chunks::<RECORDED>();
         let &[
             supports,
             constraint,
@@ -166,7 +168,7 @@ impl<T: Real> Ledger<T> {
         else {
             return Err(wrong());
         };
-        if bodies.len() != self.bodies.len() || !rest.is_empty() {
+        if bodies.len() != self.bodies.len() || !surplus.is_empty() {
             return Err(wrong());
         }
         for (jump, f) in self.jumps.iter_mut().zip(jumps.chunks_exact(3)) {

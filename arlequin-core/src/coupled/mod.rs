@@ -5,9 +5,10 @@
 //! every interface        v⁺ = (I − 2P) v⁻,   P = M⁻¹BᵀS⁻¹B,   S = B M⁻¹ Bᵀ;   at the instant v = (I − P) v⁻
 //! ```
 //!
-//! A reflection keeps `½vᵀMv` of both sides together and moves nothing, so that the sum of the invariants
-//! that subdomains keep on their own is kept for any own steps ([`crate::ledger`]). With one own step for
-//! all it is RATTLE for linear velocity constraints. It filters nothing.
+//! A reflection keeps the kinetic energy `½vᵀMv` of both sides together and changes no displacement. Each
+//! subdomain keeps an invariant over its own steps, so the sum of all invariants is kept for any own steps
+//! ([`crate::ledger`]). With one own step for every subdomain the scheme is RATTLE for linear velocity
+//! constraints. It filters nothing.
 
 mod apart;
 mod balance;
@@ -52,7 +53,7 @@ use sprs::CsMat;
 use std::ops::ControlFlow;
 use warning::Warning;
 
-/// Last digits of energies that are none, and of the motion they set off.
+/// Multiple of the estimated round-off of an energy below which the energy counts as zero.
 const ROUND_OFF: f64 = 16.0;
 
 /// A ready coupled run.
@@ -60,15 +61,15 @@ const ROUND_OFF: f64 = 16.0;
 pub struct Coupled<T: Real> {
     pub(crate) subdomains: Vec<Subdomain<T>>,
     pub(crate) interfaces: Vec<Interface<T>>,
-    /// Those that share nodes, solved for together.
+    /// Groups of interfaces that share nodes, each solved as one system.
     joints: Vec<Joint<T>>,
-    /// What their multipliers do to moving supports.
+    /// Coupling of each interface to moving supports.
     held: Vec<Held<T>>,
-    /// Their nodes under multipliers.
+    /// Nodes of each interface that multipliers act on.
     overlaps: Vec<apart::Overlap<T>>,
-    /// Subdomains that step together.
+    /// Groups of subdomains that step together.
     lockstep: Vec<Lockstep>,
-    /// Effects between two subdomains.
+    /// Pair effects: they act between two subdomains.
     pub(crate) pairs: Vec<Pair<T>>,
     pub(crate) critical: Vec<T>,
     pub(crate) dt: T,
@@ -78,14 +79,14 @@ pub struct Coupled<T: Real> {
     pub(crate) guard: Guard<T>,
     pub(crate) ledger: Ledger<T>,
     pub(crate) start_loss: T,
-    /// Energy that last digits of displacements and places may be worth \[J\]: it is none.
+    /// Energies below this are round-off \[J\].
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
-    /// What a user should know, and how much of it an observer has heard.
+    /// Warnings so far; an observer has received the first `warnings_sent` of them.
     warnings: Vec<Warning>,
-    told: usize,
-    /// The static system that was solved last, and its factor.
+    warnings_sent: usize,
+    /// Matrix and factor of the last static solution.
     factored: Option<statics::Factored<T>>,
 }
 
@@ -98,7 +99,7 @@ impl<T: Real> Coupled<T> {
     pub fn interfaces(&self) -> &[Interface<T>] {
         &self.interfaces
     }
-    /// Step of the run \[s\]: the time between two reflections.
+    /// Macro step (step of the run) \[s\]: the time between two reflections.
     pub fn dt(&self) -> T {
         self.dt
     }
@@ -110,7 +111,7 @@ impl<T: Real> Coupled<T> {
     pub fn steps(&self) -> usize {
         self.step
     }
-    /// Critical step of every subdomain \[s\].
+    /// Critical step of each subdomain \[s\].
     pub fn critical_steps(&self) -> &[T] {
         &self.critical
     }
@@ -118,13 +119,14 @@ impl<T: Real> Coupled<T> {
     pub fn start_loss(&self) -> T {
         self.start_loss
     }
-    /// What the check found that weights sum to one, by groups of models that are tied to each other.
+    /// Reports of the check that weights sum to one, one for each group of models that are tied to each
+    /// other.
     pub fn partition(&self) -> &[PartitionReport] {
         &self.partition
     }
-    /// `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, rows and columns in the order of
-    /// [`Interface::multipliers`]; `A = Δt/2 S`. Assembled anew at every call; `None` if there is no such
-    /// interface, or where a model of it is in parts.
+    /// Operator `S = B_C M_C⁻¹ B_Cᵀ + B_D M_D⁻¹ B_Dᵀ` of one interface, symmetric, with rows and columns in
+    /// the order of [`Interface::multipliers`]. The multipliers solve `A λ = B v⁻` with `A = ΔT/2 S`. Each
+    /// call assembles it anew. `None` if the interface does not exist or one of its models is partitioned.
     pub fn multiplier_operator(&self, interface: usize) -> Option<CsMat<T>> {
         let i = self
             .interfaces
@@ -137,8 +139,8 @@ impl<T: Real> Coupled<T> {
     pub fn drift(&self) -> T {
         self.ledger.top_drift
     }
-    /// Largest share of the energy in play that effects have created so far, of those that must not
-    /// ([`Coupled::created`]), at the steps where the ledger was drawn.
+    /// Largest energy that effects have created so far though they must not ([`Coupled::created`]), relative
+    /// to the energy in play, at the steps where the ledger was evaluated.
     pub fn top_created(&self) -> T {
         self.ledger.top_created
     }
@@ -146,7 +148,7 @@ impl<T: Real> Coupled<T> {
     pub fn constraint_residual(&self) -> T {
         self.ledger.top_residual
     }
-    /// Largest jump of displacements so far across every interface, at the steps where the ledger was drawn.
+    /// Largest displacement jump so far across each interface, at the steps where the ledger was evaluated.
     pub fn displacement_jumps(&self) -> &[DisplacementJump<T>] {
         &self.ledger.jumps
     }
@@ -161,8 +163,8 @@ impl<T: Real> Coupled<T> {
             .map(|s| s.kinetic_energy() + s.internal_energy())
             .sum()
     }
-    /// Linear and angular momentum of all subdomains about the origin, each with the arms of its model; see
-    /// [`Coupled::bodies`] for what is kept.
+    /// Linear \[kg m/s\] and angular momentum \[kg m²/s\] of all subdomains about the origin, each with the
+    /// arms of its model. [`Coupled::bodies`] says which momenta are kept.
     pub fn momentum(&self) -> [nalgebra::Vector3<T>; 2] {
         let zero = nalgebra::Vector3::zeros();
         self.subdomains
@@ -171,7 +173,7 @@ impl<T: Real> Coupled<T> {
             .fold([zero, zero], |a, b| [a[0] + b[0], a[1] + b[1]])
     }
 
-    /// The works of the ledger: every effect, the moving supports, the constraint.
+    /// Works of the ledger: one line for each effect, one for the moving supports, one for the constraint.
     pub fn works(&self) -> Vec<WorkLine<T>> {
         let mut lines: Vec<_> = self
             .effects()
@@ -200,7 +202,7 @@ impl<T: Real> Coupled<T> {
         lines
     }
 
-    /// Largest jump of velocity \[m/s\] and of displacement \[m\] across one interface.
+    /// Largest velocity jump \[m/s\] and displacement jump \[m\] across one interface.
     pub fn jumps(&mut self, interface: usize) -> [T; 2] {
         let i = &mut self.interfaces[interface];
         let [c, d] = i.sides;
@@ -210,35 +212,38 @@ impl<T: Real> Coupled<T> {
         [velocity, displacement]
     }
 
-    /// Makes one step: the second half of the last reflection, the own steps of every subdomain, the first
-    /// half of the next.
+    /// Makes one macro step: the second half of the last reflection, the own steps of every subdomain, the
+    /// first half of the next reflection.
     ///
     /// # Errors
     /// Errors of models and effects, [`Error::Diverged`], [`Error::EnergyGrowth`], [`Error::EnergyLoss`],
     /// [`Error::MultipliersUnsolved`], [`Error::ImpulseMissed`].
     pub fn advance(&mut self, observer: &mut dyn Observer<T>) -> Result<StepReport<T>> {
-        // Works are drawn up every step; the invariant costs two energy evaluations and is drawn every few.
+        // Works are summed in every step. The invariant costs two energy evaluations, so it is evaluated
+        // every few steps, and in the first one, which sets the reference.
         let draw = self.ledger.start.is_none() || (self.step + 1).is_multiple_of(self.guard.interval);
-        self.tell_warnings(observer);
+        self.send_warnings(observer);
         observer.phase(Phase::Interface);
-        self.kick_again();
+        self.apply_second_half();
         self.own_steps_of_all(draw, &mut |phase| observer.phase(phase))?;
         let drawn = draw.then(|| self.draw_invariants());
         observer.phase(Phase::Interface);
         self.reflect()?;
         self.step += 1;
         self.time = self.instant(0);
-        portions::heard(&self.subdomains)?;
+        // After a failed exchange sums are NaN: report the exchange before a check finds the NaN.
+        portions::check_communication(&self.subdomains)?;
         observer.phase(Phase::Ledger);
         self.check_multipliers()?;
-        // The invariant of this step is the one before the forces of the new instant did any work.
+        // The invariant was taken before the forces of the new instant did work, so the balance comes before
+        // `account`.
         let energy = drawn.map(|d| self.balance(d)).transpose()?;
         self.account();
         if draw {
             self.check_created()?;
             self.check_impulses()?;
         }
-        self.tell_warnings(observer);
+        self.send_warnings(observer);
         Ok(StepReport {
             step: self.step,
             time: self.time,
@@ -246,16 +251,16 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Makes steps until the count is reached or the observer breaks; returns the number made.
+    /// Makes macro steps until the count is reached or the observer breaks; returns the number of steps made.
     ///
     /// # Errors
-    /// Those of [`Self::advance`] and of the observer.
+    /// Errors of [`Self::advance`] and of the observer.
     pub fn run(&mut self, steps: usize, observer: &mut dyn Observer<T>) -> Result<usize> {
-        for made in 0..steps {
+        for done in 0..steps {
             let report = self.advance(observer)?;
             observer.phase(Phase::Observe);
             if let ControlFlow::Break(()) = observer.observe(self, &report)? {
-                return Ok(made + 1);
+                return Ok(done + 1);
             }
         }
         Ok(steps)
@@ -272,9 +277,11 @@ impl<T: Real> Coupled<T> {
         for (i, held) in self.interfaces.iter().zip(&self.held) {
             let [c, d] = i.sides;
             let (a, b) = (self.subdomains[c].state(), self.subdomains[d].state());
+            // Interfaces in a joint have one power together, below.
             if i.is_alone() {
                 self.ledger.constraint -= self.dt * i.power();
             }
+            // Multipliers push on moving supports too, and the supports do the opposite work.
             self.ledger.supports -= self.dt * held.power(i.multipliers(), [&a.v, &b.v]);
         }
         for j in &self.joints {
@@ -283,10 +290,10 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// Two different subdomains at once.
-pub(crate) fn pair<T: Real>(all: &mut [Subdomain<T>], a: usize, b: usize) -> [&mut Subdomain<T>; 2] {
+/// Returns two different subdomains, both mutable, in the order of the arguments.
+pub(crate) fn pair<T: Real>(subdomains: &mut [Subdomain<T>], a: usize, b: usize) -> [&mut Subdomain<T>; 2] {
     let (low, high) = (a.min(b), a.max(b));
-    let (head, tail) = all.split_at_mut(high);
+    let (head, tail) = subdomains.split_at_mut(high);
     if a < b {
         [&mut head[low], &mut tail[0]]
     } else {

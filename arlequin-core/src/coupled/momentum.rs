@@ -1,20 +1,20 @@
-//! Momentum of bodies, and what the ledger holds the free ones to.
+//! Momentum of bodies, and the conservation that the ledger checks.
 //!
-//! A body is what interfaces and effects between two subdomains hold together. Where nothing acts on it
-//! from outside, the scheme keeps
+//! A body is a group of subdomains that interfaces and pair effects hold together. If nothing acts on it from
+//! outside, the scheme keeps
 //!
 //! ```text
 //! p = Σ m v        L = Σ y × m v + Σ I ω
 //! ```
 //!
-//! to round-off, if the moments of all forces vanish about the same positions `y`. A linear law balances
-//! about the positions at rest ([`Arms::Reference`]); finite rotations and contact about those where
-//! particles are ([`Arms::Current`]). Multipliers balance about the positions at rest, and about the
-//! present ones too where they have no displacement jump and act by components (`L2`, full gradients): `Σ u
-//! × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. With more than one own step between two reflections, or an implicit
-//! one, there is such a jump, and no claim is made. Where laws of both kinds meet, each leaves the `L` of
-//! the other a moment of the order of its forces times the displacements: then that about present positions
-//! is drawn up, and no claim is made.
+//! to round-off, provided that the moments of all forces vanish about the same positions `y`. A linear law
+//! balances about the positions at rest ([`Arms::Reference`]), finite rotations and contact about the present
+//! positions ([`Arms::Current`]). Multipliers balance about the positions at rest. They balance about the
+//! present positions too if there is no displacement jump and they act by components (`L2`, full gradients):
+//! `Σ u × Bᵀλ = Σ (B_C u − B_D d) × λ = 0`. With more than one own step between two reflections, or an
+//! implicit one, there is a displacement jump, and no claim is made. Where laws of both kinds meet, each adds
+//! a moment of the order of its forces times the displacements to the `L` of the other. The ledger then
+//! evaluates `L` about present positions and makes no claim.
 
 use super::Coupled;
 use super::warning::Warning;
@@ -26,21 +26,21 @@ use std::ops::Range;
 
 pub use crate::model::Arms;
 
-/// What of the momentum of a body stays as it is.
+/// Momenta of a body that should be kept.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Claim {
-    /// The linear and the angular one.
+    /// Linear and angular momentum.
     Both,
-    /// The linear one; why not the angular one.
+    /// Linear momentum only; the text says why not the angular one.
     Linear(String),
-    /// Neither: what acts from outside.
+    /// No momentum; the text says what acts from outside.
     Neither(String),
 }
 
 /// Momentum of a body and how well it was kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyMomentum<T: Real> {
-    /// Names of its models.
+    /// Names of the models of the body.
     pub models: Vec<String>,
     /// Linear momentum \[kg m/s\].
     pub linear: Vector3<T>,
@@ -48,23 +48,25 @@ pub struct BodyMomentum<T: Real> {
     pub angular: Vector3<T>,
     /// Centre of mass at the start \[m\]: a point fixed in space.
     pub centre: Vector3<T>,
-    /// Positions that the angular momentum is drawn up with.
+    /// Positions about which the angular momentum is evaluated.
     pub arms: Arms,
-    /// What stays.
+    /// Momenta that should be kept.
     pub claim: Claim,
-    /// Largest change of either since the start at the drawings of the ledger, relative to `Σ |m v|` and
-    /// `Σ |y × m v| + |I ω|` (the largest so far).
+    /// Largest changes of linear and angular momentum since the start, at evaluations of the ledger, relative
+    /// to the largest `Σ |m v|` and `Σ |y × m v| + |I ω|` so far.
     pub drift: [T; 2],
 }
 
-/// Change relative to what is in play above which a momentum that should stay is worth a word; in 32-bit
-/// numbers the root of their resolution.
+/// Relative change of a kept momentum above which there is a warning; in single precision the root of the
+/// resolution of numbers.
 const CHANGED: f64 = 1e-6;
 
-/// The same where no claim is made: displacements are then no longer small.
+/// Relative change of an angular momentum without a claim above which there is a warning: displacements are
+/// then no longer small.
 const TURNED: f64 = 1e-2;
 
-/// Sums over the nodes of a body: linear and angular momentum, and what they are relative to.
+/// Linear and angular momentum summed over the nodes of a body, and the sums of moduli to which changes are
+/// relative.
 #[derive(Debug, Clone, Copy)]
 struct Sums<T: Real> {
     momenta: [Vector3<T>; 2],
@@ -90,8 +92,8 @@ impl<T: Real> From<[T; 8]> for Sums<T> {
 }
 
 impl<T: Real> From<Sums<T>> for [T; 8] {
-    fn from(of: Sums<T>) -> Self {
-        let ([p, l], [linear, angular]) = (of.momenta, of.sizes);
+    fn from(sums: Sums<T>) -> Self {
+        let ([p, l], [linear, angular]) = (sums.momenta, sums.sizes);
         [p.x, p.y, p.z, l.x, l.y, l.z, linear, angular]
     }
 }
@@ -106,7 +108,7 @@ impl<T: Real> std::ops::Add for Sums<T> {
     }
 }
 
-/// A body in the ledger.
+/// Body with its momenta, as the ledger keeps it.
 #[derive(Debug, Clone)]
 pub(crate) struct Body<T: Real> {
     members: Vec<usize>,
@@ -114,32 +116,34 @@ pub(crate) struct Body<T: Real> {
     claim: Claim,
     centre: Vector3<T>,
     start: [Vector3<T>; 2],
-    /// Largest sums of moduli so far, and largest changes relative to them.
+    /// Largest sums of moduli so far, and (`top`) largest changes relative to them.
     scale: [T; 2],
     top: [T; 2],
-    /// Whether changes were beyond their limit and beyond what the digits of displacements explain.
-    told: [bool; 2],
+    /// True if the momentum changed by more than its limit and by more than the round-off of displacements
+    /// explains.
+    exceeded: [bool; 2],
 }
 
-/// Numbers of a body in the record of the ledger.
+/// Number of values per body in a record of the ledger.
 pub(crate) const RECORDED: usize = 15;
 
 impl<T: Real> Body<T> {
-    fn sums(&self, all: &[Subdomain<T>]) -> Sums<T> {
+    fn sums(&self, subdomains: &[Subdomain<T>]) -> Sums<T> {
         let members = self.members.iter();
-        let of = |k: &usize| momentum_of(&all[*k], self.arms, &self.centre);
-        members.map(of).fold(Sums::zero(), |a, b| a + b)
+        let sum = |k: &usize| momentum_of(&subdomains[*k], self.arms, &self.centre);
+        members.map(sum).fold(Sums::zero(), |a, b| a + b)
     }
 
-    /// `Σ m |u|` and `Σ |y| m |u|`: what the digits of displacements are taken from.
-    fn moved(&self, all: &[Subdomain<T>]) -> [T; 2] {
+    /// Returns `Σ m |u|` and `Σ |y| m |u|`, from which the round-off of the momenta is estimated.
+    fn moved(&self, subdomains: &[Subdomain<T>]) -> [T; 2] {
         let members = self.members.iter();
-        let of = |k: &usize| moved_of(&all[*k], self.arms, &self.centre);
-        let moved = members.map(of).fold(Vector2::zeros(), |a, b| a + b);
+        let displaced = |k: &usize| moved_of(&subdomains[*k], self.arms, &self.centre);
+        let moved = members.map(displaced).fold(Vector2::zeros(), |a, b| a + b);
         [moved.x, moved.y]
     }
 
-    /// Changes above which either momentum is worth a word; `None` where that does not stay.
+    /// Returns the relative change of either momentum above which there is a warning; `None` if a momentum
+    /// need not be kept.
     fn limits(&self) -> [Option<T>; 2] {
         let strict = T::of(CHANGED).max(T::epsilon().sqrt());
         match self.claim {
@@ -149,26 +153,28 @@ impl<T: Real> Body<T> {
         }
     }
 
-    /// Draws up the momenta; their changes relative to what is in play, zero for those that need not stay.
-    /// `rate` is the number of steps so far over the length of one: forces know displacements to their last
-    /// digit only, and what they make of it adds up.
-    pub(crate) fn balance(&mut self, all: &[Subdomain<T>], rate: T) -> [T; 2] {
+    /// Evaluates the momenta and returns their relative changes, zero for momenta that need not be kept.
+    /// `rate` is the number of own steps so far over the length of one \[1/s\]: forces know displacements to
+    /// their last digit only, and the momenta of these errors add up.
+    pub(crate) fn balance(&mut self, subdomains: &[Subdomain<T>], rate: T) -> [T; 2] {
         let limits = self.limits();
+        // Without anything to keep, a pass over all nodes is saved.
         if limits[0].is_none() {
             return [T::zero(); 2];
         }
-        let now = self.sums(all);
+        let now = self.sums(subdomains);
         let mut out = [T::zero(); 2];
         for (k, out) in out.iter_mut().enumerate() {
+            // The largest sums so far: a body may come to rest.
             self.scale[k] = self.scale[k].max(now.sizes[k]);
             let change = (now.momenta[k] - self.start[k]).norm();
             if self.scale[k] > T::zero() {
                 *out = change / self.scale[k];
                 self.top[k] = self.top[k].max(*out);
             }
-            // Rarely: only then it is worth another pass.
+            // Another pass over all nodes, so only where the limit is exceeded.
             if limits[k].is_some_and(|limit| *out > limit) {
-                self.told[k] |= change > T::epsilon() * rate * self.moved(all)[k];
+                self.exceeded[k] |= change > T::epsilon() * rate * self.moved(subdomains)[k];
             }
         }
         let angular = matches!(self.claim, Claim::Both);
@@ -177,30 +183,30 @@ impl<T: Real> Body<T> {
 
     pub(crate) fn record(&self) -> impl Iterator<Item = T> {
         let vectors = [self.centre, self.start[0], self.start[1]];
-        let told = self.told.map(|t| if t { T::one() } else { T::zero() });
-        let numbers = [self.scale, self.top, told];
+        let exceeded = self.exceeded.map(|t| if t { T::one() } else { T::zero() });
+        let numbers = [self.scale, self.top, exceeded];
         let vectors = vectors.into_iter().flat_map(<[T; 3]>::from);
         vectors.chain(numbers.into_iter().flatten())
     }
 
-    /// Undoes [`Self::record`].
+    /// Restores the numbers of [`Self::record`].
     pub(crate) fn restore(&mut self, from: &[T; RECORDED]) {
         let three = |k: usize| Vector3::new(from[k], from[k + 1], from[k + 2]);
         self.centre = three(0);
         self.start = [three(3), three(6)];
         (self.scale, self.top) = ([from[9], from[10]], [from[11], from[12]]);
-        self.told = [from[13], from[14]].map(|t| t > T::zero());
+        self.exceeded = [from[13], from[14]].map(|t| t > T::zero());
     }
 }
 
-/// Momenta of one subdomain about a point.
+/// Returns the momenta of one subdomain about a point, over all ranks.
 fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Sums<T> {
     let layout = s.model().layout();
     let (d, turns) = (layout.components, layout.turns());
     let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
     let part = |range: Range<usize>| -> [T; 8] {
-        let all = range.fold(Sums::zero(), |mut sum, k| {
+        let total = range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 p[c] = m[k * d + c] * state.v[k * d + c];
@@ -208,27 +214,27 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
                     y[c] += state.q[k * d + c];
                 }
             }
-            let mut own = Vector3::zeros();
+            let mut spin = Vector3::zeros();
             if turns {
-                (0..3).for_each(|c| own[c] = m[first + 3 * k + c] * state.v[first + 3 * k + c]);
+                (0..3).for_each(|c| spin[c] = m[first + 3 * k + c] * state.v[first + 3 * k + c]);
             }
             let orbit = y.cross(&p);
-            sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + own];
-            sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + own.norm()];
+            sum.momenta = [sum.momenta[0] + p, sum.momenta[1] + orbit + spin];
+            sum.sizes = [sum.sizes[0] + p.norm(), sum.sizes[1] + orbit.norm() + spin.norm()];
             sum
         });
-        all.into()
+        total.into()
     };
     ranks::sum(layout.nodes, s.portion(), &part).into()
 }
 
-/// What the digits of the displacements of one subdomain are taken from, about a point.
+/// Returns the terms of [`Body::moved`] of one subdomain, over all ranks.
 fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vector2<T> {
     let layout = s.model().layout();
     let d = layout.components;
     let (nodes, m, q) = (s.model().nodes(), s.inertia(), &s.state().q);
     let part = |range: Range<usize>| -> [T; 2] {
-        let all = range.fold(Vector2::zeros(), |sum, k| {
+        let total = range.fold(Vector2::zeros(), |sum, k| {
             let (mut u, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
             for c in 0..d {
                 u[c] = m[k * d + c] * q[k * d + c];
@@ -239,23 +245,23 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
             let moved = u.norm();
             sum + Vector2::new(moved, moved * y.norm())
         });
-        all.into()
+        total.into()
     };
     ranks::sum(layout.nodes, s.portion(), &part).into()
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of its
-    /// model; on all ranks, all of which must ask.
+    /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of the
+    /// model, over all ranks. Collective.
     pub fn momentum(&self) -> [Vector3<T>; 2] {
         momentum_of(self, self.model().arms(), &Vector3::zeros()).momenta
     }
 }
 
 impl<T: Real> Coupled<T> {
-    /// Momentum of every body, and how well it was kept.
+    /// Momentum of every body and how well it was kept.
     pub fn bodies(&self) -> Vec<BodyMomentum<T>> {
-        let of = |b: &Body<T>| {
+        let report = |b: &Body<T>| {
             let [linear, angular] = b.sums(&self.subdomains).momenta;
             BodyMomentum {
                 models: self.names(b),
@@ -267,7 +273,7 @@ impl<T: Real> Coupled<T> {
                 drift: b.top,
             }
         };
-        self.ledger.bodies.iter().map(of).collect()
+        self.ledger.bodies.iter().map(report).collect()
     }
 
     fn names(&self, b: &Body<T>) -> Vec<String> {
@@ -275,14 +281,14 @@ impl<T: Real> Coupled<T> {
         b.members.iter().map(name).collect()
     }
 
-    /// Warns of momenta that changed by more than round-off though they should stay, and of angular ones of
-    /// bodies about which no claim is made that changed by more than small displacements explain.
+    /// Warns of kept momenta that changed by more than round-off, and of angular momenta without a claim that
+    /// changed by more than small displacements explain.
     pub(super) fn warn_of_momentum(&mut self) {
         for k in 0..self.ledger.bodies.len() {
             for angular in [false, true] {
                 let b = &self.ledger.bodies[k];
                 let which = usize::from(angular);
-                let Some(limit) = b.limits()[which].filter(|_| b.told[which]) else {
+                let Some(limit) = b.limits()[which].filter(|_| b.exceeded[which]) else {
                     continue;
                 };
                 let because = match &b.claim {
@@ -301,7 +307,7 @@ impl<T: Real> Coupled<T> {
         }
     }
 
-    /// Finds the bodies and weighs them at the start.
+    /// Finds the bodies and evaluates their momenta at the start.
     pub(crate) fn find_bodies(&mut self) {
         let groups = self.groups();
         self.ledger.bodies = groups
@@ -316,7 +322,7 @@ impl<T: Real> Coupled<T> {
                     start: [Vector3::zeros(); 2],
                     scale: [T::zero(); 2],
                     top: [T::zero(); 2],
-                    told: [false; 2],
+                    exceeded: [false; 2],
                 };
                 let sums = body.sums(&self.subdomains);
                 (body.start, body.scale) = (sums.momenta, sums.sizes);
@@ -325,7 +331,7 @@ impl<T: Real> Coupled<T> {
             .collect();
     }
 
-    /// Subdomains that are held together, each group ascending.
+    /// Returns the groups of subdomains that are held together, each ascending.
     fn groups(&self) -> Vec<Vec<usize>> {
         let mut group: Vec<usize> = (0..self.subdomains.len()).collect();
         let interfaces = self.interfaces.iter().map(|i| i.sides);
@@ -333,9 +339,9 @@ impl<T: Real> Coupled<T> {
             let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
             group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
         }
-        let own = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
+        let members = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
         let firsts = (0..group.len()).filter(|k| group[*k] == *k);
-        firsts.map(own).collect()
+        firsts.map(members).collect()
     }
 
     fn centre(&self, members: &[usize], arms: Arms) -> Vector3<T> {
@@ -344,30 +350,31 @@ impl<T: Real> Coupled<T> {
             let (d, nodes) = (s.model().layout().components, s.model().nodes());
             let (m, q) = (s.inertia(), &s.state().q);
             let part = |range: Range<usize>| {
-                range.fold([T::zero(); 4], |[a, b, c, all], k| {
+                range.fold([T::zero(); 4], |[a, b, c, total], k| {
                     let mut y = nodes[k].coords;
                     if arms == Arms::Current {
                         (0..d).for_each(|c| y[c] += q[k * d + c]);
                     }
                     let m = m[k * d];
-                    [a + m * y.x, b + m * y.y, c + m * y.z, all + m]
+                    [a + m * y.x, b + m * y.y, c + m * y.z, total + m]
                 })
             };
-            let [x, y, z, all] = ranks::sum(nodes.len(), s.portion(), &part);
+            let [x, y, z, total] = ranks::sum(nodes.len(), s.portion(), &part);
             sum += Vector3::new(x, y, z);
-            mass += all;
+            mass += total;
         }
         if mass > T::zero() { sum / mass } else { sum }
     }
 
-    /// What stays of the momentum of subdomains that are held together, and about which positions.
+    /// Returns the momenta that a group of subdomains should keep, and the positions of the arms.
     fn claim(&self, members: &[usize]) -> (Arms, Claim) {
         let mut laws: Vec<(String, Arms)> = Vec::new();
+        // The first cause is enough for the report.
         let mut outside = None;
         for s in members.iter().map(|k| &self.subdomains[*k]) {
             let name = s.model().name();
             laws.push((format!("the law of '{name}'"), s.model().arms()));
-            // On any rank: all must come to the same claim.
+            // A support may lie on another rank: all ranks must come to the same claim.
             let held = s.supports().iter().map(|m| m.dofs.len()).sum::<usize>();
             if ranks::largest(s.portion(), T::of(held as f64)) > T::zero() {
                 outside.get_or_insert(format!("supports of '{name}'"));
@@ -397,17 +404,18 @@ impl<T: Real> Coupled<T> {
             }
         }
         let find = |wanted: Arms| laws.iter().find(|l| l.1 == wanted).map(|l| &l.0);
-        let (rest, now) = (find(Arms::Reference), find(Arms::Current));
-        if let (Some(a), Some(b)) = (rest, now) {
+        let (reference, current) = (find(Arms::Reference), find(Arms::Current));
+        if let (Some(a), Some(b)) = (reference, current) {
             doubt = Some(format!(
                 "{a} balances about the positions at rest, {b} about the present ones"
             ));
         }
-        let arms = if now.is_some() {
+        let arms = if current.is_some() {
             Arms::Current
         } else {
             Arms::Reference
         };
+        // A junction that mixes components balances about the positions at rest only.
         let mixes = |i: &&crate::interface::Interface<T>| members.contains(&i.sides[0]) && !i.splits();
         if arms == Arms::Current
             && let Some(i) = self.interfaces.iter().find(mixes)
@@ -418,7 +426,7 @@ impl<T: Real> Coupled<T> {
             ));
         }
         if arms == Arms::Current
-            && let Some(why) = self.parting(members)
+            && let Some(why) = self.parting_reason(members)
         {
             doubt.get_or_insert(why);
         }
@@ -430,9 +438,9 @@ impl<T: Real> Coupled<T> {
         (arms, claim)
     }
 
-    /// Why multipliers between these subdomains do not balance about present positions: what own steps
-    /// leave of the displacement constraint.
-    fn parting(&self, members: &[usize]) -> Option<String> {
+    /// Returns the reason why multipliers between these subdomains do not balance about present positions:
+    /// own steps that leave a displacement jump.
+    fn parting_reason(&self, members: &[usize]) -> Option<String> {
         let parts = |s: &&Subdomain<T>| s.own_steps() > 1 || matches!(s.step_choice(), OwnStep::Implicit);
         let mut tied = self.interfaces.iter().filter(|i| members.contains(&i.sides[0]));
         tied.find_map(|i| {

@@ -8,14 +8,14 @@ use std::ops::ControlFlow;
 
 pub use crate::phase::{Phase, SetupPhase};
 
-/// The step that was just made.
+/// The macro step that was just made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepReport<T> {
     /// Steps made so far.
     pub step: usize,
     /// Time \[s\].
     pub time: T,
-    /// Balance, at steps where the ledger was drawn.
+    /// Energy balance, at steps where the ledger was evaluated.
     pub energy: Option<EnergySample<T>>,
 }
 
@@ -24,8 +24,8 @@ pub trait Observer<T: Real>: Send {
     /// Called before each phase of a step.
     fn phase(&mut self, _: Phase) {}
 
-    /// Called once for each warning, at the end of the step in which it became known; for those of the
-    /// set-up before the first step. [`Coupled::warnings`] keeps them.
+    /// Called once for each warning, at the end of the step in which it arose. Warnings of the set-up come
+    /// before the first step. [`Coupled::warnings`] keeps all warnings.
     fn warning(&mut self, _: &Warning) {}
 
     /// Called after each step; `Break` ends the run.

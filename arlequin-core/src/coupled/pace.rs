@@ -1,7 +1,7 @@
-//! The step of a run and the own steps of its participants.
+//! Choice of the macro step and of the own steps of the participants.
 //!
-//! Reflections keep the sum of invariants for any own steps, so that only two things bound them: the
-//! critical step of each participant, and the jump of displacements that grows with the number of own steps
+//! Reflections keep the sum of the invariants for any own steps. Only two things limit the steps: the
+//! critical step of each participant, and the displacement jump, which grows with the number of own steps
 //! between two reflections (decision 0029).
 
 use super::TimeStep;
@@ -10,55 +10,56 @@ use crate::error::invalid;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Largest share of its critical step that a chosen step takes of a participant that is not the finest:
+/// Largest share of its critical step that [`TimeStep::Chosen`] gives to a participant other than the finest:
 /// waves in it are then as exact as its mesh.
 const COARSE: f64 = 0.5;
-/// Most own steps that are chosen: of five, models of three shipped scenes part by 7 to 15 % of the
-/// deformation of their overlap, of four by 2 to 8 % (decision 0029).
+/// Largest number of own steps that is chosen. Decision 0029: with five, the models of three shipped scenes
+/// part by 7 to 15 % of the deformation of their overlap, and with four by 2 to 8 %.
 const MOST: usize = 4;
-/// Most own steps that may be asked for: a step of the run ends, and can be broken off, after all of them.
+/// Largest number of own steps that may be asked for. A macro step ends, and a run can be interrupted, only
+/// after all own steps.
 const LIMIT: usize = 100_000;
 
-/// The step of the run \[s\] and the own steps of each participant in it.
+/// Macro step \[s\] and the number of own steps of each participant in it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pace<T> {
     pub(super) dt: T,
     pub(super) steps: Vec<usize>,
 }
 
-/// A participant's wish and limit.
+/// Requested own step and critical step \[s\] of a participant.
 #[derive(Debug, Clone, Copy)]
 struct Wish<T> {
-    own: OwnStep<T>,
+    request: OwnStep<T>,
     critical: T,
 }
 
 impl<T: Real> Wish<T> {
     fn is_implicit(&self) -> bool {
-        matches!(self.own, OwnStep::Implicit)
+        matches!(self.request, OwnStep::Implicit)
     }
 
-    /// Least own steps in a step of the run that are no longer than a share of the critical one.
+    /// Returns the least number of own steps in a macro step `run` \[s\] for which none exceeds `share` of
+    /// the critical step.
     fn least(&self, run: T, share: T) -> usize {
         if self.is_implicit() {
             return 1;
         }
-        // A step that is a whole multiple up to round-off needs no further one.
+        // Round-off of a whole multiple must not add a step.
         let steps = (run / (share * self.critical)).as_f64() * (1.0 - 1e-9);
         (steps.ceil() as usize).max(1)
     }
 }
 
 impl<T: Real> TimeStep<T> {
-    /// The step of a run \[s\] and the own steps in it that [`TimeStep::Chosen`] takes for models with
-    /// these critical steps \[s\], if no model names its own.
+    /// Returns the macro step \[s\] and the own steps in it that [`TimeStep::Chosen`] gives to models with
+    /// these critical steps \[s\], if no model asks for a number of its own.
     ///
     /// # Errors
-    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, and without a finite critical
-    /// step.
+    /// [`Error::InvalidParameter`] for a share that is not between 0 and 1, or if no critical step is finite.
     pub fn chosen(share_of_finest: T, critical: &[T]) -> Result<(T, Vec<usize>)> {
         let wish = |c: &T| Wish {
-            own: OwnStep::Same,
+            request: OwnStep::Same,
             critical: *c,
         };
         let wishes: Vec<_> = critical.iter().map(wish).collect();
@@ -66,7 +67,7 @@ impl<T: Real> TimeStep<T> {
     }
 }
 
-/// Finds the step of the run and all own steps.
+/// Chooses the macro step and all own steps, and refuses unstable ones unless `step` says otherwise.
 pub(super) fn choose<T: Real>(
     step: TimeStep<T>,
     critical: &[T],
@@ -82,12 +83,12 @@ pub(super) fn choose<T: Real>(
         }
     }
     let wishes = critical.iter().zip(subdomains).map(|(c, s)| Wish {
-        own: s.step_choice(),
+        request: s.step_choice(),
         critical: *c,
     });
     let mut wishes: Vec<_> = wishes.collect();
     for (w, s) in wishes.iter().zip(subdomains) {
-        check(w.own, s)?;
+        check(w.request, s)?;
     }
     agree(&mut wishes, subdomains, lockstep)?;
     let (dt, mut steps) = match step {
@@ -103,7 +104,7 @@ pub(super) fn choose<T: Real>(
         }
         TimeStep::Chosen(f) => chosen(&wishes, share(f)?, lockstep)?,
     };
-    together(&mut steps, lockstep);
+    equalise_steps(&mut steps, lockstep);
     refuse_endless(&steps, subdomains)?;
     if !matches!(step, TimeStep::Unchecked(_)) {
         refuse_unstable(dt, &steps, &wishes, subdomains)?;
@@ -119,9 +120,9 @@ fn share<T: Real>(f: T) -> Result<T> {
     Err(invalid("fraction of the critical step", f, rule))
 }
 
-fn check<T: Real>(own: OwnStep<T>, s: &Subdomain<T>) -> Result<()> {
+fn check<T: Real>(step: OwnStep<T>, s: &Subdomain<T>) -> Result<()> {
     let name = s.model().name();
-    match own {
+    match step {
         OwnStep::Ratio(0) => {
             let what = format!("own steps of model '{name}'");
             Err(invalid(&what, 0, "must be at least 1 in a step of the run"))
@@ -135,10 +136,11 @@ fn check<T: Real>(own: OwnStep<T>, s: &Subdomain<T>) -> Result<()> {
     }
 }
 
-/// Those that step together take the number of own steps that any of them names; it must be one.
+/// Gives all members of a lockstep group the number of own steps that any of them names; refuses different
+/// numbers.
 fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep: &[Lockstep]) -> Result<()> {
     for group in lockstep.iter().filter(|g| g.members.len() > 1) {
-        let named = group.members.iter().filter_map(|k| match wishes[*k].own {
+        let named = group.members.iter().filter_map(|k| match wishes[*k].request {
             OwnStep::Ratio(m) => Some((*k, m)),
             _ => None,
         });
@@ -147,39 +149,40 @@ fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep:
             continue;
         };
         let name = |k: usize| subdomains[k].model().name();
-        if let Some((other, m)) = named.iter().find(|(_, m)| *m != steps) {
-            let what = format!("own steps of models '{}' and '{}'", name(first), name(*other));
-            let found = format_args!("{steps} and {m}");
+        if let Some((second, m)) = named.iter().find(|(_, m)| *m != steps) {
+            let what = format!("own steps of models '{}' and '{}'", name(first), name(*second));
+            let numbers = format_args!("{steps} and {m}");
             let rule = "must be as many, since an effect acts between the two; name one number, or that of one of them";
-            return Err(invalid(&what, found, rule));
+            return Err(invalid(&what, numbers, rule));
         }
         for &k in &group.members {
-            if matches!(wishes[k].own, OwnStep::Same) {
-                wishes[k].own = OwnStep::Ratio(steps);
+            if matches!(wishes[k].request, OwnStep::Same) {
+                wishes[k].request = OwnStep::Ratio(steps);
             }
         }
     }
     Ok(())
 }
 
-/// Longest step of the run of which no own step exceeds its share of the critical one.
+/// Returns the longest macro step \[s\] for which no own step exceeds `share` of its critical step.
 fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
-    let of = |w: &Wish<T>| match w.own {
+    let longest_run = |w: &Wish<T>| match w.request {
         OwnStep::Same => Some(share * w.critical),
         OwnStep::Ratio(m) => Some(T::of(m as f64) * share * w.critical),
         OwnStep::Fraction(_) | OwnStep::Implicit => None,
     };
     let smallest = |a: Option<T>, b: T| Some(a.map_or(b, |a| a.min(b)));
-    if let Some(dt) = wishes.iter().filter_map(of).fold(None, smallest) {
+    if let Some(dt) = wishes.iter().filter_map(longest_run).fold(None, smallest) {
         return Ok(dt);
     }
-    // All of them find their own number: the step of the run is the largest of their steps.
-    let own = wishes.iter().filter_map(|w| match w.own {
+    // All participants adapt their number of steps, so the longest own step is the macro step.
+    let lengths = wishes.iter().filter_map(|w| match w.request {
         OwnStep::Fraction(f) => Some(f * w.critical),
         _ => None,
     });
     let largest = |a: Option<T>, b: T| Some(a.map_or(b, |a| a.max(b)));
-    own.fold(None, largest)
+    lengths
+        .fold(None, largest)
         .filter(|dt| dt.is_finite())
         .ok_or_else(|| {
             let rule = "no model has a critical step that would bound it; give the step in seconds";
@@ -187,59 +190,63 @@ fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
         })
 }
 
-/// Own steps in a step of the run; `free` finds those of participants that name none.
+/// Returns the own steps in a macro step `run` \[s\]; `free` gives the number for participants with
+/// [`OwnStep::Same`].
 fn own_steps<T: Real>(wishes: &[Wish<T>], run: T, free: impl Fn(&Wish<T>) -> usize) -> Vec<usize> {
-    let of = |w: &Wish<T>| match w.own {
+    let steps = |w: &Wish<T>| match w.request {
         OwnStep::Same => free(w),
         OwnStep::Ratio(m) => m,
         OwnStep::Fraction(f) => w.least(run, f),
         OwnStep::Implicit => 1,
     };
-    wishes.iter().map(of).collect()
+    wishes.iter().map(steps).collect()
 }
 
-/// The finest participant at `finest` of its critical step, and as many such steps in one of the run as
-/// those with the largest critical step allow.
+/// Puts the finest participant at `finest` of its critical step and takes as many of these steps in a macro
+/// step as the largest critical step has room for.
 fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Result<(T, Vec<usize>)> {
-    let free = || wishes.iter().filter(|w| matches!(w.own, OwnStep::Same));
-    let named = wishes.iter().any(|w| matches!(w.own, OwnStep::Ratio(_)));
+    let free = || wishes.iter().filter(|w| matches!(w.request, OwnStep::Same));
+    let named = wishes.iter().any(|w| matches!(w.request, OwnStep::Ratio(_)));
     let smallest = free()
         .map(|w| w.critical)
         .fold(None, |a: Option<T>, c| Some(a.map_or(c, |a| a.min(c))));
     let Some(smallest) = smallest.filter(|c| !named && c.is_finite()) else {
+        // Models that name a number of own steps bound the macro step; the others adapt to it.
         let bound: Vec<_> = wishes
             .iter()
             .copied()
-            .filter(|w| !named || !matches!(w.own, OwnStep::Same))
+            .filter(|w| !named || !matches!(w.request, OwnStep::Same))
             .collect();
         let dt = longest(&bound, finest)?;
         return Ok((dt, own_steps(wishes, dt, |w| w.least(dt, finest))));
     };
-    let own = smallest * finest;
-    // Who asks for less than that asks it of all.
+    let finest_step = smallest * finest;
+    // A share below `COARSE` applies to the coarse participants too.
     let coarse = T::of(COARSE).min(finest);
     let room_for = wishes
         .iter()
-        .filter(|w| matches!(w.own, OwnStep::Same | OwnStep::Fraction(_)));
+        .filter(|w| matches!(w.request, OwnStep::Same | OwnStep::Fraction(_)));
     let top = room_for.fold(T::zero(), |a, w| a.max(w.critical));
+    // An implicit participant takes any macro step.
     let room = if wishes.iter().any(Wish::is_implicit) {
         MOST as f64
     } else {
-        (coarse * top / own).as_f64() * (1.0 + 1e-9)
+        (coarse * top / finest_step).as_f64() * (1.0 + 1e-9)
     };
+    // If everybody makes `most` own steps, the longer macro step saves nothing: try a shorter one.
     for most in (1..=MOST).rev().filter(|m| *m as f64 <= room || *m == 1) {
-        let dt = own * T::of(most as f64);
+        let dt = finest_step * T::of(most as f64);
         let mut steps = own_steps(wishes, dt, |w| w.least(dt, coarse).min(most));
-        together(&mut steps, lockstep);
+        equalise_steps(&mut steps, lockstep);
         if most == 1 || steps.iter().any(|m| *m < most) {
             return Ok((dt, steps));
         }
     }
-    Ok((own, own_steps(wishes, own, |_| 1)))
+    Ok((finest_step, own_steps(wishes, finest_step, |_| 1)))
 }
 
-/// Those that step together make as many steps as the one that needs most.
-fn together(steps: &mut [usize], lockstep: &[Lockstep]) {
+/// Gives all members of a lockstep group the largest number of own steps among them.
+fn equalise_steps(steps: &mut [usize], lockstep: &[Lockstep]) {
     for group in lockstep {
         let most = group.members.iter().map(|k| steps[*k]).max().unwrap_or(1);
         group.members.iter().for_each(|k| steps[*k] = most);
@@ -262,7 +269,7 @@ fn refuse_unstable<T: Real>(
     wishes: &[Wish<T>],
     subdomains: &[Subdomain<T>],
 ) -> Result<()> {
-    let all = || {
+    let explicit = || {
         wishes
             .iter()
             .zip(steps)
@@ -270,7 +277,7 @@ fn refuse_unstable<T: Real>(
             .filter(|((w, _), _)| !w.is_implicit())
     };
     let excess = |w: &Wish<T>, m: usize| (run / T::of(m as f64)) / w.critical;
-    let worst = all().reduce(|a, b| {
+    let worst = explicit().reduce(|a, b| {
         let [x, y] = [a, b].map(|((w, m), _)| excess(w, *m));
         if y > x { b } else { a }
     });
@@ -278,7 +285,7 @@ fn refuse_unstable<T: Real>(
         return Ok(());
     };
     let dt = run / T::of(*m as f64);
-    // Own steps are quotients: their last digit is no excess.
+    // Own steps are quotients: an excess in their last digits is round-off.
     if dt <= w.critical * (T::one() + T::epsilon() * T::of(8.0)) {
         return Ok(());
     }
@@ -296,7 +303,7 @@ fn refuse_unstable<T: Real>(
 mod tests {
     use super::TimeStep;
 
-    /// Critical steps that are whole parts of the step of the run but for round-off.
+    /// Critical steps that divide the macro step up to round-off need no further own step.
     #[test]
     fn round_off_asks_for_no_further_own_step() {
         for k in 1..=60 {

@@ -1,4 +1,4 @@
-//! Effects between two subdomains in a run, and what all effects of a run did.
+//! Pair effects, which act between two subdomains, and the list of all effects of a run with their works.
 
 use super::Coupled;
 use crate::effect::{Attached, EffectLine, HostPair, PairEffect, PairSpec, StepDemand};
@@ -9,7 +9,7 @@ use crate::phase::Phase;
 use crate::subdomain::Subdomain;
 use crate::{Real, Result};
 
-/// A pair effect at work.
+/// Pair effect with its two subdomains and its line of the ledger.
 pub(crate) struct Pair<T: Real> {
     pub(crate) sides: [usize; 2],
     pub(crate) line: Attached<T, dyn PairEffect<T>>,
@@ -25,7 +25,7 @@ impl<T: Real> std::fmt::Debug for Pair<T> {
 }
 
 impl<T: Real> Pair<T> {
-    /// Adds the work of this instant; both sides make the same steps.
+    /// Adds the work of this instant \[J\]. Both sides make own steps of the same length.
     pub(crate) fn account(&mut self, subdomains: &[Subdomain<T>]) {
         let dt = subdomains[self.sides[0]].own_dt();
         let v = self.sides.map(|s| &subdomains[s].state().v[..]);
@@ -34,7 +34,7 @@ impl<T: Real> Pair<T> {
     }
 }
 
-/// Refuses sides that are not two different subdomains.
+/// Refuses a pair effect whose sides are not two different subdomains out of `count`.
 pub(super) fn check<T: Real>(spec: &PairSpec<T>, count: usize) -> Result<()> {
     let [a, b] = spec.sides;
     if a != b && a.max(b) < count {
@@ -45,7 +45,7 @@ pub(super) fn check<T: Real>(spec: &PairSpec<T>, count: usize) -> Result<()> {
     Err(invalid(&what, format_args!("{a} and {b}"), &rule))
 }
 
-/// Attaches effects between subdomains, telling them which nodes interfaces tie to the other side.
+/// Attaches pair effects; each one gets the nodes of its sides that interfaces tie to the other side.
 pub(super) fn attach<T: Real>(
     pairs: Vec<PairSpec<T>>,
     subdomains: &[Subdomain<T>],
@@ -55,14 +55,16 @@ pub(super) fn attach<T: Real>(
     for p in pairs {
         let mut tied = [Vec::new(), Vec::new()];
         for i in interfaces {
-            for (m, mine) in tied.iter_mut().enumerate() {
-                let [own, other] = [p.sides[m], p.sides[1 - m]];
-                let Some(side) = (0..2).find(|&s| i.sides[s] == own && i.sides[1 - s] == other) else {
+            for (m, mask) in tied.iter_mut().enumerate() {
+                let [subdomain, partner] = [p.sides[m], p.sides[1 - m]];
+                let Some(side) = (0..2).find(|&s| i.sides[s] == subdomain && i.sides[1 - s] == partner)
+                else {
                     continue;
                 };
-                mine.resize(subdomains[own].model().layout().nodes, false);
+                // Stays empty where no interface ties the two sides.
+                mask.resize(subdomains[subdomain].model().layout().nodes, false);
                 for node in coupled_nodes(&i.coupling[side], i.components()) {
-                    mine[node] = true;
+                    mask[node] = true;
                 }
             }
         }
@@ -75,9 +77,9 @@ pub(super) fn attach<T: Real>(
     Ok(out)
 }
 
-/// What effects between subdomains demand of the step of one.
+/// Returns the demands of pair effects on the step of one subdomain.
 pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepDemand<T>> {
-    let of = |p: &Pair<T>| {
+    let demand = |p: &Pair<T>| {
         let [a, b] = p.line.effect.step_demand();
         let [first, second] = p.sides.map(|s| s == subdomain);
         match (first, second) {
@@ -86,12 +88,12 @@ pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepD
             _ => None,
         }
     };
-    pairs.iter().filter_map(of).collect()
+    pairs.iter().filter_map(demand).collect()
 }
 
 impl<T: Real> Coupled<T> {
-    /// All effects that are on, and what they did: those of the models first, then those that were added,
-    /// then those between two models.
+    /// Lists all effects that are on with their works: for each model its own effects, then those that were
+    /// added; last the pair effects.
     pub fn effects(&self) -> Vec<EffectLine<T>> {
         let single = self.subdomains.iter().enumerate();
         let between = self.pairs.iter().enumerate();
@@ -102,23 +104,24 @@ impl<T: Real> Coupled<T> {
             .collect()
     }
 
-    /// What the present state would need effects for that are not on.
+    /// Returns findings in the present state that need an effect which is not on, each with the name of its
+    /// model.
     pub fn watch(&self) -> Vec<(String, Finding)> {
-        let of = |s: &Subdomain<T>| {
-            let on =
+        let missing = |s: &Subdomain<T>| {
+            let is_on =
                 |name: &str| s.effects().any(|e| e.name() == name) || s.model().effects().contains(&name);
-            let found = s.watch();
-            found
+            let findings = s.watch();
+            findings
                 .into_iter()
-                .filter(|f| !on(f.effect))
+                .filter(|f| !is_on(f.effect))
                 .map(|f| (s.model().name().to_owned(), f))
                 .collect::<Vec<_>>()
         };
-        self.subdomains.iter().flat_map(of).collect()
+        self.subdomains.iter().flat_map(missing).collect()
     }
 
-    /// Energy \[J\] that effects have created, `work + stored − supplied` of those that must not and do:
-    /// zero but for round-off where their laws are sound.
+    /// Energy \[J\] created by effects that must not create any, `work + stored − supplied`; round-off if
+    /// their laws are sound.
     pub fn created(&self) -> T {
         let single: T = self.subdomains.iter().map(Subdomain::created).sum();
         single + self.pairs.iter().map(|p| p.line.created()).sum()

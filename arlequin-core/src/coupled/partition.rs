@@ -1,12 +1,12 @@
-//! Whether the models of a run share everything exactly once: the partition of unity, checked before the
-//! first step.
+//! Partition of unity: a check before the first step that the models of a run share everything exactly once.
 //!
 //! Models that interfaces tie to each other form a group; every other model is a group of its own. At every
-//! node of a group, and at quadrature points of every cell, the weights of the models that are there must sum
-//! to one: of the only one outside of overlaps, of all inside. Near a surface, within the distance at which
-//! faceted meshes of one body differ or that particles are rough, a model may count as present or as absent;
-//! what is missing or too much there adds up and is bounded. Means of weights must be those of their values.
-//! The weighted inertia of all models must be that of the space they fill together, a packing must fill as
+//! node of a group, and at quadrature points of every cell, the weights of the models that are present must
+//! sum to one. Near a surface, within the distance at which faceted meshes of one body differ or within the
+//! roughness of particles, a model may count as present or as absent; the weight that is missing or in excess
+//! there is summed and bounded. The mean of a weight over a cell must agree with its values.
+//!
+//! The weighted inertia of all models must be that of the space they fill together. A packing must fill as
 //! much of an overlap as the other model does, and the mediator must fill the overlap.
 
 mod filling;
@@ -25,50 +25,51 @@ use crate::weight::{Uniform, Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
-/// What the check found for one group of models that are tied to each other.
+/// Result of the check for one group of models that are tied to each other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartitionReport {
     /// Names of the models.
     pub models: Vec<String>,
-    /// Whether they were checked.
+    /// True if the models were checked.
     pub checked: bool,
-    /// Measure of the space they fill together \[m³, m for lines\]; zero for a model alone.
+    /// Measure of the space that the models fill together \[m³, m for lines\]; zero for a model alone.
     pub measure: f64,
-    /// Part of it that more than one of them fills.
+    /// Part of `measure` that more than one model fills.
     pub shared: f64,
-    /// Weight that is missing at surfaces where the models' shapes differ, relative to `shared`.
+    /// Weight missing at surfaces where the shapes of the models differ, relative to `shared`.
     pub missing: f64,
-    /// Weighted inertia of all models, as the measure it stands for, less `measure`, relative to `shared`:
-    /// positive where the overlap has more mass than the body it stands for, negative where it has less.
-    /// Inertia of a model counts as a share of its own without weights, so that densities may differ. A
-    /// packing fills the volumes of its particles; where a body of cells is, these fill the space.
+    /// Weighted inertia of all models, expressed as a measure, less `measure`, relative to `shared`. Positive
+    /// if the overlap has more mass than the body, negative if it has less. The inertia of a model counts
+    /// relative to its inertia without weights, so that densities may differ. A packing fills the volumes of
+    /// its particles; where a body of cells is, the cells fill the space.
     pub excess_mass: f64,
 }
 
-/// Largest deviation of the sum of weights from one at a point: round-off of weights that are made to sum to
-/// one.
+/// Largest deviation of the sum of weights from one at a point that counts as round-off.
 pub(super) const ROUND_OFF: f64 = 1e-6;
-/// Share of the overlap that may be counted twice, that one model may fill more of than the other, or that
-/// may lie outside of the mediator's reach: round-off of facets.
+/// Largest share of the overlap that may be counted twice, that one model may fill beyond the other, or that
+/// may lie beyond the reach of the mediator: differences between facets.
 pub(super) const SHARE: f64 = 0.02;
-/// Weight that may be missing near surfaces, relative to the overlap: half of where a square and a circle of
-/// equal area differ. What one model lacks the other has too much of, so that the mass is right.
+/// Largest weight missing near surfaces, relative to the overlap: half of the difference between a square and
+/// a circle of equal area. What one model lacks the other has in excess, so that the mass is right.
 const MISSING: f64 = 0.1;
-/// Bound on the deviation of the weighted inertia, relative to the overlap, beyond what is missing at
-/// surfaces: that of the quadrature of curved borders. Also what is warned of.
+/// Largest deviation of the weighted inertia, relative to the overlap, beyond the weight missing at surfaces:
+/// the error of quadrature at curved borders. Also the threshold of the warning.
 const MASS: f64 = 0.02;
-/// The same where particles take part, beside what is left to chance among few of them.
+/// Largest deviation of the weighted inertia where particles take part, beside the chance error of few
+/// particles.
 const PARTICLES: f64 = 0.1;
-/// Share of a cell cut by the borders of several models that 64 of its parts leave undecided.
+/// Share of a cell that stays undecided if borders of several models cut it into 64 parts.
 const UNDECIDED: f64 = 0.25;
-/// Share of an overlap outside of its mediator that is warned of: prisms inscribed in round bars leave up
-/// to 8 %.
+/// Share of an overlap outside of its mediator above which there is a warning: prisms inscribed in round bars
+/// leave up to 8 %.
 const BESIDE: f64 = 0.08;
-/// Share of the way to the centre of a cell at which its corners are looked at.
+/// Distance from a corner at which its weight is read, towards the centre of the cell and relative to the
+/// distance of the centre.
 const INWARDS: f64 = 1e-5;
-/// Halvings of cells that a border cuts: 64 parts, or 32 of a line.
+/// Halvings of a cell that a border cuts: 2 give 64 parts, and 5 give 32 parts of a line.
 const LEVELS: [usize; 2] = [2, 5];
-/// Least weight of a model that counts as there: above the round-off of one less a weight.
+/// Least weight of a model that counts as present: above the round-off of one minus a weight.
 const FLOOR: f64 = 2e-7;
 
 const KINDS: [Share; 3] = [Share::Internal, Share::Kinetic, Share::External];
@@ -93,46 +94,45 @@ impl<T: Real> Member<'_, T> {
     }
 }
 
-/// A group while it is checked.
+/// Group of tied models during its check.
 struct Group<'a, T: Real> {
     members: Vec<Member<'a, T>>,
     ties: Vec<Tie<'a, T>>,
     measure: T,
     shared: T,
-    /// Measure of cells that borders of several models cut, which is found by samples.
+    /// Measure of cells that borders of several models cut; it is found by samples.
     sampled: T,
     missing: [T; 3],
     excess: [T; 3],
-    /// Where most is missing or in excess.
+    /// Largest weight times measure missing or in excess at a point, and the point, for each kind of weight.
     worst: [(T, Point3<T>); 3],
     covers: Vec<Cover>,
-    /// Weights to look at: one where all three are the same.
+    /// Number of kinds of weight to check: one if all three are the same.
     kinds: usize,
-    /// Kinetic weights of the members at the point that is looked at, of those that may be there.
+    /// Kinetic weight of each member at the point under test; zero if the member cannot be there.
     kinetic: Vec<T>,
-    /// Largest deviation of a sum at a point, and the error that names it.
+    /// Largest deviation of a sum of weights from one, and its error.
     broken: Option<(T, Error)>,
 }
 
-/// What was found of an interface: the share of its overlap outside the mediator, and what a user should
-/// know.
+/// Findings about an interface: the share of its overlap outside of the mediator, and warnings.
 #[derive(Default)]
 pub(super) struct TieFindings {
     pub(super) outside: f64,
     pub(super) warnings: Vec<String>,
 }
 
-/// What was found for every group and every interface.
+/// Reports of all groups and findings about all interfaces.
 type Findings = (Vec<PartitionReport>, Vec<Result<TieFindings>>);
 
-/// Deviation of the sum of weights from one that is round-off.
+/// Largest deviation of a sum of weights from one that counts as round-off of `T`.
 fn tolerance<T: Real>() -> T {
     T::of(ROUND_OFF).max(T::epsilon() * T::of(64.0))
 }
 
-/// Checks all groups.
+/// Checks all groups; returns a report for each group and the findings about each interface.
 pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec<T>]) -> Result<Findings> {
-    let mut found: Vec<_> = specs.iter().map(|_| Ok(TieFindings::default())).collect();
+    let mut findings: Vec<_> = specs.iter().map(|_| Ok(TieFindings::default())).collect();
     let mut reports = Vec::new();
     for numbers in groups(subdomains.len(), specs) {
         let models = numbers.iter().map(|&k| subdomains[k].model().name().to_owned());
@@ -150,26 +150,31 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
             let mut group = Group::new(&numbers, subdomains, specs);
             group.check(&mut report)?;
             for (k, t) in group.ties.iter().enumerate() {
+                // The mass is that of the group: its first interface reports it.
                 let mass = (k == 0).then(|| group.mass_warning(&report)).flatten();
-                found[t.number] = outside_of(t).map(|outside| TieFindings {
+                findings[t.number] = outside_of(t).map(|outside| TieFindings {
                     outside,
-                    warnings: mass.into_iter().chain(beside(t, outside)).collect(),
+                    warnings: mass.into_iter().chain(outside_warning(t, outside)).collect(),
                 });
             }
         }
         reports.push(report);
     }
-    Ok((reports, found))
+    Ok((reports, findings))
 }
 
-/// Numbers of the models that are tied to each other, directly or through others.
+/// Returns the numbers of the models in each group tied to each other, directly or through others.
 fn groups<T: Real>(count: usize, specs: &[InterfaceSpec<T>]) -> Vec<Vec<usize>> {
-    let mut of: Vec<usize> = (0..count).collect();
+    let mut group_of: Vec<usize> = (0..count).collect();
     for s in specs.iter().filter(|s| s.coarse < count && s.fine < count) {
-        let (a, b) = (of[s.coarse].min(of[s.fine]), of[s.coarse].max(of[s.fine]));
-        of.iter_mut().filter(|g| **g == b).for_each(|g| *g = a);
+        let (a, b) = (
+            group_of[s.coarse].min(group_of[s.fine]),
+            group_of[s.coarse].max(group_of[s.fine]),
+        );
+        // The smaller number wins, so each group ends with that of its first model.
+        group_of.iter_mut().filter(|g| **g == b).for_each(|g| *g = a);
     }
-    let members = |g: usize| (0..count).filter(|k| of[*k] == g).collect::<Vec<_>>();
+    let members = |g: usize| (0..count).filter(|k| group_of[*k] == g).collect::<Vec<_>>();
     (0..count).map(members).filter(|m| !m.is_empty()).collect()
 }
 
@@ -211,20 +216,23 @@ impl<'a, T: Real> Group<'a, T> {
 
     fn check(&mut self, report: &mut PartitionReport) -> Result<()> {
         if self.members.len() == 1 {
-            return self.alone();
+            return self.check_alone();
         }
         self.check_means()?;
         let mut weighted = T::zero();
         let mut known = true;
         for m in 0..self.members.len() {
+            // A model with neither cells nor particles has no volume to compare.
             let volume = self.fill(m);
             known &= volume > T::zero();
             weighted += self.weighted(m, volume)?;
         }
+        // A violation at a point names the place, so it comes before errors of sums.
         if let Some((_, error)) = self.broken.take() {
             return Err(error);
         }
         let [measure, shared] = [self.measure, self.shared];
+        // Shares are relative to the overlap; models that only touch have none.
         let over = if shared > T::zero() { shared } else { measure };
         report.measure = measure.as_f64();
         report.shared = shared.as_f64();
@@ -246,10 +254,11 @@ impl<'a, T: Real> Group<'a, T> {
             }
         }
         for t in &self.ties {
-            self.alike(t)?;
+            self.check_shapes(t)?;
         }
         report.excess_mass = relative(weighted - measure);
         let particles = self.members.iter().any(|m| m.extent.is_particles());
+        // The interface with the fewest particles decides.
         let chance = self.ties.iter().map(|t| t.filling.chance()).fold(0.0, f64::max);
         let limit = if particles { PARTICLES + chance } else { MASS };
         let nodal = |m: &Member<'_, T>| m.subdomain.weights().weighting == Weighting::Nodal;
@@ -265,7 +274,7 @@ impl<'a, T: Real> Group<'a, T> {
         Ok(())
     }
 
-    /// Says how much mass an overlap has too much or too little, where that is accepted.
+    /// Returns a warning if an overlap has too much or too little mass, but no more than is accepted.
     fn mass_warning(&self, report: &PartitionReport) -> Option<String> {
         let amount = report.excess_mass;
         if amount.abs() <= MASS {
@@ -299,9 +308,11 @@ impl<'a, T: Real> Group<'a, T> {
         Some(out)
     }
 
-    /// Where weights are shared, neither model may fill more than the other: facets of one surface even out.
-    fn alike(&self, t: &Tie<'_, T>) -> Result<()> {
+    /// Refuses an overlap that one model fills more than the other. Differences between facets of one surface
+    /// cancel.
+    fn check_shapes(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
+        // Lengths do not tell sections apart.
         self.check_sections(t)?;
         if sides.iter().any(|m| m.extent.is_particles()) {
             return t.filling.check(t.name, sides.map(Member::name));
@@ -321,8 +332,8 @@ impl<'a, T: Real> Group<'a, T> {
         })
     }
 
-    /// Lines must have one section, or at least one mass per length: a model of points on a line may not know
-    /// its section.
+    /// Refuses tied lines that differ both in section and in mass per length: a model of points on a line may
+    /// not know its section.
     fn check_sections(&self, t: &Tie<'_, T>) -> Result<()> {
         let mut lines = Vec::new();
         for k in t.sides {
@@ -351,8 +362,8 @@ impl<'a, T: Real> Group<'a, T> {
         })
     }
 
-    /// A model that nothing is tied to has all of itself: more than one counts as well as less.
-    fn alone(&self) -> Result<()> {
+    /// Checks a model without ties: its weights must be one at every node.
+    fn check_alone(&self) -> Result<()> {
         self.check_means()?;
         let member = &self.members[0];
         for x in member.subdomain.model().nodes() {
@@ -366,7 +377,7 @@ impl<'a, T: Real> Group<'a, T> {
         Ok(())
     }
 
-    /// Inertia of the translations of a model without weights.
+    /// Returns the inertia of the translations of a model without weights.
     fn unweighted(&self, m: usize) -> Result<Vec<T>> {
         let model = self.members[m].subdomain.model();
         let mut out = vec![T::zero(); model.layout().dofs()];
@@ -375,11 +386,13 @@ impl<'a, T: Real> Group<'a, T> {
         Ok(out)
     }
 
-    /// Measure that the weighted inertia of a model of some volume stands for.
+    /// Returns the measure that the weighted inertia of a model stands for; `volume` is that of the model
+    /// without weights.
     fn weighted(&self, m: usize, volume: T) -> Result<T> {
         let member = &self.members[m];
         let (whole, inertia) = (self.unweighted(m)?, member.subdomain.inertia());
         let components = member.subdomain.model().layout().components;
+        // Each particle of a packing has its own weight; cells share one density.
         let particles = member.extent.particles().unwrap_or_default();
         if particles.len() * components == whole.len() && !particles.is_empty() {
             let share = |k: usize| inertia[k * components] / whole[k * components];
@@ -394,9 +407,9 @@ impl<'a, T: Real> Group<'a, T> {
     }
 }
 
-/// Warns of an overlap that reaches beyond its mediator.
-fn beside<T: Real>(t: &Tie<'_, T>, outside: f64) -> Option<String> {
-    let [x, y, z] = numbers(&t.beside);
+/// Returns a warning if too much of an overlap lies outside of its mediator.
+fn outside_warning<T: Real>(t: &Tie<'_, T>, outside: f64) -> Option<String> {
+    let [x, y, z] = numbers(&t.outside_point);
     (outside > BESIDE).then(|| {
         format!(
             "{:.1} % of the overlap lies outside of the mediator (above {:.0} %), such as ({x:.3e}, {y:.3e}, {z:.3e}) m: both models have \

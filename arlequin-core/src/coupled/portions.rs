@@ -1,4 +1,4 @@
-//! What a run asks of models that are in parts on several ranks.
+//! Requirements of a run on models that are partitioned among ranks.
 
 use super::apart::Overlap;
 use super::own_steps::Held;
@@ -9,7 +9,7 @@ use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::{Error, Real, Result};
 
-/// Refuses what models in parts cannot do.
+/// Refuses combinations that partitioned models do not support.
 pub(super) fn check<T: Real>(
     subdomains: &[Subdomain<T>],
     interfaces: &[InterfaceSpec<T>],
@@ -28,7 +28,7 @@ pub(super) fn check<T: Real>(
                 model: s.model().name().to_owned(),
                 what: format!("be tied by interface '{name}' where it is in parts already; {how}"),
             });
-        } else if s.remembers() {
+        } else if s.has_memory() {
             "go on from what it remembers".to_owned()
         } else if pairs.iter().any(|p| p.sides.contains(&k)) {
             "touch another model".to_owned()
@@ -45,37 +45,38 @@ pub(super) fn check<T: Real>(
     Ok(())
 }
 
-/// Shares out the models that are to be, and tells what acts on their nodes.
-pub(super) fn share_out<T: Real>(
+/// Partitions the models that are marked for it, and the interfaces, overlaps and supports that act on their
+/// nodes.
+pub(super) fn partition_models<T: Real>(
     subdomains: &mut [Subdomain<T>],
     interfaces: &mut [Interface<T>],
     joints: &mut [Joint<T>],
     overlaps: &mut [Overlap<T>],
     held: &mut [Held<T>],
 ) -> Result<()> {
-    let portions = subdomains.iter_mut().map(Subdomain::share_out);
+    let portions = subdomains.iter_mut().map(Subdomain::partition_model);
     let portions: Vec<_> = portions.collect::<Result<_>>()?;
     for ((i, overlap), held) in interfaces.iter_mut().zip(overlaps).zip(held) {
-        let of = i.sides().map(|s| portions[s].as_ref());
-        i.share_out(of);
-        overlap.share_out(of);
-        held.share_out(of);
+        let side_portions = i.sides().map(|s| portions[s].as_ref());
+        i.share_out(side_portions);
+        overlap.restrict(side_portions);
+        held.restrict(side_portions);
     }
     joints.iter_mut().for_each(|j| j.share_out(&portions));
     Ok(())
 }
 
-/// Whether ranks still hear of each other.
-pub(super) fn heard<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
+/// Returns the first error of the communication between ranks, if there was one.
+pub(super) fn check_communication<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
     let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
     failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
 }
 
-/// Whether all ranks have the same energy: what each of them computes by itself, such as whole models, must
-/// have the same bits.
+/// Checks that the energy has the same bits on all ranks: each rank computes models that are not partitioned
+/// by itself. Collective.
 pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
-    let mut all = subdomains.iter().filter_map(Subdomain::portion);
-    let Some(portion) = all.next() else {
+    let mut portions = subdomains.iter().filter_map(Subdomain::portion);
+    let Some(portion) = portions.next() else {
         return Ok(());
     };
     let what = format!("the energy of step {step} (processors of different kinds)");
@@ -86,8 +87,8 @@ pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize
     )?)
 }
 
-/// Refuses to do what needs all of every model here.
-pub(super) fn whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
+/// Refuses an action that needs every model whole on this rank.
+pub(super) fn require_whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
     let parted = |s: &&Subdomain<T>| s.portion().is_some();
     subdomains.iter().find(parted).map_or(Ok(()), |s| {
         Err(Error::Unsupported {

@@ -1,4 +1,5 @@
-//! Reflections of all interfaces: one after another, those that share nodes together.
+//! Reflections of all interfaces. Interfaces that share nodes are reflected together, all others one after
+//! another.
 
 use super::{Coupled, pair};
 use crate::interface::Transfer;
@@ -6,24 +7,25 @@ use crate::subdomain::Subdomain;
 use crate::{Real, Result};
 
 impl<T: Real> Coupled<T> {
-    /// Second half of the last reflections.
-    pub(super) fn kick_again(&mut self) {
+    /// Applies the second half of the last reflections.
+    pub(super) fn apply_second_half(&mut self) {
         let alone = self.interfaces.iter().filter(|i| i.is_alone());
         let sides = alone.flat_map(|i| (0..2).map(|m| (i.sides[m], &i.coupling[m])));
         let joints = self.joints.iter().flat_map(|j| j.kicks());
         for (s, change) in sides.chain(joints) {
-            // A guest has had its share.
-            if !self.subdomains[s].is_guest() {
+            // An external solver received both halves in `hand_over`.
+            if !self.subdomains[s].is_external() {
                 change.kick(self.subdomains[s].velocities());
             }
         }
     }
 
-    /// First half of the next reflections.
+    /// Computes the next reflections and applies their first half.
     pub(super) fn reflect(&mut self) -> Result<()> {
         for i in self.interfaces.iter_mut().filter(|i| i.is_alone()) {
             let [coarse, fine] = i.sides;
             i.reflect(pair(&mut self.subdomains, coarse, fine).map(Subdomain::velocities));
+            // A failed solution must not reach an external solver.
             i.check()?;
             for (m, s) in i.sides.into_iter().enumerate() {
                 self.subdomains[s].hand_over(&i.coupling[m])?;
@@ -42,8 +44,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Takes the jumps of the initial velocities out and finds the half reflections `δ_0 = −ΔT/2 P a_0`
-    /// that are to come.
+    /// Removes the jumps of the initial velocities and computes the half reflections `δ_0 = −ΔT/2 P a_0` that
+    /// the first step applies.
     pub(super) fn reflect_start(&mut self) -> Result<()> {
         let half = self.dt * T::of(0.5);
         for i in self.interfaces.iter_mut().filter(|i| i.is_alone()) {
@@ -64,14 +66,15 @@ impl<T: Real> Coupled<T> {
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().a, half);
             j.check()?;
+            // The multipliers of the start are those of the accelerations.
             j.tell(&mut self.interfaces);
         }
         for (k, subdomain) in self.subdomains.iter_mut().enumerate() {
             let alone = self.interfaces.iter().filter(|i| i.is_alone());
             let sides = alone.flat_map(|i| (0..2).map(|m| (i.sides[m], &i.coupling[m])));
             let joints = self.joints.iter().flat_map(|j| j.kicks());
-            let mine = sides.chain(joints).filter(|(s, _)| *s == k);
-            subdomain.hand_over_start(&mine.map(|m| m.1).collect::<Vec<&Transfer<T>>>())?;
+            let transfers = sides.chain(joints).filter(|(s, _)| *s == k);
+            subdomain.hand_over_start(&transfers.map(|m| m.1).collect::<Vec<&Transfer<T>>>())?;
         }
         Ok(())
     }

@@ -1,32 +1,32 @@
-//! Statics as a run: the state goes to the equilibrium of one instant after another.
+//! Statics as a run: a sequence of equilibria, one for each instant.
 //!
-//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]).
-//! Whatever else there is (contact, bonds that break, large rotations) is relaxed: the models move as in a
-//! run at a time that stands still, and all velocities are taken away whenever the kinetic energy has
-//! passed a maximum (kinetic damping, Cundall 1976). On the way from one instant to the next, supports and
-//! loads change over [`Relaxation::ramp`] steps.
+//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]). All
+//! others (contact, bonds that break, large rotations) are relaxed: the models move as in a run while time
+//! stands still, and all velocities are set to zero whenever the kinetic energy has passed a maximum (kinetic
+//! damping, Cundall 1976). From one instant to the next, supports and loads change over [`Relaxation::ramp`]
+//! steps.
 
 use super::{Coupled, portions};
 use crate::error::invalid;
 use crate::geometry::bounds_of;
 use crate::phase::Phase;
-use crate::subdomain::{Reached, Subdomain};
+use crate::subdomain::{StepEnd, Subdomain};
 use crate::{Error, Real, Result, parallel};
 
-/// How a state is relaxed.
+/// Parameters of a relaxation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relaxation<T> {
-    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement over the
-    /// largest internal force that there was on the way from the instant before.
+    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement, relative to the
+    /// largest internal force since the instant before.
     pub tolerance: T,
-    /// Most steps.
+    /// Largest number of steps.
     pub most: usize,
     /// Steps over which supports and loads change.
     pub ramp: usize,
 }
 
 impl<T: Real> Default for Relaxation<T> {
-    /// To 1e-6, in at most 200 000 steps, 500 of them for the change.
+    /// Tolerance 1e-6, at most 200 000 steps, 500 of them for the change of loads.
     fn default() -> Self {
         Self {
             tolerance: T::of(1e-6),
@@ -39,21 +39,21 @@ impl<T: Real> Default for Relaxation<T> {
 /// An equilibrium that was reached.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settled<T> {
-    /// `direct` or `relaxed`.
+    /// Method that found the equilibrium: `direct` or `relaxed`.
     pub method: &'static str,
-    /// Relative residual of the linear system, or that of [`Relaxation::tolerance`].
+    /// Relative residual of the linear system, or the residual of [`Relaxation::tolerance`].
     pub residual: T,
-    /// Steps of the relaxation; none for a direct solution.
+    /// Steps of the relaxation; zero for a direct solution.
     pub iterations: usize,
     /// Weighted internal energy \[J\].
     pub energy: T,
 }
 
-/// Steps between two looks at the residual while nothing peaks.
+/// Steps between two evaluations of the residual while the kinetic energy passes no maximum.
 const LOOK: usize = 200;
 
 impl<T: Real> Coupled<T> {
-    /// Whether the run can be solved directly; why not otherwise.
+    /// Returns `Ok` if the run can be solved directly, otherwise the reason why not.
     pub fn solves_directly(&mut self) -> std::result::Result<(), String> {
         if let Some(p) = self.pairs.first() {
             return Err(format!("'{}' acts between two models", p.line.effect.name()));
@@ -66,19 +66,19 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Goes to the equilibrium under the loads and prescribed displacements of a time \[s\], from the
-    /// present state under those of `from`: velocities are zero then, and the step counts as one. Works are
-    /// not accounted for.
+    /// Moves the run to the equilibrium under the loads and prescribed displacements of `time` \[s\]. The
+    /// present state is that of the loads at `from` \[s\]. Velocities are zero afterwards, and the step
+    /// counts as one. Works are not recorded.
     ///
     /// # Errors
-    /// Those of [`Coupled::equilibrium`]; [`Error::NotSettled`] where relaxation does not reach its
-    /// tolerance; [`Error::Unsupported`] for a solver of its own.
+    /// Errors of [`Coupled::equilibrium`]; [`Error::NotSettled`] if relaxation does not reach its tolerance;
+    /// [`Error::Unsupported`] for an external solver and for a partitioned model.
     pub fn settle(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         if how.tolerance <= T::zero() || how.most == 0 {
-            let found = format_args!("tolerance {}, {} steps", how.tolerance, how.most);
+            let settings = format_args!("tolerance {}, {} steps", how.tolerance, how.most);
             return Err(invalid(
                 "relaxation",
-                found,
+                settings,
                 "needs a positive tolerance and at least one step",
             ));
         }
@@ -95,8 +95,8 @@ impl<T: Real> Coupled<T> {
     /// Refuses a run that [`Self::settle`] cannot bring to rest, before its first load step.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a solver of its own, and for models in parts; [`Error::SingularSystem`]
-    /// where a rigid motion of models that are solved for directly is held by nothing.
+    /// [`Error::Unsupported`] for an external solver and for a partitioned model; [`Error::SingularSystem`]
+    /// if models that are solved directly have a free rigid motion.
     pub fn check_rest(&mut self) -> Result<()> {
         self.check_settling()?;
         if self.solves_directly().is_err() {
@@ -114,8 +114,8 @@ impl<T: Real> Coupled<T> {
     }
 
     fn check_settling(&self) -> Result<()> {
-        portions::whole(&self.subdomains, "be brought to rest")?;
-        match self.subdomains.iter().find(|s| s.is_guest()) {
+        portions::require_whole(&self.subdomains, "be brought to rest")?;
+        match self.subdomains.iter().find(|s| s.is_external()) {
             None => Ok(()),
             Some(s) => Err(Error::Unsupported {
                 model: s.model().name().to_owned(),
@@ -125,11 +125,11 @@ impl<T: Real> Coupled<T> {
     }
 
     fn settle_directly(&mut self, time: T) -> Result<Settled<T>> {
-        let found = self.equilibrium(time)?;
-        for (s, q) in self.subdomains.iter_mut().zip(&found.displacements) {
-            s.rest(q, time)?;
+        let equilibrium = self.equilibrium(time)?;
+        for (s, q) in self.subdomains.iter_mut().zip(&equilibrium.displacements) {
+            s.set_at_rest(q, time)?;
         }
-        for (i, lambda) in self.interfaces.iter_mut().zip(&found.multipliers) {
+        for (i, lambda) in self.interfaces.iter_mut().zip(&equilibrium.multipliers) {
             i.hold(lambda);
         }
         for j in &mut self.joints {
@@ -137,15 +137,15 @@ impl<T: Real> Coupled<T> {
         }
         Ok(Settled {
             method: "direct",
-            residual: found.residual,
+            residual: equilibrium.residual,
             iterations: 0,
-            energy: found.energy,
+            energy: equilibrium.energy,
         })
     }
 
-    /// Relaxes with one own step of all models. With several, a model moves on between two reflections
-    /// under forces that the multipliers balance in the mean only, by its stiffness: what comes back at
-    /// every reflection is no equilibrium.
+    /// Relaxes with one own step of all models. With several own steps, a model moves between two reflections
+    /// under forces that the multipliers balance in the mean only. It moves by its stiffness, and the state
+    /// that returns at every reflection is no equilibrium.
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
         if steps.iter().all(|m| *m == 1) {
@@ -155,17 +155,19 @@ impl<T: Real> Coupled<T> {
         let shortest = self.subdomains.iter().fold(run, |m, s| m.min(s.own_dt()));
         self.change_pace(shortest, &vec![1; steps.len()])?;
         let settled = self.relax_in_step(from, time, how);
+        // The run gets its steps back even if it did not settle.
         self.change_pace(run, &steps)?;
         settled
     }
 
-    /// Steps of another length from now on; multipliers stay as they are.
+    /// Changes the macro step and the own steps; multipliers stay as they are.
     fn change_pace(&mut self, run: T, steps: &[usize]) -> Result<()> {
         for (s, m) in self.subdomains.iter_mut().zip(steps) {
             s.set_pace(run, *m)?;
         }
         self.dt = run;
         for i in &mut self.interfaces {
+            // Impulses are multipliers times the step, so they are computed again for the new step.
             let lambda = i.multipliers().to_vec();
             i.pace(run);
             i.hold(&lambda);
@@ -181,8 +183,8 @@ impl<T: Real> Coupled<T> {
         let mut peak = T::zero();
         let mut residual = T::of(f64::INFINITY);
         self.stop()?;
-        // What came apart is held against what it bore, not against the nothing that is left.
-        let mut borne = self.carried()?;
+        // Where bonds break, forces are compared with the largest one before, not with the zero that is left.
+        let mut borne = self.largest_internal_force()?;
         for k in 1..=how.most {
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
@@ -195,6 +197,8 @@ impl<T: Real> Coupled<T> {
             if !kinetic.is_finite() {
                 return Err(self.diverged("velocity"));
             }
+            // Past a maximum of kinetic energy the models are near a minimum of potential energy: stop them
+            // there.
             let passed = kinetic < peak;
             peak = kinetic;
             if passed || (k >= how.ramp && k.is_multiple_of(LOOK)) {
@@ -202,9 +206,13 @@ impl<T: Real> Coupled<T> {
                     self.stop()?;
                     peak = T::zero();
                 }
-                borne = borne.max(self.carried()?).max(self.last_digits() / how.tolerance);
+                // Forces below round-off cannot be balanced any better.
+                borne = borne
+                    .max(self.largest_internal_force()?)
+                    .max(self.round_off_force() / how.tolerance);
+                // While loads still change there is no equilibrium to reach.
                 if k >= how.ramp {
-                    let off = self.unbalanced(now)?;
+                    let off = self.largest_unbalanced_force(now)?;
                     residual = if borne > T::zero() { off / borne } else { off };
                     if residual <= how.tolerance {
                         self.stop()?;
@@ -227,26 +235,26 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// One step of the run at a time that stands still.
+    /// Makes one macro step while time stands still.
     fn still_step(&mut self, time: T) -> Result<()> {
-        self.kick_again();
+        self.apply_second_half();
         for g in 0..self.lockstep.len() {
             let first = &self.subdomains[self.lockstep[g].members[0]];
             let (steps, dt) = (first.own_steps(), first.own_dt());
             for _ in 0..steps {
                 // Prescribed unknowns are moved, but have no velocity.
-                let reached = Reached {
+                let step_end = StepEnd {
                     time,
                     since: dt,
                     dt: T::zero(),
                 };
-                self.own_step(g, reached, false, &mut |_: Phase| {})?;
+                self.own_step(g, step_end, false, &mut |_: Phase| {})?;
             }
         }
         self.reflect()
     }
 
-    /// Takes all velocities away; multipliers are then those that accelerations at rest need.
+    /// Sets all velocities to zero; the multipliers become those of the accelerations at rest.
     fn stop(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
             s.velocities().fill(T::zero());
@@ -254,24 +262,25 @@ impl<T: Real> Coupled<T> {
         self.reflect_start()
     }
 
-    /// Force that last digits of displacements and places are worth, `m ω² ε (|q| + |x|)` with the highest
-    /// frequency of each model.
-    fn last_digits(&self) -> T {
-        let all = self.subdomains.iter().zip(&self.critical);
-        all.map(|(s, critical)| {
-            let layout = s.model().layout();
-            let mass = parallel::largest(&s.inertia()[..layout.translations()]);
-            let [low, high] = bounds_of(s.model().nodes().iter());
-            let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
-            let omega = T::of(2.0) / *critical;
-            mass * omega * omega * reach * T::epsilon()
-        })
-        .filter(|f| f.is_finite())
-        .fold(T::zero(), |a, b| a.max(b))
+    /// Returns the force \[N\] that round-off of displacements and positions is worth, `m ω² ε (|q| + |x|)`
+    /// with the highest frequency `ω` of each model.
+    fn round_off_force(&self) -> T {
+        let models = self.subdomains.iter().zip(&self.critical);
+        models
+            .map(|(s, critical)| {
+                let layout = s.model().layout();
+                let mass = parallel::largest(&s.inertia()[..layout.translations()]);
+                let [low, high] = bounds_of(s.model().nodes().iter());
+                let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
+                let omega = T::of(2.0) / *critical;
+                mass * omega * omega * reach * T::epsilon()
+            })
+            .filter(|f| f.is_finite())
+            .fold(T::zero(), |a, b| a.max(b))
     }
 
-    /// Largest internal force on a displacement.
-    fn carried(&mut self) -> Result<T> {
+    /// Returns the largest internal force on a displacement \[N\].
+    fn largest_internal_force(&mut self) -> Result<T> {
         let mut most = T::zero();
         for s in &mut self.subdomains {
             let layout = s.model().layout();
@@ -282,21 +291,23 @@ impl<T: Real> Coupled<T> {
         Ok(most)
     }
 
-    /// Largest unbalanced force on a free displacement.
-    fn unbalanced(&mut self, time: T) -> Result<T> {
+    /// Returns the largest unbalanced force on a free displacement \[N\].
+    fn largest_unbalanced_force(&mut self, time: T) -> Result<T> {
         let mut off = T::zero();
         for k in 0..self.subdomains.len() {
             let s = &mut self.subdomains[k];
             let moving = s.model().layout().translations();
             let mut forces = vec![T::zero(); s.model().layout().dofs()];
-            s.pull(time, &mut forces)?;
+            s.write_forces(time, &mut forces)?;
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
+                    // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
                     if i.sides[m] == k {
                         i.coupling[m].add_force(sign, i.multipliers(), &mut forces);
                     }
                 }
             }
+            // Supports balance the prescribed unknowns.
             let free = self.subdomains[k].inverse_inertia()[..moving].iter().zip(&forces);
             let free = free.filter(|(w, _)| **w > T::zero());
             off = free.fold(off, |m, (_, f)| m.max(f.abs()));

@@ -1,4 +1,4 @@
-//! Building a coupled run: checks, operators, consistent start.
+//! Construction of a coupled run: checks, operators, consistent start.
 
 use super::apart::Overlap;
 use super::own_steps::{Held, Lockstep};
@@ -14,53 +14,55 @@ use crate::weight::Weighting;
 use crate::{Error, OwnStep};
 use crate::{Real, Result};
 
-/// How the step of a run is chosen: the time between two reflections, in which each participant makes its
-/// own steps ([`OwnStep`]).
+/// How the macro step (step of the run) is chosen: the time between two reflections, in which each
+/// participant makes its own steps ([`OwnStep`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeStep<T> {
-    /// In seconds; refused where an own step exceeds the critical one of its participant.
+    /// Macro step \[s\]; refused if an own step exceeds the critical step of its participant.
     Seconds(T),
-    /// The longest one of which every own step is at most this share, below one, of the critical one of its
-    /// participant.
+    /// Longest macro step for which every own step is at most this share, below one, of its participant's
+    /// critical step.
     Fraction(T),
-    /// The finest participant at this share, below one, of its critical step; the step of the run is as
-    /// many of these, up to four, as one that takes half of the largest critical step, or this share of it
-    /// if less, has room for. Participants that ask for nothing ([`OwnStep::Same`]) make as many own steps
-    /// as they need.
+    /// Puts the finest participant at this share, below one, of its critical step. The macro step is one to
+    /// four such steps: as many as fit into half of the largest critical step, or into this share of it if
+    /// that is less. Participants with [`OwnStep::Same`] make as many own steps as they need.
     Chosen(T),
-    /// In seconds, whatever the critical steps: for studies of stability.
+    /// Macro step \[s\] without a check against critical steps, for studies of stability.
     Unchecked(T),
 }
 
-/// What a run is made of.
+/// Models, interfaces and effects from which a run is built.
 #[derive(Debug)]
 pub struct Parts<T: Real> {
     /// Time of the initial state \[s\].
     pub start: T,
-    /// Time at which the run is to end \[s\], where it is known: prescribed motions are compared until then.
+    /// Time at which the run is to end \[s\], if known: prescribed motions are compared until then.
     pub end: Option<T>,
     /// Models with their weights, supports, effects and initial states.
     pub subdomains: Vec<Subdomain<T>>,
-    /// Interfaces between them.
+    /// Interfaces between the models.
     pub interfaces: Vec<InterfaceSpec<T>>,
-    /// Effects between two of them.
+    /// Effects between two models.
     pub pairs: Vec<PairSpec<T>>,
 }
 
-/// When a run is stopped.
+/// Limits at which a run is stopped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guard<T> {
-    /// Steps between two drawings of the energy ledger.
+    /// Macro steps between two evaluations of the energy ledger.
     pub interval: usize,
-    /// Unexplained energy that ends the run: too much, relative to initial energy and work put in, or
-    /// missing, relative to the largest energy so far.
+    /// Unexplained energy that ends the run: an excess relative to initial energy and work put in, or a loss
+    /// relative to the largest energy so far.
     pub growth: T,
 }
 
 impl<T: Real> Guard<T> {
-    /// 5 % for energy-consistent weighting, whose drift is round-off for linear laws and of second order
-    /// for others ([`Coupled::explained_drift`]): anything above is a fault or an instability. The nodal
-    /// law changes the energy by up to its own size by construction, so tenfold growth is its bound.
+    /// Returns the guard for a weighting: growth of at most 5 % for energy-consistent weights, tenfold for
+    /// nodal weights.
+    ///
+    /// Energy-consistent weighting drifts by round-off for linear laws and at second order for others
+    /// ([`Coupled::explained_drift`]); any more is a fault or an instability. Nodal weighting changes the
+    /// energy by up to its own size by construction.
     pub fn for_weighting(weighting: Weighting) -> Self {
         let growth = if weighting == Weighting::Energy {
             0.05
@@ -74,29 +76,30 @@ impl<T: Real> Guard<T> {
     }
 }
 
-/// What a run will be, for reports before it starts.
+/// Summary of a run, for reports before it starts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name, kind, nodes, unknowns and critical step \[s\] of every model.
     pub models: Vec<(String, String, usize, usize, f64)>,
-    /// Own steps of every model in a step of the run.
+    /// Own steps of every model in a macro step.
     pub own_steps: Vec<usize>,
-    /// Step of the run \[s\].
+    /// Macro step \[s\].
     pub dt: f64,
     /// Smallest critical step of a model \[s\].
     pub critical_dt: f64,
     /// Interfaces.
     pub interfaces: Vec<InterfaceReport>,
-    /// Effects that are on, as `model/effect` or by their own name where they act between two models.
+    /// Names of the effects that are on: `model/effect`, or the effect's own name if it acts between two
+    /// models.
     pub effects: Vec<String>,
 }
 
 impl<T: Real> Coupled<T> {
-    /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the step, and
-    /// makes initial displacements, velocities and accelerations consistent with the constraint.
+    /// Builds a run: weights the models, checks and factors the interfaces, chooses or checks the macro step,
+    /// and makes initial displacements, velocities and accelerations consistent with the constraint.
     ///
     /// # Errors
-    /// Every set-up check of models, effects and interfaces; [`Error::UnstableStep`].
+    /// Errors of every set-up check of models, effects and interfaces; [`Error::UnstableStep`].
     pub fn new(
         subdomains: Vec<Subdomain<T>>,
         interfaces: Vec<InterfaceSpec<T>>,
@@ -106,11 +109,11 @@ impl<T: Real> Coupled<T> {
         Self::starting_at(T::zero(), subdomains, interfaces, step, guard)
     }
 
-    /// The same for a run whose initial state is that of time `start` \[s\]: loads and prescribed motions
-    /// see that time from the first evaluation on, and steps are counted from there.
+    /// Builds a run whose initial state is that of time `start` \[s\]. Loads and prescribed motions use that
+    /// time from the first evaluation on, and time is counted from there.
     ///
     /// # Errors
-    /// Those of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
+    /// Errors of [`Self::new`]; [`Error::InvalidParameter`] for a start that is not finite.
     pub fn starting_at(
         start: T,
         subdomains: Vec<Subdomain<T>>,
@@ -128,19 +131,19 @@ impl<T: Real> Coupled<T> {
         Self::of(parts, step, guard)
     }
 
-    /// The same from all parts, effects between two subdomains included.
+    /// Builds a run from all its parts, effects between two subdomains included.
     ///
     /// # Errors
-    /// Those of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for one between a
-    /// subdomain and itself.
+    /// Errors of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for an effect between
+    /// a subdomain and itself.
     pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
         Self::announced(parts, step, guard, &mut |_| ())
     }
 
-    /// The same; `announce` hears of each phase before it begins.
+    /// Builds a run like [`Self::of`] and calls `announce` before each phase of the set-up.
     ///
     /// # Errors
-    /// Those of [`Self::of`].
+    /// Errors of [`Self::of`].
     pub fn announced(
         parts: Parts<T>,
         step: TimeStep<T>,
@@ -154,15 +157,16 @@ impl<T: Real> Coupled<T> {
             interfaces,
             pairs,
         } = parts;
-        let paired = paired(start, subdomains.len(), &pairs)?;
+        let paired = paired_subdomains(start, subdomains.len(), &pairs)?;
         portions::check(&subdomains, &interfaces, &pairs)?;
         for (k, (s, paired)) in subdomains.iter_mut().zip(paired).enumerate() {
+            // Weights come first: the partition check and the interfaces read weighted inertia.
             announce(SetupPhase::Weights(k));
             s.prepare(paired)?;
         }
         announce(SetupPhase::Partition);
-        let (partition, found) = partition::check(&subdomains, &interfaces)?;
-        let (mut built, mut joints) = interfaces_of(&interfaces, found, &subdomains, announce)?;
+        let (partition, findings) = partition::check(&subdomains, &interfaces)?;
+        let (mut built, mut joints) = interfaces_of(&interfaces, findings, &subdomains, announce)?;
         announce(SetupPhase::Step);
         let span = motions::Span {
             start: start.as_f64(),
@@ -172,23 +176,26 @@ impl<T: Real> Coupled<T> {
             .iter()
             .try_for_each(|i| motions::check(i, &subdomains, span))?;
         for i in &mut built {
-            let told = motions::one_sided(i, &subdomains);
-            i.report.warnings.extend(told);
+            let warning = motions::one_sided(i, &subdomains);
+            i.report.warnings.extend(warning);
         }
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
-        portions::share_out(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
+        // Interfaces and overlaps are built from whole models; from here on each rank keeps its parts.
+        portions::partition_models(&mut subdomains, &mut built, &mut joints, &mut overlaps, &mut held)?;
         for i in &mut built {
-            let beside = one_sided::warnings(i, &subdomains);
-            i.report.warnings.extend(beside);
+            let warnings = one_sided::warnings(i, &subdomains);
+            i.report.warnings.extend(warnings);
         }
+        // Pair effects must know which nodes the interfaces tie.
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
+        // Effects are attached by now: they shorten critical steps.
         let mut critical = Vec::with_capacity(subdomains.len());
         for (k, s) in subdomains.iter_mut().enumerate() {
             critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
         }
         let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
-        let lockstep = Lockstep::of(subdomains.len(), &between);
+        let lockstep = Lockstep::groups(subdomains.len(), &between);
         let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
         for (s, steps) in subdomains.iter_mut().zip(pace.steps) {
             s.set_pace(pace.dt, steps)?;
@@ -214,23 +221,24 @@ impl<T: Real> Coupled<T> {
             partition,
             work: Vec::new(),
             warnings: Vec::new(),
-            told: 0,
+            warnings_sent: 0,
             factored: None,
         };
         announce(SetupPhase::Start);
         run.start()?;
-        portions::heard(&run.subdomains)?;
+        portions::check_communication(&run.subdomains)?;
         run.warn_of_unknown_energy();
         Ok(run)
     }
 
-    /// What the run will be.
+    /// Returns the summary of this run.
     pub fn plan(&self) -> Plan {
         let models = self.subdomains.iter().zip(&self.critical).map(|(s, c)| {
             let layout = s.model().layout();
             (
                 s.model().name().to_owned(),
                 s.model().kind().to_owned(),
+                // Counts are those of whole models on every rank.
                 s.nodes_in_all(),
                 s.nodes_in_all() * (layout.components + layout.rotations),
                 c.as_f64(),
@@ -248,8 +256,9 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// Which of so many subdomains an effect between two acts on; refuses parts that no run can be made of.
-fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<bool>> {
+/// Returns for each of `count` subdomains whether a pair effect acts on it; refuses a start time that is not
+/// finite, a run without models and pair effects between subdomains that do not exist.
+fn paired_subdomains<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<bool>> {
     if !start.is_finite() {
         return Err(invalid("start time", start, "must be finite [s]"));
     }
@@ -264,29 +273,30 @@ fn paired<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> Result<Vec<
     Ok(paired)
 }
 
-/// Interfaces, and those of them that are solved for together.
+/// Interfaces, and the joints that solve several of them as one system.
 type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
 
-/// The interfaces, each with what the check of the partition says of it, and those that are solved for
-/// together.
+/// Builds the interfaces, each with the findings of the partition check, and joins interfaces that share
+/// nodes.
 fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
-    found: Vec<Result<partition::TieFindings>>,
+    findings: Vec<Result<partition::TieFindings>>,
     subdomains: &[Subdomain<T>],
     announce: &mut dyn FnMut(SetupPhase),
 ) -> Result<Tied<T>> {
     let mut drafts = Vec::with_capacity(specs.len());
-    for (k, (spec, found)) in specs.iter().zip(found).enumerate() {
+    for (k, (spec, findings)) in specs.iter().zip(findings).enumerate() {
         let sides = [
             side(subdomains, spec, spec.coarse)?,
             side(subdomains, spec, spec.fine)?,
         ];
         announce(SetupPhase::Junction(k));
         let mut draft = Draft::new(spec, sides)?;
-        let found = found?;
-        draft.interface.report.outside = found.outside;
-        draft.interface.report.warnings.extend(found.warnings);
-        draft.interface.report.tied = tie::tied(&draft.interface, subdomains);
+        // Errors of the interface itself come before those of its overlap.
+        let findings = findings?;
+        draft.interface.report.outside = findings.outside;
+        draft.interface.report.warnings.extend(findings.warnings);
+        draft.interface.report.tied = tie::tied_shares(&draft.interface, subdomains);
         drafts.push(draft);
     }
     let nodes: Vec<_> = subdomains.iter().map(|s| s.model().layout().nodes).collect();
@@ -297,6 +307,7 @@ fn interfaces_of<T: Real>(
         members.iter().for_each(|k| alone[*k] = false);
         joints.push(Joint::new(members, specs, &mut drafts, &inverse)?);
     }
+    // Interfaces in a joint have no operator of their own: the joint holds that of all of them.
     let mut built = Vec::with_capacity(specs.len());
     for (k, (draft, spec)) in drafts.into_iter().zip(specs).enumerate() {
         if alone[k] {
@@ -310,26 +321,31 @@ fn interfaces_of<T: Real>(
     Ok((built, joints))
 }
 
-fn side<'a, T: Real>(all: &'a [Subdomain<T>], spec: &InterfaceSpec<T>, k: usize) -> Result<Side<'a, T>> {
-    if k >= all.len() || spec.coarse == spec.fine {
+fn side<'a, T: Real>(
+    subdomains: &'a [Subdomain<T>],
+    spec: &InterfaceSpec<T>,
+    k: usize,
+) -> Result<Side<'a, T>> {
+    if k >= subdomains.len() || spec.coarse == spec.fine {
         let what = format!("subdomain of interface '{}'", spec.name);
         return Err(invalid(
             &what,
             k,
-            &format!("must be two different ones of {}", all.len()),
+            &format!("must be two different ones of {}", subdomains.len()),
         ));
     }
     Ok(Side {
-        name: all[k].model().name(),
-        field: &**all[k].field(),
-        layout: all[k].model().layout(),
-        inverse_inertia: all[k].inverse_inertia(),
-        weight: &*all[k].weights().kinetic,
+        name: subdomains[k].model().name(),
+        field: &**subdomains[k].field(),
+        layout: subdomains[k].model().layout(),
+        inverse_inertia: subdomains[k].inverse_inertia(),
+        weight: &*subdomains[k].weights().kinetic,
     })
 }
 
-/// The guard that is given, or that of the weighting.
-fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) -> Result<Guard<T>> {
+/// Returns the given guard, or else that of the weighting; refuses limits that are not positive.
+fn checked_guard<T: Real>(requested: Option<Guard<T>>, subdomains: &[Subdomain<T>]) -> Result<Guard<T>> {
+    // One nodal model is enough: its energy is part of that of the run.
     let nodal = subdomains
         .iter()
         .any(|s| s.weights().weighting == Weighting::Nodal);
@@ -338,7 +354,7 @@ fn checked_guard<T: Real>(given: Option<Guard<T>>, subdomains: &[Subdomain<T>]) 
     } else {
         Weighting::Energy
     };
-    let guard = given.unwrap_or_else(|| Guard::for_weighting(weighting));
+    let guard = requested.unwrap_or_else(|| Guard::for_weighting(weighting));
     if guard.interval == 0 || !guard.growth.is_finite() || guard.growth <= T::zero() {
         return Err(invalid(
             "guard",

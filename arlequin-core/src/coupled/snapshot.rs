@@ -1,7 +1,7 @@
-//! Snapshots: everything a run must remember to go on with the same bits.
+//! Snapshots: all data that a run needs to continue with the same bits.
 //!
-//! A snapshot holds the state, not the models: whoever restores one builds the same run first. Half of the
-//! last reflection is still to come; it is found again from the impulses, with the same bits.
+//! A snapshot holds the state, not the models: build the same run before restoring into it. Half of the last
+//! reflection is still to come; it is computed again from the impulses, with the same bits.
 
 use super::Coupled;
 use super::warning::Warning;
@@ -12,33 +12,34 @@ use crate::{Real, Result, Subdomain};
 pub use crate::record::Record;
 pub use crate::subdomain::SubdomainSnapshot;
 
-/// What an effect between two subdomains must remember.
+/// Saved state of an effect between two subdomains.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PairSnapshot<T> {
     /// Work since the start \[J\].
     pub work: T,
-    /// What the effect remembers.
+    /// State that the effect saves.
     pub effect: Record<T>,
 }
 
-/// What a run must remember.
+/// Saved state of a run.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Snapshot<T> {
-    /// Steps made.
+    /// Macro steps made so far.
     pub step: usize,
-    /// Step \[s\]: must be that of the run it is restored into.
+    /// Macro step \[s\]; must be that of the run into which the snapshot is restored.
     pub dt: T,
-    /// Energy removed by the consistent start \[J\].
+    /// Kinetic energy removed by the consistent start \[J\].
     pub start_loss: T,
     /// Sums and extremes of the ledger.
     pub ledger: Vec<T>,
     /// Subdomains.
     pub subdomains: Vec<SubdomainSnapshot<T>>,
-    /// Own steps of every subdomain in a step of the run: must be those of the run it is restored into.
+    /// Own steps of every subdomain in a macro step; must be those of the run into which the snapshot is
+    /// restored.
     pub own_steps: Vec<usize>,
-    /// Impulses of the last reflection of every interface, half of them still to come.
+    /// Impulses of the last reflection of every interface; half of each is still to be applied.
     pub impulses: Vec<Vec<T>>,
     /// Effects between two subdomains.
     pub pairs: Vec<PairSnapshot<T>>,
@@ -47,12 +48,12 @@ pub struct Snapshot<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// The present state. Of models in parts it is that of the whole models, on rank 0 alone: it may be
-    /// restored on any number of ranks. All ranks must ask.
+    /// Returns the present state. For partitioned models it is the state of the whole models, on rank 0 only,
+    /// and may be restored on any number of ranks. Collective.
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] for a participant that cannot be saved; what ranks say who do not hear
-    /// of each other.
+    /// [`crate::Error::Unsupported`] for a participant that cannot be saved; errors of the communication
+    /// between ranks.
     pub fn snapshot(&self) -> Result<Snapshot<T>> {
         Ok(Snapshot {
             step: self.step,
@@ -78,22 +79,22 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Goes to a state that the same run had: from here on it makes the same steps, bit by bit. Models in
-    /// parts take what is theirs, from the same snapshot on every rank.
+    /// Restores a state that the same run had: from here on the run makes the same steps, bit by bit.
+    /// Partitioned models take their parts from the same snapshot on every rank.
     ///
     /// # Errors
-    /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] where the snapshot does not
-    /// fit, [`crate::Error::NotFinite`]; the run is then of no use.
+    /// [`crate::Error::SizeMismatch`] or [`crate::Error::InvalidParameter`] if the snapshot does not fit,
+    /// [`crate::Error::NotFinite`]. The run is unusable after an error.
     pub fn restore(&mut self, from: &Snapshot<T>) -> Result<()> {
         if from.dt != self.dt {
             let rule = format!("the run has {}; restore into the run that was saved", self.dt);
             return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
         }
-        let own: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
-        if from.own_steps != own {
-            let rule = format!("the run has {own:?}; restore into the run that was saved");
-            let found = format_args!("{:?}", from.own_steps);
-            return Err(crate::error::invalid("own steps of the snapshot", found, &rule));
+        let own_steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
+        if from.own_steps != own_steps {
+            let rule = format!("the run has {own_steps:?}; restore into the run that was saved");
+            let saved = format_args!("{:?}", from.own_steps);
+            return Err(crate::error::invalid("own steps of the snapshot", saved, &rule));
         }
         same(
             "subdomains of the snapshot",
@@ -121,13 +122,15 @@ impl<T: Real> Coupled<T> {
             check_finite("impulses of the snapshot", f)?;
             i.restore(f);
         }
+        // Joints take their impulses from the interfaces, which come first.
         self.joints.iter_mut().for_each(|j| j.restore(&self.interfaces));
         self.ledger.restore(&from.ledger)?;
         self.step = from.step;
+        // A product as in the run, so that times have the same bits.
         self.time = self.start_time + T::of(from.step as f64) * self.dt;
         self.start_loss = from.start_loss;
         self.warnings.clone_from(&from.warnings);
-        self.told = self.warnings.len();
+        self.warnings_sent = self.warnings.len();
         Ok(())
     }
 }

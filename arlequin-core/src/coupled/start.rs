@@ -1,22 +1,23 @@
-//! A consistent start: displacements, velocities and accelerations on the constraint.
+//! Consistent start: displacements, velocities and accelerations meet the constraint.
 
 use super::ledger::DisplacementJump;
 use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result, ranks};
 
-/// Largest jump of the initial displacements beside a solver whose displacements are its own, relative to
-/// the largest.
-const GUEST_JUMP: f64 = 1e-6;
+/// Largest accepted jump of the initial displacements beside an external solver, relative to the largest
+/// displacement: the core cannot change the solver's displacements.
+const EXTERNAL_JUMP: f64 = 1e-6;
 
 impl<T: Real> Coupled<T> {
-    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and starts with the half
-    /// reflection that a constant acceleration needs, `δ_0 = −ΔT/2 P a_0`. A displacement jump would stay
-    /// for ever, as the constraint is on velocities; without `δ_0` multipliers would flip their sign every
-    /// step for ever.
+    /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and computes the first half
+    /// reflection, that of a constant acceleration, `δ_0 = −ΔT/2 P a_0`. Without the projection a
+    /// displacement jump would stay for ever, as the constraint is on velocities. Without `δ_0` multipliers
+    /// would change their sign in every step.
     pub(super) fn start(&mut self) -> Result<()> {
         for s in &mut self.subdomains {
-            s.hold(self.time);
+            // Prescribed values come first: projections leave them as they are.
+            s.set_prescribed(self.time);
         }
         for i in &mut self.interfaces {
             i.pace(self.dt);
@@ -24,7 +25,8 @@ impl<T: Real> Coupled<T> {
                 .resize(self.work.len().max(i.multipliers().len()), T::zero());
         }
         self.joints.iter_mut().for_each(|j| j.pace(self.dt));
-        self.close()?;
+        // Forces are evaluated at displacements without jumps.
+        self.close_jumps()?;
         let time = self.time;
         for s in &mut self.subdomains {
             s.start(time)?;
@@ -35,44 +37,46 @@ impl<T: Real> Coupled<T> {
         let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
         self.reflect_start()?;
         self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        // Momenta count from the projected velocities.
         self.find_bodies();
         self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
         self.rounded = self.round_off() * T::of(ROUND_OFF);
         self.check_start()
     }
 
-    /// Energy that last digits are worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency: the energy
-    /// of displacements `q` that cancels, as in a rigid motion, and that of lengths which are differences
-    /// of places `x` in the model.
+    /// Returns the energy \[J\] that round-off is worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency
+    /// `ω` of each model. The first term is for displacements `q` whose energy cancels, as in a rigid motion;
+    /// the second is for lengths that are differences of positions `x`.
     pub(super) fn round_off(&self) -> T {
-        let all = self.subdomains.iter().zip(&self.critical);
-        all.map(|(s, critical)| {
-            let sizes = s.displaced() + s.spread() * T::epsilon();
-            // ω = 2/Δt_c
-            sizes * T::of(2.0) * T::epsilon() / (*critical * *critical)
-        })
-        .sum()
+        let models = self.subdomains.iter().zip(&self.critical);
+        models
+            .map(|(s, critical)| {
+                let sizes = s.displaced() + s.spread() * T::epsilon();
+                // ω = 2/Δt_c
+                sizes * T::of(2.0) * T::epsilon() / (*critical * *critical)
+            })
+            .sum()
     }
 }
 
-/// Displacements of some models.
+/// Copies the displacements of some models.
 fn displacements<T: Real>(subdomains: &[Subdomain<T>], models: &[usize]) -> Vec<Vec<T>> {
     models.iter().map(|s| subdomains[*s].state().q.clone()).collect()
 }
 
 impl<T: Real> Coupled<T> {
     /// Removes the jumps of the initial displacements and reports them.
-    fn close(&mut self) -> Result<()> {
+    fn close_jumps(&mut self) -> Result<()> {
         for k in 0..self.interfaces.len() {
             let models = self.interfaces[k].sides;
             if !self.interfaces[k].is_alone() || !self.is_open(&[k], &models)? {
                 continue;
             }
             let before = displacements(&self.subdomains, &models);
-            let both = pair(&mut self.subdomains, models[0], models[1]);
-            self.interfaces[k].reflect(both.map(Subdomain::displacements));
+            let sides = pair(&mut self.subdomains, models[0], models[1]);
+            self.interfaces[k].reflect(sides.map(Subdomain::displacements));
             self.interfaces[k].check()?;
-            self.moved(&[k], &models, &before);
+            self.report_moved(&[k], &models, &before);
         }
         for k in 0..self.joints.len() {
             let (members, models) = (self.joints[k].members.clone(), self.joints[k].models.clone());
@@ -86,22 +90,23 @@ impl<T: Real> Coupled<T> {
             for (s, change) in self.joints[k].kicks() {
                 change.kick(self.subdomains[s].displacements());
             }
-            self.moved(&members, &models, &before);
+            self.report_moved(&members, &models, &before);
         }
         Ok(())
     }
 
-    /// Whether interfaces that are solved for together have jumps that can be taken out; refuses those that
-    /// are too large.
+    /// Returns whether interfaces that are solved together have displacement jumps that can be removed;
+    /// refuses jumps that are too large.
     fn is_open(&mut self, members: &[usize], models: &[usize]) -> Result<bool> {
-        // What the core cannot move must agree from the start.
-        let movable = !models.iter().any(|s| self.subdomains[*s].is_guest());
+        // The core cannot change the displacements of an external solver: they must agree from the start.
+        let movable = !models.iter().any(|s| self.subdomains[*s].is_external());
         let mut open = false;
         for &k in members {
             let i = &mut self.interfaces[k];
-            let both = i.sides.map(|s| &self.subdomains[s]);
-            let jump = i.jump(both.map(|s| &*s.state().q), &mut self.work);
-            let largest = both.map(|s| {
+            let sides = i.sides.map(|s| &self.subdomains[s]);
+            let jump = i.jump(sides.map(|s| &*s.state().q), &mut self.work);
+            // Displacements count as vectors, so that the directions of axes do not matter.
+            let largest = sides.map(|s| {
                 let layout = s.model().layout();
                 let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
                 let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
@@ -112,7 +117,7 @@ impl<T: Real> Coupled<T> {
             let limit = if movable {
                 i.start_jump
             } else {
-                i.start_jump.min(T::of(GUEST_JUMP))
+                i.start_jump.min(T::of(EXTERNAL_JUMP))
             };
             if jump > largest * limit {
                 return Err(Error::InitialJump {
@@ -127,14 +132,18 @@ impl<T: Real> Coupled<T> {
         Ok(open && movable)
     }
 
-    /// Reports how far displacements were moved.
-    fn moved(&mut self, members: &[usize], models: &[usize], before: &[Vec<T>]) {
-        let of = |(s, before): (&usize, &Vec<T>)| {
-            let all = self.subdomains[*s].state().q.iter().zip(before);
-            let own = all.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()));
-            ranks::largest(self.subdomains[*s].portion(), own)
+    /// Reports the largest change that the projection made to the displacements.
+    fn report_moved(&mut self, members: &[usize], models: &[usize], before: &[Vec<T>]) {
+        let change = |(s, before): (&usize, &Vec<T>)| {
+            let entries = self.subdomains[*s].state().q.iter().zip(before);
+            let largest = entries.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()));
+            ranks::largest(self.subdomains[*s].portion(), largest)
         };
-        let most = models.iter().zip(before).map(of).fold(T::zero(), |a, b| a.max(b));
+        let most = models
+            .iter()
+            .zip(before)
+            .map(change)
+            .fold(T::zero(), |a, b| a.max(b));
         for &k in members {
             self.interfaces[k].report.start_moved = most.as_f64();
         }

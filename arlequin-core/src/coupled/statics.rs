@@ -1,7 +1,7 @@
-//! The static twin: the weighted energy is stationary under `⟨μ, u − d⟩ = 0` for all `μ`.
+//! Static equilibrium: the weighted energy is stationary under `⟨μ, u − d⟩ = 0` for all multipliers `μ`.
 //!
-//! `[K_C 0 B_Cᵀ; 0 K_D −B_Dᵀ; B_C −B_D 0] [u; d; λ] = [F; f; 0]` with the weights, mediator and junction
-//! objects of the dynamic run.
+//! The system `[K_C 0 B_Cᵀ; 0 K_D −B_Dᵀ; B_C −B_D 0] [u; d; λ] = [F; f; 0]` has the weights, mediator and
+//! junction of the dynamic run.
 
 use super::Coupled;
 use crate::effect::Instant;
@@ -22,20 +22,20 @@ pub struct Equilibrium<T> {
     pub residual: T,
 }
 
-/// Relative residual above which a solution is not one.
+/// Largest accepted relative residual of a solution.
 const RESIDUAL_LIMIT: f64 = 1e-6;
-/// Share of itself by which the step of refinement may change a solution. A rigid motion that is free is
-/// round-off over round-off: it changes by as much as it is, however small the residual.
+/// Largest accepted relative change of the displacements by the step of iterative refinement. A free rigid
+/// motion is round-off over round-off: refinement changes it by its own size, however small the residual.
 const CHANGE_LIMIT: f64 = 1e-3;
 
-/// The saddle-point system before supports are taken out.
+/// Saddle-point system before prescribed unknowns are eliminated.
 struct System<T> {
     matrix: TriMat<T>,
     rhs: Vec<T>,
     fixed: Vec<bool>,
-    /// Displacements of the fixed unknowns.
+    /// Prescribed displacements, in the entries where `fixed` is true.
     values: Vec<T>,
-    /// Largest entry of the stiffness.
+    /// Largest modulus of a stiffness entry.
     scale: T,
 }
 
@@ -50,7 +50,7 @@ impl<T: Real> System<T> {
         }
     }
 
-    /// Stiffness, loads and supports of a subdomain whose unknowns begin at `start`.
+    /// Adds stiffness, loads and supports of a subdomain whose unknowns begin at `start`, at time `t` \[s\].
     fn add(&mut self, s: &mut Subdomain<T>, start: usize, t: T) -> Result<()> {
         let Some(linear) = s.model().as_linear() else {
             let what = "be solved statically: it is not linear, or weighted at its nodes".into();
@@ -64,16 +64,17 @@ impl<T: Real> System<T> {
             self.scale = self.scale.max(v.abs());
         }
         let n = s.model().layout().dofs();
-        let rest = vec![T::zero(); n];
-        let at = Instant {
+        // Effects are evaluated at rest: here none depends on positions, and damping has no force.
+        let zeros = vec![T::zero(); n];
+        let instant = Instant {
             time: t,
-            q: &rest,
-            v_half: &rest,
+            q: &zeros,
+            v_half: &zeros,
             dt: T::zero(),
-            internal: &rest,
-            internal_before: &rest,
+            internal: &zeros,
+            internal_before: &zeros,
         };
-        s.add_effects(&at, &mut self.rhs[start..start + n])?;
+        s.add_effects(&instant, &mut self.rhs[start..start + n])?;
         for motion in s.supports() {
             for &d in &motion.dofs {
                 self.fixed[start + d] = true;
@@ -85,11 +86,12 @@ impl<T: Real> System<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// Equilibrium under the loads and prescribed displacements of time `t`, velocities zero.
+    /// Returns the equilibrium under the loads and prescribed displacements of time `t` \[s\], with zero
+    /// velocities.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] where rigid motions
-    /// are free.
+    /// [`Error::Unsupported`] for a model that is not linear; [`Error::SingularSystem`] if a rigid motion is
+    /// free.
     pub fn equilibrium(&mut self, t: T) -> Result<Equilibrium<T>> {
         let (starts, size) = self.places();
         let mut system = System::new(size);
@@ -98,9 +100,11 @@ impl<T: Real> Coupled<T> {
         }
         self.add_constraints(&starts, system.scale, &mut system.matrix);
         let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
+        // Taken out while `system` is solved, and put back after an error too.
         let mut factored = self.factored.take();
         let solved = solve_with_supports(&system, moving, &mut factored);
         self.factored = factored;
+        // The solver knows no geometry, so free motions are named here.
         let (q, residual) = solved.map_err(|e| match e {
             Error::SingularSystem { size, residual, .. } => {
                 let free = self.free_motions();
@@ -131,7 +135,8 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// First unknown of every subdomain and every interface, and the number of all.
+    /// Returns the first unknown of every subdomain and then of every interface, and the number of all
+    /// unknowns.
     fn places(&self) -> (Vec<usize>, usize) {
         let mut size = 0;
         let bodies = self.subdomains.iter().map(|s| s.model().layout().dofs());
@@ -145,8 +150,9 @@ impl<T: Real> Coupled<T> {
         (starts, size)
     }
 
-    /// Constraint blocks, scaled to the stiffness so that pivoting compares like with like. Dependent
-    /// multipliers get a compliance of 1e-12 of their own, which moves the solution by as little.
+    /// Adds the constraint blocks. Dependent multipliers get a compliance of 1e-12, relative to constraint
+    /// and stiffness entries, on their diagonal: it makes the system regular and changes the solution by as
+    /// little.
     fn add_constraints(&self, starts: &[usize], scale: T, matrix: &mut TriMat<T>) {
         for (k, i) in self.interfaces.iter().enumerate() {
             let row_start = starts[self.subdomains.len() + k];
@@ -177,7 +183,8 @@ impl<T: Real> Coupled<T> {
     }
 }
 
-/// A matrix without prescribed unknowns, and its factor: the next load step of a linear model has the same.
+/// Matrix without prescribed unknowns, and its factor. Kept because the next load step of a linear model has
+/// the same matrix.
 #[derive(Debug)]
 pub(super) struct Factored<T> {
     matrix: CsMat<T>,
@@ -185,10 +192,11 @@ pub(super) struct Factored<T> {
 }
 
 impl<T: Real> System<T> {
-    /// What symmetric scaling multiplies rows and columns by. Rows of multipliers have no diagonal: they
-    /// are scaled by their largest entry against the stiffness.
+    /// Returns the factors of a symmetric scaling of rows and columns. Rows of multipliers have no positive
+    /// diagonal: their largest entry is scaled to the stiffness instead, so that pivoting compares like with
+    /// like.
     fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
-        let of = |(i, row): (usize, CsVecView<'_, T>)| {
+        let factor = |(i, row): (usize, CsVecView<'_, T>)| {
             let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
             let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
             if diagonal > T::zero() {
@@ -199,10 +207,10 @@ impl<T: Real> System<T> {
                 T::one()
             }
         };
-        full.outer_iterator().enumerate().map(of).collect()
+        full.outer_iterator().enumerate().map(factor).collect()
     }
 
-    /// The scaled matrix and right-hand side, prescribed unknowns eliminated.
+    /// Returns the scaled matrix and right-hand side, with prescribed unknowns eliminated.
     fn reduced(&self, full: &CsMat<T>, weight: &[T]) -> (CsMat<T>, Vec<T>) {
         let (n, fixed, values) = (self.rhs.len(), &self.fixed, &self.values);
         let mut system = TriMat::with_capacity((n, n), full.nnz());
@@ -215,6 +223,8 @@ impl<T: Real> System<T> {
         };
         let mut b: Vec<T> = (0..n).map(scaled).collect();
         for (v, (i, j)) in full.iter() {
+            // Columns of prescribed unknowns go to the right-hand side, their rows become those of the
+            // identity.
             if fixed[i] {
                 continue;
             }
@@ -231,20 +241,20 @@ impl<T: Real> System<T> {
     }
 }
 
-/// Eliminates prescribed unknowns, scales symmetrically, solves with one step of refinement. The first
-/// `moving` unknowns are displacements, what follows are multipliers. A matrix is factored if it is not
-/// that of `kept`.
+/// Eliminates prescribed unknowns, scales symmetrically and solves with one step of iterative refinement;
+/// returns the solution and its relative residual. The first `moving` unknowns are displacements, the others
+/// multipliers. The matrix is factored only if it differs from that of `cache`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,
-    kept: &mut Option<Factored<T>>,
+    cache: &mut Option<Factored<T>>,
 ) -> Result<(Vec<T>, T)> {
     let full = system.matrix.to_csr::<usize>();
     let weight = system.scaling(&full);
     let (fresh, b) = system.reduced(&full, &weight);
-    let Factored { matrix: a, factor } = match kept.take() {
-        Some(same) if same.matrix == fresh => kept.insert(same),
-        _ => kept.insert(Factored {
+    let Factored { matrix: a, factor } = match cache.take() {
+        Some(known) if known.matrix == fresh => cache.insert(known),
+        _ => cache.insert(Factored {
             factor: T::lu(&fresh)?,
             matrix: fresh,
         }),
@@ -259,7 +269,10 @@ fn solve_with_supports<T: Real>(
     let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
     let r = residual(a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+    // The last bound keeps 0/0 out where there are no loads.
     let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
+    // A singular matrix may show in the residual, in a refinement that changes the displacements too much, or
+    // in a solution that is larger than the right-hand side over round-off.
     if !relative.is_finite()
         || relative > T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
         || changed

@@ -1,4 +1,4 @@
-//! Whether mediators fill the overlap, and which nodes they hold.
+//! Checks that mediators fill the overlap, and counts the nodes that multipliers act on.
 
 use super::partition::{Filling, ROUND_OFF, SHARE, numbers};
 use crate::extent::Extent;
@@ -7,24 +7,25 @@ use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
-/// A mediator, its two models' places in the group, and what of the overlap lies outside of it.
+/// Mediator, the places of its two models in the group, and measures of the overlap inside and outside of it.
 pub(super) struct Tie<'a, T: Real> {
     pub(super) name: &'a str,
     pub(super) number: usize,
     pub(super) sides: [usize; 2],
     pub(super) extent: Extent<'a, T>,
-    /// Its `h_B`: half of it outside, a point is held by the elements beside it.
+    /// Element size `h_B` of the mediator \[m\]. The elements at its border hold points up to half of this
+    /// outside.
     pub(super) spacing: T,
     pub(super) overlap: T,
-    /// Where only one of the two is, and the weights miss the other.
+    /// Measure where only the one or the other model is present and weight is missing.
     pub(super) only: [T; 2],
     pub(super) outside: T,
-    /// A point of that.
-    pub(super) beside: Point3<T>,
-    /// What particles fill of the overlap beside the other model.
+    /// A point of the overlap outside of the mediator.
+    pub(super) outside_point: Point3<T>,
+    /// Volumes that particles and the other model fill of the overlap.
     pub(super) filling: Filling<T>,
     pub(super) deep: T,
-    pub(super) place: Point3<T>,
+    pub(super) deep_point: Point3<T>,
 }
 
 impl<'a, T: Real> Tie<'a, T> {
@@ -38,15 +39,15 @@ impl<'a, T: Real> Tie<'a, T> {
             overlap: T::zero(),
             only: [T::zero(); 2],
             outside: T::zero(),
-            beside: Point3::origin(),
+            outside_point: Point3::origin(),
             filling: Filling::new(rough),
             deep: T::zero(),
-            place: Point3::origin(),
+            deep_point: Point3::origin(),
         }
     }
 }
 
-/// Share of the overlap outside of a mediator.
+/// Returns the share of the overlap outside of a mediator; refuses an overlap that reaches too far beyond it.
 pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
     if t.overlap <= T::zero() {
         return Ok(0.0);
@@ -56,23 +57,23 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
         return Err(Error::UncoveredOverlap {
             interface: t.name.to_owned(),
             outside: share(t.outside),
-            point: numbers(&t.place),
+            point: numbers(&t.deep_point),
             limit: SHARE,
         });
     }
     Ok(share(t.outside))
 }
 
-/// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their
-/// volumes for particles, by their number otherwise.
-pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
+/// Returns the shares of the coarse and of the fine model's nodes in the overlap on which multipliers act: by
+/// volume for particles, by number otherwise.
+pub(super) fn tied_shares<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>]) -> [f64; 2] {
     [0, 1].map(|m| {
         let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
         let coupled = coupled_nodes(&interface.coupling[m], interface.components());
         let particles = s.model().particles();
-        let (mut held, mut all) = (0.0, 0.0);
+        let (mut held, mut total) = (0.0, 0.0);
         for (k, x) in s.model().nodes().iter().enumerate() {
-            // Weights of both: a model may share other places with other partners.
+            // Both weights must be shared, as a model may share other places with other partners.
             let inside = [s, partner].into_iter().all(|s| {
                 let w = s.weights().kinetic.at(x).as_f64();
                 w > ROUND_OFF && w < 1.0 - ROUND_OFF
@@ -81,11 +82,11 @@ pub(super) fn tied<T: Real>(interface: &Interface<T>, subdomains: &[Subdomain<T>
                 continue;
             }
             let size = particles.map_or(1.0, |p| p[k].measure.as_f64());
-            all += size;
+            total += size;
             if coupled.binary_search(&k).is_ok() {
                 held += size;
             }
         }
-        if all > 0.0 { held / all } else { 1.0 }
+        if total > 0.0 { held / total } else { 1.0 }
     })
 }

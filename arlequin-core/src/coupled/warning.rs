@@ -1,21 +1,21 @@
-//! Warnings of a run: what a user should know and what does not end it.
+//! Warnings of a run: faults that a user should know and that do not end the run.
 
 use super::Coupled;
 use super::observer::Observer;
 use crate::Real;
 use std::fmt;
 
-/// Something that a user of a run should know. Each is kept once, with the largest figure so far.
+/// Warning to the user of a run. Each is kept once, with its largest figure so far.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Warning {
-    /// A solver that makes its own steps tells no energy ([`crate::Participant::invariant`]).
+    /// An external solver reports no energy ([`crate::Participant::invariant`]).
     EnergyUnknown {
         /// Name of the model.
         model: String,
     },
-    /// The balance of energy is off by more than the laws of the models explain.
+    /// The energy balance drifts by more than the laws of the models explain.
     EnergyDrift {
         /// Step number.
         step: usize,
@@ -23,14 +23,14 @@ pub enum Warning {
         time: f64,
         /// Unexplained energy \[J\]; negative where energy is missing.
         drift: f64,
-        /// Its modulus relative to the largest energy so far.
+        /// Modulus of the drift relative to the largest energy so far.
         share: f64,
-        /// The share that the laws explain; see [`Coupled::explained_drift`].
+        /// Share that the laws explain; see [`Coupled::explained_drift`].
         limit: f64,
-        /// Who may be at fault.
+        /// Most likely cause.
         suspect: Suspect,
     },
-    /// An impulse changed the velocities of a solver by something else than impulse over inertia.
+    /// An impulse changed the velocities of an external solver by something else than impulse over inertia.
     ImpulseMissed {
         /// Name of the model.
         model: String,
@@ -39,17 +39,18 @@ pub enum Warning {
         /// Share that round-off explains.
         limit: f64,
     },
-    /// A momentum changed that should stay as it is.
+    /// A momentum that should be kept has changed.
     MomentumChanged {
         /// Names of the models of the body.
         models: Vec<String>,
-        /// Whether it is the angular momentum.
+        /// True for the angular momentum, false for the linear one.
         angular: bool,
-        /// Largest change relative to what is in play.
+        /// Largest change relative to the sum of moduli.
         share: f64,
-        /// Share that is no more than round-off, or than small displacements explain.
+        /// Largest share that round-off explains; for an angular momentum without a claim, that small
+        /// displacements explain.
         limit: f64,
-        /// Why the angular momentum is kept for small displacements only, where that is so.
+        /// Reason why the angular momentum is kept for small displacements only, if so.
         because: Option<String>,
     },
     /// Velocities of the two sides of an interface differ after the multipliers were solved for.
@@ -58,39 +59,39 @@ pub enum Warning {
         interface: String,
         /// Step number.
         step: usize,
-        /// Iterations of the solution; zero where it was no iteration.
+        /// Iterations of the solution; zero for a direct solution.
         iterations: usize,
-        /// Largest jump of velocity relative to the largest velocity so far.
+        /// Largest velocity jump relative to the largest velocity so far.
         share: f64,
         /// Accepted share.
         limit: f64,
     },
-    /// Displacements of the two sides of an interface have drifted apart.
+    /// Displacements of the two sides of an interface have parted.
     DisplacementJump {
         /// Name of the interface.
         interface: String,
         /// Names of the coarse and the fine model.
         models: [String; 2],
-        /// Their own steps in a step of the run.
+        /// Own steps of both models in a macro step.
         own_steps: [usize; 2],
         /// Largest jump \[m\].
         jump: f64,
-        /// The jump relative to the deformation of the overlap.
+        /// Jump relative to the deformation of the overlap.
         share: f64,
         /// Accepted share.
         limit: f64,
     },
 }
 
-/// Who may be at fault where energy is not kept.
+/// Most likely cause of an energy error.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Suspect {
-    /// A solver that makes its own steps.
+    /// An external solver, which makes its own steps.
     Solver(String),
-    /// A model with weights at its nodes.
+    /// A model with nodal weights.
     Nodal(String),
-    /// Nobody in particular.
+    /// No model in particular.
     Anybody,
 }
 
@@ -116,7 +117,7 @@ impl fmt::Display for Suspect {
 }
 
 impl Warning {
-    /// Whether both speak of the same fault of the same object.
+    /// Returns whether both warnings are about the same fault of the same object.
     fn is_about(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::EnergyUnknown { model: a }, Self::EnergyUnknown { model: b })
@@ -142,7 +143,7 @@ impl Warning {
         }
     }
 
-    /// The figure that is held against a limit.
+    /// Returns the figure that is compared with the limit.
     fn share(&self) -> f64 {
         match self {
             Self::EnergyUnknown { .. } => 0.0,
@@ -246,7 +247,8 @@ impl fmt::Display for Warning {
     }
 }
 
-/// The text of [`Warning::DisplacementJump`]: `figures` are the jump \[m\], its share and the limit.
+/// Writes the text of [`Warning::DisplacementJump`]; the last argument holds the jump \[m\], its share and
+/// the limit.
 fn displacement_jump(
     f: &mut fmt::Formatter<'_>,
     interface: &str,
@@ -255,7 +257,7 @@ fn displacement_jump(
     [jump, share, limit]: [f64; 3],
 ) -> fmt::Result {
     let most = if own_steps[0] > own_steps[1] { coarse } else { fine };
-    // With one own step each it is implicit ones that part them.
+    // With one own step each the cause is an implicit step, and fewer steps are no cure.
     let fewer = match own_steps.iter().max() {
         Some(1) | None => String::new(),
         _ => format!("give '{most}' fewer, or "),
@@ -273,12 +275,12 @@ fn displacement_jump(
 }
 
 impl<T: Real> Coupled<T> {
-    /// What a user should know so far, each fault of each object once, with its largest figure.
+    /// Warnings so far: each fault of each object once, with its largest figure.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// Keeps a warning; of one that is known already the larger figure.
+    /// Keeps a warning; replaces a known warning if the new figure is larger.
     pub(super) fn warn(&mut self, warning: Warning) {
         match self.warnings.iter_mut().find(|w| w.is_about(&warning)) {
             Some(known) if known.share() < warning.share() => *known = warning,
@@ -287,11 +289,11 @@ impl<T: Real> Coupled<T> {
         }
     }
 
-    /// Tells an observer the warnings that it has not heard yet.
-    pub(super) fn tell_warnings(&mut self, observer: &mut dyn Observer<T>) {
-        for warning in &self.warnings[self.told..] {
+    /// Sends the warnings that are new to an observer.
+    pub(super) fn send_warnings(&mut self, observer: &mut dyn Observer<T>) {
+        for warning in &self.warnings[self.warnings_sent..] {
             observer.warning(warning);
         }
-        self.told = self.warnings.len();
+        self.warnings_sent = self.warnings.len();
     }
 }

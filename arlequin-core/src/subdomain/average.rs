@@ -15,9 +15,9 @@ use crate::weight::Weighting;
 use crate::{Error, Real, Result, parallel};
 use sprs::TriMat;
 
-use super::step::Reached;
+use super::step::StepEnd;
 
-/// What the implicit stepper keeps.
+/// Factor and working buffers of the implicit stepper.
 #[derive(Debug)]
 pub(super) struct Average<T> {
     factor: Box<dyn SpdFactor<T>>,
@@ -25,8 +25,8 @@ pub(super) struct Average<T> {
     mean: Vec<T>,
     /// Loads in the middle of the step.
     loads: Vec<T>,
-    /// Displacements in the middle of the step where they are prescribed, those at its start elsewhere; and
-    /// forces there.
+    /// Displacements: in the middle of the step where they are prescribed, at its start elsewhere. `pull`
+    /// holds the internal forces there.
     trial: Vec<T>,
     pull: Vec<T>,
     /// Work of the moving supports in the step \[J\].
@@ -34,25 +34,25 @@ pub(super) struct Average<T> {
 }
 
 impl<T: Real> Average<T> {
-    /// Finds the loads of an instant.
+    /// Evaluates the loads of an instant.
     pub(super) fn load(
         &mut self,
         effects: &mut [Attached<T, dyn Effect<T>>],
-        at: &Instant<'_, T>,
+        instant: &Instant<'_, T>,
     ) -> Result<()> {
         self.loads.fill(T::zero());
         effects
             .iter_mut()
-            .try_for_each(|e| e.effect.add_forces(at, &mut self.loads))
+            .try_for_each(|e| e.effect.add_forces(instant, &mut self.loads))
     }
 
-    /// Loads that were found last.
+    /// Loads of the last [`Self::load`].
     pub(super) fn loads(&self) -> &[T] {
         &self.loads
     }
 }
 
-/// An instant of a state, for dead loads.
+/// Returns the instant of a state, for dead loads.
 pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal: &'a [T]) -> Instant<'a, T> {
     Instant {
         time,
@@ -65,7 +65,7 @@ pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Factors the matrix of the implicit stepper.
+    /// Factors the matrix of the implicit stepper for the present length of own steps.
     pub(super) fn make_implicit(&mut self) -> Result<()> {
         if let Some(why) = self.not_implicit() {
             return Err(Error::Unsupported {
@@ -86,6 +86,7 @@ impl<T: Real> Subdomain<T> {
             matrix.add_triplet(i, j, quarter * *k);
         }
         for (i, m) in self.inertia.iter().enumerate() {
+            // Prescribed unknowns have a row of the identity and zero on the right-hand side.
             matrix.add_triplet(i, i, if free(i) { *m } else { T::one() });
         }
         let factor = T::cholesky(&matrix.to_csc()).map_err(|e| Error::Unsupported {
@@ -107,7 +108,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// Why the implicit stepper cannot be had, if so.
+    /// Returns the reason why the implicit stepper cannot be used; `None` if it can.
     fn not_implicit(&mut self) -> Option<String> {
         if self.model.evolving().is_some() {
             return Some("it changes itself as it moves".into());
@@ -135,30 +136,32 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// One step.
-    pub(super) fn average_step(&mut self, reached: Reached<T>) -> Result<()> {
-        self.load_the_middle(reached)?;
-        self.find_mean(reached);
-        self.go_on(reached)
+    /// Makes one implicit step.
+    pub(super) fn average_step(&mut self, step_end: StepEnd<T>) -> Result<()> {
+        self.load_middle(step_end)?;
+        self.compute_mean(step_end);
+        self.finish_step(step_end)
     }
 
-    /// Loads in the middle of the step, and internal forces with what is prescribed there already.
-    fn load_the_middle(&mut self, reached: Reached<T>) -> Result<()> {
+    /// Evaluates the loads in the middle of the step, and the internal forces with prescribed displacements
+    /// already there.
+    fn load_middle(&mut self, step_end: StepEnd<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
         };
-        let middle = reached.time - reached.since * T::of(0.5);
-        let at = instant(middle, reached.since, &self.state, self.forces.internal());
-        average.load(&mut self.effects, &at)?;
+        let middle = step_end.time - step_end.since * T::of(0.5);
+        let middle_instant = instant(middle, step_end.since, &self.state, self.forces.internal());
+        average.load(&mut self.effects, &middle_instant)?;
         let Average { trial, pull, .. } = &mut **average;
         let (q, now) = (&self.state.q, self.forces.internal());
         if self.supports.iter().all(|m| m.amplitude == T::zero()) {
+            // Without moving supports the internal forces are those at the start.
             parallel::copy(pull, now);
             return Ok(());
         }
         trial.copy_from_slice(q);
         for motion in &self.supports {
-            let end = motion.at(reached.time);
+            let end = motion.position(step_end.time);
             let middle = |d: &usize| trial[*d] = (q[*d] + end) * T::of(0.5);
             motion.dofs.iter().for_each(middle);
         }
@@ -166,8 +169,9 @@ impl<T: Real> Subdomain<T> {
         self.model.add_internal_forces(trial, pull)
     }
 
-    /// Mean velocities of the step, and what moving supports do in it at its start.
-    fn find_mean(&mut self, reached: Reached<T>) {
+    /// Computes the mean velocities of the step, and the work of moving supports but for that against the
+    /// internal forces at the end of the step.
+    fn compute_mean(&mut self, step_end: StepEnd<T>) {
         let Stepper::Average(average) = &mut self.stepper else {
             return;
         };
@@ -179,7 +183,7 @@ impl<T: Real> Subdomain<T> {
             support,
             ..
         } = &mut **average;
-        let (dt, half) = (reached.since, reached.since * T::of(0.5));
+        let (dt, half) = (step_end.since, step_end.since * T::of(0.5));
         let State { q, v, .. } = &self.state;
         for (i, mean) in mean.iter_mut().enumerate() {
             let free = self.inverse_inertia[i] > T::zero();
@@ -193,25 +197,25 @@ impl<T: Real> Subdomain<T> {
         *support = T::zero();
         let now = self.forces.internal();
         for motion in &self.supports {
-            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            let (end, velocity, _) = motion.kinematics(step_end.time, step_end.dt);
             for &d in &motion.dofs {
                 mean[d] = (end - q[d]) / dt;
-                // Against the forces at both ends, and to the masses that are moved.
+                // Work against loads and initial internal forces, and kinetic energy of the supported masses.
                 let kinetic = self.inertia[d] * (velocity * velocity - v[d] * v[d]) * T::of(0.5);
                 *support += kinetic - mean[d] * (dt * loads[d] + half * now[d]);
             }
         }
     }
 
-    /// State, forces and works of the end.
-    fn go_on(&mut self, reached: Reached<T>) -> Result<()> {
+    /// Computes state, forces and works at the end of the step.
+    fn finish_step(&mut self, step_end: StepEnd<T>) -> Result<()> {
         let Stepper::Average(average) = &mut self.stepper else {
             return Ok(());
         };
         let Average {
             mean, loads, support, ..
         } = &mut **average;
-        let dt = reached.since;
+        let dt = step_end.since;
         let State { q, v, a } = &mut self.state;
         let now = self.forces.internal_mut();
         for ((q, v), mean) in q.iter_mut().zip(v.iter_mut()).zip(&*mean) {
@@ -219,7 +223,8 @@ impl<T: Real> Subdomain<T> {
             *v = *mean + *mean - *v;
         }
         for motion in &self.supports {
-            let (end, velocity, _) = motion.kinematics(reached.time, reached.dt);
+            // Prescribed unknowns follow their motion exactly, the others the scheme.
+            let (end, velocity, _) = motion.kinematics(step_end.time, step_end.dt);
             motion.dofs.iter().for_each(|&d| (q[d], v[d]) = (end, velocity));
         }
         now.fill(T::zero());
@@ -232,7 +237,7 @@ impl<T: Real> Subdomain<T> {
             *a = *w * (*f + *g);
         }
         for motion in &self.supports {
-            let (.., acceleration) = motion.kinematics(reached.time, reached.dt);
+            let (.., acceleration) = motion.kinematics(step_end.time, step_end.dt);
             motion.dofs.iter().for_each(|&d| a[d] = acceleration);
         }
         for e in &mut self.effects {
@@ -242,7 +247,7 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// `½vᵀMv + U(q)`.
+    /// Returns the invariant `½vᵀMv + U(q)` \[J\].
     pub(super) fn average_invariant(&mut self) -> T {
         let internal = self.internal_energy();
         self.energies.now = Some(internal);

@@ -1,4 +1,4 @@
-//! Whether the energy of a model follows the weight that it is given.
+//! Check that the energy of a model scales with its weight.
 
 use super::Subdomain;
 use crate::conformance::fixed_noise;
@@ -6,20 +6,21 @@ use crate::geometry::bounds_of;
 use crate::weight::{Uniform, Weighting};
 use crate::{Error, Real, Result};
 
-/// Accepted deviation of the energy with a weight of one half from half of that with one.
+/// Largest accepted deviation from 0.5 of the ratio of energies with weights of one half and one.
 const HALF: f64 = 1e-3;
-/// Displacements for that, relative to the distance of nodes, and rotations \[rad\].
+/// Trial displacements, relative to the distance of nodes, and trial rotations \[rad\].
 const AMPLITUDE: f64 = 1e-3;
 
 impl<T: Real> Subdomain<T> {
     /// Refuses a model whose internal energy with a weight of one half is not half of that with one. The
-    /// weight must be set anew afterwards. A solver of its own is not asked: only it knows its energy.
+    /// weight must be set again afterwards. External solvers are not checked: only they know their energy.
     pub(super) fn check_energy(&mut self) -> Result<()> {
+        // A model whose weights are one everywhere need not follow them.
         let weighted = |s: &Self| {
             let w = &s.weights.internal;
             s.model.nodes().iter().any(|x| w.at(x) != T::one())
         };
-        if self.is_guest()
+        if self.is_external()
             || self.portion().is_some()
             || self.weights.weighting == Weighting::Nodal
             || !weighted(self)
@@ -33,8 +34,8 @@ impl<T: Real> Subdomain<T> {
         };
         let (whole, half) = (energy(1.0)?, energy(0.5)?);
         let ratio = half / whole;
-        // Without an energy there is nothing to weight; one that is no number is another fault, of which the
-        // run tells.
+        // A zero energy has nothing to weight. An energy that is not a number is another fault, which the run
+        // reports.
         if !ratio.is_finite() || (ratio - 0.5).abs() <= HALF {
             return Ok(());
         }
@@ -45,7 +46,7 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// Displacements of all nodes in all directions, small beside the distance of nodes.
+    /// Returns displacements of all nodes in all directions, small beside the distance of nodes.
     fn trial_displacements(&self) -> Vec<T> {
         let nodes = self.model.nodes();
         let [low, high] = bounds_of(nodes.iter());
@@ -55,6 +56,7 @@ impl<T: Real> Subdomain<T> {
             .copied()
             .filter(|s| *s > 1e-9 * sides.amax())
             .collect();
+        // Sides without extent are left out, so that spacing is right for planes and lines too.
         let per_node = wide.iter().product::<f64>() / nodes.len().max(1) as f64;
         let spacing = per_node.powf(1.0 / wide.len().max(1) as f64);
         let layout = self.model.layout();

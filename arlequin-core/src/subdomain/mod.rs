@@ -1,12 +1,12 @@
 //! A subdomain: one model with its weights, supports, effects and state.
 //!
-//! [`Subdomain`] is put together here; `prepare` finds its inertia and attaches the effects, `step` makes
-//! velocity Verlet's half of the step and owns the forces, `account` owns the works and energies.
+//! [`Subdomain`] is assembled here. `prepare` computes its inertia and attaches the effects, `step` makes the
+//! part of the step that velocity Verlet does and owns the forces, `account` owns works and energies.
 
 mod account;
 mod average;
+mod external;
 mod follow;
-mod guest;
 mod motion;
 mod own;
 mod prepare;
@@ -22,7 +22,7 @@ pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
 pub(crate) use share::local;
-pub(crate) use step::{Announce, Reached};
+pub(crate) use step::{Announce, StepEnd};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
@@ -35,20 +35,20 @@ use crate::weight::{Weighting, Weights};
 use crate::{Error, NodallyWeighted, Real, Result};
 use account::{Energies, Evolved};
 use average::Average;
-use guest::Guest;
+use external::External;
 use nalgebra::{Point3, Vector3};
 use own::Pace;
 use std::sync::Arc;
 use step::Forces;
 
-/// Whether the weights of a model must sum to one with those of the models it is tied to.
+/// Requirement on the sum of the weights of a model and of the models it is tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Partition {
-    /// They must, wherever one of these models is; refused otherwise.
+    /// The sum must be one wherever one of these models is; refused otherwise.
     #[default]
     Checked,
-    /// They need not: a deliberate study, such as an impedance jump by constant weights over whole models.
-    /// Mass and stiffness are then not those of the body.
+    /// The sum is not checked, for deliberate studies such as an impedance jump by constant weights over
+    /// whole models. Mass and stiffness are then not those of the body.
     Unchecked,
 }
 
@@ -57,46 +57,46 @@ named!(Partition, "partition":
     Unchecked = "unchecked",
 );
 
-/// What makes the own steps.
+/// Method that makes the own steps.
 #[derive(Debug)]
 enum Stepper<T: Real> {
     /// Velocity Verlet.
     Verlet,
-    /// The implicit scheme.
+    /// Average acceleration, which is implicit.
     Average(Box<Average<T>>),
-    /// A solver of its own.
-    Guest(Box<Guest<T>>),
+    /// An external solver.
+    External(Box<External<T>>),
 }
 
-/// One model with everything the coupled run knows of it.
+/// One model with all data that the coupled run has about it.
 pub struct Subdomain<T: Real> {
     model: Box<dyn Model<T>>,
     field: Arc<dyn Interpolation<T>>,
     weights: Weights<T>,
     partition: Partition,
     supports: Vec<PrescribedMotion<T>>,
-    /// Effects until they are attached.
+    /// Effects that are not attached yet.
     chosen: Vec<Box<dyn EffectSpec<T>>>,
-    /// Effects with their lines of the ledger.
+    /// Attached effects with their lines of the ledger.
     effects: Vec<Attached<T, dyn Effect<T>>>,
-    /// What the model is to remember from the start.
+    /// Saved state from which the model continues.
     memory: Option<Record<T>>,
-    /// Ranks among which the run shares its model out.
+    /// Ranks among which the run will partition the model; `None` once it has.
     ranks: Option<Arc<dyn Communicator>>,
-    /// What this rank holds, once it was shared out.
+    /// This rank's part, once the run has partitioned the model.
     portion: Option<Arc<Portion>>,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
     forces: Forces<T>,
-    /// How it was asked to step, and how it steps.
-    own: OwnStep<T>,
+    /// Requested own step, and (`pace`) the one that was chosen.
+    requested_step: OwnStep<T>,
     pace: Pace<T>,
     stepper: Stepper<T>,
-    /// Line of the ledger of a model that evolves.
+    /// Line of the ledger for a model that changes itself.
     evolved: Option<Evolved<T>>,
     energies: Energies<T>,
-    /// Scratch: powers of effects and supports.
+    /// Working buffer for the powers of effects and supports.
     powers: Vec<Exact>,
 }
 
@@ -109,19 +109,19 @@ impl<T: Real> std::fmt::Debug for Subdomain<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// A model in the coarse role.
+    /// Makes a subdomain of a model in the coarse role.
     pub fn coarse(model: impl CoarseModel<T> + 'static, weights: Weights<T>) -> Self {
         let field = model.coarse_field();
         Self::new(Box::new(model), field, weights)
     }
 
-    /// A model in the fine role.
+    /// Makes a subdomain of a model in the fine role.
     pub fn fine(model: impl FineModel<T> + 'static, weights: Weights<T>) -> Self {
         let field = model.fine_field();
         Self::new(Box::new(model), field, weights)
     }
 
-    /// A model with an explicitly chosen field.
+    /// Makes a subdomain of a model with an explicitly chosen field.
     pub fn new(model: Box<dyn Model<T>>, field: Arc<dyn Interpolation<T>>, weights: Weights<T>) -> Self {
         let mut model = match weights.weighting {
             Weighting::Energy => model,
@@ -142,7 +142,7 @@ impl<T: Real> Subdomain<T> {
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],
             forces: Forces::zero(n),
-            own: OwnStep::Same,
+            requested_step: OwnStep::Same,
             pace: Pace {
                 steps: 1,
                 dt: T::zero(),
@@ -169,8 +169,8 @@ impl<T: Real> Subdomain<T> {
         self
     }
 
-    /// Says whether the weights must sum to one with those of the models this one is tied to; one unchecked
-    /// model frees all of them. Checked unless said otherwise.
+    /// Sets whether the weights must sum to one with those of the models this one is tied to; checked by
+    /// default. One unchecked model frees all models of its group.
     #[must_use]
     pub fn with_partition(mut self, partition: Partition) -> Self {
         self.partition = partition;
@@ -199,15 +199,15 @@ impl<T: Real> Subdomain<T> {
         Ok(self)
     }
 
-    /// Lets the model go on from what an equal one remembered, [`Model::save`]: the initial displacements
-    /// are then those at which it was saved.
+    /// Lets the model continue from a state that an equal model saved ([`Model::save`]). The initial
+    /// displacements are then those at which it was saved.
     #[must_use]
-    pub fn with_memory(mut self, of: Record<T>) -> Self {
-        self.memory = Some(of);
+    pub fn with_memory(mut self, memory: Record<T>) -> Self {
+        self.memory = Some(memory);
         self
     }
 
-    /// What the present state would need effects for, whether they are on or not.
+    /// Returns findings in the present state that need an effect, whether the effect is on or not.
     pub(crate) fn watch(&self) -> Vec<Finding> {
         self.model
             .watching()
@@ -218,7 +218,7 @@ impl<T: Real> Subdomain<T> {
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
     }
-    /// What this rank holds of it, if its model is in parts.
+    /// This rank's part of the model, if the model is partitioned.
     pub fn portion(&self) -> Option<&Portion> {
         self.model.portion()
     }
@@ -238,11 +238,11 @@ impl<T: Real> Subdomain<T> {
     pub fn inertia(&self) -> &[T] {
         &self.inertia
     }
-    /// Its inverse; zero for prescribed unknowns.
+    /// Inverse of [`Self::inertia`]; zero for prescribed unknowns.
     pub fn inverse_inertia(&self) -> &[T] {
         &self.inverse_inertia
     }
-    /// Effects in the order they were added; none before the run has attached them.
+    /// Effects in the order they were added; empty until the run has attached them.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect<T>> {
         self.effects.iter().map(|e| &*e.effect)
     }
@@ -251,30 +251,30 @@ impl<T: Real> Subdomain<T> {
         &self.supports
     }
 
-    /// Supports that move.
+    /// Supports with an amplitude other than zero.
     pub(crate) fn moving(&self) -> impl Iterator<Item = &PrescribedMotion<T>> {
         self.supports.iter().filter(|m| m.amplitude != T::zero())
     }
 
-    /// Whether its weights must sum to one with those of others.
+    /// Requirement on the sum of the weights of this model and those tied to it.
     pub(crate) fn partition(&self) -> Partition {
         self.partition
     }
 
-    /// Velocities, for constraints to correct.
+    /// Velocities, to be corrected by constraints.
     pub(crate) fn velocities(&mut self) -> &mut [T] {
         &mut self.state.v
     }
 
-    /// Displacements, for constraints to correct.
+    /// Displacements, to be corrected by constraints.
     pub(crate) fn displacements(&mut self) -> &mut [T] {
         &mut self.state.q
     }
 
-    /// Displacement and velocity of the field at a point \[m, m/s\].
+    /// Returns displacement \[m\] and velocity \[m/s\] of the field at a point.
     ///
     /// # Errors
-    /// [`Error::OutsideDomain`].
+    /// [`Error::OutsideDomain`] if the field does not reach the point.
     pub fn sample(&self, x: &Point3<T>) -> Result<[Vector3<T>; 2]> {
         let mut row = ShapeRow::default();
         self.field().shape_at(x, false, &mut row)?;

@@ -24,7 +24,8 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
-    pub(crate) fn at(&self, t: T) -> T {
+    /// Position at time `t` \[s\].
+    pub(crate) fn position(&self, t: T) -> T {
         if self.amplitude == T::zero() {
             T::zero()
         } else {
@@ -32,21 +33,21 @@ impl<T: Real> PrescribedMotion<T> {
         }
     }
 
-    /// Position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\], as central differences
-    /// over `dt` \[s\]: with these velocity Verlet follows the motion exactly. With `dt` zero the time
-    /// stands still: position alone.
+    /// Returns position \[m\], velocity \[m/s\] and acceleration \[m/s²\] at time `t` \[s\]. The latter two
+    /// are central differences over `dt` \[s\], so that velocity Verlet follows the motion exactly. With `dt`
+    /// zero time stands still, and they are zero.
     pub fn kinematics(&self, t: T, dt: T) -> (T, T, T) {
-        // In double precision whatever `T` is: the differences are many digits below the values.
+        // Always in double precision: the differences are many digits below the values.
         let amplitude = self.amplitude.as_f64();
         if amplitude == 0.0 {
             return (T::zero(), T::zero(), T::zero());
         }
         let (t, dt) = (t.as_f64(), dt.as_f64());
         if dt <= 0.0 {
-            return (self.at(T::of(t)), T::zero(), T::zero());
+            return (self.position(T::of(t)), T::zero(), T::zero());
         }
-        let at = |t: f64| amplitude * self.time.at_wide(t);
-        let (before, now, after) = (at(t - dt), at(t), at(t + dt));
+        let position = |t: f64| amplitude * self.time.at_wide(t);
+        let (before, now, after) = (position(t - dt), position(t), position(t + dt));
         (
             T::of(now),
             T::of((after - before) / (dt + dt)),

@@ -1,26 +1,27 @@
-//! How a participant steps between two reflections.
+//! Own steps of a participant between two reflections.
 
 use super::Subdomain;
 use crate::{Real, Result};
 
-/// How a participant of a run gets from one reflection to the next, a step of the run `ΔT` later.
+/// How a participant of a run gets from one reflection to the next, one macro step `ΔT` later.
 ///
-/// Reflections leave `½vᵀMv` of all participants together as it is and touch no positions, so that every
-/// participant may step as it likes in between, as long as it keeps its own energy (docs/method.md).
+/// Reflections keep `½vᵀMv` of all participants together and change no positions. Every participant may
+/// therefore step as it likes in between, as long as it keeps its own energy (docs/method.md).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum OwnStep<T> {
-    /// In one step of its own, unless [`crate::TimeStep::Chosen`] finds that it needs more.
+    /// One own step, unless [`crate::TimeStep::Chosen`] finds that more are needed.
     #[default]
     Same,
-    /// In so many steps of its own, at least one.
+    /// This number of own steps, at least one.
     Ratio(usize),
-    /// In as few steps as keep each at or below this share, in (0, 1], of its own critical step.
+    /// Smallest number of own steps that keeps each at or below this share, in (0, 1], of the critical step
+    /// of the participant.
     Fraction(T),
-    /// In one implicit step that has no critical one: average acceleration, for linear continua.
+    /// One implicit step without a critical step: average acceleration, for linear continua.
     Implicit,
 }
 
-/// What was chosen: the number of own steps in a step of the run, and their length \[s\].
+/// Number of own steps in a macro step, and their length \[s\].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pace<T> {
     pub(super) steps: usize,
@@ -28,32 +29,32 @@ pub(super) struct Pace<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Says how it steps between two reflections; [`OwnStep::Same`] unless said otherwise.
+    /// Sets how the model steps between two reflections; [`OwnStep::Same`] by default.
     #[must_use]
-    pub fn with_step(mut self, own: OwnStep<T>) -> Self {
-        self.own = own;
+    pub fn with_step(mut self, step: OwnStep<T>) -> Self {
+        self.requested_step = step;
         self
     }
 
-    /// How it was asked to step.
+    /// Requested own step.
     pub fn step_choice(&self) -> OwnStep<T> {
-        self.own
+        self.requested_step
     }
 
-    /// Number of its own steps in a step of the run; set when the run is built.
+    /// Number of own steps in a macro step; set when the run is built.
     pub fn own_steps(&self) -> usize {
         self.pace.steps
     }
 
-    /// Length of its own steps \[s\]; zero before the run is built.
+    /// Length of an own step \[s\]; zero before the run is built.
     pub fn own_dt(&self) -> T {
         self.pace.dt
     }
 
-    /// Takes so many own steps in a step of the run.
+    /// Sets the number of own steps in a macro step `run` \[s\].
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] where it is to step implicitly and cannot.
+    /// [`crate::Error::Unsupported`] if an implicit step was requested and the model cannot make it.
     pub(crate) fn set_pace(&mut self, run: T, steps: usize) -> Result<()> {
         let dt = if steps == 1 {
             run
@@ -61,7 +62,7 @@ impl<T: Real> Subdomain<T> {
             run / T::of(steps as f64)
         };
         self.pace = Pace { steps, dt };
-        match self.own {
+        match self.requested_step {
             OwnStep::Implicit => self.make_implicit(),
             _ => Ok(()),
         }

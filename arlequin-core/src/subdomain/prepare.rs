@@ -1,4 +1,4 @@
-//! What a subdomain needs before the first step: weights, inertia, attached effects, its critical step.
+//! Preparation of a subdomain before the first step: weights, inertia, attached effects, critical step.
 
 use super::Subdomain;
 use crate::effect::{Attached, Effect, Host, StepDemand, shortened};
@@ -9,17 +9,18 @@ use crate::{Error, Real, Result, ranks};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl<T: Real> Subdomain<T> {
-    /// Weights the model, computes its inertia and attaches the effects; `paired` where effects between two
-    /// subdomains act on this one.
+    /// Weights the model, computes its inertia and attaches the effects; `paired` is true if pair effects act
+    /// on this subdomain.
     pub(crate) fn prepare(&mut self, paired: bool) -> Result<()> {
         self.model.layout().check(self.model.name())?;
         self.check_energy()?;
+        // The check left a trial weight behind.
         self.model.set_internal_weight(&*self.weights.internal)?;
         if let Some(memory) = self.memory.take() {
             self.model.restore(&memory)?;
         }
-        if self.is_guest() {
-            self.weigh_guest(paired)?;
+        if self.is_external() {
+            self.weigh_external(paired)?;
         } else {
             self.model
                 .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
@@ -27,8 +28,8 @@ impl<T: Real> Subdomain<T> {
         check_finite("weighted inertia", &self.inertia)?;
         let prescribed = self.prescribed()?;
         self.invert(&prescribed)?;
-        if self.is_to_be_shared() {
-            // To its part.
+        if self.is_to_be_partitioned() {
+            // Effects are attached after partitioning, to this rank's part.
             return Ok(());
         }
         self.attach(paired)
@@ -36,7 +37,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Attaches the effects.
     pub(super) fn attach(&mut self, paired: bool) -> Result<()> {
-        // Loads must stay out of the invariant's internal forces.
+        // The invariant needs internal forces without loads, so loads get an array of their own.
         self.forces.expect_loads(!self.chosen.is_empty(), paired);
         let chosen = std::mem::take(&mut self.chosen);
         let host = self.host();
@@ -46,23 +47,25 @@ impl<T: Real> Subdomain<T> {
         self.check_parts()
     }
 
-    /// Refuses effects that need the whole of a model that is in parts here, and ranks that do not have the
-    /// same.
+    /// Refuses effects that need the whole of a partitioned model, and ranks whose effects or supports
+    /// differ. Collective.
     fn check_parts(&self) -> Result<()> {
         let Some(portion) = self.portion() else {
             return Ok(());
         };
         let model = self.model.name();
-        let mut told = DefaultHasher::new();
+        // One number shows whether all ranks were given the same effects and supports.
+        let mut hasher = DefaultHasher::new();
         for e in &self.effects {
-            e.effect.name().hash(&mut told);
+            e.effect.name().hash(&mut hasher);
         }
         for m in &self.supports {
-            m.amplitude.as_f64().to_bits().hash(&mut told);
+            m.amplitude.as_f64().to_bits().hash(&mut hasher);
         }
         let what = format!("the effects on '{model}' and its supports");
-        ranks::agree(portion.communicator(), &what, told.finish())?;
+        ranks::agree(portion.communicator(), &what, hasher.finish())?;
         let (layout, v) = (self.model.layout(), &self.state.v);
+        // An effect that cannot add its power unit by unit acts on whole models only.
         let whole = |e: &&Attached<T, _>| !Effect::add_power(&*e.effect, &layout, v, &mut Exact::zero());
         self.effects.iter().find(whole).map_or(Ok(()), |e| {
             let (effect, ranks) = (e.effect.name(), portion.division().ranks());
@@ -75,7 +78,8 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// The unknowns whose motion is prescribed.
+    /// Marks the unknowns whose motion is prescribed; refuses unknowns that do not exist or are prescribed
+    /// twice.
     fn prescribed(&self) -> Result<Vec<bool>> {
         let dofs = self.model.layout().dofs();
         let mut out = vec![false; dofs];
@@ -109,7 +113,7 @@ impl<T: Real> Subdomain<T> {
         Ok(out)
     }
 
-    /// Fills the inverse inertia, zero where motion is prescribed.
+    /// Computes the inverse inertia, zero where motion is prescribed; refuses nodes without mass.
     fn invert(&mut self, prescribed: &[bool]) -> Result<()> {
         let layout = self.model.layout();
         let top = self.inertia[..layout.translations()]
@@ -118,7 +122,7 @@ impl<T: Real> Subdomain<T> {
         let top = ranks::largest(self.portion(), top);
         for (i, m) in self.inertia.iter().enumerate() {
             // Round-off of element means may leave a few epsilon of the largest mass where there should be
-            // none.
+            // none. Inertia of rotations may be that small beside masses, so only zero is refused there.
             if !prescribed[i]
                 && *m <= top * T::epsilon() * T::of(4.0)
                 && (i < layout.translations() || *m <= T::zero())
@@ -136,12 +140,13 @@ impl<T: Real> Subdomain<T> {
                     mass: m.as_f64(),
                 });
             }
+            // A zero keeps forces and constraints from moving a prescribed unknown.
             self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
         }
         Ok(())
     }
 
-    /// What effects may see of the prepared subdomain.
+    /// Returns the view of the prepared subdomain that effects get.
     pub(crate) fn host(&self) -> Host<'_, T> {
         Host {
             model: &*self.model,
@@ -152,7 +157,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Critical step of the weighted model with its effects and those `between` it and others \[s\].
+    /// Returns the critical step \[s\] of the weighted model with its effects and with the demands `between`
+    /// of pair effects.
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to `2/ω (√(1 +
     /// ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
@@ -161,15 +167,15 @@ impl<T: Real> Subdomain<T> {
         if self.effects.is_empty() && between.is_empty() {
             return Ok(free);
         }
-        let own = self
+        let demands = self
             .effects
             .iter()
-            .map(|e| self.of_all_ranks(e.effect.step_demand()));
-        Ok(shortened(free, own.chain(between.iter().copied())))
+            .map(|e| self.largest_demand(e.effect.step_demand()));
+        Ok(shortened(free, demands.chain(between.iter().copied())))
     }
 
-    /// What an effect demands on any rank.
-    fn of_all_ranks(&self, d: StepDemand<T>) -> StepDemand<T> {
+    /// Returns the largest demand of an effect over all ranks.
+    fn largest_demand(&self, d: StepDemand<T>) -> StepDemand<T> {
         let largest = |x: T| ranks::largest(self.portion(), x);
         StepDemand {
             stiffness: largest(d.stiffness),

@@ -1,4 +1,4 @@
-//! What holds a subdomain: the balance of its prescribed unknowns, and resultants of forces on it.
+//! Reactions of a subdomain: balance of its prescribed unknowns, and resultants of forces on it.
 
 use super::{Stepper, Subdomain, average};
 use crate::effect::Effect;
@@ -12,16 +12,16 @@ use nalgebra::{Point3, Vector3};
 pub struct Resultant<T: Real> {
     /// Force on the model \[N\].
     pub force: Vector3<T>,
-    /// Moment on the model about the point asked for, torques on rotations included \[N m\]. Arms are those
-    /// of the effect where it says them ([`AnyEffect::arms`]), else those of the model: present positions
-    /// where its forces turn with it ([`Arms::Current`]), those at rest otherwise.
+    /// Moment on the model about the given point, torques on rotations included \[N m\]. Arms are those that
+    /// the effect names ([`AnyEffect::arms`]), otherwise those of the model: present positions if its forces
+    /// turn with it ([`Arms::Current`]), positions at rest otherwise.
     ///
     /// [`AnyEffect::arms`]: crate::effect::AnyEffect::arms
     pub moment: Vector3<T>,
 }
 
 impl<T: Real> Resultant<T> {
-    /// No force.
+    /// Zero force and moment.
     pub fn zero() -> Self {
         Self {
             force: Vector3::zeros(),
@@ -38,10 +38,10 @@ impl<T: Real> std::ops::AddAssign for Resultant<T> {
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Brings the forces of all effects to the present instant.
+    /// Updates the forces of all effects to the present instant.
     ///
     /// # Errors
-    /// Those of the effects; [`Error::Unsupported`] between a restored state and its first step.
+    /// Errors of the effects; [`Error::Unsupported`] between a restored state and its first step.
     pub(crate) fn refresh(&mut self, time: T) -> Result<()> {
         if !self.forces.known() {
             return Err(Error::Unsupported {
@@ -49,27 +49,27 @@ impl<T: Real> Subdomain<T> {
                 what: "tell its reactions: forces of a restored state are known after the next step".into(),
             });
         }
-        // The implicit scheme has its loads from the middle of the step.
+        // The implicit scheme evaluated its loads in the middle of the step.
         if let Stepper::Average(average) = &mut self.stepper {
-            let at = average::instant(time, self.pace.dt, &self.state, self.forces.internal());
-            average.load(&mut self.effects, &at)?;
+            let instant = average::instant(time, self.pace.dt, &self.state, self.forces.internal());
+            average.load(&mut self.effects, &instant)?;
         }
         Ok(())
     }
 
-    /// Writes internal and external forces, weighted, at the present instant.
+    /// Writes the sum of internal and external forces, weighted, at the present instant.
     ///
     /// # Errors
-    /// Those of the model and of [`Self::refresh`].
-    pub(crate) fn pull(&mut self, time: T, out: &mut [T]) -> Result<()> {
+    /// Errors of the model and of [`Self::refresh`].
+    pub(crate) fn write_forces(&mut self, time: T, out: &mut [T]) -> Result<()> {
         self.refresh(time)?;
         match &self.stepper {
-            Stepper::Guest(_) => out.fill(T::zero()),
+            Stepper::External(_) => out.fill(T::zero()),
             Stepper::Average(average) => {
-                let all = self.forces.internal().iter().zip(average.loads());
-                out.iter_mut().zip(all).for_each(|(o, (f, g))| *o = *f + *g);
+                let terms = self.forces.internal().iter().zip(average.loads());
+                out.iter_mut().zip(terms).for_each(|(o, (f, g))| *o = *f + *g);
             }
-            // The model makes its steps itself; nothing else acts on it then.
+            // A model that makes its steps itself has no other forces.
             Stepper::Verlet if self.forces.are_released() => {
                 out.fill(T::zero());
                 self.model.add_internal_forces(&self.state.q, out)?;
@@ -79,17 +79,17 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// `R = M q̈ − F` of the prescribed unknowns, zero elsewhere, from all forces `F` but those of the
-    /// supports.
-    pub(crate) fn react(&self, forces: &mut [T]) {
-        let mut kept = vec![T::zero(); forces.len()];
+    /// Replaces all forces `F` but those of the supports by the reactions `R = M q̈ − F` of the prescribed
+    /// unknowns, zero elsewhere.
+    pub(crate) fn replace_by_reactions(&self, forces: &mut [T]) {
+        let mut reactions = vec![T::zero(); forces.len()];
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {
-            kept[d] = self.inertia[d] * self.state.a[d] - forces[d];
+            reactions[d] = self.inertia[d] * self.state.a[d] - forces[d];
         }
-        forces.copy_from_slice(&kept);
+        forces.copy_from_slice(&reactions);
     }
 
-    /// Force and moment about a point of the forces on some unknowns.
+    /// Returns force and moment about a point of the forces on some unknowns, over all ranks.
     pub(crate) fn resultant(
         &self,
         forces: &[T],
@@ -97,11 +97,13 @@ impl<T: Real> Subdomain<T> {
         about: &Point3<T>,
     ) -> Resultant<T> {
         let layout = self.model.layout();
+        // Exact sums have the same bits on any number of ranks.
         let mut sums = [Exact::zero(); 6];
         let mut add = |k: usize, x: T| sums[k].add(x.as_f64());
         for d in unknowns {
             match d.checked_sub(layout.translations()) {
-                Some(behind) => add(3 + behind % 3, forces[d]),
+                // Behind the translations are rotations, whose forces are torques.
+                Some(rotation) => add(3 + rotation % 3, forces[d]),
                 None => {
                     let mut force = Vector3::zeros();
                     force[d % layout.components] = forces[d];
@@ -115,32 +117,34 @@ impl<T: Real> Subdomain<T> {
         self.resultant_of(sums)
     }
 
-    /// Sums of all ranks: force, then moment.
+    /// Adds up the sums of all ranks: force, then moment.
     fn resultant_of(&self, sums: [Exact; 6]) -> Resultant<T> {
-        let all = match self.portion() {
+        let totals = match self.portion() {
             Some(p) => p.total(sums),
             None => sums.map(Exact::value),
         };
-        let [a, b, c, x, y, z] = all.map(T::of);
+        let [a, b, c, x, y, z] = totals.map(T::of);
         Resultant {
             force: Vector3::new(a, b, c),
             moment: Vector3::new(x, y, z),
         }
     }
 
-    /// Force and moment about a point of the last forces of an effect.
+    /// Returns force and moment about a point of the last forces of an effect.
     pub(crate) fn resultant_of_effect(&self, about: &Point3<T>, effect: &dyn Effect<T>) -> Resultant<T> {
         let layout = self.model.layout();
-        self.resultant_by_power(about, effect.arms(), &|v, to| {
-            if !effect.add_power(&layout, v, to) {
-                to.add(effect.power(v).as_f64());
+        self.resultant_by_power(about, effect.arms(), &|v, sum| {
+            if !effect.add_power(&layout, v, sum) {
+                sum.add(effect.power(v).as_f64());
             }
         })
     }
 
-    /// Force and moment about a point of the last forces of an effect, by their power in unit motions.
+    /// Returns force and moment about a point of the last forces of an effect, from their power in unit rigid
+    /// motions.
     ///
-    /// `power` adds that of an effect or of one side of a pair effect, `arms` is what the effect says.
+    /// `power` adds the power of an effect or of one side of a pair effect. `arms` are those that the effect
+    /// names, if any.
     pub(crate) fn resultant_by_power(
         &self,
         about: &Point3<T>,
@@ -152,6 +156,7 @@ impl<T: Real> Subdomain<T> {
         let mut motion = vec![T::zero(); layout.dofs()];
         let mut sums = [Exact::zero(); 6];
         for c in 0..3 {
+            // A component of force is the power in a unit translation, one of moment that in a unit turn.
             let axis = Vector3::ith(c, T::one());
             if c < layout.components {
                 motion.fill(T::zero());
@@ -172,7 +177,7 @@ impl<T: Real> Subdomain<T> {
         self.resultant_of(sums)
     }
 
-    /// From a point to a node, where its forces act.
+    /// Returns the vector from a point to a node, where its forces act.
     fn arm(&self, node: usize, about: &Point3<T>, arms: Arms) -> Vector3<T> {
         let layout = self.model.layout();
         let mut arm = self.model.nodes()[node] - about;

@@ -1,4 +1,4 @@
-//! What a subdomain must remember to go on with the same bits.
+//! State that a subdomain saves to continue with the same bits.
 
 use super::Subdomain;
 use super::account::Energies;
@@ -7,7 +7,7 @@ use crate::record::{Record, same};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
 
-/// What a subdomain must remember.
+/// Saved state of a subdomain.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SubdomainSnapshot<T> {
@@ -17,17 +17,17 @@ pub struct SubdomainSnapshot<T> {
     pub v: Vec<T>,
     /// Accelerations.
     pub a: Vec<T>,
-    /// Internal forces at `q`; none once the model makes its steps itself.
+    /// Internal forces at `q`; empty if the model makes its steps itself.
     pub internal: Vec<T>,
-    /// Internal energy at `q` \[J\], where the ledger knows it.
+    /// Internal energy at `q` \[J\], if the ledger knows it.
     pub energy: Option<T>,
     /// Works of the effects since the start \[J\].
     pub works: Vec<T>,
-    /// Work of the evolution of the model since the start \[J\].
+    /// Work since the start \[J\] of the model's changes to itself, negative; `None` if it makes none.
     pub evolved: Option<T>,
-    /// What the model remembers.
+    /// State that the model saves.
     pub model: Record<T>,
-    /// What the effects remember.
+    /// States that the effects save.
     pub effects: Vec<Record<T>>,
 }
 
@@ -46,37 +46,38 @@ impl<T: Real> Subdomain<T> {
             works: self.effects.iter().map(|e| e.work()).collect(),
             evolved: self.evolved.map(|e| e.work),
             model: self.save_model()?,
-            effects: (self.effects.iter().map(|e| self.recorded_of(&*e.effect))).collect::<Result<_>>()?,
+            effects: (self.effects.iter().map(|e| self.recorded_effect(&*e.effect)))
+                .collect::<Result<_>>()?,
         })
     }
 
-    /// What an effect remembers, of a model in parts a number for every unknown or nothing: of the whole
-    /// model on the first rank.
-    fn recorded_of(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
-        let own = effect.save();
+    /// Returns the state that an effect saves. In a partitioned model it has one number per unknown, or none,
+    /// and is gathered on rank 0.
+    fn recorded_effect(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
+        let record = effect.save();
         let portion = self.portion().filter(|_| !effect.saves_whole());
-        let Some(portion) = portion else { return Ok(own) };
-        if !portion.any(!own.numbers.is_empty())? {
-            return Ok(own);
+        let Some(portion) = portion else { return Ok(record) };
+        if !portion.any(!record.numbers.is_empty())? {
+            return Ok(record);
         }
         let name = self.model().name();
         same(
             &format!("memory of an effect on '{name}'"),
             self.inertia.len(),
-            own.numbers.len(),
+            record.numbers.len(),
         )?;
-        let numbers = self.recorded(&own.numbers)?;
-        Ok(Record { numbers, ..own })
+        let numbers = self.recorded(&record.numbers)?;
+        Ok(Record { numbers, ..record })
     }
 
-    /// Unknowns of the whole model; none on ranks but the first.
+    /// Gathers `x` on rank 0; empty on the other ranks.
     fn recorded(&self, x: &[T]) -> Result<Vec<T>> {
         Ok(self.in_all(x)?.unwrap_or_default())
     }
 
     pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {
         let layout = self.model.layout();
-        let all = self.nodes_in_all() * (layout.components + layout.rotations);
+        let dofs = self.nodes_in_all() * (layout.components + layout.rotations);
         let name = self.model().name().to_owned();
         let parts = [
             ("displacements", &from.q),
@@ -89,7 +90,7 @@ impl<T: Real> Subdomain<T> {
             .chain((!from.internal.is_empty()).then_some(forces));
         for (what, x) in parts {
             let what = format!("{what} of '{name}' in the snapshot");
-            same(&what, all, x.len())?;
+            same(&what, dofs, x.len())?;
             check_finite(&what, x)?;
         }
         same(
@@ -102,15 +103,16 @@ impl<T: Real> Subdomain<T> {
             self.effects.len(),
             from.effects.len(),
         )?;
-        self.state.q = self.here(&from.q);
-        self.state.v = self.here(&from.v);
-        self.state.a = self.here(&from.a);
+        self.state.q = self.restrict(&from.q);
+        self.state.v = self.restrict(&from.v);
+        self.state.a = self.restrict(&from.a);
         if from.internal.is_empty() {
             self.forces.restore(&[]);
         } else {
-            let internal = self.here(&from.internal);
+            let internal = self.restrict(&from.internal);
             self.forces.restore(&internal);
         }
+        // The next step needs no other energies.
         self.energies = Energies {
             now: from.energy,
             ..Energies::unknown()
@@ -119,14 +121,14 @@ impl<T: Real> Subdomain<T> {
             line.work = work;
         }
         self.restore_model(&from.model)?;
-        let here = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
-            Some(_) if record.numbers.len() == all && !e.effect.saves_whole() => Record {
-                numbers: self.here(&record.numbers),
+        let local_record = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
+            Some(_) if record.numbers.len() == dofs && !e.effect.saves_whole() => Record {
+                numbers: self.restrict(&record.numbers),
                 integers: record.integers.clone(),
             },
             _ => record.clone(),
         };
-        let records: Vec<_> = self.effects.iter().zip(&from.effects).map(here).collect();
+        let records: Vec<_> = self.effects.iter().zip(&from.effects).map(local_record).collect();
         for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&records)) {
             e.restore(*work, record)?;
         }

@@ -1,4 +1,4 @@
-//! A subdomain that is put into a state at rest.
+//! Subdomains at rest: states without velocities, as statics reaches them.
 
 use super::account::Energies;
 use super::{Stepper, Subdomain};
@@ -7,9 +7,9 @@ use crate::weight::Weighting;
 use crate::{Real, Result};
 
 impl<T: Real> Subdomain<T> {
-    /// Why its equilibrium is not the solution of one linear system, if so.
+    /// Returns the reason why the equilibrium is not the solution of one linear system; `None` if it is.
     pub(crate) fn not_direct(&mut self) -> Option<String> {
-        if self.is_guest() {
+        if self.is_external() {
             return Some("it is a solver of its own".into());
         }
         if self.model.evolving().is_some() {
@@ -18,14 +18,15 @@ impl<T: Real> Subdomain<T> {
         if self.weights.weighting == Weighting::Nodal || self.model.as_linear().is_none() {
             return Some("its forces are not linear, or weighted at its nodes".into());
         }
-        // Dampings have no force at rest; what adds to the stiffness has.
+        // Damping has no force at rest; effects that add stiffness have.
         let mut bound = self.effects.iter();
         let bound = bound.find(|e| !e.effect.is_dead() && e.effect.step_demand().stiffness > T::zero());
         bound.map(|e| format!("effect '{}' depends on positions", e.effect.name()))
     }
 
-    /// Goes to displacements of a time, without velocities.
-    pub(crate) fn rest(&mut self, q: &[T], time: T) -> Result<()> {
+    /// Sets displacements at a time \[s\], with zero velocities and accelerations, and evaluates all forces
+    /// there.
+    pub(crate) fn set_at_rest(&mut self, q: &[T], time: T) -> Result<()> {
         self.state.q.copy_from_slice(q);
         self.state.v.fill(T::zero());
         self.state.a.fill(T::zero());
@@ -33,7 +34,7 @@ impl<T: Real> Subdomain<T> {
         let mut forces = vec![T::zero(); q.len()];
         self.model.advance(q, &mut forces)?;
         self.forces.settle(forces);
-        let at = Instant {
+        let instant = Instant {
             time,
             q: &self.state.q,
             v_half: &self.state.v,
@@ -42,20 +43,22 @@ impl<T: Real> Subdomain<T> {
             internal_before: self.forces.internal(),
         };
         let mut loads = self.forces.internal().to_vec();
+        // Effects are evaluated too, since they remember their forces.
         for e in &mut self.effects {
-            e.effect.add_forces(&at, &mut loads)?;
+            e.effect.add_forces(&instant, &mut loads)?;
         }
         self.forces.settle_loads(&loads);
         Ok(())
     }
 
-    /// Adds internal forces, weighted, of the present displacements, whatever is known of the last step.
+    /// Adds the weighted internal forces of the present displacements, always evaluated anew.
     pub(crate) fn forces_of_displacements(&mut self, out: &mut [T]) -> Result<()> {
         self.model.add_internal_forces(&self.state.q, out)
     }
 
-    /// Writes internal forces alone, weighted, of the present state.
+    /// Writes the weighted internal forces of the present state, without other forces.
     pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
+        // A model that makes its steps itself stores no forces.
         if self.forces.are_released() && matches!(self.stepper, Stepper::Verlet) {
             out.fill(T::zero());
             return self.model.add_internal_forces(&self.state.q, out);

@@ -1,4 +1,4 @@
-//! A subdomain whose model is shared out among ranks in the middle of a set-up.
+//! Subdomains whose model is partitioned among ranks during the set-up.
 
 use super::Subdomain;
 use super::step::Forces;
@@ -8,55 +8,56 @@ use crate::{Real, Result};
 use std::sync::Arc;
 
 impl<T: Real> Subdomain<T> {
-    /// Lets the run share its model out among ranks once interfaces are made. Until then it is whole and
-    /// the same on every rank: supports, effects and initial states name nodes and unknowns of the whole
-    /// model. All ranks make the same subdomain.
+    /// Lets the run partition the model among ranks once interfaces are built. Until then the model is whole
+    /// and the same on every rank: supports, effects and initial states name nodes and unknowns of the whole
+    /// model. Every rank must make the same subdomain.
     #[must_use]
     pub fn shared(mut self, communicator: Arc<dyn Communicator>) -> Self {
         self.ranks = Some(communicator);
         self
     }
 
-    /// Among how many ranks it is to be shared out.
+    /// Number of ranks among which the model will be partitioned; `None` if it will not be.
     pub(crate) fn ranks(&self) -> Option<usize> {
         self.ranks.as_ref().map(|c| c.ranks())
     }
 
-    pub(crate) fn is_to_be_shared(&self) -> bool {
+    pub(crate) fn is_to_be_partitioned(&self) -> bool {
         self.ranks.is_some()
     }
 
-    /// Whether it was given what a model remembers.
-    pub(crate) fn remembers(&self) -> bool {
+    /// Returns whether a saved state was given to the model.
+    pub(crate) fn has_memory(&self) -> bool {
         self.memory.is_some()
     }
 
-    /// What this rank holds of a model that the run shared out.
+    /// This rank's part of a model that the run partitioned.
     pub fn shared_portion(&self) -> Option<&Arc<Portion>> {
         self.portion.as_ref()
     }
 
-    /// Numbers of all unknowns of the model, of which `x` are those here: on rank 0 of a model in parts,
-    /// none on its others, as they are of one that is whole. All ranks must ask.
+    /// Gathers `x`, one value per unknown of this rank, on rank 0 (`Some` there, `None` elsewhere). A model
+    /// that is not partitioned returns `x` on every rank. Collective.
     ///
     /// # Errors
-    /// What the transport says.
+    /// Errors of the transport.
     pub fn in_all(&self, x: &[T]) -> Result<Option<Vec<T>>> {
         let Some(portion) = self.portion() else {
             return Ok(Some(x.to_vec()));
         };
         let layout = self.model.layout();
-        let (first, behind) = x.split_at(layout.translations().min(x.len()));
+        let (first, rotations) = x.split_at(layout.translations().min(x.len()));
+        // Translations and rotations are gathered apart, since each block is in the order of nodes.
         let mut out = portion.collect(layout.components, first)?;
         if layout.rotations > 0 {
-            let turns = portion.collect(layout.rotations, behind)?;
+            let turns = portion.collect(layout.rotations, rotations)?;
             out = out.zip(turns).map(|(a, b)| [a, b].concat());
         }
         Ok(out)
     }
 
-    /// The unknowns of this rank among those of the whole model.
-    pub(crate) fn here(&self, x: &[T]) -> Vec<T> {
+    /// Restricts values of all unknowns of the whole model to the unknowns of this rank.
+    pub(crate) fn restrict(&self, x: &[T]) -> Vec<T> {
         let Some(portion) = self.portion() else {
             return x.to_vec();
         };
@@ -68,17 +69,17 @@ impl<T: Real> Subdomain<T> {
         part_of(portion, &whole, x)
     }
 
-    /// Nodes of the whole model, on whatever ranks they are.
+    /// Number of nodes of the whole model, over all ranks.
     pub fn nodes_in_all(&self) -> usize {
-        let here = self.model.layout().nodes;
-        self.portion().map_or(here, |p| p.division().nodes())
+        let local = self.model.layout().nodes;
+        self.portion().map_or(local, |p| p.division().nodes())
     }
 
-    /// Keeps what this rank holds of the model, if it is to be shared out, and attaches the effects to that.
+    /// Partitions the model if it is marked for that, keeps this rank's part and attaches the effects to it.
     ///
     /// # Errors
-    /// Those of [`crate::Model::share_out`] and of the effects.
-    pub(crate) fn share_out(&mut self) -> Result<Option<Arc<Portion>>> {
+    /// Errors of [`crate::Model::share_out`] and of the effects.
+    pub(crate) fn partition_model(&mut self) -> Result<Option<Arc<Portion>>> {
         let Some(communicator) = self.ranks.take() else {
             return Ok(None);
         };
@@ -104,29 +105,30 @@ impl<T: Real> Subdomain<T> {
         }
         self.forces = Forces::zero(self.inertia.len());
         self.portion = Some(portion.clone());
+        // No pair effect acts on a partitioned model: the set-up refuses it.
         self.attach(false)?;
         Ok(Some(portion))
     }
 }
 
-/// Unknowns of a rank among those of the whole model.
+/// Restricts values of all unknowns of the whole model to the unknowns of a rank.
 pub(crate) fn part_of<T: Real>(portion: &Portion, whole: &DofLayout, x: &[T]) -> Vec<T> {
-    let (first, behind) = x.split_at(whole.translations());
-    let all = [(first, whole.components), (behind, whole.rotations)];
-    let of = |(x, count): (&[T], usize)| -> Vec<T> {
+    let (first, rotations) = x.split_at(whole.translations());
+    let blocks = [(first, whole.components), (rotations, whole.rotations)];
+    let restricted = |(x, count): (&[T], usize)| -> Vec<T> {
         let nodes = 0..portion.nodes();
         nodes
             .flat_map(|k| x[portion.global(k) * count..][..count].to_vec())
             .collect()
     };
-    all.map(of).concat()
+    blocks.map(restricted).concat()
 }
 
-/// Number on this rank of an unknown of the whole model, if it is here.
+/// Returns the number on this rank of an unknown of the whole model, if the rank has it.
 pub(crate) fn local(portion: &Portion, whole: &DofLayout, unknown: usize) -> Option<usize> {
     let (first, count, start) = match unknown.checked_sub(whole.translations()) {
         None => (unknown, whole.components, 0),
-        Some(behind) => (behind, whole.rotations, portion.nodes() * whole.components),
+        Some(rotation) => (rotation, whole.rotations, portion.nodes() * whole.components),
     };
     Some(start + portion.local(first / count)? * count + first % count)
 }

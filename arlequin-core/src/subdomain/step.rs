@@ -1,4 +1,4 @@
-//! Velocity Verlet's half of the step: positions, forces, uncorrected velocities.
+//! Part of the step that velocity Verlet makes: positions, forces, uncorrected velocities.
 
 use super::account::Energies;
 use super::{Stepper, Subdomain};
@@ -7,28 +7,28 @@ use crate::model::{Evolution, State};
 use crate::phase::Phase;
 use crate::{Real, Result, parallel};
 
-/// Hears what a step is doing.
+/// Callback that is called before each phase of a step.
 pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
 
-/// The instant that a step leads to.
+/// Instant at the end of a step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reached<T> {
+pub(crate) struct StepEnd<T> {
     /// Time \[s\].
     pub(crate) time: T,
-    /// Length of the step that led there \[s\]; zero at the start of a run.
+    /// Length of the step that led to the instant \[s\]; zero at the start of a run.
     pub(crate) since: T,
-    /// Length of the steps of the subdomain \[s\].
+    /// Length of the own steps of the subdomain \[s\]; zero if time stands still.
     pub(crate) dt: T,
 }
 
-/// Forces beside the internal ones, and when the subdomain is accelerated.
+/// Forces beside the internal ones; they decide when the subdomain is accelerated.
 #[derive(Debug)]
 enum Loads<T> {
-    /// None.
+    /// No other forces.
     Absent,
-    /// All forces, internal ones included: its own effects.
+    /// All forces, internal ones included, of a subdomain with effects of its own.
     Own(Vec<T>),
-    /// The same where effects between two subdomains add theirs before it is accelerated.
+    /// All forces of a subdomain to which pair effects add theirs before it is accelerated.
     Paired(Vec<T>),
 }
 
@@ -37,12 +37,12 @@ enum Loads<T> {
 pub(super) struct Forces<T> {
     internal: Vec<T>,
     internal_before: Vec<T>,
-    /// Displacements one step earlier, where they were kept.
+    /// Displacements one own step earlier, where they are kept.
     q_before: Vec<T>,
     loads: Loads<T>,
-    /// Whether they are those of the present state: not between a restored one and its first step.
+    /// False between a restored state and its first step, when forces are not those of the present state.
     known: bool,
-    /// Whether the model makes its steps itself, and has all memory back.
+    /// True if the model makes its steps itself; the arrays are then empty.
     released: bool,
 }
 
@@ -58,20 +58,22 @@ impl<T: Real> Forces<T> {
         }
     }
 
-    /// Whether the model makes its steps itself: on a rank without nodes there are none in any case.
+    /// Returns whether the model makes its steps itself. Empty arrays would not tell, since a rank without
+    /// nodes has them too.
     pub(super) fn are_released(&self) -> bool {
         self.released
     }
 
-    /// Whether they are those of the present state.
+    /// Returns whether the forces are those of the present state.
     pub(super) fn known(&self) -> bool {
         self.known
     }
 
-    /// Makes room for forces beside the internal ones.
-    pub(super) fn expect_loads(&mut self, own: bool, paired: bool) {
+    /// Allocates forces beside the internal ones: for effects of the subdomain (`has_effects`) and for pair
+    /// effects (`paired`).
+    pub(super) fn expect_loads(&mut self, has_effects: bool, paired: bool) {
         let zeros = || vec![T::zero(); self.internal.len()];
-        self.loads = match (own, paired) {
+        self.loads = match (has_effects, paired) {
             (_, true) => Loads::Paired(zeros()),
             (true, false) => Loads::Own(zeros()),
             (false, false) => Loads::Absent,
@@ -83,12 +85,12 @@ impl<T: Real> Forces<T> {
         &self.internal
     }
 
-    /// The same, to be found anew.
+    /// Internal forces, to be evaluated anew.
     pub(super) fn internal_mut(&mut self) -> &mut [T] {
         &mut self.internal
     }
 
-    /// Goes to the internal forces of another instant.
+    /// Sets the internal forces of a restored state; the others are unknown until the next step.
     pub(super) fn restore(&mut self, internal: &[T]) {
         self.known = false;
         if self.internal.len() == internal.len() {
@@ -96,7 +98,7 @@ impl<T: Real> Forces<T> {
         }
     }
 
-    /// Takes the internal forces of another state.
+    /// Sets the internal forces of another state, as if it had stood still in it.
     pub(super) fn settle(&mut self, internal: Vec<T>) {
         self.internal_before.clone_from(&internal);
         self.q_before.resize(internal.len(), T::zero());
@@ -105,19 +107,19 @@ impl<T: Real> Forces<T> {
         self.released = false;
     }
 
-    /// Takes all forces of another state, where there are others than internal ones.
-    pub(super) fn settle_loads(&mut self, all: &[T]) {
+    /// Sets all forces of another state, where there are others than internal ones.
+    pub(super) fn settle_loads(&mut self, forces: &[T]) {
         if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
-            total.copy_from_slice(all);
+            total.copy_from_slice(forces);
         }
     }
 
-    /// Whether there is nothing but internal forces.
+    /// Returns whether internal forces are the only ones.
     pub(super) fn are_internal(&self) -> bool {
         matches!(self.loads, Loads::Absent)
     }
 
-    /// Gives all memory back: the model makes its steps itself.
+    /// Frees all arrays, for a model that makes its steps itself.
     pub(super) fn release(&mut self) {
         self.internal = Vec::new();
         self.internal_before = Vec::new();
@@ -125,12 +127,12 @@ impl<T: Real> Forces<T> {
         self.released = true;
     }
 
-    /// Displacements and internal forces one step earlier.
+    /// Displacements and internal forces one own step earlier.
     pub(super) fn before(&self) -> [&[T]; 2] {
         [&self.q_before, &self.internal_before]
     }
 
-    /// All forces.
+    /// All forces, internal ones included.
     pub(super) fn total(&self) -> &[T] {
         match &self.loads {
             Loads::Absent => &self.internal,
@@ -142,13 +144,14 @@ impl<T: Real> Forces<T> {
         matches!(self.loads, Loads::Paired(_))
     }
 
-    /// The instant as effects see it, and the forces they add to; none where there are no effects.
-    fn at<'a>(&'a mut self, reached: Reached<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
-        let at = Instant {
-            time: reached.time,
+    /// Returns the instant as effects see it, and the forces to which they add; an empty slice if there are
+    /// no effects.
+    fn instant<'a>(&'a mut self, step_end: StepEnd<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
+        let instant = Instant {
+            time: step_end.time,
             q: &state.q,
             v_half: &state.v,
-            dt: reached.since,
+            dt: step_end.since,
             internal: &self.internal,
             internal_before: &self.internal_before,
         };
@@ -156,51 +159,54 @@ impl<T: Real> Forces<T> {
             Loads::Absent => &mut [],
             Loads::Own(total) | Loads::Paired(total) => total,
         };
-        (at, total)
+        (instant, total)
     }
 }
 
 impl<T: Real> Subdomain<T> {
-    /// Whether effects between two subdomains act on this one; it is accelerated after them.
+    /// Returns whether pair effects act on this subdomain, which is then accelerated after them.
     pub(crate) fn is_paired(&self) -> bool {
         self.forces.is_paired()
     }
 
-    /// Effect forces beside the internal ones, which are there. `own` is the number of this subdomain.
-    fn evaluate(&mut self, reached: Reached<T>, own: usize, announce: &mut Announce<'_>) -> Result<()> {
-        // A rank without nodes has no forces either, and effects all the same: they hear of other ranks.
+    /// Adds the forces of effects to the internal forces, which are known by now. `number` is that of this
+    /// subdomain.
+    fn evaluate(&mut self, step_end: StepEnd<T>, number: usize, announce: &mut Announce<'_>) -> Result<()> {
+        // On a rank without nodes effects are evaluated all the same, since they communicate with other
+        // ranks.
         if self.forces.are_internal() {
             return Ok(());
         }
-        let (at, total) = self.forces.at(reached, &self.state);
-        parallel::copy(total, at.internal);
+        let (instant, total) = self.forces.instant(step_end, &self.state);
+        parallel::copy(total, instant.internal);
         for (k, e) in self.effects.iter_mut().enumerate() {
-            announce(Phase::Effect(own, k));
-            e.effect.add_forces(&at, total)?;
+            announce(Phase::Effect(number, k));
+            e.effect.add_forces(&instant, total)?;
         }
-        announce(Phase::Predict(own));
+        announce(Phase::Predict(number));
         Ok(())
     }
 
-    /// The instant, and the forces to which effects between two subdomains add theirs.
-    pub(crate) fn loaded_at(&mut self, reached: Reached<T>) -> (Instant<'_, T>, &mut [T]) {
-        self.forces.at(reached, &self.state)
+    /// Returns the instant and the forces to which pair effects add theirs.
+    pub(crate) fn loaded_at(&mut self, step_end: StepEnd<T>) -> (Instant<'_, T>, &mut [T]) {
+        self.forces.instant(step_end, &self.state)
     }
 
-    /// Adds the forces of its effects at an instant of the caller's.
-    pub(crate) fn add_effects(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+    /// Adds the forces of the effects at an instant that the caller chooses.
+    pub(crate) fn add_effects(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         self.effects
             .iter_mut()
-            .try_for_each(|e| e.effect.add_forces(at, f))
+            .try_for_each(|e| e.effect.add_forces(instant, f))
     }
 
-    /// `a` from all forces, `v += Δt/2 a`; prescribed motion.
-    pub(crate) fn accelerate(&mut self, reached: Reached<T>) {
-        let half = reached.since * T::of(0.5);
+    /// Computes `a` from all forces, adds `Δt/2 a` to `v`, and sets prescribed velocities and accelerations.
+    pub(crate) fn accelerate(&mut self, step_end: StepEnd<T>) {
+        let half = step_end.since * T::of(0.5);
         let State { v, a, .. } = &mut self.state;
         parallel::accelerate(half, v, a, self.forces.total(), &self.inverse_inertia);
         for motion in &self.supports {
-            let (_, velocity, acceleration) = motion.kinematics(reached.time, reached.dt);
+            // Prescribed unknowns take no part in the acceleration: their inverse inertia is zero.
+            let (_, velocity, acceleration) = motion.kinematics(step_end.time, step_end.dt);
             for &d in &motion.dofs {
                 a[d] = acceleration;
                 v[d] = velocity;
@@ -208,8 +214,8 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// Sets prescribed displacements and velocities of time `t`.
-    pub(crate) fn hold(&mut self, t: T) {
+    /// Sets prescribed displacements and velocities at time `t` \[s\].
+    pub(crate) fn set_prescribed(&mut self, t: T) {
         let dt = self.pace.dt;
         for motion in &self.supports {
             let (q, v, _) = motion.kinematics(t, dt);
@@ -220,20 +226,20 @@ impl<T: Real> Subdomain<T> {
         }
     }
 
-    /// The instant at which a run starts.
-    pub(crate) fn at_start(&self, time: T) -> Reached<T> {
-        Reached {
+    /// Returns the instant at which a run starts.
+    pub(crate) fn at_start(&self, time: T) -> StepEnd<T> {
+        StepEnd {
             time,
             since: T::zero(),
             dt: self.pace.dt,
         }
     }
 
-    /// Finds forces and accelerations of the start, after [`Self::hold`].
+    /// Computes forces and accelerations of the start, after [`Self::set_prescribed`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
         self.forces.known = true;
-        if self.is_guest() {
-            self.guest_start();
+        if self.is_external() {
+            self.external_start();
             return Ok(());
         }
         let start = self.at_start(time);
@@ -246,46 +252,47 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// A step of velocity Verlet, up to the velocity and acceleration of the instant reached as they are
-    /// without multipliers; where effects between two subdomains act, up to the forces, and
-    /// [`Self::accelerate`] follows them.
+    /// Makes an own step up to the velocities and accelerations that the instant would have without
+    /// multipliers. Where pair effects act, it stops at the forces, and [`Self::accelerate`] follows the pair
+    /// effects.
     ///
-    /// Two passes over the unknowns beside the model's: before its forces and after. `own` is the number of
-    /// this subdomain, for what is announced; `keep` says whether displacements of the step before are kept
+    /// Takes two passes over the unknowns beside the model's: before its forces and after them. `number` is
+    /// that of this subdomain, for `announce`; `keep` is true if displacements of the step before are kept
     /// for [`Self::invariant`].
     pub(crate) fn predict(
         &mut self,
-        own: usize,
-        reached: Reached<T>,
+        number: usize,
+        step_end: StepEnd<T>,
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
         self.forces.known = true;
         match self.stepper {
             Stepper::Verlet => {}
-            Stepper::Average(_) => return self.average_step(reached),
-            Stepper::Guest(_) => return self.guest_step(reached),
+            Stepper::Average(_) => return self.average_step(step_end),
+            Stepper::External(_) => return self.external_step(step_end),
         }
         if parallel::pays(self.inertia.len()) {
             // One entry into the pool for all passes: each would cost a wake-up otherwise.
-            rayon::scope(|_| self.passes(own, reached, keep, announce))
+            rayon::scope(|_| self.passes(number, step_end, keep, announce))
         } else {
-            self.passes(own, reached, keep, announce)
+            self.passes(number, step_end, keep, announce)
         }
     }
 
     fn passes(
         &mut self,
-        own: usize,
-        reached: Reached<T>,
+        number: usize,
+        step_end: StepEnd<T>,
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
-        if self.stride(reached, keep)? {
+        if self.stride(step_end, keep)? {
             return Ok(());
         }
         let evolves = self.model.evolving().is_some();
         let forces = &mut self.forces;
+        // The kick zeroes the array of forces before last, and the new forces go there.
         std::mem::swap(&mut forces.internal, &mut forces.internal_before);
         let keeps = keep || evolves;
         if keeps {
@@ -293,15 +300,17 @@ impl<T: Real> Subdomain<T> {
         }
         let State { q, v, a } = &mut self.state;
         if keeps {
-            parallel::kick_and_drift_from(reached.since, &forces.q_before, q, v, a, &mut forces.internal);
+            parallel::kick_and_drift_from(step_end.since, &forces.q_before, q, v, a, &mut forces.internal);
         } else {
-            parallel::kick_and_drift(reached.since, q, v, a, &mut forces.internal);
+            // One array less to read where nobody needs the old displacements.
+            parallel::kick_and_drift(step_end.since, q, v, a, &mut forces.internal);
         }
         for motion in &self.supports {
-            let now = motion.at(reached.time);
+            // Before forces are evaluated: the drift has moved prescribed unknowns by their velocity only.
+            let now = motion.position(step_end.time);
             motion.dofs.iter().for_each(|&d| q[d] = now);
         }
-        // Found at zero by the model: the pass before left it so.
+        // The energy after the last step is that before this one.
         self.energies.before = self.energies.now.take();
         if keep {
             self.energies.now = Some(self.model.advance_with_energy(q, &mut forces.internal)?);
@@ -309,18 +318,18 @@ impl<T: Real> Subdomain<T> {
             self.model.advance(q, &mut forces.internal)?;
         }
         if evolves {
-            announce(Phase::Evolve(own));
-            self.evolve(reached.time)?;
-            announce(Phase::Predict(own));
+            announce(Phase::Evolve(number));
+            self.evolve(step_end.time)?;
+            announce(Phase::Predict(number));
         }
-        self.evaluate(reached, own, announce)?;
+        self.evaluate(step_end, number, announce)?;
         if !self.is_paired() {
-            self.accelerate(reached);
+            self.accelerate(step_end);
         }
         Ok(())
     }
 
-    /// Lets the model change itself; what leaves it is a negative work.
+    /// Lets the model change itself; energy that leaves it is a negative work.
     fn evolve(&mut self, time: T) -> Result<()> {
         if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
             let released = model.evolve(Evolution {
@@ -332,7 +341,7 @@ impl<T: Real> Subdomain<T> {
             })?;
             line.release(released);
             if released != T::zero() {
-                // Energies of another model.
+                // The known energies are those of the model before its change.
                 self.energies = Energies::unknown();
             }
         }

@@ -2,21 +2,22 @@
 
 use super::Subdomain;
 use super::account::Energies;
-use super::step::Reached;
+use super::step::StepEnd;
 use crate::model::{State, Stride};
 use crate::{Real, Result};
 
 impl<T: Real> Subdomain<T> {
-    /// Lets the model make the step if it can and nothing else acts within it; `keep` as in
-    /// [`Self::predict`]. `false` where the step is still to be made.
+    /// Lets the model make the step itself if it can and nothing else acts within the step; returns whether
+    /// it did. `keep` as in [`Self::predict`].
     ///
-    /// Accelerations are those of the internal forces, so that neither forces nor displacements of the step
-    /// before are stored.
-    pub(super) fn stride(&mut self, reached: Reached<T>, keep: bool) -> Result<bool> {
+    /// Accelerations are then those of the internal forces alone, so that neither forces nor displacements of
+    /// the step before are stored.
+    pub(super) fn stride(&mut self, step_end: StepEnd<T>, keep: bool) -> Result<bool> {
         let alone = self.forces.are_internal() && self.moving().next().is_none();
         if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
             return Ok(false);
         }
+        // Only the ledger needs the energy before the step.
         let before = match self.energies.now {
             None if keep => Some(self.model.internal_energy(&self.state.q)),
             known => known,
@@ -24,7 +25,7 @@ impl<T: Real> Subdomain<T> {
         self.forces.release();
         let State { q, v, a } = &mut self.state;
         let step = Stride {
-            dt: reached.since,
+            dt: step_end.since,
             q,
             v,
             a,
@@ -42,7 +43,7 @@ impl<T: Real> Subdomain<T> {
             now: drawn.map(|d| d.internal),
             moving: drawn.map(|d| d.moving),
         };
-        // Fixed unknowns: with moving ones the model does not make the step.
+        // Supports only fix unknowns here: with moving supports the model does not make the step itself.
         for &d in self.supports.iter().flat_map(|m| &m.dofs) {
             (self.state.v[d], self.state.a[d]) = (T::zero(), T::zero());
         }

@@ -1,26 +1,27 @@
-//! What a packing fills of an overlap beside what the other model fills: by volumes, in all and cube by cube.
+//! Volumes that a packing and the other model fill of an overlap, compared in total and cube by cube.
 
 use super::numbers;
 use crate::geometry::bounds_of;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Difference that is refused, relative to the overlap, beside what is left to chance among few particles.
+/// Largest accepted difference of the volumes, relative to the overlap, beside the chance error of few
+/// particles.
 const UNEQUAL: f64 = 0.1;
-/// The same in a cube, relative to what the fuller model has there.
+/// Largest accepted difference of the volumes in a cube, relative to the fuller model there.
 const UNEVEN: f64 = 0.3;
-/// Least number of particles per cube, and least edge of a cube in lengths of cells: volumes are well
-/// sampled.
+/// Least number of particles per cube, and (`CELLS`) least edge of a cube in lengths of cells, for
+/// well-sampled volumes.
 const PARTICLES: f64 = 100.0;
 const CELLS: f64 = 1.5;
 
-/// What either model of an interface fills of its overlap, which is where both have a weight.
+/// Volumes that the two models of an interface fill of its overlap, the region where both have a weight.
 pub(in crate::coupled) struct Filling<T: Real> {
-    /// Whether one of them is a packing; else nothing is kept.
+    /// True if one of the models is a packing; otherwise nothing is recorded.
     pub(super) rough: bool,
-    /// Sides, places and volumes.
+    /// Side, position and volume of each sample.
     samples: Vec<(usize, Point3<T>, T)>,
-    /// Particles of either side; zero for cells.
+    /// Number of particles of each side; zero for cells.
     particles: [usize; 2],
     longest: T,
 }
@@ -35,7 +36,7 @@ impl<T: Real> Filling<T> {
         }
     }
 
-    /// Adds a particle (of no length) or a part of a cell of the length given.
+    /// Adds a particle (`length` zero) or a part of a cell of the given length.
     pub(super) fn add(&mut self, side: usize, x: &Point3<T>, measure: T, length: T) {
         self.samples.push((side, *x, measure));
         if length > T::zero() {
@@ -45,9 +46,11 @@ impl<T: Real> Filling<T> {
         }
     }
 
-    /// Share of an overlap by which so few particles may miss it by chance; zero without particles.
+    /// Returns the share of an overlap by which few particles may miss its volume by chance; zero without
+    /// particles.
     pub(super) fn chance(&self) -> f64 {
         let fewest = self.particles.iter().filter(|n| **n > 0).min();
+        // Counting error of the fewest particles, `1/√n`.
         fewest.map_or(0.0, |n| 1.0 / (*n as f64).sqrt())
     }
 
@@ -57,13 +60,14 @@ impl<T: Real> Filling<T> {
         sums
     }
 
-    /// Refuses a packing that fills more or less of the overlap than the other model, in all or somewhere.
+    /// Refuses a packing that fills more or less of the overlap than the other model, in total or in one
+    /// cube.
     pub(super) fn check(&self, interface: &str, models: [String; 2]) -> Result<()> {
         if self.samples.is_empty() {
             return Ok(());
         }
         let [a, b] = self.volumes();
-        // Cells tell what there is to fill; of two packings either may be right.
+        // Cells fill the space exactly; of two packings either may be right.
         let space = match self.particles {
             [0, _] => a,
             [_, 0] => b,
@@ -104,7 +108,8 @@ impl<T: Real> Filling<T> {
         })
     }
 
-    /// Centre and edge of the cube in which volumes differ most, with both; none if there is but one cube.
+    /// Returns centre and edge \[m\] of the cube in which the volumes differ most, and both volumes; `None`
+    /// if there is only one cube.
     pub(super) fn worst_cube(&self) -> Option<(Point3<T>, T, [T; 2])> {
         let count: usize = self.particles.iter().sum();
         let grains = self.samples.iter().filter(|s| self.particles[s.0] > 0);
@@ -118,6 +123,7 @@ impl<T: Real> Filling<T> {
         if counts == [1; 3] {
             return None;
         }
+        // A direction that is shorter than a cube has one cube of full size.
         let edges = Vector3::from_fn(|c, _| ((high - low)[c] / T::of(numbers[c])).max(least));
         let mut cubes = vec![[T::zero(); 2]; counts.iter().product()];
         for (side, x, v) in &self.samples {
@@ -125,10 +131,11 @@ impl<T: Real> Filling<T> {
                 cubes[k][*side] += part;
             });
         }
+        // Cubes that are less than half full lie at the border of the overlap and have too few samples.
         let full = edges.iter().fold(T::of(0.5), |p, e| p * *e);
-        let apart = |[a, b]: &[T; 2]| (*a - *b).abs() / a.max(*b);
+        let difference = |[a, b]: &[T; 2]| (*a - *b).abs() / a.max(*b);
         let filled = cubes.iter().enumerate().filter(|(_, [a, b])| a.max(*b) >= full);
-        let worst = filled.max_by(|a, b| apart(a.1).as_f64().total_cmp(&apart(b.1).as_f64()))?;
+        let worst = filled.max_by(|a, b| difference(a.1).as_f64().total_cmp(&difference(b.1).as_f64()))?;
         let place = [
             worst.0 % counts[0],
             worst.0 / counts[0] % counts[1],
@@ -139,8 +146,8 @@ impl<T: Real> Filling<T> {
     }
 }
 
-/// Deals a volume out to the cubes that a cube of its size meets; what is beyond the outermost ones is
-/// theirs.
+/// Distributes the volume of a cube centred at `x` over the cubes of the grid that it meets. Parts beyond the
+/// grid go to its outermost cubes.
 fn spread<T: Real>(
     x: Vector3<T>,
     volume: T,
@@ -149,7 +156,7 @@ fn spread<T: Real>(
     give: &mut dyn FnMut(usize, T),
 ) {
     let half = T::of(0.5) * volume.cbrt();
-    let along = |c: usize| {
+    let cubes_along = |c: usize| {
         let [low, high] = [x[c] - half, x[c] + half].map(|x| (x / edges[c]).as_f64());
         let first = low.floor() as i64;
         (first..=high.floor() as i64).map(move |k| {
@@ -157,9 +164,9 @@ fn spread<T: Real>(
             (k.clamp(0, counts[c] as i64 - 1) as usize, part)
         })
     };
-    for (i, a) in along(0) {
-        for (j, b) in along(1) {
-            for (k, c) in along(2) {
+    for (i, a) in cubes_along(0) {
+        for (j, b) in cubes_along(1) {
+            for (k, c) in cubes_along(2) {
                 give((k * counts[1] + j) * counts[0] + i, volume * T::of(a * b * c));
             }
         }

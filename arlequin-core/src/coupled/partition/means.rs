@@ -1,4 +1,4 @@
-//! Whether the means of weights over cells are those of their values.
+//! Check that the mean of a weight over each cell agrees with its values.
 
 use super::{Group, INWARDS, KINDS, numbers};
 use crate::geometry::{self, Cell, Sample};
@@ -6,21 +6,24 @@ use crate::weight::{Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Error of a mean that is taken for one of quadrature, relative to the range of the weight in the cell: at
-/// once, and with the cell cut in parts. A jump may lie between two layers of points.
+/// Largest difference of a mean that counts as quadrature error, relative to the range of the weight in the
+/// cell: with the whole cell, and with the cell cut into parts. A jump may lie between two layers of points.
 const QUADRATURE: [f64; 2] = [0.01, 0.25];
-/// Most particles of a packing from which a line to the nearest one stands for a bond.
+/// Largest number of particles of a packing from which a line to the next particle stands for a bond.
 const LINES: usize = 2_000;
-/// Jump of a weight that is not noticed at an end of such a line, and then accepted in its mean.
+/// Largest jump of a weight at an end of such a line that is ignored, and is then accepted in the mean over
+/// the line.
 const JUMP: f64 = 1e-3;
 
 impl<T: Real> Group<'_, T> {
     /// Refuses a weight whose mean over a cell is not that of its values.
     pub(super) fn check_means(&self) -> Result<()> {
         for m in &self.members {
+            // Nodal weighting takes values at nodes and no means.
             if m.subdomain.weights().weighting == Weighting::Nodal {
                 continue;
             }
+            // The bonds of a packing are not known here: lines between neighbours stand for them.
             let lines = m.extent.particles().map(|p| {
                 let mut lines = lines_between(p);
                 lines.retain(|l| (0..self.kinds).all(|kind| is_beside_jumps(m.weight(kind), l)));
@@ -47,7 +50,7 @@ impl<T: Real> Group<'_, T> {
     }
 }
 
-/// Lines from particles to the next ones in their order, which are near.
+/// Returns lines between particles that follow each other in the list, which are near each other.
 fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     let stride = particles.len().div_ceil(LINES).max(1);
     let pairs = particles.windows(2).step_by(stride);
@@ -58,17 +61,18 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     pairs.map(line).collect()
 }
 
-/// Whether a weight does not jump where a line ends: along a border of the overlap it has no mean.
+/// Returns whether a weight has no jump near the ends of a line. Along a border of the overlap a weight jumps
+/// and has no mean.
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
     let step = crate::extent::length(line) * T::of(1e-4);
     line.corners().iter().all(|x| {
         let value = weight.at(x);
-        let beside = |k: usize| {
+        let nearby_value = |k: usize| {
             let mut d = Vector3::zeros();
             d[k / 2] = if k.is_multiple_of(2) { step } else { -step };
             weight.at(&(x + d))
         };
-        (0..6).all(|k| (beside(k) - value).abs() < T::of(JUMP))
+        (0..6).all(|k| (nearby_value(k) - value).abs() < T::of(JUMP))
     })
 }
 
@@ -77,15 +81,15 @@ fn centre_of<T: Real>(corners: &[Point3<T>]) -> Point3<T> {
     Point3::from(sum / T::of(corners.len() as f64))
 }
 
-/// Mean of a weight over a cell, that of its values there and the accepted difference, where the two differ
-/// by more. `slack` is accepted beside the error of quadrature.
+/// Returns the mean of a weight over a cell, the mean of its values there and the accepted difference, if the
+/// two differ by more. `slack` is accepted beside the error of quadrature.
 fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Option<[T; 3]> {
     let corners = cell.corners();
     let centre = centre_of(&corners);
     let mean = weight.mean(cell);
     let inside = corners.iter().map(|x| x + (centre - x) * T::of(INWARDS));
     let corners: Vec<T> = inside.map(|x| weight.at(&x)).collect();
-    // As almost everywhere: a weight that is the same in the whole cell.
+    // Shortcut for almost all cells: the weight is constant in the cell.
     if corners.iter().all(|v| *v == mean) {
         return None;
     }
@@ -93,6 +97,7 @@ fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Opt
     let mut values = T::zero();
     let mut limit = T::zero();
     let finest = super::LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
+    // The whole cell suffices for most; only the others are cut into parts.
     for (levels, share) in [0, finest].into_iter().zip(QUADRATURE) {
         samples.clear();
         for part in geometry::parts(cell, levels) {

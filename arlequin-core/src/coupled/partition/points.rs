@@ -1,4 +1,4 @@
-//! The points at which a group is looked at, and what they add to its measures.
+//! Sample points of a group, and their contributions to its measures.
 
 use super::{FLOOR, Group, INWARDS, KINDS, LEVELS, ROUND_OFF, numbers};
 use crate::extent::{Cover, length};
@@ -6,15 +6,15 @@ use crate::geometry::{self, Cell, Sample};
 use crate::{Error, Real};
 use nalgebra::{Point3, Vector3};
 
-/// A point of a model that is looked at.
+/// Sample point of a model.
 struct Station<'a, T: Real> {
     member: usize,
     point: &'a Point3<T>,
-    /// What it stands for; zero for a node.
+    /// Measure that the point stands for; zero for a node.
     measure: T,
-    /// What it adds to the space that is filled, if the model is alone there.
+    /// Measure that the point adds to the filled space if its model is alone there.
     space: T,
-    /// Length of the cell it lies in \[m\]; zero for a particle.
+    /// Length of the cell that contains the point \[m\]; zero for a particle.
     length: T,
 }
 
@@ -25,6 +25,7 @@ impl<T: Real> Group<'_, T> {
             let particles: Vec<_> = particles.into();
             return self.fill_particles(m, &particles);
         }
+        // A model without cells and particles can be checked at its nodes only.
         if self.members[m].extent.cells().is_empty() {
             let model = self.members[m].subdomain;
             for x in model.model().nodes() {
@@ -37,7 +38,8 @@ impl<T: Real> Group<'_, T> {
         for cell in &cells {
             let measure = cell.measure();
             total += measure;
-            // Nodes as this cell sees them: on a border of the overlap weights may jump by epsilon.
+            // Corners are read slightly inside of this cell, because weights may jump by epsilon at a border
+            // of the overlap.
             let corners = cell.corners();
             let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
             let centre = Point3::from(sum / T::of(corners.len() as f64));
@@ -45,6 +47,7 @@ impl<T: Real> Group<'_, T> {
                 let inside = x + (centre - x) * T::of(INWARDS);
                 self.visit(&Station::node(m, &inside, length(cell)));
             }
+            // Away from all other models the corners alone are checked: most cells need no quadrature.
             if self.near_others(m, cell) {
                 samples.clear();
                 self.fill_cell(m, cell, &mut samples);
@@ -68,12 +71,12 @@ impl<T: Real> Group<'_, T> {
         particles.iter().map(|s| s.measure).sum()
     }
 
-    /// Visits quadrature points of a cell that others may fill as well.
+    /// Visits the quadrature points of a cell that other models may fill too.
     fn fill_cell(&mut self, m: usize, cell: &Cell<T>, samples: &mut Vec<Sample<T>>) {
         let mut sampled = T::one();
         if self.is_cut(m, cell) {
             if let Some(common) = self.common(m, cell) {
-                // Half of what two models fill is the account of either.
+                // The other model adds its half of the common space when its cells are visited.
                 self.measure += cell.measure() - T::of(0.5) * common;
                 sampled = T::zero();
             } else {
@@ -99,36 +102,36 @@ impl<T: Real> Group<'_, T> {
 
     fn near_others(&self, m: usize, cell: &Cell<T>) -> bool {
         let bounds = cell.bounds();
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| o.extent.meets(&bounds))
+        let mut other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        other_members.any(|(_, o)| o.extent.meets(&bounds))
     }
 
-    /// What a cell has in common with the other models' cells, exactly; none if that takes more than two
-    /// models or a field without cells.
+    /// Returns the exact measure that a cell has in common with the cells of the other models; `None` unless
+    /// exactly one other model is near and has cells.
     fn common(&self, m: usize, cell: &Cell<T>) -> Option<T> {
         let bounds = cell.bounds();
-        let others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        let mut near = others.filter(|(_, o)| !o.extent.is_particles() && o.extent.meets(&bounds));
+        let other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        let mut near = other_members.filter(|(_, o)| !o.extent.is_particles() && o.extent.meets(&bounds));
         let (_, other) = near.next()?;
         (near.next().is_none() && !other.extent.cells().is_empty()).then(|| other.extent.common(cell))
     }
 
-    /// Whether another model, or a mediator, fills a cell in part.
+    /// Returns whether another model or a mediator fills a cell only in part, judged by its corners.
     fn is_cut(&self, m: usize, cell: &Cell<T>) -> bool {
         let corners = cell.corners();
         let partly = |inside: &dyn Fn(&Point3<T>) -> bool| {
             let first = inside(&corners[0]);
             corners.iter().any(|x| inside(x) != first)
         };
-        let mut others = self.members.iter().enumerate().filter(|(k, _)| *k != m);
-        others.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
+        let mut other_members = self.members.iter().enumerate().filter(|(k, _)| *k != m);
+        other_members.any(|(_, o)| partly(&|x| o.extent.cover(x, T::zero()) >= Cover::Hole))
             || self
                 .ties
                 .iter()
                 .any(|t| partly(&|x| t.extent.cover(x, T::zero()) == Cover::Inside))
     }
 
-    /// Looks at a point.
+    /// Checks the sums of weights at a point and adds the point to the measures of the group.
     fn visit(&mut self, s: &Station<'_, T>) {
         let tolerance = super::tolerance::<T>();
         for (k, o) in self.members.iter().enumerate() {
@@ -141,6 +144,7 @@ impl<T: Real> Group<'_, T> {
         let count = (0..self.members.len())
             .filter(|k| self.present(s.member, *k))
             .count();
+        // Every model that is present visits this place, so each visit counts for a part of it.
         let part = s.measure / T::of(count as f64);
         let mut lacking = false;
         for kind in 0..self.kinds {
@@ -165,19 +169,21 @@ impl<T: Real> Group<'_, T> {
         if split || lacking {
             self.shared += part;
         }
+        // Nodes have no measure to add.
         if s.measure > T::zero() {
             self.tie(s.point, part, lacking);
             self.account(s);
         }
     }
 
-    /// Sums of the weights at a point: of the models that are there for certain, and of those that may well
-    /// be. None where a sum is wrong whoever is there.
+    /// Returns two sums of the weights at a point: over the models that are surely there, and over those that
+    /// count as present. Keeps the largest violation in `broken`. `None` if a weight is negative or not
+    /// finite.
     fn sums(&mut self, s: &Station<'_, T>, kind: usize) -> Option<[T; 2]> {
         let tolerance = super::tolerance::<T>();
         let (mut sure, mut likely, mut most) = (T::zero(), T::zero(), T::zero());
         for (k, o) in self.members.iter().enumerate() {
-            // The first stands for all of them where it is the only one.
+            // With one kind of weight, the first stands for the kinetic weight too.
             if kind < 2 {
                 self.kinetic[k] = T::zero();
             }
@@ -201,8 +207,8 @@ impl<T: Real> Group<'_, T> {
                 sure += w;
             }
         }
-        // Too little is certain if all that may be there are too little, too much if those are that are there
-        // for certain.
+        // The sum is certainly too small if even all models that may be there sum to less than one, and
+        // certainly too large if the models that are surely there sum to more.
         let (lack, surplus) = (T::one() - most, sure - T::one());
         let (gap, least) = if surplus > lack {
             (surplus, Cover::Inside)
@@ -215,15 +221,16 @@ impl<T: Real> Group<'_, T> {
         Some([sure, likely])
     }
 
-    /// Whether model `k` counts as present at a point of model `m`. Surfaces of packings are rough: there it
-    /// does where it may be, for what a packing fills is judged by the volumes of its particles.
+    /// Returns whether model `k` counts as present at a point of model `m`. If one of them is a packing, `k`
+    /// counts wherever it may be: surfaces of packings are rough, and what a packing fills is judged by the
+    /// volumes of its particles.
     fn present(&self, m: usize, k: usize) -> bool {
         let rough = [m, k].iter().any(|i| self.members[*i].extent.is_particles());
         self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
     }
 
-    /// Share of a point of model `m` in the space that is filled there. Cells fill it where there are some,
-    /// among particles each has its volume.
+    /// Returns the share of the filled space that a point of model `m` accounts for: an equal one for each
+    /// model there. Where there are cells, they fill the space and particles have no share.
     fn share_of_space(&self, m: usize) -> T {
         let floor = T::of(FLOOR);
         let counted = |k: &usize| {
@@ -239,16 +246,18 @@ impl<T: Real> Group<'_, T> {
                 (_, true, false) => false,
             }
         };
-        let all = || (0..self.members.len()).filter(counted);
-        let cells = all().filter(|k| !self.members[*k].extent.is_particles()).count();
+        let present_models = || (0..self.members.len()).filter(counted);
+        let cells = present_models()
+            .filter(|k| !self.members[*k].extent.is_particles())
+            .count();
         if cells > 0 && self.members[m].extent.is_particles() {
             return T::zero();
         }
-        T::one() / T::of(all().count() as f64)
+        T::one() / T::of(present_models().count() as f64)
     }
 
-    /// Accounts for a point of an overlap that a mediator should hold, or several between the same models
-    /// together.
+    /// Adds a point to the overlap of each mediator that should hold it; several mediators between the same
+    /// models count together.
     fn tie(&mut self, x: &Point3<T>, part: T, lacking: bool) {
         let floor = T::of(ROUND_OFF);
         for k in 0..self.ties.len() {
@@ -265,22 +274,22 @@ impl<T: Real> Group<'_, T> {
             let inside = alike
                 .clone()
                 .any(|t| t.extent.cover(x, T::zero()) == Cover::Inside);
-            // Half an element: what is farther away has no multiplier near it.
+            // Points farther than half an element from the mediator have no multiplier near them.
             let near = inside || alike.any(|t| t.extent.is_within(x, t.spacing * T::of(0.5)));
             let t = &mut self.ties[k];
             t.overlap += part;
             if !inside {
                 t.outside += part;
-                t.beside = *x;
+                t.outside_point = *x;
             }
             if !near {
                 t.deep += part;
-                t.place = *x;
+                t.deep_point = *x;
             }
         }
     }
 
-    /// Accounts for a point of the overlap of a packing, by the volumes of either model.
+    /// Adds a point to the volumes that are compared in the overlap of a packing.
     fn account(&mut self, s: &Station<'_, T>) {
         let floor = T::of(FLOOR);
         let members = &self.members;
@@ -303,7 +312,8 @@ impl<T: Real> Group<'_, T> {
         }
     }
 
-    /// The error for a sum of weights over the models that are at least so certain to be there.
+    /// Returns the error for a sum of weights at a point of model `m`, over `m` and all models whose cover is
+    /// at least `least`.
     pub(super) fn violation(&self, m: usize, x: &Point3<T>, kind: usize, least: Cover) -> Error {
         let mut sum = T::zero();
         let mut present = Vec::new();
@@ -324,20 +334,20 @@ impl<T: Real> Group<'_, T> {
     }
 }
 
-/// Part of a particle's volume that lies in an overlap, by the octants of a cube of its size: a layer on
-/// the border of the overlap counts as half.
+/// Returns the part of a particle's volume that lies in an overlap, judged at the octants of a cube of its
+/// size. A layer of particles on the border of the overlap thus counts as half.
 fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
     let quarter = T::of(0.25) * s.measure.cbrt();
     let octant = |k: usize| {
-        let along = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
-        s.point + Vector3::new(along(0), along(1), along(2))
+        let offset = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
+        s.point + Vector3::new(offset(0), offset(1), offset(2))
     };
     let count = (0..8).filter(|k| is_shared(&octant(*k))).count();
     T::of(count as f64 / 8.0)
 }
 
 impl<'a, T: Real> Station<'a, T> {
-    /// A node, or a corner of a cell of some length.
+    /// Returns a sample point without measure: a node, or a corner of a cell of the given length.
     fn node(member: usize, point: &'a Point3<T>, length: T) -> Self {
         Self {
             member,
