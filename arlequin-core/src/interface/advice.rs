@@ -1,13 +1,13 @@
-//! What a user should know of an interface.
+//! Warnings about an interface.
 
 use super::chebyshev::Chebyshev;
 use super::{InterfaceReport, InterfaceSpec, Side};
 use crate::Real;
 
-/// Warp of hexahedra, relative to their lengths, from which a user should know of it.
+/// Smallest warp of hexahedra, relative to their lengths, that is warned about.
 const WARP: f64 = 1e-6;
 
-/// Warnings for mediator and models.
+/// Returns warnings about the mediator and the models.
 pub(super) fn of_sides<T: Real>(
     report: &InterfaceReport,
     spec: &InterfaceSpec<T>,
@@ -28,8 +28,8 @@ pub(super) fn of_sides<T: Real>(
         out.push(format!(
             "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
              will be reflected; use h_B ≥ {:.3e} m",
-            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid
-            // three.
+            // The number of nodes goes with the inverse spacing to the power of the dimension, which is the
+            // number of components (a line has 1, a solid 3).
             spec.mediator.spacing().as_f64()
                 * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
         ));
@@ -48,8 +48,7 @@ pub(super) fn of_sides<T: Real>(
     out
 }
 
-/// Warnings for what the operator tells of the multipliers; `ranked`: whether it is known which are
-/// dependent.
+/// Returns warnings about dependent multipliers. `ranked`: whether their number is known.
 pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     let mut out = Vec::new();
     if !report.null_modes.is_empty() {
@@ -70,7 +69,7 @@ pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     out
 }
 
-/// A warning for a Chebyshev iteration that ends before its tolerance.
+/// Returns a warning if a Chebyshev iteration ends above its tolerance.
 pub(super) fn of_iterations(of: &Chebyshev) -> Option<String> {
     let [low, high] = of.bounds;
     (of.asked > of.iterations as f64).then(|| {

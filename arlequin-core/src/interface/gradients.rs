@@ -1,8 +1,8 @@
 //! Conjugate gradients from zero for `S μ = b`.
 //!
-//! After any number of iterations with a fixed symmetric preconditioner `μᵀ(S μ − b) = 0`: Galerkin's
-//! condition, under which a kick by `μ` changes no energy. On several ranks an iteration is a message to
-//! each neighbour and two exact sums over all.
+//! With a fixed symmetric preconditioner `μᵀ(S μ − b) = 0` after any number of iterations. This is Galerkin's
+//! condition: a kick by `μ` then changes no energy. On several ranks an iteration costs one message to each
+//! neighbour and two exact global sums.
 
 use super::iterated::{Iterated, Precondition, update};
 use super::sides::Sides;
@@ -10,7 +10,7 @@ use crate::Real;
 use nalgebra::Vector3;
 
 impl<T: Real> Iterated<T> {
-    /// From `r = b`.
+    /// Iterates until the residual meets the tolerance or the iterations run out. Expects `r = b`.
     pub(super) fn gradients<const N: usize>(
         &mut self,
         x: &mut [T],
@@ -31,6 +31,8 @@ impl<T: Real> Iterated<T> {
             self.product::<N>(sides);
             let curvature = self.dots.of::<T, N>(&self.direction, &self.image);
             let length = Vector3::from_fn(|c, _| {
+                // Components iterate at once; one that is done, or whose direction lies in the null space,
+                // stands still.
                 open[c] &= curvature[c] > T::zero();
                 if open[c] {
                     rest[c] / curvature[c]

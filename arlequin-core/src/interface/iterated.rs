@@ -1,8 +1,8 @@
-//! Iterations from zero for `S μ = b`: what conjugate gradients and the Chebyshev iteration share.
+//! Iterative solution of `S μ = b` from zero: what conjugate gradients and the Chebyshev iteration share.
 //!
-//! Dependent multipliers do no harm: the system is consistent, and what acts on nothing is left alone. On
-//! several ranks each has the multipliers that it adds up, and its rows of `S`: a product is a message to
-//! each neighbour. Nothing of the step before is used: runs that are resumed make the same bits.
+//! Dependent multipliers do no harm: the system is consistent, and null modes stay zero. On several ranks
+//! each rank iterates on the multipliers that it owns with its rows of `S`, so that a product needs one
+//! message to each neighbour. Nothing is kept from the previous step: a resumed run gives the same bits.
 
 use super::chebyshev::Chebyshev;
 use super::dots::Dots;
@@ -14,57 +14,58 @@ use crate::ranks::{Places, Post};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A fixed symmetric preconditioner, `z = C r`.
+/// Fixed symmetric preconditioner, `z = C r`.
 pub(super) trait Precondition<T> {
-    /// Overwrites `z`, which holds `r`.
+    /// Overwrites `z`, which holds `r`, with `C r`.
     fn apply(&mut self, z: &mut [T]);
 }
 
-/// How `S` is applied.
+/// Way in which `S` is applied.
 #[derive(Debug)]
 pub(super) enum Apply<T> {
-    /// By its own rows, the same for all components.
+    /// By the stored rows of `S`, the same for all components.
     Rows(Rows<T>),
-    /// By `Bᵀ`, `M⁻¹` and `B` of all sides.
+    /// By `Bᵀ`, `M⁻¹` and `B` of all sides, one after another.
     Sides,
 }
 
-/// Which iteration it is.
+/// Kind of iteration.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Method {
     Gradients,
     Chebyshev(Chebyshev),
 }
 
-/// A residual that grew: eigenvalues lie outside the bounds that the set-up found.
+/// Residual that grew, as eigenvalues lie outside the bounds of the set-up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Broken {
     pub(super) iterations: usize,
-    /// Residual over that at the start.
+    /// Final residual over the initial one.
     pub(super) growth: f64,
 }
 
-/// Vectors of the iteration and where it ends.
+/// Vectors and limits of the iteration.
 #[derive(Debug)]
 pub(super) struct Iterated<T> {
     apply: Apply<T>,
     pub(super) method: Method,
-    /// Components with an iteration each.
+    /// Number of components, each with an iteration of its own.
     shared: usize,
     pub(super) tolerance: T,
     pub(super) most: usize,
     pub(super) dots: Dots,
-    /// Where each rank has the multipliers that it adds up: `p` of others that its rows of `S` need.
+    /// Exchange of the entries of `p` that this rank's rows of `S` need from other ranks; `None` if every
+    /// rank has all multipliers.
     others: Option<Post>,
-    /// Iterations of the last solve.
+    /// Number of iterations of the last solve.
     pub(super) made: usize,
-    /// The last solve that went wrong.
+    /// Why the last solve failed, if it did.
     pub(super) broken: Option<Broken>,
-    /// Whether the last solve ended before its tolerance.
+    /// True if the last solve ended above its tolerance.
     pub(super) unsolved: bool,
-    /// `b`, for the Chebyshev iteration alone.
+    /// `b`, kept for the Chebyshev iteration only.
     pub(super) given: Vec<T>,
-    /// `r`, `z`, `p`, `S p`.
+    /// `r`, then `z`, `p` and `S p`.
     pub(super) residual: Vec<T>,
     pub(super) turned: Vec<T>,
     pub(super) direction: Vec<T>,
@@ -101,14 +102,14 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// From now on each rank has the multipliers that it adds up; false where `S` is applied by the sides,
-    /// which all ranks do together with all multipliers.
+    /// Restricts the iteration to the multipliers that this rank owns and returns true. Returns false, and
+    /// changes nothing, if `S` is applied by the sides: all ranks then iterate on all multipliers together.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
         let Apply::Rows(rows) = &self.apply else {
             return false;
         };
         let me = parts.portion().communicator().rank();
-        // Rows and columns of `S` are of the same multipliers: who needs one of ours has one that we need.
+        // `S` is symmetric: a rank whose rows need one of our multipliers owns one that our rows need.
         let (mut send, mut receive) = (BTreeSet::new(), BTreeSet::new());
         for i in parts.mine() {
             for j in rows.row(*i as usize).0 {
@@ -148,7 +149,7 @@ impl<T: Real> Iterated<T> {
         true
     }
 
-    /// Stored entries.
+    /// Returns the number of stored entries of `S`.
     pub(super) fn nonzeros(&self) -> usize {
         match &self.apply {
             Apply::Rows(rows) => rows.nonzeros(),
@@ -156,7 +157,7 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// `b ← μ`, components interleaved.
+    /// Overwrites `b` with the solution `μ`, components interleaved.
     pub(super) fn solve(
         &mut self,
         b: &mut [T],
@@ -186,10 +187,10 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// `S p`, after ranks have told each other what they need of `p`.
+    /// Computes `S p`, after a halo exchange of `p`.
     pub(super) fn product<const N: usize>(&mut self, sides: &mut Sides<T>) {
         if let Some(others) = &mut self.others {
-            // A failure makes the sums no numbers, which ends it.
+            // A failed exchange turns the next sums into NaN, which ends the iteration.
             others.exchange(self.direction.as_chunks_mut::<N>().0);
         }
         match &self.apply {
@@ -198,13 +199,13 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// `z = C r`.
+    /// Computes `z = C r`.
     pub(super) fn turn(&mut self, by: &mut (impl Precondition<T> + ?Sized)) {
         self.turned.copy_from_slice(&self.residual);
         by.apply(&mut self.turned);
     }
 
-    /// `x += length p` and `r −= length S p`.
+    /// Adds `length p` to `x` and subtracts `length S p` from `r`.
     pub(super) fn advance<const N: usize>(&mut self, x: &mut [T], length: &Vector3<T>) {
         update::<T, N>(x, &self.direction, &mut |x, p| {
             (0..N).for_each(|c| x[c] += length[c] * p[c]);
@@ -216,7 +217,7 @@ impl<T: Real> Iterated<T> {
     }
 }
 
-/// Changes numbers of one vector by those of another, node by node.
+/// Calls `one` with the entries of two vectors, node by node.
 pub(super) fn update<T: Real, const N: usize>(
     x: &mut [T],
     y: &[T],

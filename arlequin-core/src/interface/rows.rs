@@ -1,8 +1,8 @@
 //! Sparse matrices summed row by row from dense blocks, in a fixed order.
 //!
-//! A task (a cell of the mediator, some particles) sums its products in one dense block over the nodes that
-//! take part, and hands over its rows. Rows are merged in the order of the tasks, each by itself: nothing
-//! is sorted but the few entries of a row, and results have the same bits for any number of threads.
+//! A task (a cell of the mediator, or some particles) sums its products in one dense block over its nodes and
+//! hands over the rows. Rows are merged in the order of the tasks, each row by itself. Only the few entries
+//! of a row are sorted, and results have the same bits for any number of threads.
 
 use crate::Real;
 use crate::adjacency::Adjacency;
@@ -12,18 +12,18 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use sprs::CsMat;
 
-/// Entries that wait before they are merged into their rows.
+/// Number of entries that wait before they are merged into their rows.
 const PENDING: usize = 1 << 22;
 
-/// What a task adds to one row: columns ascending, each once.
+/// Entries that a task adds to one row: columns ascending, each once.
 pub(super) struct Part<T> {
     row: u32,
     entries: Vec<(u32, T)>,
 }
 
-/// Dense numbers of the nodes a task has met, in the order in which it met them.
+/// Local numbers of the nodes that a task has met, in the order of meeting.
 struct Slots {
-    /// By node: the task that met it last, and its number there.
+    /// For each node: the task that met it last, and its local number there.
     known: Vec<(u32, u32)>,
     task: u32,
     nodes: Vec<u32>,
@@ -49,6 +49,7 @@ impl Slots {
 
     fn clear(&mut self) {
         self.nodes.clear();
+        // A new task number forgets all nodes at once, without clearing the table.
         self.task = self.task.wrapping_add(1);
         if self.task == 0 {
             self.known.fill((0, 0));
@@ -57,21 +58,22 @@ impl Slots {
     }
 }
 
-/// The products of one task, dense over the nodes that take part; a row is as long as the columns it has met.
+/// Products of one task, dense over its nodes. A row is as long as the columns it has met.
 pub(super) struct Block<T> {
-    /// Components that a block of two nodes mixes: 1 or all.
+    /// Components that the block of two nodes mixes: 1 or all.
     size: usize,
     rows: Slots,
     cols: Slots,
     values: Vec<Vec<T>>,
-    /// Nodes of the samples that are summed in `piece`, and their sum: over a piece of the overlap they
-    /// stay the same.
+    /// Nodes of the present samples and the sum over these samples. Samples of one cell intersection share
+    /// nodes.
     last: [Vec<usize>; 2],
     piece: Vec<T>,
 }
 
 impl<T: Real> Block<T> {
-    /// For matrices between so many nodes, with `size` components each.
+    /// Makes an empty block for matrices between `nodes` rows and columns of nodes, with `size` components
+    /// each.
     pub(super) fn new(nodes: [usize; 2], size: usize) -> Self {
         Self {
             size,
@@ -124,7 +126,7 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Moves the sum over the samples of a piece to where its nodes are.
+    /// Adds the sum over the present samples to the dense block.
     fn flush(&mut self) {
         let each = self.size * self.size;
         let [rows, cols] = &self.last;
@@ -151,7 +153,7 @@ impl<T: Real> Block<T> {
         self.piece.clear();
     }
 
-    /// What was added since the last call, by rows.
+    /// Returns the rows added since the last call, and clears the block.
     pub(super) fn take(&mut self) -> Vec<Part<T>> {
         self.flush();
         let size = self.size;
@@ -178,7 +180,7 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// `out_ij += f₀ N_i N_j + f₁ ∇N_i·∇N_j`.
+/// Adds `f₀ N_i N_j + f₁ ∇N_i·∇N_j` to every entry `ij`.
 fn add_scalar<T: Real>(out: &mut [T], [f0, f1]: [T; 2], rows: &ShapeRow<T>, cols: &ShapeRow<T>) {
     let width = cols.nodes.len();
     if width == 0 {
@@ -209,7 +211,7 @@ fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> ShapeFunction<T> {
     }
 }
 
-/// A sparse matrix that grows by the parts of one task after the other.
+/// Sparse matrix that grows by the rows of one task after another.
 pub(super) struct Rows<T> {
     rows: Vec<Vec<(u32, T)>>,
     pending: Vec<Part<T>>,
@@ -225,7 +227,7 @@ impl<T: Real> Rows<T> {
         }
     }
 
-    /// Adds the parts of the next task.
+    /// Adds the rows of the next task.
     pub(super) fn add(&mut self, parts: Vec<Part<T>>) {
         self.entries += parts.iter().map(|p| p.entries.len()).sum::<usize>();
         self.pending.extend(parts);
@@ -247,6 +249,7 @@ impl<T: Real> Rows<T> {
             for &k in mine {
                 row.extend_from_slice(&parts[k as usize].entries);
             }
+            // The sort is stable: entries of one column stay in the order of tasks, and so do their sums.
             row.sort_by_key(|e| e.0);
             row.dedup_by(|next, kept| {
                 let same = next.0 == kept.0;
@@ -293,7 +296,7 @@ mod tests {
         }
     }
 
-    /// Samples with changing nodes, cut into tasks in any way, give the plain sum of the junction's blocks.
+    /// Samples with changing nodes, split into tasks in any way, give the plain sum of the junction's blocks.
     #[test]
     fn blocks_and_rows_give_the_sum_of_all_products() {
         let junctions: [(&dyn Junction<f64>, usize); 2] =

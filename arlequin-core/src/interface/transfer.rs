@@ -1,11 +1,12 @@
 //! Both directions between one model's velocities and the multipliers.
 //!
-//! The coupling matrix is kept twice, by multipliers and by the nodes they act on, so that either direction
-//! only gathers: every result is one sum in a fixed order, whatever thread makes it. Columns have 32 bits,
-//! the components of a node are added together, nothing is allocated.
+//! The coupling matrix is kept twice, by multipliers and by coupled nodes, so that either direction only
+//! gathers: every result is one sum in a fixed order, whatever thread computes it. Columns have 32 bits, the
+//! components of a node are processed together, and a step allocates nothing.
 //!
-//! The sum of a multiplier is cut where the columns pass from one unit of 256 nodes to the next, and its
-//! pieces are added in that order: whoever holds which units, the bits are the same.
+//! The sum of a multiplier is cut where its columns pass from one unit of 256 nodes to the next, and these
+//! pieces are added in the order of units. The bits are therefore the same for any distribution of units
+//! among ranks.
 
 use super::Coupling;
 use crate::ranks::{Cuts, Portion, UNIT};
@@ -15,10 +16,10 @@ use sprs::TriMat;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Stored entries per unit of work.
+/// Stored entries per task.
 const GRAIN: usize = 4_096;
 
-/// Sparse rows that are only read along.
+/// Sparse matrix in compressed rows.
 #[derive(Debug, Clone)]
 pub(crate) struct Rows<T> {
     starts: Vec<usize>,
@@ -27,7 +28,7 @@ pub(crate) struct Rows<T> {
 }
 
 impl<T: Real> Rows<T> {
-    /// `count` rows of entries that come row by row.
+    /// Makes `count` rows from entries sorted by row.
     pub(crate) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
         let (mut starts, mut columns, mut values) = (vec![0; count + 1], Vec::new(), Vec::new());
         for (row, column, value) in entries {
@@ -43,24 +44,24 @@ impl<T: Real> Rows<T> {
         }
     }
 
-    /// Stored entries.
+    /// Returns the number of stored entries.
     pub(super) fn nonzeros(&self) -> usize {
         self.values.len()
     }
 
-    /// `out = A x`, with `N` components each.
+    /// Computes `out = A x` with `N` interleaved components.
     pub(crate) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
         let (x, out) = (nodes::<T, N>(x), out.as_chunks_mut::<N>().0);
         self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
 
-    /// Columns and values of a row.
+    /// Returns the columns and values of a row.
     pub(super) fn row(&self, k: usize) -> (&[u32], &[T]) {
         let range = self.starts[k]..self.starts[k + 1];
         (&self.columns[range.clone()], &self.values[range])
     }
 
-    /// `Σ_j b_kj x_j`, in two interleaved sums: one would wait for each addition.
+    /// Returns `Σ_j b_kj x_j`. Two interleaved sums: in a single one each addition would wait for the last.
     #[inline]
     pub(crate) fn times<const N: usize>(&self, k: usize, x: impl Fn(usize) -> [T; N]) -> [T; N] {
         let (columns, values) = self.row(k);
@@ -82,7 +83,7 @@ impl<T: Real> Rows<T> {
         even
     }
 
-    /// `out_k = one(k)` for a range of rows, on several threads where that pays.
+    /// Writes `out_k = one(k)` for a range of rows, on several threads if that pays.
     pub(crate) fn each<const N: usize>(
         &self,
         rows: Range<usize>,
@@ -93,8 +94,8 @@ impl<T: Real> Rows<T> {
     }
 }
 
-/// `out_k = one(k)` for a range of rows, on several threads where that pays; `before`: entries of the rows
-/// before one.
+/// Writes `out_k = one(k)` for a range of rows, on several threads if that pays. `before`: number of entries
+/// before a row.
 pub(super) fn each<T: Real, const N: usize>(
     rows: Range<usize>,
     out: &mut [[T; N]],
@@ -114,38 +115,38 @@ pub(super) fn each<T: Real, const N: usize>(
     );
 }
 
-/// One side of an interface as its steps use it. Of a model in parts it has the columns of the nodes here,
-/// and all multipliers.
+/// One side of an interface, in the form that steps use. For a partitioned model it has the columns of the
+/// nodes that this rank owns, and all multipliers.
 #[derive(Debug)]
 pub(crate) struct Transfer<T> {
-    /// Components that share the matrix.
+    /// Number of components that share the matrix.
     shared: usize,
-    /// Columns of the matrix, and of one node.
+    /// Number of columns of the matrix, and columns per node.
     columns: usize,
     per_node: usize,
-    /// `B`: pieces of multipliers, each in one unit of nodes, by places in `coupled`.
+    /// `B` by pieces of multipliers, each in one unit of nodes; columns are places in `coupled`.
     gather: Rows<T>,
-    /// First piece of every multiplier, and the number of all.
+    /// First piece of each multiplier, then the number of pieces.
     pieces: Vec<u32>,
     /// `Bᵀ`: places in `coupled` by multipliers.
     scatter: Rows<T>,
     /// Coupled columns of the model, ascending.
     coupled: Vec<u32>,
-    /// Where these pass from unit to unit.
+    /// Where `coupled` passes from one unit of nodes to the next.
     cuts: Cuts,
     /// `∓M⁻¹` of the coupled columns, components interleaved; zero where motion is prescribed.
     mobility: Vec<T>,
     /// `M` of the coupled columns; zero where motion is prescribed.
     inertia: Vec<T>,
-    /// Velocities of the coupled columns, then what multipliers change, `δ = ∓M⁻¹ Bᵀ μ`.
+    /// Velocities of the coupled columns, later the changes `δ = ∓M⁻¹ Bᵀ μ` by the multipliers.
     local: Vec<T>,
-    /// Of a model in parts: what this rank holds.
+    /// This rank's part of a partitioned model; `None` if it is whole.
     portion: Option<Arc<Portion>>,
 }
 
 impl<T: Real> Transfer<T> {
-    /// Both directions of a coupling matrix of a model with so many components; `sign`: that of the forces
-    /// which multipliers exert on this side.
+    /// Stores both directions of a coupling matrix. `sign`: sign of the forces that multipliers exert on this
+    /// side.
     pub(super) fn new(of: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
         let (matrix, shared) = (&of.matrix, of.shared);
         let entries = matrix.iter().filter(|(v, _)| **v != T::zero());
@@ -156,7 +157,8 @@ impl<T: Real> Transfer<T> {
         Self::of(size, [shared, components / shared], entries, &mobility)
     }
 
-    /// From entries by multipliers and columns, of `[multipliers, columns]`; `mobility`: of a column.
+    /// Stores entries (multiplier, column, value) of a matrix of size `[multipliers, columns]`. `mobility`:
+    /// `∓M⁻¹` of a column.
     fn of(
         [rows, columns]: [usize; 2],
         [shared, per_node]: [usize; 2],
@@ -207,7 +209,7 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// From now on the model is in parts: keeps what acts on the nodes here.
+    /// Restricts the side to the nodes that this rank owns.
     pub(super) fn share_out(&mut self, portion: &Arc<Portion>) {
         let n = self.per_node;
         let here = |j: usize| Some(portion.local(j / n)? * n + j % n);
@@ -223,12 +225,12 @@ impl<T: Real> Transfer<T> {
         self.portion = Some(portion.clone());
     }
 
-    /// Multiplier rows.
+    /// Returns the number of multiplier rows.
     pub(super) fn multipliers(&self) -> usize {
         self.pieces.len() - 1
     }
 
-    /// A node of every piece of a multiplier, by units.
+    /// Returns one node of each piece of a multiplier, in the order of units.
     pub(super) fn units(&self, row: usize) -> impl Iterator<Item = usize> {
         self.pieces_of(row).map(|p| {
             let place = self.gather.row(p).0[0];
@@ -240,22 +242,22 @@ impl<T: Real> Transfer<T> {
         self.pieces[row] as usize..self.pieces[row + 1] as usize
     }
 
-    /// Entries of the multipliers before one.
+    /// Returns the number of entries before a multiplier.
     pub(super) fn before(&self, row: usize) -> usize {
         self.gather.starts[self.pieces[row] as usize]
     }
 
-    /// Components that share the matrix; 1 if it holds all of them.
+    /// Returns the number of components that share the matrix; 1 if the matrix holds all of them.
     pub(crate) fn shared(&self) -> usize {
         self.shared
     }
 
-    /// Unknowns of the model that it has columns for.
+    /// Returns the number of unknowns of the model that the matrix has columns for.
     pub(crate) fn size(&self) -> usize {
         self.columns * self.shared
     }
 
-    /// Entries of `B` as row, column, value, row by row.
+    /// Returns the entries of `B` as row, column, value, row by row.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize, T)> {
         let pieces = (0..self.multipliers()).flat_map(|i| self.pieces_of(i).map(move |p| (i, p)));
         pieces.flat_map(move |(i, p)| {
@@ -265,17 +267,17 @@ impl<T: Real> Transfer<T> {
         })
     }
 
-    /// Stored entries of one direction.
+    /// Returns the number of stored entries of one direction.
     pub(super) fn nonzeros(&self) -> usize {
         self.gather.nonzeros()
     }
 
-    /// Coupled columns, ascending.
+    /// Returns the coupled columns, ascending.
     pub(super) fn coupled(&self) -> &[u32] {
         &self.coupled
     }
 
-    /// The matrix.
+    /// Returns the coupling matrix in its assembled form.
     pub(super) fn matrix(&self) -> Coupling<T> {
         let mut all = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
         self.entries().for_each(|(i, j, v)| all.add_triplet(i, j, v));
@@ -285,7 +287,7 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// Takes the values of the coupled columns.
+    /// Loads the values of the coupled columns from the model's unknowns.
     pub(super) fn load(&mut self, x: &[T]) {
         match self.shared {
             1 => copy_at::<T, 1>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
@@ -294,7 +296,8 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `B x` in one piece, of numbers of the model, or without them of what the coupled columns hold.
+    /// Returns one piece of `B x`, for unknowns `x` of the model or, if `None`, for what the coupled columns
+    /// hold.
     #[inline]
     pub(super) fn piece<const N: usize>(&self, piece: usize, x: Option<&[T]>) -> [T; N] {
         match x.map(nodes::<T, N>) {
@@ -306,18 +309,18 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// All pieces of a multiplier here, in their order.
+    /// Returns the sum of a multiplier over the pieces on this rank, in their order.
     #[inline]
     pub(super) fn row<const N: usize>(&self, row: usize, x: Option<&[T]>) -> [T; N] {
         total(self.pieces_of(row).map(|p| self.piece(p, x)))
     }
 
-    /// All pieces into `out`.
+    /// Writes all pieces of this rank into `out`.
     pub(super) fn pieces<const N: usize>(&self, x: Option<&[T]>, out: &mut [[T; N]]) {
         self.gather.each(0..out.len(), out, &|p| self.piece(p, x));
     }
 
-    /// Keeps `δ = ∓M⁻¹ Bᵀ μ`.
+    /// Computes and keeps `δ = ∓M⁻¹ Bᵀ μ`.
     pub(super) fn spread(&mut self, multipliers: &[T]) {
         match self.shared {
             1 => self.spread_of::<1>(multipliers),
@@ -337,7 +340,7 @@ impl<T: Real> Transfer<T> {
         });
     }
 
-    /// `δᵀ M δ`, on all ranks.
+    /// Returns `δᵀ M δ` over all ranks. Collective for a partitioned model.
     pub(super) fn twice_kinetic(&self) -> T {
         let d = self.shared;
         let part = |places: Range<usize>| {
@@ -350,7 +353,7 @@ impl<T: Real> Transfer<T> {
         self.cuts.sum(self.portion.as_deref(), d, &part)[0]
     }
 
-    /// `x += δ`.
+    /// Adds `δ` to `x`.
     pub(crate) fn kick(&self, x: &mut [T]) {
         let change = &self.local;
         match self.shared {
@@ -360,7 +363,7 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `f += scale Bᵀ λ`; for set-up and the few steps that need the force itself.
+    /// Adds `scale Bᵀ λ` to `f`; for set-up and the few steps that need the force itself.
     pub(crate) fn add_force(&self, scale: T, multipliers: &[T], f: &mut [T]) {
         let d = self.shared;
         let mut add = |k: usize, j: usize| {
@@ -373,7 +376,7 @@ impl<T: Real> Transfer<T> {
         (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize));
     }
 
-    /// `B x`; for checks.
+    /// Computes `B x`; for checks.
     pub(crate) fn times(&self, x: &[T], out: &mut [T]) {
         let d = self.shared;
         out.fill(T::zero());
@@ -383,12 +386,12 @@ impl<T: Real> Transfer<T> {
     }
 }
 
-/// Numbers by nodes.
+/// Groups numbers by nodes.
 pub(super) fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
     x.as_chunks().0
 }
 
-/// The sum of pieces in their order.
+/// Returns the sum of pieces in their order.
 #[inline]
 pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T; N]>) -> [T; N] {
     let first = pieces.next().unwrap_or([T::zero(); N]);
@@ -398,7 +401,7 @@ pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T
     })
 }
 
-/// Values of the given nodes.
+/// Copies the values of the given nodes.
 fn copy_at<T: Real, const N: usize>(at: &[u32], x: &[[T; N]], out: &mut [[T; N]]) {
     let part = |at: &[u32], out: &mut [[T; N]]| {
         at.iter().zip(out).for_each(|(j, out)| *out = x[*j as usize]);
@@ -410,7 +413,7 @@ fn copy_at<T: Real, const N: usize>(at: &[u32], x: &[[T; N]], out: &mut [[T; N]]
     chunks.for_each(|(at, out)| part(at, out));
 }
 
-/// Adds what belongs to the given nodes to `x`, which begins at node `first`.
+/// Adds the changes of the given nodes to `x`, which begins at node `first`.
 pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], first: usize, x: &mut [[T; N]]) {
     if at.len() <= GRAIN || !parallel::pays(N * at.len()) {
         for (k, d) in at.iter().zip(change) {
@@ -419,6 +422,7 @@ pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], fir
         }
         return;
     }
+    // Nodes ascend: halves of the list write to separate halves of `x`.
     let half = at.len() / 2;
     let middle = at[half] as usize;
     let (low, high) = x.split_at_mut(middle - first);
@@ -428,7 +432,7 @@ pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], fir
     );
 }
 
-/// Nodes a coupling matrix touches, ascending.
+/// Returns the nodes that a coupling matrix acts on, ascending.
 pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
     let per_column = components / coupling.shared();
     let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();

@@ -1,4 +1,4 @@
-//! Several components at once, of one operator or of several.
+//! Tests of several components with one operator or with several.
 
 use super::super::iterated::{Apply, Iterated, Method, Precondition};
 use super::super::operator::{Operator, Wanted};
@@ -9,8 +9,8 @@ use super::Chebyshev;
 use crate::{Error, Real};
 use sprs::TriMat;
 
-/// Multipliers of two components on one side of four nodes, tied in pairs, with inverse masses of each
-/// component.
+/// Returns the operator for three multipliers of two components on four nodes, tied in pairs. `inverse`:
+/// inverse masses, components interleaved.
 fn of_components(inverse: &[f64], solver: Solver<f64>) -> (Coupling<f64>, Operator<f64>) {
     let mut all = TriMat::new((3, 4));
     (0..3).for_each(|i| (i..i + 2).for_each(|j| all.add_triplet(i, j, 1.0)));
@@ -30,7 +30,7 @@ fn of_components(inverse: &[f64], solver: Solver<f64>) -> (Coupling<f64>, Operat
     (coupling, of)
 }
 
-/// Ends that are light and a middle that is, in either order.
+/// Components with light end nodes and with light middle nodes, in either order.
 #[test]
 fn bounds_are_those_of_all_components() {
     let [ends, middle] = [[1.0, 1e-3, 1e-3, 1.0], [1e-3, 1.0, 1.0, 1e-3]];
@@ -65,7 +65,7 @@ fn bounds_are_those_of_all_components() {
     }
 }
 
-/// What is moved is lighter than what the bounds were found for.
+/// The moved masses are lighter than those for which the bounds were computed.
 #[test]
 fn an_iteration_that_grows_is_told_with_the_name_of_its_interface() {
     let inverse = [1.0, 2.0, 3.0, 1.0, 2.0, 1.5, 1.0, 3.0];
@@ -89,7 +89,7 @@ fn an_iteration_that_grows_is_told_with_the_name_of_its_interface() {
         }
         other => panic!("{other:?}"),
     }
-    // The next one goes well.
+    // The next solve succeeds.
     let mut sides = Sides::new(vec![Transfer::new(&coupling, 2, -1.0, &inverse)]);
     of.solve(&mut [1.0, -0.3, 0.2, 0.7, -0.5, 0.1], &mut sides);
     assert!(of.check("tie").is_ok());
@@ -104,8 +104,7 @@ impl Precondition<f64> for Diagonal {
     }
 }
 
-/// One component has a wave that is longer than the bounds know of, one has short waves only and one has
-/// nothing to do.
+/// One component has a wave below the lower bound, one has short waves only, and one is zero.
 #[test]
 fn components_have_residuals_and_scalings_of_their_own() {
     const N: usize = 40;
