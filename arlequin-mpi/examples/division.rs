@@ -1,6 +1,7 @@
-//! What ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`, the
-//! cells of a lattice of particles and of blocks of finite elements along each edge. With the name of a
-//! Gmsh mesh, that of its elements.
+//! Prints what ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`.
+//!
+//! The argument is the number of cells along each edge, of a lattice of particles and of blocks of finite
+//! elements, or the name of a Gmsh mesh.
 #![allow(clippy::print_stdout, reason = "a table is all it makes")]
 
 use arlequin_core::nalgebra::Point3;
@@ -15,7 +16,7 @@ use std::time::Duration;
 
 type Done<R> = Result<R, Box<dyn Error>>;
 
-/// Nodes, ghosts, sent nodes, peers, units in a thousand that name ghosts.
+/// Numbers of nodes, ghosts, sent nodes and peers, and units in a thousand that are linked with ghosts.
 fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 5] {
     let of = |h: &Halo| {
         let borders = h.borders();
@@ -68,18 +69,18 @@ fn elements(what: &str, mesh: &Mesh<f64>) -> Done<()> {
     times(mesh)
 }
 
-/// Evaluations of forces that are timed.
+/// Number of timed force evaluations.
 const TIMED: u32 = 20;
 
-/// Seconds that this thread has been on a processor, as Linux tells.
+/// Returns the processor time of this thread \[s\] as Linux reports it.
 fn busy() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let first = told.split(' ').next().and_then(|ns| ns.parse().ok());
     first.map_or(f64::NAN, |ns: f64| 1e-9 * ns)
 }
 
-/// What an evaluation of the forces costs the busiest rank, without its waits; least of three rounds in
-/// turns.
+/// Prints the processor time of a force evaluation on the busiest rank, without its waits: the least of three
+/// rounds in turns.
 fn times(mesh: &Mesh<f64>) -> Done<()> {
     let whole = FemModel::new("timed", mesh.clone(), Elastic::new(75e9, 0.17, 2200.0)?)?;
     let mut least = [f64::INFINITY; 3];

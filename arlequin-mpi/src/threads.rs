@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Does `work` on so many ranks at once, each on a thread and with `threads` more for its loops; no rank
-/// waits for another longer than `wait`. Results in the order of ranks; [`RankError::Lost`] for one that
-/// panicked.
+/// Runs `work` on `ranks` ranks at once, each on a thread of its own with a pool of `threads` for parallel
+/// loops. No rank waits for another longer than `wait`. Returns the results in the order of ranks;
+/// [`RankError::Lost`] for a rank that panicked.
 ///
 /// ```
 /// use arlequin_core::ranks::Reduction;
@@ -35,7 +35,7 @@ pub fn run<R: Send>(
             rank,
             shared: shared.clone(),
         };
-        // Tells the others when this thread ends, however it does.
+        // Marks this rank as ended, on return as well as on a panic, so that others do not wait for it.
         let _leaving = Leaving(&own);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|e| RankError::Transport {
@@ -56,7 +56,7 @@ pub fn run<R: Send>(
     })
 }
 
-/// One rank.
+/// Rank on a thread.
 #[derive(Debug, Clone)]
 struct Thread {
     rank: usize,
@@ -73,14 +73,15 @@ struct Shared {
 
 #[derive(Debug)]
 struct State {
-    /// What rank `i` has sent to rank `j`, at `i * ranks + j`.
+    /// Messages from rank `i` to rank `j`, at `i * ranks + j`.
     boxes: Vec<VecDeque<Vec<f64>>>,
-    /// Words of the reduction under way, how many ranks have given theirs, how many reductions there were.
+    /// Words of the present reduction, number of ranks that have added theirs, and number of finished
+    /// reductions.
     words: Vec<i64>,
     given: usize,
     done: usize,
     result: Vec<i64>,
-    /// Which ranks have ended, and which gave up and why.
+    /// Ranks that have ended, and the first rank that gave up, with its reason.
     ended: Vec<bool>,
     gave_up: Option<(usize, String)>,
 }
@@ -99,7 +100,7 @@ impl State {
     }
 }
 
-/// Marks a rank as ended.
+/// Guard that marks a rank as ended when dropped.
 struct Leaving<'a>(&'a Thread);
 
 impl Drop for Leaving<'_> {
@@ -110,12 +111,12 @@ impl Drop for Leaving<'_> {
 }
 
 impl Thread {
-    /// State is whole whatever thread panicked: nothing panics while it holds the lock.
+    /// Locks the state. A poisoned lock is taken as well: nothing panics while it holds the lock.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until `ready` returns something; `from`: ranks without which it never will.
+    /// Waits until `ready` returns a value. `from`: ranks that have to act for that.
     fn wait<R>(
         &self,
         what: &'static str,
@@ -226,7 +227,7 @@ impl Communicator for Thread {
         }
         drop(state);
         self.shared.changed.notify_all();
-        // The next result is not there before this rank has given its words for it.
+        // The next result cannot replace this one before this rank has added its words to it.
         self.wait("a sum over all ranks", 0..ranks, |s| {
             (s.done > mine).then(|| words.copy_from_slice(&s.result))
         })

@@ -1,4 +1,4 @@
-//! Bonds that break in a body on several ranks: the breaks of one, with their bits.
+//! Breaking bonds in a body on several ranks: the same breaks as on one rank, bit by bit.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -14,7 +14,7 @@ use dem_beam::fracture::{Criterion, Fracture, Scatter, SharedLog};
 use std::sync::Arc;
 use support::{Told, WAIT, bar, bits, first, same_on, shared, unknowns};
 
-/// One up to two thirds of the body, then down to 0.2.
+/// Weight of one up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
 struct Ending;
 
@@ -24,14 +24,14 @@ impl Weight<f64> for Ending {
     }
 }
 
-/// A way in which bonds break.
+/// Case of breaking bonds.
 #[derive(Debug, Clone, Copy)]
 struct Case {
     spec: Fracture,
     finite: bool,
-    /// Bonds compared one by one.
+    /// True if bonds are compared with their strengths one by one, not within the force kernel.
     plainly: bool,
-    /// Whether its end lies in an overlap.
+    /// True if the end of the body lies in an overlap.
     weighted: bool,
 }
 
@@ -68,7 +68,7 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
     )
 }
 
-/// State, ledger and all breaks, in their order.
+/// Returns state, ledger and all breaks in their order.
 fn told(run: (Coupled<f64>, SharedLog)) -> Told {
     told_after(run, 30)
 }
@@ -135,7 +135,7 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
         let bonds = bar(false).body().pairs().len();
         let count = log.events().len();
         assert!((10..bonds / 2).contains(&count), "{count} of {bonds}: {case:?}");
-        // Between ranks too, whichever of the two ends is loaded more.
+        // Some breaks are between ranks, whichever of the two ends carries the larger load.
         let m = bar(false);
         let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
         let apart = |p: &[u32; 2]| halves.owner(p[0] as usize) != halves.owner(p[1] as usize);
@@ -148,7 +148,7 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
     }
 }
 
-/// Saved on three ranks in the middle of all breaks.
+/// Saves on three ranks in the middle of all breaks.
 #[test]
 fn what_broke_on_three_ranks_stays_broken_on_others() {
     for case in cases() {
@@ -170,7 +170,7 @@ fn what_broke_on_three_ranks_stays_broken_on_others() {
     }
 }
 
-/// The balance of energy closes to round-off in spite of breaks on any rank.
+/// Closes the energy balance to round-off in spite of breaks on any rank.
 #[test]
 fn what_breaks_takes_its_energy_out_of_the_balance_of_all_ranks() {
     let case = cases()[0];

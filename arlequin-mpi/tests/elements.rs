@@ -1,4 +1,4 @@
-//! Bodies of finite elements on several ranks: the bits of one, whatever the division.
+//! Bodies of finite elements on several ranks: the bits of one rank, for any division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 #[path = "support/continua.rs"]
@@ -21,7 +21,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use support::{Told, WAIT, first, same_on, shared};
 
-/// Bodies some 6 mm long: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh, bars.
+/// Bodies of some 6 mm length: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh,
+/// bars.
 const BODIES: [&str; 5] = ["box", "tets", "ell", "gmsh", "bars"];
 
 fn body(kind: &str) -> FemModel<f64> {
@@ -77,7 +78,7 @@ fn forces_masses_stresses_and_critical_steps_have_the_bits_of_one_rank() {
     }
 }
 
-/// A run under all effects that elements have, its ends held and moved.
+/// Returns a run with all effects that elements have, its ends held and moved.
 fn loaded(kind: &str, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = body(kind);
     let c = model.layout().components;
@@ -149,14 +150,14 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
     for kind in ["ell", "gmsh", "bars"] {
         let whole = told(loaded(kind, None), 30);
         assert!(whole.1.iter().all(|x| x.is_finite()), "{:?}", whole.1);
-        // Every effect and support but the prestress did work, and the balance is that of round-off.
+        // Every effect and support but the prestress did work, and the balance closes to round-off.
         assert!(whole.1[8..13].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(whole.1[6].abs() < 1e-12 * whole.1[2], "{:?}", whole.1);
         same_on(&[2, 3, 8], &kind, &whole, |c| told(loaded(kind, Some(c)), 30));
     }
 }
 
-/// Half of the steps on two ranks, the other half on others.
+/// Runs half of the steps on two ranks and the other half on other numbers of ranks.
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     let whole = told(loaded("tets", None), 24);
@@ -177,7 +178,7 @@ fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     });
 }
 
-/// Single precision: what is sent has more digits than what is kept.
+/// Single precision: messages have more digits than the state.
 #[test]
 fn single_precision_has_the_bits_of_one_rank() {
     let model = || {
@@ -212,8 +213,8 @@ fn single_precision_has_the_bits_of_one_rank() {
     assert!(all == whole.0);
 }
 
-/// A rank hears of those nodes alone that share an element with its own, once each, and has the field of
-/// its elements.
+/// A rank receives only nodes that share an element with its own, once each, and has the field of its
+/// elements.
 #[test]
 fn halos_are_what_elements_ask_for() {
     for kind in ["ell", "gmsh"] {

@@ -1,5 +1,5 @@
-//! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever
-//! the division.
+//! A partitioned body of particles between two whole bars of finite elements: the bits of one rank, for any
+//! division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -20,26 +20,26 @@ use std::time::Duration;
 
 const WAIT: Duration = Duration::from_secs(20);
 
-/// What differs from case to case.
+/// Case of a coupled run.
 #[derive(Debug, Clone, Copy)]
 struct Case {
     finite: bool,
-    /// Where the left bar ends, and where the right one begins; particles fill -0.05 to 3.95.
+    /// End of the left bar, and start of the right one; particles fill -0.05 to 3.95.
     ends: [f64; 2],
-    /// Own steps of the particles.
+    /// Own steps of the particles per macro step.
     steps: usize,
-    /// Whether both sides of the left overlap are held there, and whether they are moved.
+    /// True if both sides of the left overlap are held there, and true if they are moved.
     held: bool,
     moved: bool,
     sort: Sort,
-    /// Particles along a radius of the plain case, and elements of a mediator along 0.5.
+    /// Particles along a radius over those of the plain case, and mediator elements along 0.5.
     finer: usize,
     elements: usize,
-    /// Whether there are interfaces at all.
+    /// True if the bodies are coupled.
     tied: bool,
 }
 
-/// Junction and solver.
+/// Junction and solver of a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Sort {
     Values,
@@ -73,7 +73,7 @@ fn bar(name: &str, from: f64, to: f64) -> FemModel<f64> {
     FemModel::new(name, mesh, Elastic::new(1.0, 0.2, 1.0).unwrap()).unwrap()
 }
 
-/// Weights of a bar: one at the border where it is alone.
+/// Weights of a bar: one at `alone`, falling towards `border`.
 fn fading(alone: f64, border: f64) -> Weights<f64> {
     let slab = Slab::between(at(border), at(alone)).unwrap();
     Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
@@ -111,7 +111,7 @@ fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> Interfac
     }
 }
 
-/// A smooth displacement of both models, and velocities of which each has its own.
+/// Gives both models the same smooth displacement, and each its own velocities.
 fn moving(s: Subdomain<f64>, held: &[usize]) -> Subdomain<f64> {
     let layout = s.model().layout();
     let mut q = vec![0.0; layout.dofs()];
@@ -125,7 +125,7 @@ fn moving(s: Subdomain<f64>, held: &[usize]) -> Subdomain<f64> {
     s.with_initial(q, v).unwrap()
 }
 
-/// Unknowns of the displacements of nodes near the lower face of the left overlap.
+/// Returns the displacement unknowns of nodes near the lower face of the left overlap.
 fn lower(model: &dyn Model<f64>, held: bool) -> Vec<usize> {
     let near = |x: &Point3<f64>| held && x.y < 0.02 && (0.0..0.5).contains(&x.x);
     let nodes = model.nodes().iter().enumerate().filter(|n| near(n.1));
@@ -161,7 +161,7 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
     let all = all.into_iter().map(|s| {
         let held = lower(s.model(), case.held);
         let s = moving(s.with_partition(Partition::Unchecked), &held);
-        // In the overlap, where multipliers do work on it.
+        // The motion lies in the overlap, where multipliers do work on it.
         let motion = PrescribedMotion {
             amplitude: if case.moved { 1e-3 } else { 0.0 },
             time: TimeFunction::Ramp { duration: 10.0 },
@@ -182,7 +182,7 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
     Coupled::new(all, interfaces, TimeStep::Fraction(0.4), None).unwrap()
 }
 
-/// Bits of the particles by their numbers in the whole body, then what is the same on every rank.
+/// Bits of the particles by their numbers in the whole body, then numbers that are the same on every rank.
 type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
 
 fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
@@ -263,7 +263,7 @@ fn coupled_steps_have_the_bits_of_one_rank() {
     check(finite, &[3]);
 }
 
-/// Strains act between components; forty iterations do not get to the end.
+/// Strains couple components, and forty iterations do not reach the tolerance.
 #[test]
 fn junctions_and_solvers_have_the_bits_of_one_rank() {
     for sort in [
@@ -275,7 +275,7 @@ fn junctions_and_solvers_have_the_bits_of_one_rank() {
     ] {
         check(Case { sort, ..PLAIN }, &[3]);
     }
-    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks
+    // Rows of the operator are longer here than those of both sides: it is applied by the sides, on all ranks
     // together.
     let fine = Case {
         sort: Sort::Iterated,
@@ -314,15 +314,15 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     }
 }
 
-/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four
-/// ranks; multiplier unknowns; coupled particles.
+/// Returns the bytes per step that interfaces add on a rank, in messages and in reductions (the most of four
+/// ranks); the multiplier unknowns; and the coupled particles.
 fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
     let steps = 8;
     let count = |tied: bool| {
         let all = threads::run(4, 1, WAIT, |c| {
             let counted = support::Counted::new(c);
             let mut run = run(Case { tied, ..case }, Some(counted.clone()));
-            // The first step draws the ledger, and the tenth.
+            // The ledger is drawn in the first step and in the tenth.
             run.run(1, &mut Silent).unwrap();
             counted.take();
             run.run(steps, &mut Silent).unwrap();
@@ -353,12 +353,11 @@ fn interfaces_tell_of_multipliers_and_not_of_particles() {
         })
     });
     for (told, multipliers, _) in [plain, small, fine] {
-        // Sums of multipliers, and of two interfaces an exact sum of what the kick changes.
+        // Sums of multipliers and, for each of two interfaces, an exact sum of the kick's kinetic energy.
         assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
     }
     let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
-    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes
-    // each.
+    // Pieces are as many as units of 256 particles. Sending all particles to another rank took 24 bytes each.
     let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
     assert!(
         growth[1] > 8.0 && growth[0] < 0.5 * growth[1],
@@ -369,14 +368,14 @@ fn interfaces_tell_of_multipliers_and_not_of_particles() {
     assert!(growth[0] < growth[1], "{plain:?} {fine:?}");
 }
 
-/// Narrow overlaps at the ends of six units.
+/// Case of narrow overlaps at the ends of six units.
 const NARROW: Case = Case {
     ends: [0.55, 3.35],
     ..PLAIN
 };
 
-/// Of six ranks some hold no particle of either overlap, some one overlap alone; of eight two hold nothing
-/// at all.
+/// Of six ranks some own no particle of either overlap, and some of one only; of eight two own nothing at
+/// all.
 #[test]
 fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_one_rank() {
     let coupled = threads::run(8, 1, WAIT, |c| {
@@ -393,13 +392,13 @@ fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_
     );
     assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
     check(NARROW, &[6, 8]);
-    // Of few blocks of multipliers most ranks have none.
+    // With few blocks of multipliers most ranks own none.
     for sort in [Sort::Iterated, Sort::Damped] {
         check(Case { sort, ..NARROW }, &[8]);
     }
 }
 
-/// Saved on three ranks, gone on with on one, two and four: as if it had never stopped.
+/// A run saved on three ranks resumes on one, two and four as if it had never stopped.
 #[test]
 fn a_run_goes_on_from_its_snapshot_on_another_number_of_ranks() {
     for finite in [false, true] {

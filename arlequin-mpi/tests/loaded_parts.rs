@@ -1,4 +1,4 @@
-//! Loads, dampings and supports of a body of particles on several ranks: the bits of one.
+//! Loads, dampings and supports of a body of particles on several ranks: the bits of one rank.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -17,8 +17,8 @@ use dem_beam::LoadShare;
 use std::sync::Arc;
 use support::{Along, Told, WAIT, bar, bits, first, same_on, shared, unknowns};
 
-/// A bar under all effects that particles have, its ends held and moved; no rank but the outer ones has any
-/// node of these.
+/// Returns a bar with all effects that particles have, its ends held and moved. Only the outer ranks own
+/// nodes of the ends.
 fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = bar(finite);
     let start = model.select(|x| x.x < 4e-4);
@@ -99,8 +99,7 @@ fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
 fn effects_and_moving_supports_have_the_bits_of_one_rank() {
     for finite in [false, true] {
         let whole = told(loaded(finite, None));
-        // Every effect and support did something, and the balance is that of round-off where the law is
-        // linear.
+        // Every effect and support did something, and the balance closes to round-off if the law is linear.
         assert!(whole.1[5..14].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(finite || whole.1[3].abs() < 1e-12 * whole.1[1], "{:?}", whole.1);
         same_on(&[1, 2, 3, 4, 8], &finite, &whole, |c| {
@@ -109,7 +108,8 @@ fn effects_and_moving_supports_have_the_bits_of_one_rank() {
     }
 }
 
-/// Half of the steps on two ranks, the other half on others, with what effects remember.
+/// Runs half of the steps on two ranks and the other half on other numbers of ranks, with the effects'
+/// records.
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     let whole = told(loaded(true, None));
@@ -128,7 +128,7 @@ fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     });
 }
 
-/// Moments on particles of either end of the bar make the twist that was asked for, weights aside.
+/// Moments on particles of either end of the bar give the requested twist but for the weights.
 #[test]
 fn loads_name_unknowns_of_the_whole_body() {
     let known = threads::run(3, 1, WAIT, |c| {
@@ -157,7 +157,7 @@ fn loads_name_unknowns_of_the_whole_body() {
     }
 }
 
-/// A spring from every particle to the next one: needs what other ranks hold.
+/// Effect of springs from every particle to the next one, which needs nodes of other ranks.
 struct Chain;
 
 impl EffectSpec<f64> for Chain {

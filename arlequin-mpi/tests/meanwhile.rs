@@ -1,4 +1,4 @@
-//! What ranks do while messages are on their way: forces that need no node of another rank.
+//! Work of ranks while messages are on their way: forces that need no node of another rank.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -15,17 +15,18 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::SeqCst};
 use std::time::{Duration, Instant};
 use support::{WAIT, global};
 
-/// What happens to messages.
+/// Treatment of messages.
 #[derive(Debug, Default)]
 struct Way {
-    /// They get lost, once what can be done meanwhile is done.
+    /// If true, messages get lost once the work that can be done meanwhile is done.
     lost: AtomicBool,
-    /// Messages of all ranks but the first set off only once that has done so much, exchange by exchange.
+    /// If true, the messages of all ranks but the first leave only after that one has done its work for the
+    /// exchange.
     late: AtomicBool,
     done: AtomicUsize,
 }
 
-/// A transport on such a way.
+/// Transport that treats messages like that.
 #[derive(Debug)]
 struct Slow {
     inner: Arc<dyn Communicator>,
@@ -48,7 +49,7 @@ impl Slow {
         RankError::Lost { rank, peer: 1 - rank }
     }
 
-    /// Waits until the first rank has done what it can of an exchange.
+    /// Waits until the first rank has done its work for an exchange.
     fn dawdle(&self, exchange: usize) -> Result<(), RankError> {
         let until = Instant::now() + Duration::from_secs(10);
         while self.way.done.load(SeqCst) <= exchange {
@@ -101,7 +102,7 @@ impl Communicator for Slow {
     }
 }
 
-/// Something for every unknown, by its place in the whole body.
+/// Returns a displacement for every unknown, by its place in the whole body.
 fn displacements(model: &dyn Model<f64>) -> Vec<f64> {
     let n = model.layout().nodes;
     let of = |k: usize| {
@@ -111,7 +112,7 @@ fn displacements(model: &dyn Model<f64>) -> Vec<f64> {
     (0..model.layout().dofs()).map(of).collect()
 }
 
-/// Forces on a node, and torques where it turns.
+/// Returns the bits of the forces on a node, and of the torques if it turns.
 fn on_node(model: &dyn Model<f64>, f: &[f64], node: usize) -> Vec<u64> {
     let n = model.layout().nodes;
     let sorts = f.len() / (3 * n);
@@ -125,7 +126,7 @@ fn forces(model: &mut dyn Model<f64>) -> (Result<(), Error>, Vec<f64>) {
     (model.add_internal_forces(&q, &mut f), f)
 }
 
-/// Name of a whole body and the forces on each of its nodes.
+/// Returns the name of a whole body and the forces on each of its nodes.
 fn of_one_rank(mut model: Box<dyn Model<f64>>) -> (String, Vec<Vec<u64>>) {
     let (found, f) = forces(&mut *model);
     found.unwrap();
@@ -134,7 +135,7 @@ fn of_one_rank(mut model: Box<dyn Model<f64>>) -> (String, Vec<Vec<u64>>) {
     (model.name().to_owned(), all)
 }
 
-/// Forces on the nodes here are those of the whole body.
+/// Asserts that forces on this rank's nodes are those of the whole body.
 fn assert_forces(model: &mut dyn Model<f64>, expected: &[Vec<u64>], what: &str) {
     let (found, f) = forces(model);
     found.unwrap();
@@ -144,10 +145,10 @@ fn assert_forces(model: &mut dyn Model<f64>, expected: &[Vec<u64>], what: &str) 
     }
 }
 
-/// How a body is made.
+/// Function that makes a body.
 type Body = Box<dyn Fn() -> Box<dyn Model<f64>> + Sync>;
 
-/// A column of so many layers of elements, and a lattice of so many cells under both laws.
+/// Returns a lattice of `cells` under both laws and a column of `layers` of elements.
 fn bodies(layers: usize, cells: [usize; 3]) -> [Body; 3] {
     let elements = move || {
         let far = Point3::new(1e-3, 1e-3, 0.25e-3 * layers as f64);
@@ -166,18 +167,18 @@ fn bodies(layers: usize, cells: [usize; 3]) -> [Body; 3] {
     ]
 }
 
-/// Bodies of whose units some name nodes of the other of two ranks.
+/// Returns bodies in which, on two ranks, some units read nodes of the other rank.
 fn small_bodies() -> [Body; 3] {
     bodies(60, [60, 5, 5])
 }
 
-/// Bodies of which each of two ranks has more than one piece of work.
+/// Returns bodies of which each of two ranks has more than one piece of work.
 fn large_bodies() -> [Body; 3] {
     bodies(100, [70, 8, 8])
 }
 
-/// Where messages get lost, forces of units within a rank are there all the same, with the bits of the
-/// whole body; those of units at the border are not begun, and the loss is told.
+/// If messages get lost, forces of units within a rank are complete, with the bits of the whole body. Those
+/// of units at the border are not begun, and the loss is reported.
 #[test]
 fn forces_within_a_rank_are_final_before_messages_come() {
     for body in small_bodies() {
@@ -219,7 +220,7 @@ fn forces_within_a_rank_are_final_before_messages_come() {
     }
 }
 
-/// Ranks whose messages set off late hold nothing up but what needs them.
+/// Messages that leave late delay only the work that needs them.
 #[test]
 fn a_late_rank_does_not_delay_work_within_others() {
     for body in small_bodies() {
@@ -242,12 +243,12 @@ fn a_late_rank_does_not_delay_work_within_others() {
     }
 }
 
-/// A transport that asks for so many pieces of work, whatever is said of more, and leaves the rest of it.
+/// Transport that asks for a fixed number of pieces of work, whatever the answer, and leaves the rest undone.
 #[derive(Debug)]
 struct Asking {
     inner: Arc<dyn Communicator>,
     pieces: usize,
-    /// Those after which there was more to do.
+    /// Number of pieces after which there was more to do.
     more: AtomicUsize,
 }
 
@@ -275,7 +276,7 @@ impl Communicator for Asking {
     }
 }
 
-/// As often as transports find time for it: never, for a part of it, or once it is long done.
+/// Transports may find time for no work, for a part of it, or for more than all.
 #[test]
 fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
     for body in large_bodies() {

@@ -1,8 +1,8 @@
-//! What all ranks together have in memory at most, while a run of particles is set up and steps.
+//! Largest memory of all ranks together while a run of particles is set up and steps.
 //!
-//! A binary of its own: bytes are counted for all of the process, of which ranks are threads. So nothing
-//! here depends on which rank is first: all of them together never have more than the sum of what each has
-//! at most.
+//! This is a binary of its own: bytes are counted for the whole process, whose threads are the ranks. So no
+//! result depends on which rank is first: all of them together never have more than the sum of their largest
+//! values.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -34,7 +34,7 @@ fn stepped(model: DemModel, shared: Option<Arc<dyn Communicator>>) -> usize {
     run.subdomains()[0].model().nodes().len()
 }
 
-/// Every rank makes its own part.
+/// Makes each rank's own part only.
 fn in_parts(c: Arc<dyn Communicator>) -> usize {
     let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let division = Division::bisect(bricks.particles(), &bricks.units(), c.ranks()).unwrap();
@@ -45,7 +45,7 @@ fn in_parts(c: Arc<dyn Communicator>) -> usize {
     stepped(DemModel::of_piece("cube", piece, &division, c).unwrap(), None)
 }
 
-/// Every rank makes the whole, and the run shares it out.
+/// Makes the whole body on every rank and lets the run partition it.
 fn shared(c: Arc<dyn Communicator>) -> usize {
     let packing = lattice(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
@@ -53,7 +53,7 @@ fn shared(c: Arc<dyn Communicator>) -> usize {
     stepped(model, Some(c))
 }
 
-/// Bytes per particle of the body that all ranks have together at most.
+/// Returns the largest memory of all ranks together, in bytes per particle of the body.
 fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
     let before = MEMORY.current_usage();
     MEMORY.reset_peak_usage();
@@ -65,7 +65,7 @@ fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64
     (MEMORY.peak_usage() - before) as f64 / held as f64
 }
 
-/// Particles of other ranks that ranks hold, over the particles of the body.
+/// Returns the number of ghosts of all ranks over the particles of the body.
 fn ghosts(ranks: usize) -> f64 {
     let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let division = Division::bisect(bricks.particles(), &bricks.units(), ranks).unwrap();
@@ -89,7 +89,7 @@ fn ranks_hold_their_share_and_their_ghosts_and_never_a_whole_kernel() {
             "{ranks} ranks: {all} bytes per particle, one rank {one}, bound {bound}"
         );
     }
-    // What each rank has of a body that all of them make whole, is without the kernel and what steps.
+    // A whole body that is still to be partitioned has neither the kernel's tables nor the buffers of steps.
     let whole = most(1, shared);
     let each = (most(8, shared) - one) / 8.0;
     assert!(

@@ -1,5 +1,5 @@
-//! Processes that speak MPI: the bits of one rank, and ends by name. Each test starts this program again
-//! under `mpirun`.
+//! Processes that speak MPI: the bits of one rank, and failures with names. Each test starts this program
+//! again under `mpirun`.
 #![cfg(feature = "mpi")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(
@@ -17,17 +17,17 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What the started program is to do.
+/// Variable with the task of a started process.
 const WORK: &str = "ARLEQUIN_TEST_WORK";
 
-/// 1 715 particles of a body-centred lattice: seven units.
+/// Returns 1 715 particles of a body-centred lattice: seven units.
 fn cube(finite: bool) -> DemModel {
     let cube = lattice(Lattice::BodyCentred, [9; 3], 1e-4).unwrap();
     let m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
     if finite { m.with_finite_rotations() } else { m }
 }
 
-/// A number of every particle's bits and place, added up: small enough that no sum of them overflows.
+/// Returns the sum of a hash of every particle's bits and place, small enough that no sum overflows.
 fn digest(model: &dyn Model<f64>, of: &[&[f64]]) -> i64 {
     let n = model.layout().nodes;
     let one = |i: usize| {
@@ -44,7 +44,7 @@ fn digest(model: &dyn Model<f64>, of: &[&[f64]]) -> i64 {
     (0..n).map(one).sum()
 }
 
-/// Steps with all in motion, and what came out: bits of the state and of the ledger.
+/// Makes steps with everything in motion and returns the bits of the state and of the ledger.
 fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     let n = model.layout().nodes;
     let place = |i: usize| model.portion().map_or(i, |p| p.global(i));
@@ -61,7 +61,7 @@ fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     Ok((digest(s.model(), &[&s.state().q, &s.state().v]), sums.to_vec()))
 }
 
-/// What one started process does.
+/// Does the task of a started process.
 fn worker(work: &str, c: Arc<dyn Communicator>) -> arlequin_core::Result<()> {
     match (work, c.rank()) {
         ("fails", 1) => return Err(arlequin_core::invalid("disk", "full", "must have room")),
@@ -103,7 +103,7 @@ fn worker_of_the_other_tests() {
     processes::run(ending, |c| worker(&work, c)).unwrap();
 }
 
-/// Starts this program on several ranks, more than there are cores if need be.
+/// Starts this program on several ranks, if need be more than there are cores.
 fn start(ranks: usize, work: &str) -> Output {
     let program = std::env::current_exe().unwrap();
     let mut run = Command::new("mpirun");
@@ -127,7 +127,7 @@ fn start(ranks: usize, work: &str) -> Output {
     for (key, value) in [
         ("OMPI_ALLOW_RUN_AS_ROOT", "1"),
         ("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1"),
-        // Containers forbid it, and say so in many lines.
+        // Containers forbid it, with many lines of messages.
         ("OMPI_MCA_btl_vader_single_copy_mechanism", "none"),
     ] {
         run.env(key, value);

@@ -1,5 +1,5 @@
-//! Bodies of natural elements on several ranks, their geometry whole on all of them: the bits of one,
-//! whatever the division.
+//! Bodies of natural elements on several ranks, with the whole geometry on each: the bits of one rank, for
+//! any division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 #[path = "support/continua.rs"]
@@ -20,8 +20,8 @@ use continua::{Falling, bits, evaluated, unknowns};
 use std::sync::{Arc, LazyLock};
 use support::{Told, WAIT, same_on, shared};
 
-/// 1 050 nodes of a bar, in five units, none of them at its place in a grid; or with the mass of cells
-/// around their centroids, and without stabilisation.
+/// Returns a bar of 1 050 nodes in five units, none of them at its place in a grid. `plain`: with the mass of
+/// cells around their centroids and without stabilisation.
 fn body(plain: bool) -> CnemModel {
     static BODIES: LazyLock<[CnemModel; 2]> = LazyLock::new(|| {
         let inner = |k: usize, n: usize| f64::from(u8::from(k > 0 && k + 1 < n));
@@ -105,7 +105,7 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
     same_on(&[2, 3, 5], &"", &whole, |c| stepped(Some(c)));
 }
 
-/// A field of a part speaks of own nodes, or says that a point is outside.
+/// The field of a part names owned nodes only, or reports that a point is outside.
 #[test]
 fn fields_of_parts_know_their_own_nodes() {
     let told = threads::run(2, 1, WAIT, |c| {

@@ -1,4 +1,4 @@
-//! A body of particles on several ranks: the bits of one, whatever the division.
+//! A body of particles on several ranks: the bits of one rank, for any division.
 #![allow(clippy::float_cmp, reason = "works are whole numbers")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use support::{Along, Told, WAIT, bar, bits, part, same_on, unknowns};
 
-/// Energy and critical step, then forces on two ways, at large displacements.
+/// Returns energy and critical step, and forces computed in two ways, at large displacements.
 fn evaluated(mut model: DemModel) -> Told {
     model.set_internal_weight(&Along).unwrap();
     let n = model.layout().dofs();
@@ -43,7 +43,8 @@ fn forces_energies_and_critical_steps_have_the_bits_of_one_rank() {
     }
 }
 
-/// A run with everything in motion, a face of it held if wanted, the ledger drawn every 7 steps.
+/// Returns a run with everything in motion and the ledger drawn every 7 steps. `held`: whether a face is
+/// held.
 fn run(model: DemModel, held: bool) -> Coupled<f64> {
     let n = model.layout().dofs();
     let face = if held {
@@ -106,7 +107,8 @@ fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
         });
         for k in kept {
             let (invariant, [linear, angular]) = k.unwrap();
-            // Exact for the linear law alone; of the other it swings with the square of the step.
+            // Exact for the linear law only; with the other one the energy swings with the square of the
+            // step.
             let limit = if finite { 1e-6 } else { 1e-12 };
             assert!(invariant < limit, "{invariant:e}");
             assert!(linear < 1e-12 && angular < 1e-12, "{linear:e} {angular:e}");
@@ -114,7 +116,7 @@ fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
     }
 }
 
-/// A rank hears of those particles alone that are bonded with its own, once each.
+/// A rank receives only particles that are bonded with its own, once each.
 #[test]
 fn halos_are_what_bonds_ask_for() {
     let bonds = bar(false).body().pairs().to_vec();
@@ -155,7 +157,7 @@ fn halos_are_what_bonds_ask_for() {
     assert_eq!((held, sent), (count, heard));
 }
 
-/// One up to two thirds of the body, then down to 0.2.
+/// Weight of one up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
 struct Ending;
 
@@ -179,7 +181,7 @@ fn particles_of_an_overlap_count_for_more_work() {
     let count = coupled.iter().filter(|c| **c).count();
     assert!((400..600).contains(&count), "{count}");
     assert_eq!(work(&m) - alone, 7.0 * count as f64);
-    // Fewer particles where they are coupled.
+    // Coupled particles take more work, so their rank gets fewer particles.
     let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
     assert!(halves.imbalance() < 0.2, "{}", halves.imbalance());
 }
@@ -194,7 +196,7 @@ fn error<R>(of: &Result<Result<R, Error>, RankError>) -> String {
 
 #[test]
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
-    // Other bodies.
+    // The ranks have different bodies.
     let differ = threads::run(2, 1, WAIT, |c| {
         let m = bar(c.rank() == 1);
         let division = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
@@ -242,7 +244,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
 #[test]
 fn what_parts_cannot_do_in_a_run_is_refused_by_name() {
     let told = threads::run(2, 1, WAIT, |c| {
-        // Snapshots are those of the whole body: tests/interfaces.rs goes on from them.
+        // Snapshots are those of the whole body: tests/interfaces.rs resumes from them.
         let mut still = run(part(bar(false), c), false);
         let rest = still.settle(0.0, 1.0, &Relaxation::default());
         let rest = rest.unwrap_err().to_string();
@@ -254,7 +256,7 @@ fn what_parts_cannot_do_in_a_run_is_refused_by_name() {
     told.into_iter().for_each(|t| t.unwrap());
 }
 
-/// One rank stops before its steps: the others say who and why, within the wait.
+/// One rank stops before its steps: the others report which rank and why, within the time limit.
 #[test]
 fn a_rank_that_gives_up_hangs_or_is_gone_ends_the_others_by_name() {
     let stopped = |how: &(dyn Fn(Arc<dyn Communicator>) + Sync), wait: f64| {

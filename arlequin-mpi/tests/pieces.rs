@@ -1,4 +1,4 @@
-//! Bodies that no rank has the whole of: the bits of the whole, and what is refused by name.
+//! Bodies that are whole on no rank: the bits of the whole, and errors that name what is wrong.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -18,7 +18,7 @@ use fem_ref::{ElementKind, FemField, FemModel, generate};
 use std::sync::Arc;
 use support::{Along, Told, WAIT, bar, bits, same, same_on, together, unknowns};
 
-/// The bar of the other tests, turned and far from the origin if wanted.
+/// Returns the bar of the other tests; `moved`: turned and far from the origin.
 fn body(moved: bool) -> DemModel {
     let home = bar(false);
     if !moved {
@@ -42,8 +42,8 @@ fn body(moved: bool) -> DemModel {
     .unwrap()
 }
 
-/// What a rank would know of a body if it had never been whole, in an order and with ends of bonds that
-/// nothing depends on.
+/// Returns what a rank would know of a body that was never whole. The orders of bonds, of their ends and of
+/// ghosts are reversed: nothing may depend on them.
 fn piece(whole: &DemModel, division: &Division, rank: usize) -> Piece {
     let mine = |i: u32| division.owner(i as usize) == rank;
     let all = whole.body().pairs().iter().rev();
@@ -80,7 +80,7 @@ fn part(whole: &DemModel, c: Arc<dyn Communicator>) -> DemModel {
     DemModel::of_piece("bar", piece(whole, &division, c.rank()), &division, c).unwrap()
 }
 
-/// State, ledger, critical step and breaks after some steps, with everything in motion and damped.
+/// Returns state, ledger, critical step and breaks after some steps, with everything in motion and damped.
 fn stepped(model: DemModel, finite: bool, fracture: Option<Fracture>) -> Told {
     let model = if finite {
         model.with_finite_rotations()
@@ -171,7 +171,7 @@ fn parts_from_the_beginning_have_the_bits_of_the_whole() {
             "{}",
             whole.1.len()
         );
-        // Six units: of eight ranks two are idle.
+        // The body has six units: of eight ranks two are idle.
         for ranks in [1, 2, 3, 4, 8] {
             let all = together(threads::run(ranks, 1, WAIT, |c| {
                 stepped(part(&body(moved), c), finite, fracture)
@@ -182,7 +182,7 @@ fn parts_from_the_beginning_have_the_bits_of_the_whole() {
     }
 }
 
-/// What is held is what [`DemModel::share_out`] leaves, and the halo is the same.
+/// A rank holds the particles and the halo that [`DemModel::share_out`] leaves.
 #[test]
 fn a_part_holds_what_sharing_out_leaves() {
     let whole = body(true);
@@ -218,7 +218,7 @@ fn run_of(bricks: &Bricks, c: Arc<dyn Communicator>) -> Told {
 
 #[test]
 fn lattices_in_bricks_have_the_same_bits_on_any_number_of_ranks() {
-    // Bricks that are not full, units across them.
+    // Bricks that are not full, with units that cross them.
     let bricks = Bricks::new(Lattice::BodyCentred, [11, 9, 7], 3e-4).unwrap();
     let one = together(threads::run(1, 1, WAIT, |c| run_of(&bricks, c)));
     assert_eq!(one.0.len(), 2 * 11 * 9 * 7);
@@ -228,7 +228,7 @@ fn lattices_in_bricks_have_the_same_bits_on_any_number_of_ranks() {
     }
 }
 
-/// What two ranks say of a body that one of them changes.
+/// Returns the errors of two ranks for a body that `change` has changed.
 fn refused(change: impl Fn(usize, &mut Piece) + Sync) -> [String; 2] {
     let whole = body(false);
     let told = threads::run(2, 1, WAIT, |c| {
@@ -251,7 +251,7 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
     let bonds = "ranks differ in the bonds between particles of different ranks";
     both(
         refused(|rank, p| {
-            // Another ghost has it still.
+            // The particle remains a ghost through another bond.
             let far = p.numbers[foreign(p)];
             let at = p.pairs.iter().position(|pair| pair.contains(&far)).unwrap();
             if rank == 1 {
@@ -383,7 +383,7 @@ fn a_part_that_makes_no_sense_is_refused_with_the_numbers_of_the_whole() {
     }
 }
 
-/// Interfaces look at the whole of a body before it is shared out.
+/// Interfaces look at the whole of a body before it is partitioned.
 #[test]
 fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
     let whole = body(false);
@@ -410,7 +410,7 @@ fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
     }
 }
 
-/// Those of the second rank, whose own numbers are others.
+/// The error of the second rank is examined: its local numbers differ from those of the whole body.
 #[test]
 fn bonds_without_length_are_told_with_the_numbers_of_the_whole() {
     let whole = body(false);
@@ -445,7 +445,7 @@ fn bonds_without_length_are_told_with_the_numbers_of_the_whole() {
     );
 }
 
-/// The grid of centres follows from the longest bond of all ranks, and some of them have no such.
+/// The grid of centres follows from the longest bond of all ranks; some ranks have no bond of that length.
 #[test]
 fn a_bond_that_is_much_longer_than_those_of_other_ranks_leaves_the_bits_of_the_whole() {
     let home = body(false);
@@ -461,7 +461,7 @@ fn a_bond_that_is_much_longer_than_those_of_other_ranks_leaves_the_bits_of_the_w
         volume: 1.9e-8,
     };
     let long = || DemModel::from_spheres("bar", x, home.body().radii(), &pairs, &matter).unwrap();
-    // As they were before the whole body put them on its grid.
+    // Positions as they were before the whole body rounded them to its grid.
     let part = |c: Arc<dyn Communicator>| {
         let whole = long();
         let division = halves(&whole, c.ranks());

@@ -1,5 +1,5 @@
-//! Contact and obstacles of a body of particles on several ranks: the bits of one, and checkpoints for any
-//! number of them.
+//! Contact and obstacles of a body of particles on several ranks: the bits of one rank, and checkpoints for
+//! any number of ranks.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod support;
@@ -15,8 +15,8 @@ use fem_ref::{ElementKind, FemField, generate};
 use std::sync::Arc;
 use support::{Told, WAIT, bar, bits, first, part, same_on, shared};
 
-/// A block of `n` spheres along each edge, bonded in twos, apart from each other by a twentieth of their
-/// size: turned, and shifted far.
+/// Returns a block of `n` spheres along each edge, bonded in pairs, with gaps of a twentieth of their size,
+/// turned and shifted far.
 fn dumbbells(n: usize) -> DemModel {
     let radius = 1e-4;
     let turn = arlequin_core::nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 1.1);
@@ -45,7 +45,8 @@ fn collapse(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     collapse_of(10, ranks)
 }
 
-/// They fly through each other's places, onto a wall that comes to meet them; a heavy ball follows.
+/// Returns a run in which spheres fly through each other's places and onto a wall that moves towards them; a
+/// heavy ball follows.
 fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = dumbbells(edge).with_finite_rotations();
     let n = model.body().len();
@@ -60,7 +61,7 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
     let contact = Contact::new(&model, law).unwrap();
     let law = ContactLaw { rolling: 0.0, ..law };
     let down = Vector3::new(0.3, -0.2, -1.0).normalize();
-    // Both begin a little off the spheres next to them.
+    // Wall and ball begin a little off the nearest spheres.
     let (gap, round) = (3e-6, 1.5e-3);
     let spheres = || all.iter().map(|x| x - middle).zip(model.body().radii());
     let below = spheres().map(|(x, r)| x.dot(&down) + r).fold(0.0, f64::max);
@@ -85,7 +86,7 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
     };
     let ball = Obstacle::new("ball", &model, ball, motion, law).unwrap();
     let ball = ball.with_spin(Vector3::new(1e4, 0.0, 2e4)).unwrap();
-    // Towards the middle.
+    // Velocities point towards the middle.
     let speed = |k: usize| match k < 3 * n {
         true => -2e4 * (all[k / 3][k % 3] - middle[k % 3]) + 30.0 * down[k % 3],
         false => 1e3 * (0.9 * k as f64).sin(),
@@ -150,7 +151,7 @@ fn contacts_and_obstacles_have_the_bits_of_one_rank() {
         assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
     }
     let whole = told_after(run, STEPS);
-    // Of eight ranks four have none of the four units.
+    // The body has four units: four of eight ranks have none.
     same_on(&[1, 2, 3, 4, 8], &"", &whole, |c| {
         told_after(collapse(Some(c)), STEPS)
     });
@@ -177,7 +178,7 @@ fn contacts_of_three_ranks_go_on_on_others() {
         run.restore(&saved).unwrap();
         told_after(run, STEPS - half)
     });
-    // A record of another body.
+    // The record is that of another body.
     let mut other = saved;
     other.subdomains[0].effects[0].numbers.pop();
     let refused = threads::run(2, 1, WAIT, |c| {
@@ -189,8 +190,8 @@ fn contacts_of_three_ranks_go_on_on_others() {
     }
 }
 
-/// A bonded bar whose end a wall hits, so that it breaks there and its pieces touch, while the other end is
-/// absorbed: particles of most ranks touch nothing.
+/// Returns a bonded bar whose end a wall hits, so that it breaks there and its fragments touch, while the
+/// other end is absorbed. Particles of most ranks touch nothing.
 fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let spec = Fracture {
         scatter: Scatter::Weibull { modulus: 5.0 },
@@ -241,7 +242,8 @@ fn what_breaks_touches_and_is_absorbed_has_the_bits_of_one_rank_with_idle_ranks_
     assert!(line("absorber").work.unwrap() < 0.0, "{lines:?}");
     let about = ["contact", "wall"];
     let whole = told_with(struck(None), STRUCK, &about);
-    // Six units: two of eight ranks are idle. Those in the middle have neither pairs, nor wall, nor absorber.
+    // The body has six units: two of eight ranks are idle. Ranks in the middle have neither pairs nor wall
+    // nor absorber.
     same_on(&[2, 3, 8], &"", &whole, |c| {
         told_with(struck(Some(c)), STRUCK, &about)
     });
@@ -249,7 +251,7 @@ fn what_breaks_touches_and_is_absorbed_has_the_bits_of_one_rank_with_idle_ranks_
 
 const STRUCK: usize = 200;
 
-/// One unit on three ranks: the first, which writes snapshots, is idle.
+/// The body has one unit on three ranks: the first rank, which writes snapshots, is idle.
 #[test]
 fn a_first_rank_without_particles_takes_part_and_saves_the_whole() {
     let whole = told_after(collapse_of(6, None), STEPS);

@@ -1,12 +1,11 @@
-//! The same chain as a whole solver that steps itself: what an existing program offers in the place of a
-//! [`Model`].
+//! The chain as a solver that steps itself: how to couple an existing program instead of a [`Model`].
 
 use crate::Chain;
 use arlequin::core::Participant;
 use arlequin::core::snapshot::Record;
 use arlequin::prelude::*;
 
-/// A [`Chain`] with velocity Verlet of its own.
+/// [`Chain`] with its own velocity Verlet scheme.
 #[derive(Debug, Clone)]
 pub struct ChainSolver {
     chain: Chain,
@@ -14,12 +13,12 @@ pub struct ChainSolver {
     q: Vec<f64>,
     v: Vec<f64>,
     force: Vec<f64>,
-    /// Length of the last step \[s\].
+    /// Duration of the last step \[s\].
     step: f64,
 }
 
 impl ChainSolver {
-    /// A chain in the state given, displacements \[m\] and velocities \[m/s\].
+    /// Makes a solver from a chain with displacements \[m\] and velocities \[m/s\].
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] unless there is one of each per particle.
@@ -114,7 +113,7 @@ impl Participant<f64> for ChainSolver {
         self.chain.clone().critical_step(&inverse).ok()
     }
 
-    /// `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`: what velocity Verlet keeps at whole steps.
+    /// Returns `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`, which velocity Verlet keeps constant at whole steps.
     fn invariant(&self) -> Option<f64> {
         let all = self.v.iter().zip(&self.force).zip(&self.inertia);
         let nodes: f64 = all

@@ -1,4 +1,4 @@
-//! What the coupling relies on, for the chain as for any copy of it.
+//! Checks what the coupling relies on, for the chain or any copy of it.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 

@@ -1,5 +1,5 @@
-//! Whatever loses, creates or hides energy is told, and ended by name where it is much; solvers with faults
-//! and sound ones.
+//! Solvers that lose, create or hide energy are warned of, and end the run if the amount is large; sound ones
+//! are not.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -17,21 +17,21 @@ fn chain(mass: f64) -> Chain {
     Chain::new("chain", -20.0, 1.0, BONDS, mass, 1.0).unwrap()
 }
 
-/// What is wrong with a solver.
+/// Fault of a solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Sound,
-    /// Takes this share of each impulse.
+    /// The solver takes this share of each impulse.
     Takes(f64),
-    /// Nodes move by this share of the change of velocity.
+    /// Nodes move by this share of the velocity change.
     Moves(f64),
-    /// Velocities from the mean grow by this share in each step.
+    /// Velocities relative to the mean grow by this share in each step.
     Heats(f64),
-    /// Forgets to go back.
+    /// The solver ignores a restored state.
     Forgets,
 }
 
-/// The chain as a solver with a fault, which may keep its energy to itself.
+/// The chain as a solver with a fault. `tells`: whether it reports its energy.
 struct Faulty {
     solver: ChainSolver,
     inertia: Vec<f64>,
@@ -122,7 +122,7 @@ impl Participant<f64> for Faulty {
     }
 }
 
-/// A bar from −100 to 0 and the solver from −20 on in motion.
+/// Returns a bar from −100 to 0 coupled with a moving solver that begins at −20.
 fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
@@ -143,7 +143,7 @@ fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
     Coupled::new(vec![bar, solver], vec![tie], TimeStep::Seconds(0.5), None)
 }
 
-/// Hears warnings, each with the step after which it was told.
+/// Observer that keeps each warning with the step after which it came.
 #[derive(Default)]
 struct Listener {
     heard: Vec<(usize, Warning)>,
@@ -160,7 +160,7 @@ impl Observer<f64> for Listener {
     }
 }
 
-/// Warnings reach an observer once each, those of the set-up before the first step.
+/// Warnings reach an observer once each; those of the set-up come before the first step.
 #[test]
 fn observers_hear_each_warning_once_the_moment_it_happens() {
     let mut listener = Listener::default();
@@ -170,7 +170,7 @@ fn observers_hear_each_warning_once_the_moment_it_happens() {
     assert!(matches!(&listener.heard[0], (0, Warning::EnergyUnknown { model }) if model == "chain"));
     let first = |w: &&(usize, Warning)| matches!(w.1, Warning::ImpulseMissed { .. });
     assert_eq!(listener.heard.iter().find(first).map(|w| w.0), Some(0));
-    // A run that is restored says nothing twice.
+    // A restored run repeats no warning.
     let saved = run.snapshot().unwrap();
     let mut again = Listener::default();
     let mut other = coupled(1.0, Fault::Takes(0.99), false).unwrap();
@@ -179,7 +179,7 @@ fn observers_hear_each_warning_once_the_moment_it_happens() {
     assert!(again.heard.is_empty() && other.warnings().len() == run.warnings().len());
 }
 
-/// E.1: a run that loses energy ends by name, one that loses little is warned of, and a sound one has no
+/// E.1: a run that loses much energy ends by name, one that loses little is warned of, and a sound one has no
 /// warning.
 #[test]
 fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
@@ -219,8 +219,8 @@ fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
     }
 }
 
-/// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are
-/// looked at.
+/// E.2: the report of a solver without an invariant says that its energy is unknown, and its impulses are
+/// checked.
 #[test]
 fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     let mut sound = coupled(1.0, Fault::Sound, false).unwrap();
@@ -235,7 +235,7 @@ fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
             .to_string()
             .starts_with("the energy of 'chain' is not known")
     );
-    // Energy out of nothing within its steps cannot be seen; that nothing is known of it is said.
+    // Energy created within its steps cannot be seen; the warning that its energy is unknown remains.
     let mut hot = coupled(1.0, Fault::Heats(1e-3), false).unwrap();
     hot.run(1_000, &mut Silent).unwrap();
     assert!(hot.warnings().contains(&unknown));
@@ -264,7 +264,7 @@ fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     );
 }
 
-/// E.3: a run goes on with the solver that was saved, and with no other.
+/// E.3: a run resumes with the solver that was saved, and with no other.
 #[test]
 fn another_solver_than_the_one_of_the_checkpoint_is_refused_by_name() {
     let mut first = coupled(1.0, Fault::Sound, true).unwrap();

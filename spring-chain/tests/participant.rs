@@ -1,4 +1,4 @@
-//! The chain as a whole solver gives what the chain as a model gives.
+//! The chain as a solver gives the same results as the chain as a model.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -14,7 +14,7 @@ fn chain() -> Chain {
     Chain::new("chain", -20.0, 1.0, BONDS, 1.0, 1.0).unwrap()
 }
 
-/// The chain as a solver that knows no energy of its own.
+/// The chain as a solver that does not report its energy.
 struct Mute(ChainSolver);
 
 impl Participant<f64> for Mute {
@@ -56,7 +56,7 @@ impl Participant<f64> for Mute {
     }
 }
 
-/// The chain as a solver that makes other steps than it is told to, or tells other accelerations than it has.
+/// The chain as a solver that makes other steps than requested, or reports wrong accelerations.
 struct Changed {
     solver: ChainSolver,
     steps: &'static [f64],
@@ -99,7 +99,7 @@ impl Participant<f64> for Changed {
     }
 }
 
-/// What the chain is to the coupling.
+/// Role of the chain in the coupling.
 #[derive(Debug, Clone, Copy)]
 enum Part {
     Model,
@@ -107,11 +107,12 @@ enum Part {
     Mute,
 }
 
-/// A bar from −100 to 0 and a chain from −20 on in motion.
+/// Returns a bar from −100 to 0 coupled with a moving chain that begins at −20. `weight`: whether the weights
+/// vary across the overlap.
 fn coupled(part: Part, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
-    // A solver that cannot weight itself takes nearly all.
+    // A solver that cannot weight itself gets nearly the whole weight in the overlap.
     let left: Weights<f64> = if weight {
         Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?))
     } else {
@@ -161,8 +162,8 @@ fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() 
     assert!((energy(&model) / energy(&solver) - 1.0).abs() < 1e-12);
 }
 
-/// The chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are solved
-/// for together.
+/// Returns the chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are
+/// solved for together.
 fn between(solver: bool) -> Coupled<f64> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let share = |end: f64| {
@@ -223,7 +224,7 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     let mut run = coupled(Part::Solver, OwnStep::Ratio(3), false).unwrap();
     run.run(1000, &mut Silent).unwrap();
     assert!(run.drift() < 1e-12, "{:e}", run.drift());
-    // Masses under a multiplier differ by 1e6 here, and with them the digits it has.
+    // Masses under a multiplier differ by 1e6 here, which costs the multiplier as many digits.
     assert!(
         run.constraint_residual() < 1e-10,
         "{:e}",
@@ -231,8 +232,8 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     );
 }
 
-/// The bar is at rest at first, so that impulses bring it all it has. Of a solver that does not know its
-/// energy they tell as much.
+/// The bar is at rest at first: impulses bring it all its energy. The energy of a solver that does not report
+/// it follows from the same impulses.
 #[test]
 fn impulses_tell_the_energy_of_a_solver_that_does_not_know_it() {
     let own = OwnStep::Ratio(3);
@@ -281,7 +282,7 @@ fn a_run_with_a_solver_goes_on_with_the_same_bits() {
 fn the_solver_keeps_what_the_coupling_relies_on() {
     let v: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
     let mut solver = ChainSolver::new(chain(), vec![0.0; v.len()], v).unwrap();
-    // 1 is the critical step.
+    // The critical step is 1.
     for step in [0.8, 0.999] {
         let d = conformance::participant(&mut solver, step, 200).unwrap();
         assert!(
@@ -309,10 +310,10 @@ fn steps_that_are_not_made_made_by_half_or_made_twice_are_seen() {
         )
         .unwrap();
         assert!((d.travelled - travelled).abs() < 0.03, "{steps:?}: {d:?}");
-        // What is kept is kept, and shows nothing.
+        // Wrong steps conserve energy too: neither drift nor kicks show them.
         assert!(d.drift < 1e-13 && d.kick < 1e-15, "{steps:?}: {d:?}");
     }
-    // Accelerations that are none: a force, or of the other sign.
+    // Wrong accelerations: scaled like a force, or of the opposite sign.
     for (force, gained) in [(2.0, 0.5), (-1.0, 2.0)] {
         let solver = ChainSolver::new(chain(), vec![0.0; v.len()], v.clone()).unwrap();
         let d = conformance::participant(

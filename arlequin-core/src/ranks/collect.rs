@@ -1,14 +1,14 @@
-//! All of a model in parts, on one rank: for output.
+//! Gathering of a whole partitioned model on rank 0, for output.
 
 use super::{Message, Portion, RankError, Reduction};
 use crate::Real;
 
 impl Portion {
-    /// Lists of numbers of all ranks one after the other, in the order of ranks, on rank 0; none on the
-    /// others. All ranks must ask.
+    /// Returns the lists of all ranks, one after another in the order of ranks, on rank 0; `None` on other
+    /// ranks. Collective.
     ///
     /// # Errors
-    /// Those of the transport, which [`Self::failure`] remembers.
+    /// Errors of the transport, which [`Self::failure`] remembers.
     pub fn listed_on_first(&self, own: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
         let (rank, ranks) = (self.communicator().rank(), self.communicator().ranks());
         let mut counts = vec![0; ranks];
@@ -32,11 +32,11 @@ impl Portion {
         Ok((rank == 0).then(|| own.iter().chain(others).copied().collect()))
     }
 
-    /// Numbers of all nodes in the order of the whole model, so many each, on rank 0; none on the others.
-    /// `x` are those of the nodes here. All ranks must ask.
+    /// Returns the numbers of all nodes in the order of the whole model (`numbers` each) on rank 0; `None` on
+    /// other ranks. `x`: numbers of this rank's nodes. Collective.
     ///
     /// # Errors
-    /// Those of the transport, which [`Self::failure`] remembers.
+    /// Errors of the transport, which [`Self::failure`] remembers.
     pub fn collect<T: Real>(&self, numbers: usize, x: &[T]) -> Result<Option<Vec<T>>, RankError> {
         let (division, mine) = (self.division(), self.communicator().rank());
         let all = || 0..division.nodes();
@@ -66,7 +66,7 @@ impl Portion {
         messages.iter().for_each(|m| parts[m.peer] = &m.into);
         let mut own = x;
         let mut whole = Vec::with_capacity(numbers * division.nodes());
-        // Ranks have their nodes in the order of the model.
+        // Each rank has its nodes in the order of the model.
         for node in all() {
             let owner = division.owner(node);
             if owner == 0 {

@@ -1,24 +1,24 @@
-//! Sums without round-off, so that no order and no cut changes them.
+//! Sums without round-off, which no order and no split changes.
 //!
-//! A finite number of 64 bits is an integer of 53 bits times a power of two. An accumulator is one long
-//! integer in digits of 32 bits, from the smallest power to the largest (Kulisch); digits are kept in 64
-//! bits, so that carries can wait and ranks can add theirs up one by one.
+//! A finite 64-bit number is an integer of 53 bits times a power of two. The accumulator is one long integer
+//! in digits of 32 bits, from the smallest power to the largest (Kulisch). Digits are stored in 64 bits:
+//! carries can wait, and ranks can add their digits one by one.
 
 use std::ops::AddAssign;
 
-/// Digits: from 2⁻¹⁰⁷⁴ to 2⁹⁷¹ and 53 bits more.
+/// Number of digits: they cover 2⁻¹⁰⁷⁴ to 2⁹⁷¹ and 53 bits more.
 const DIGITS: usize = 66;
 
-/// Numbers to send: the digits, and how many terms were not finite.
+/// Number of words to send: the digits, and the count of terms that were not finite.
 pub const WORDS: usize = DIGITS + 1;
 
-/// Terms after which carries are taken.
+/// Number of terms after which carries are propagated, long before 64 bits overflow.
 const OFTEN: u32 = 1 << 20;
 
-/// Power of two of the lowest bit.
+/// Exponent of the lowest bit.
 const LOWEST: i32 = -1074;
 
-/// An exact sum of numbers.
+/// Exact sum of numbers.
 ///
 /// ```
 /// use arlequin_core::ranks::Exact;
@@ -33,7 +33,7 @@ pub struct Exact {
 }
 
 impl Exact {
-    /// Nothing.
+    /// Returns a sum of zero.
     #[must_use]
     pub fn zero() -> Self {
         Self {
@@ -51,7 +51,7 @@ impl Exact {
         let bits = x.to_bits();
         let exponent = (bits >> 52) & 0x7ff;
         let fraction = bits & 0x000f_ffff_ffff_ffff;
-        // Power of two of the last bit, counted from the lowest one.
+        // Exponent of the last bit, counted from the lowest one.
         let (mantissa, shift) = match exponent {
             0 => (fraction, 0),
             e => (fraction | 1 << 52, e - 1),
@@ -69,7 +69,7 @@ impl Exact {
         }
     }
 
-    /// Takes carries: all digits but the last are then below 2³² and not negative.
+    /// Propagates carries: all digits but the last are then below 2³² and not negative.
     fn carry(&mut self) {
         let mut carry = 0;
         for word in &mut self.words[..DIGITS - 1] {
@@ -81,14 +81,14 @@ impl Exact {
         self.since = 0;
     }
 
-    /// What may be added up over ranks, word by word: up to 2³⁰ of them.
+    /// Returns words that may be added up over ranks, word by word, for up to 2³⁰ ranks.
     #[must_use]
     pub fn words(mut self) -> [i64; WORDS] {
         self.carry();
         self.words
     }
 
-    /// Undoes [`Self::words`], after such sums.
+    /// Makes a sum from [`Self::words`], or from added-up words of several sums.
     #[must_use]
     pub fn from_words(words: [i64; WORDS]) -> Self {
         let mut out = Self { words, since: 0 };
@@ -96,13 +96,14 @@ impl Exact {
         out
     }
 
-    /// The sum, rounded once (twice below 2⁻¹⁰²²); not a number if a term was not finite.
+    /// Returns the sum, rounded once (twice below 2⁻¹⁰²²); NaN if a term was not finite.
     #[must_use]
     pub fn value(mut self) -> f64 {
         if self.words[DIGITS] != 0 {
             return f64::NAN;
         }
         self.carry();
+        // After a carry only the last digit has a sign: it is that of the sum.
         let negative = self.words[DIGITS - 1] < 0;
         if negative {
             self.words.iter_mut().for_each(|w| *w = -*w);
@@ -115,16 +116,16 @@ impl Exact {
         let low = top.saturating_sub(2);
         let leading = digits[low..=top].iter().rev();
         let leading = leading.fold(0_u128, |all, w| (all << 32) + u128::from(w.unsigned_abs()));
-        // What lies below decides only on which side of a half it is.
+        // Lower digits only decide on which side of a half the sum lies: one sticky bit keeps that.
         let rest = u128::from(digits[..low].iter().any(|w| *w != 0));
         let exponent = 32 * low as i32 + LOWEST;
-        // In two factors: each is a number, whatever their product.
+        // The power is split into two factors, as one alone may be out of range.
         let size = (leading | rest) as f64 * power(exponent / 2) * power(exponent - exponent / 2);
         if negative { -size } else { size }
     }
 }
 
-/// `2^k` for `k` between -1022 and 1023.
+/// Returns `2^k` for `k` between -1022 and 1023.
 fn power(k: i32) -> f64 {
     f64::from_bits(((k + 1023) as u64) << 52)
 }
@@ -171,7 +172,7 @@ mod tests {
         assert!(sum([f64::MAX, f64::MAX].into_iter()).is_infinite());
     }
 
-    /// Against integers of 128 bits: terms are multiples of 2⁻⁴⁰ below 2⁴⁰.
+    /// Compares with 128-bit integers: terms are multiples of 2⁻⁴⁰ below 2⁴⁰.
     #[test]
     fn sums_are_rounded_once_whatever_their_order_and_cuts() {
         let step = (-40.0_f64).exp2();

@@ -1,26 +1,26 @@
-//! Numbers of some nodes, told to all ranks by those that hold them.
+//! Gathering of the unknowns of some nodes on all ranks.
 
 use super::{Message, Portion, RankError};
 use crate::Real;
 use std::sync::Arc;
 
-/// Unknowns of nodes of a model in parts that every rank wants to know, such as those of an overlap.
+/// Unknowns of a partitioned model that every rank needs, such as those of an overlap.
 ///
-/// Items are numbered as unknowns are: `per_node` of them belong to each node, and each has so many numbers.
+/// Items are numbered like unknowns, `per_node` of them for each node. Each item holds one or more numbers.
 #[derive(Debug, Clone)]
 pub struct Gather {
     portion: Arc<Portion>,
-    /// Place in the list and number here of every own item.
+    /// Place in the list and local number of each item that this rank owns.
     own: Vec<[u32; 2]>,
-    /// Other ranks, and the places of what they hold.
+    /// Other ranks, and the places of the items they own.
     others: Vec<(usize, Vec<u32>)>,
 }
 
 impl Gather {
-    /// Of items of the whole model, in the order in which every rank wants them.
+    /// Prepares the gathering of `items` of the whole model, in the order in which every rank receives them.
     ///
     /// # Panics
-    /// For items of nodes that are not there, or without any item per node.
+    /// For items of nodes that do not exist, or if `per_node` is zero.
     #[must_use]
     pub fn new(portion: Arc<Portion>, per_node: usize, items: impl Iterator<Item = usize>) -> Self {
         let division = portion.division();
@@ -34,18 +34,18 @@ impl Gather {
             }
         }
         let mine = portion.communicator().rank();
-        // Who holds nothing, and is told nothing, is no peer.
+        // A rank that neither sends to this one nor receives from it is no peer.
         others.retain(|(r, places)| *r != mine && !(places.is_empty() && own.is_empty()));
         Self { portion, own, others }
     }
 
-    /// Place in the list, and number on this rank, of every item that is here.
+    /// Returns the place in the list and the local number of each item that this rank owns.
     #[must_use]
     pub fn own(&self) -> &[[u32; 2]] {
         &self.own
     }
 
-    /// Messages of so many numbers per item, to be used again and again.
+    /// Returns message buffers for `numbers` numbers per item, to be used again and again.
     #[must_use]
     pub fn messages(&self, numbers: usize) -> Vec<Message> {
         let message = |(peer, places): &(usize, Vec<u32>)| {
@@ -54,9 +54,9 @@ impl Gather {
         self.others.iter().map(message).collect()
     }
 
-    /// Writes the numbers of all items, from `x` where they are here; `messages` are those of so many
-    /// `numbers` per item. All ranks must ask. Not numbers once ranks do not hear of each other any more,
-    /// which [`Portion::failure`] remembers.
+    /// Writes the numbers of all items to `out`, on every rank; `x` holds those of this rank's nodes.
+    /// `messages`: buffers for `numbers` numbers per item. NaN after a failure of the transport, which
+    /// [`Portion::failure`] remembers. Collective.
     pub fn gather<T: Real>(&self, numbers: usize, messages: &mut [Message], x: &[T], out: &mut [T]) {
         let of = |at: u32| at as usize * numbers..(at as usize + 1) * numbers;
         for [place, here] in &self.own {
@@ -88,7 +88,7 @@ impl Gather {
         }
     }
 
-    /// The same into numbers of its own.
+    /// Returns the numbers of all items in a new vector. Collective.
     #[must_use]
     pub fn gathered<T: Real>(&self, numbers: usize, x: &[T]) -> Vec<T> {
         let items = self.own.len() + self.others.iter().map(|o| o.1.len()).sum::<usize>();

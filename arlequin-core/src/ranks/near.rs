@@ -1,10 +1,10 @@
-//! Nodes of other ranks that are near own ones, wherever these are now.
+//! Halo of nodes that are near this rank's nodes at their present positions.
 
 use super::halo::Peer;
 use super::{Halo, Message, Portion, RankError};
 use std::sync::Arc;
 
-/// Lower corner, then upper one; of nothing from infinity to minus infinity.
+/// Lower corner, then upper one. An empty box runs from infinity to minus infinity.
 type Corners = [f64; 6];
 
 fn corners(points: &[[f64; 3]]) -> Corners {
@@ -14,18 +14,18 @@ fn corners(points: &[[f64; 3]]) -> Corners {
 }
 
 impl Halo {
-    /// All nodes of other ranks that may be within `reach` \[m\] of an own one, of nodes that are at
-    /// `points` now, those of this rank: those within it of the box around its own. All ranks must ask.
+    /// Finds all ghosts that may lie within `reach` \[m\] of a node of this rank: those within `reach` of the
+    /// box around its nodes. `points`: present positions of this rank's nodes \[m\]. Collective.
     ///
     /// # Errors
-    /// Those of the transport, which [`Portion::failure`] remembers.
+    /// Errors of the transport, which [`Portion::failure`] remembers.
     pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
         let mine = portion.communicator().rank();
         let own = corners(points);
         let boxes = portion.listed(&own.map(|x| x.to_bits().cast_signed()))?;
         let boxes = boxes.as_chunks::<6>().0.iter();
         let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
-        // The same two comparisons on both ranks: they agree that they are neighbours.
+        // Both ranks make the same two comparisons, so that they agree on being neighbours.
         let meet = |b: &Corners| (0..3).all(|c| own[c] - reach <= b[3 + c] && b[c] - reach <= own[3 + c]);
         let inside =
             |b: &Corners, x: &[f64; 3]| (0..3).all(|c| x[c] >= b[c] - reach && x[c] <= b[3 + c] + reach);

@@ -1,4 +1,4 @@
-//! What one rank holds of a model, and sums over all of it.
+//! This rank's part of a partitioned model, and collective operations over all ranks.
 
 use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, Unit, WORDS, agree};
 use crate::scalar::dot;
@@ -6,10 +6,11 @@ use crate::{DofLayout, Real, parallel};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-/// Pieces of a sum per unit of parallel work.
+/// Partial sums per parallel task.
 const GRAIN: usize = 8;
 
-/// The units of a model that this rank holds: nodes keep their order, and are numbered from zero.
+/// This rank's part of a partitioned model: the units that it owns. Their nodes keep the order of the model
+/// and have local numbers from zero.
 #[derive(Debug)]
 pub struct Portion {
     communicator: Arc<dyn Communicator>,
@@ -20,7 +21,7 @@ pub struct Portion {
 }
 
 impl Portion {
-    /// What the rank of `communicator` holds.
+    /// Returns the part that the rank of `communicator` owns.
     ///
     /// # Errors
     /// [`RankError::Length`] for a division among another number of ranks.
@@ -45,11 +46,11 @@ impl Portion {
         })
     }
 
-    /// What the rank of `communicator` holds of a model that is divided by the work of its `units`. All
-    /// ranks must ask; `digest` is that of `what` they must have alike.
+    /// Partitions a model by the work of its `units` and returns this rank's part. `digest`: digest of `what`
+    /// all ranks must have alike. Collective.
     ///
     /// # Errors
-    /// [`RankError::Differ`] unless they do; those of [`Division::bisect`].
+    /// [`RankError::Differ`] if digests differ; errors of [`Division::bisect`].
     pub fn bisected(
         communicator: &Arc<dyn Communicator>,
         (what, digest): (&str, u64),
@@ -61,41 +62,42 @@ impl Portion {
         Ok(Arc::new(Self::new(division, communicator.clone())?))
     }
 
-    /// How ranks hear of each other.
+    /// Returns the transport between ranks.
     #[must_use]
     pub fn communicator(&self) -> &dyn Communicator {
         &*self.communicator
     }
 
-    /// Who holds what.
+    /// Returns the distribution of units among ranks.
     #[must_use]
     pub fn division(&self) -> &Division {
         &self.division
     }
 
-    /// Nodes of this rank.
+    /// Returns the number of nodes that this rank owns.
     #[must_use]
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
-    /// Number in the whole model of a node of this rank.
+    /// Returns the number in the whole model of a node of this rank.
     ///
     /// # Panics
-    /// For a node that is not there.
+    /// If this rank has no such node.
     #[must_use]
     pub fn global(&self, node: usize) -> usize {
         self.units[node / UNIT] as usize * UNIT + node % UNIT
     }
 
-    /// Number on this rank of a node of the whole model, if it is here.
+    /// Returns the local number of a node of the whole model; `None` if another rank owns it.
     #[must_use]
     pub fn local(&self, node: usize) -> Option<usize> {
         let unit = self.units.binary_search(&((node / UNIT) as u32)).ok()?;
         Some(unit * UNIT + node % UNIT)
     }
 
-    /// Sums over all ranks. Not numbers once ranks do not hear of each other any more, see [`Self::failure`].
+    /// Returns the sums over all ranks (all-reduce). NaN after a failure of the transport
+    /// ([`Self::failure`]). Collective.
     pub fn total<const N: usize>(&self, own: [Exact; N]) -> [f64; N] {
         let mut words = [[0; WORDS]; N];
         words.iter_mut().zip(own).for_each(|(w, e)| *w = e.words());
@@ -105,7 +107,8 @@ impl Portion {
         words.map(|w| Exact::from_words(w).value())
     }
 
-    /// Any number of sums over all ranks at once, in place of what each holds; as [`Self::total`].
+    /// Replaces each entry by its sum over all ranks, in one all-reduce. NaN as in [`Self::total`].
+    /// Collective.
     pub fn totals(&self, sums: &mut [Exact]) {
         let mut words: Vec<_> = sums.iter().map(|e| e.words()).collect();
         let heard = self.reduce(words.as_flattened_mut(), Reduction::Sum);
@@ -117,10 +120,10 @@ impl Portion {
         }
     }
 
-    /// Largest of numbers of all ranks that are not negative; not a number where one of them is not, or as
-    /// [`Self::total`].
+    /// Returns the largest of the ranks' numbers, which must not be negative. NaN if one of them is NaN or
+    /// after a failure of the transport. Collective.
     pub fn largest(&self, own: f64) -> f64 {
-        // Such numbers are in the order of their bits, those that are not numbers behind all others.
+        // Non-negative numbers have the order of their bits, with NaN above all others.
         let mut words = [own.abs().to_bits().cast_signed()];
         if self.reduce(&mut words, Reduction::Largest) {
             f64::from_bits(words[0].cast_unsigned())
@@ -129,10 +132,10 @@ impl Portion {
         }
     }
 
-    /// Highest of numbers of all ranks, of either sign; not a number once ranks do not hear of each other
-    /// any more.
+    /// Returns the largest of the ranks' numbers, of either sign. NaN after a failure of the transport.
+    /// Collective.
     pub fn highest(&self, own: f64) -> f64 {
-        // Integers in the order of the numbers; the same undoes it.
+        // Maps bits to integers in the order of the numbers; applied twice it gives the bits back.
         let ordered = |bits: i64| bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed();
         let mut words = [ordered(own.to_bits().cast_signed())];
         if self.reduce(&mut words, Reduction::Largest) {
@@ -142,20 +145,21 @@ impl Portion {
         }
     }
 
-    /// Puts words of all ranks together; whether ranks still hear of each other, see [`Self::failure`].
+    /// Combines the words of all ranks. Returns whether communication works ([`Self::failure`]). Collective.
     pub(crate) fn reduce(&self, words: &mut [i64], how: Reduction) -> bool {
         self.failure.get().is_none() && self.keep(self.communicator.reduce(words, how)).is_ok()
     }
 
-    /// Lists of words of all ranks one after the other, in the order of ranks: all of them get all of it.
+    /// Returns the lists of all ranks, one after another in the order of ranks (all-gather). Collective.
     ///
     /// # Errors
-    /// Those of the transport, which [`Self::failure`] remembers.
+    /// Errors of the transport, which [`Self::failure`] remembers.
     pub fn listed(&self, own: &[i64]) -> Result<Vec<i64>, RankError> {
         let (rank, ranks) = (self.communicator.rank(), self.communicator.ranks());
         let mut counts = vec![0; ranks];
         counts[rank] = own.len() as i64;
         self.keep(self.communicator.reduce(&mut counts, Reduction::Sum))?;
+        // An all-gather by all-reduce: each rank adds its words where all others add zeros.
         let before: i64 = counts[..rank].iter().sum();
         let all: i64 = counts.iter().sum();
         if all == 0 {
@@ -167,36 +171,32 @@ impl Portion {
         Ok(words)
     }
 
-    /// Whether it is so on any rank.
+    /// Returns whether `own` is true on any rank. Collective.
     ///
     /// # Errors
-    /// As [`Self::listed`].
+    /// Errors of the transport, which [`Self::failure`] remembers.
     pub fn any(&self, own: bool) -> Result<bool, RankError> {
         let mut words = [i64::from(own)];
         self.keep(self.communicator.reduce(&mut words, Reduction::Largest))?;
         Ok(words[0] > 0)
     }
 
-    /// Keeps a failure of the transport for [`Self::failure`].
-    ///
-    /// # Errors
-    /// That failure.
+    /// Remembers the first failure of the transport for [`Self::failure`] and returns the result.
     pub(crate) fn keep<R>(&self, of: Result<R, RankError>) -> Result<R, RankError> {
         of.inspect_err(|e| {
             self.failure.get_or_init(|| e.clone());
         })
     }
 
-    /// Why ranks do not hear of each other any more.
+    /// Returns the first failure of the transport, if any. All later collective operations fail.
     #[must_use]
     pub fn failure(&self) -> Option<&RankError> {
         self.failure.get()
     }
 }
 
-/// Sums over the nodes of a model, on whatever ranks they are: `part` sums over a range of the nodes here.
-/// The same bits for any number of threads and ranks, all of which must ask. Not numbers once ranks do not
-/// hear of each other any more.
+/// Sums over all nodes of a model; `part` sums over a range of this rank's nodes. The result has the same
+/// bits for any number of threads and ranks. NaN after a failure of the transport. Collective.
 pub fn sum<T: Real, const N: usize>(
     nodes: usize,
     portion: Option<&Portion>,
@@ -205,7 +205,7 @@ pub fn sum<T: Real, const N: usize>(
     everywhere(portion, units(nodes, part, parallel::pays(nodes * N)))
 }
 
-/// Adds `Σ x y` over the unknowns of the nodes here, one term per unit: of displacements and rotations.
+/// Adds `Σ x y` over displacements and rotations of this rank's nodes, one term per unit.
 ///
 /// ```
 /// use arlequin_core::DofLayout;
@@ -226,7 +226,7 @@ pub fn add_products<T: Real>(layout: &DofLayout, x: &[T], y: &[T], to: &mut Exac
     *to += sum;
 }
 
-/// Sums over the units of so many nodes.
+/// Sums over the units of `nodes` nodes.
 fn units<T: Real, const N: usize>(
     nodes: usize,
     part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
@@ -236,7 +236,7 @@ fn units<T: Real, const N: usize>(
     pieces(0..nodes.div_ceil(UNIT), &of, parallel)
 }
 
-/// Sums over a range of pieces, exactly: in whatever order.
+/// Sums over a range of partial sums, exactly, so that their order does not matter.
 pub(super) fn pieces<T: Real, const N: usize>(
     range: Range<usize>,
     of: &(dyn Fn(usize) -> [T; N] + Sync),
@@ -259,7 +259,7 @@ pub(super) fn pieces<T: Real, const N: usize>(
     out
 }
 
-/// Sums of all ranks, from those here.
+/// Returns the global sums of all ranks' partial sums, or `own` for a model that is not partitioned.
 pub(super) fn everywhere<T: Real, const N: usize>(portion: Option<&Portion>, own: [Exact; N]) -> [T; N] {
     let total = match portion {
         Some(p) => p.total(own),
@@ -268,7 +268,7 @@ pub(super) fn everywhere<T: Real, const N: usize>(portion: Option<&Portion>, own
     total.map(T::of)
 }
 
-/// The largest of a number of every rank that is not negative.
+/// Returns the largest of the ranks' numbers, which must not be negative.
 pub(crate) fn largest<T: Real>(portion: Option<&Portion>, own: T) -> T {
     portion.map_or(own, |p| T::of(p.largest(own.as_f64())))
 }

@@ -1,4 +1,4 @@
-//! What tests of continua in parts have in common.
+//! What tests of partitioned continua have in common.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(dead_code, reason = "not every target uses all of it")]
 
@@ -7,7 +7,7 @@ use arlequin_core::geometry::Cell;
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::{Model, Recovery, Weight};
 
-/// From 1 to 0.2 along the body, without much ado about means.
+/// Weight that falls from 1 to 0.2 along the body; its mean over a cell is that of the corners.
 #[derive(Debug)]
 pub(crate) struct Falling;
 
@@ -21,7 +21,7 @@ impl Weight<f64> for Falling {
     }
 }
 
-/// Something for every unknown, by its number in the whole body.
+/// Returns a number for every unknown, by its number in the whole body.
 pub(crate) fn unknowns(model: &dyn Model<f64>, size: f64) -> Vec<f64> {
     let layout = model.layout();
     let c = layout.components;
@@ -29,7 +29,7 @@ pub(crate) fn unknowns(model: &dyn Model<f64>, size: f64) -> Vec<f64> {
     (0..layout.dofs()).map(of).collect()
 }
 
-/// Bits of numbers by node of the whole body.
+/// Returns the bits of numbers with the number of their node in the whole body.
 pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
     let n = model.layout().nodes;
     let of = |i: usize| {
@@ -42,8 +42,8 @@ pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u6
     (0..n).map(of).collect()
 }
 
-/// Energies and critical steps, then masses, forces and stresses; with the weights that it has been given,
-/// and with others.
+/// Returns masses, forces and stresses by node, and energies and critical steps; with the model's weights and
+/// with others.
 pub(crate) fn evaluated<M: Model<f64> + Recovery<f64>>(mut model: M) -> Told {
     let (n, count) = (model.layout().dofs(), model.layout().nodes);
     let (mut told, mut sums) = (Vec::<Vec<f64>>::new(), Vec::new());
