@@ -292,7 +292,9 @@ impl<T: Real> EnergyRelease<T> {
         {
             let x = model.nodes()[*n];
             let (area, size) = all[k];
+            // Surfaces within the inner radius may lie anyhow: one of them has to be the crack's.
             if cylinder.at(&x)[0] >= T::one() {
+                // End faces of the body, which the front meets, are no faces of the crack.
                 let across = area - cylinder.axis * area.dot(&cylinder.axis);
                 cracked |= across.norm() > size * T::of(ON_SURFACE);
                 continue;

@@ -131,6 +131,7 @@ impl Process {
         if tell {
             self.abandon(why);
         } else {
+            // The rank that gave up gets the time for its own report.
             std::thread::sleep(GRACE);
         }
         SimpleCommunicator::world().abort(self.ending.code)
@@ -146,6 +147,7 @@ impl Process {
                 std::hint::spin_loop();
                 continue;
             }
+            // The clock is first read after the eager polls, during which most messages arrive.
             let now = Instant::now();
             if now > *until.get_or_insert(now + self.ending.wait) {
                 let silent = RankError::Silent {

@@ -155,6 +155,7 @@ pub(super) fn swept<T: Real>(
         sum += at((k as f64 + 0.5) / SAMPLES as f64)?;
     }
     for end in [0.0, 1.0] {
+        // Beyond an end `q` is followed until it is zero or the body ends.
         for k in 0..BEYOND * SAMPLES {
             let off = (k as f64 + 0.5) / SAMPLES as f64;
             match at(if end > 0.0 { end + off } else { -off }) {

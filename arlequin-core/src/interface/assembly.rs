@@ -225,6 +225,7 @@ impl<T: Real> CellSet<T> {
             if let Some(piece) = piece {
                 outcome = visit(*number, &piece);
             }
+            // True ends the search.
             outcome.is_err()
         });
         outcome
@@ -265,8 +266,10 @@ fn refined<T: Real>(
         sets[0].pieces(&cells[m], &mut |c, piece| {
             worker.tally.covered[0] += piece.measure();
             sets[1].pieces(piece, &mut |f, part| {
+                // Taken out while `add` borrows the worker; its memory is used again.
                 let mut samples = std::mem::take(&mut worker.samples);
                 samples.clear();
+                // The lean rule is not symmetric: for integrands alone that it integrates exactly.
                 if wanted > HIGHEST {
                     part.quadrature(HIGHEST, &mut samples);
                 } else {
@@ -362,6 +365,7 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
             if i % per_node != j % per_node {
                 continue;
             }
+            // Arms from a node of the model keep their digits far from the origin.
             let x = sides[m].field.nodes()[j / per_node] - sides[0].field.nodes()[0];
             reach = reach.max(x.norm());
             moments[i][0] += sign * *v;
@@ -372,6 +376,7 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
     let mut worst = T::zero();
     for m in &moments {
         scale = scale.max(m[7]);
+        // Moments over the longest arm are comparable with forces.
         worst = (1..4).fold(worst.max(m[0].abs()), |w, c| w.max(m[c].abs() / reach));
     }
     if scale > T::zero() {

@@ -48,6 +48,7 @@ impl Chebyshev {
     /// tolerance.
     pub(super) fn new([low, high]: [f64; 2], tolerance: f64, most: usize) -> Self {
         let high = high * ABOVE;
+        // The bounds keep a distance, so that their ratio is finite and above one.
         let mut low = (low * BELOW).max(high * f64::EPSILON).min(high * BELOW);
         let ratio = |low: f64| (high + low) / (high - low);
         if tolerance <= 0.0 {
@@ -60,6 +61,7 @@ impl Chebyshev {
         let digits = (1.0 / tolerance).acosh();
         let asked = (digits / ratio(low).acosh()).ceil().max(1.0);
         if asked > most as f64 {
+            // Inverse of the formula for `asked`: the lower bound that `most` iterations can reach.
             let ratio = (digits / most as f64).cosh();
             low = low.max(high * (ratio - 1.0) / (ratio + 1.0));
         }

@@ -120,6 +120,7 @@ impl<T: Real> Iterated<T> {
                 }
             }
         }
+        // Local columns: first the owned multipliers, then the received ones in the order of ranks.
         let here = parts.mine().iter().copied().chain(receive.iter().map(|r| r.1));
         let place: BTreeMap<u32, u32> = here.zip(0..).collect();
         let mut peers: BTreeMap<usize, Places> = BTreeMap::new();

@@ -45,6 +45,7 @@ pub(crate) fn groups<T: Real>(drafts: &[Draft<T>], nodes: &[usize]) -> Vec<Vec<u
                 let Some(other) = owner[i.sides[m]][node].replace(k) else {
                     continue;
                 };
+                // Two groups become one under the lower number: a group has the number of its first member.
                 let (low, high) = (group[k].min(group[other]), group[k].max(group[other]));
                 group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
             }

@@ -231,6 +231,7 @@ impl<T: Real> Draft<T> {
         let built = assembly::assemble(spec, &sides, components)?;
         let shared = built.coupling[0].shared;
         let size = built.coupling[0].matrix.rows() * shared;
+        // A positive multiplier slows the coarse model down and speeds the fine one up.
         let signs = [-T::one(), T::one()];
         let coupling =
             [0, 1].map(|m| Transfer::new(&built.coupling[m], components, signs[m], sides[m].inverse_inertia));
@@ -344,6 +345,7 @@ impl<T: Real> Interface<T> {
         });
         report.condition = operator.condition.as_f64();
         report.condition_at_least = operator.at_least;
+        // Joint interfaces share one factor: only the first of them counts it.
         if own.start == 0 {
             report.nonzeros += operator.nonzeros();
             self.work = (operator.solver != "lumped").then_some(operator.work);
@@ -502,6 +504,7 @@ impl<T: Real> Interface<T> {
         work.resize(self.lambda.len(), T::zero());
         self.coupling.jump(Some(&x), work);
         let measured = work.chunks_exact(self.components).zip(&self.measures);
+        // A multiplier node without coupled coarse nodes has no measure.
         let measured = measured.filter(|(_, s)| **s > T::zero());
         let size = |r: &[T]| r.iter().fold(T::zero(), |sum, r| sum + *r * *r).sqrt();
         measured.fold(T::zero(), |m, (r, s)| m.max(size(r) / *s))

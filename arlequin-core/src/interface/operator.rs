@@ -167,6 +167,7 @@ impl<T: Real> Operator<T> {
             .all
             .iter()
             .all(|b| matches!(b.0, Block::Diagonal { .. }));
+        // Only a diagonal preconditioner acts on each multiplier by itself.
         let iterated = self.iterated.as_mut().filter(|_| diagonal);
         if !iterated.is_some_and(|i| i.share_out(parts)) {
             return false;
@@ -330,6 +331,7 @@ fn find_blocks<T: Real>(
             columns.map(|j| inverse[j * shared + c]).collect()
         };
         let weights: Vec<_> = coupling.iter().zip(inverse).map(of).collect();
+        // Components whose inverse masses agree on all coupled nodes share one block.
         let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
         if let Some(k) = known {
             found.blocks[k].1.push(c);
@@ -352,6 +354,7 @@ fn find_blocks<T: Real>(
         found.exact &= outcome.exact;
         found.ranked &= outcome.null_modes.is_some();
         found.blocks.push((outcome.block, vec![c]));
+        // With several blocks no single matrix serves all components.
         found.only = Some(s).filter(|_| found.blocks.len() == 1);
         modes_of.push(outcome.null_modes.unwrap_or_default());
         found
@@ -375,6 +378,7 @@ fn block<T: Real>(
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
     let bounds = |low: T| [low.as_f64(), chebyshev::ceiling(&scaled)];
+    // Preconditioner of the iterations: scale² is the inverse diagonal.
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };

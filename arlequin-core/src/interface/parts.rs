@@ -224,6 +224,7 @@ impl<T: Real> Parts<T> {
             }
         }
         if !self.post.exchange(pool) {
+            // A sum without some of its pieces would look like a result.
             return self.sums.fill(T::of(f64::NAN));
         }
         let Lists {

@@ -160,6 +160,7 @@ pub(super) fn range<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<[T; 2]> {
     }
     let values = T::symmetric_eigen(k, &dense)?.values;
     let top = values.last().copied().unwrap_or_else(T::one);
+    // Ritz values at or below the tolerance are round-off in the null space.
     let low = values.into_iter().find(|v| *v > top * tolerance).unwrap_or(top);
     Ok([low, top])
 }

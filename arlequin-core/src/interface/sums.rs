@@ -188,6 +188,8 @@ impl<'a, T: Real> Sampler<'a, T> {
             let mut reached = false;
             match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut to.rows) {
                 Err(Error::OutsideDomain { .. }) => {
+                    // Only particles of the overlap are coupled beyond the mediator's surface; all others are
+                    // no sample.
                     let Some(beyond) = self.beyond.as_ref().filter(|_| shared) else {
                         continue;
                     };
@@ -209,6 +211,7 @@ impl<'a, T: Real> Sampler<'a, T> {
                         let beyond = self.beyond.as_ref().filter(|b| shared && m != b.particles);
                         let found = beyond
                             .map(|b| (b.other).shape_at(&s.point, gradient, &mut to.cols[m], &mut to.reach));
+                        // Without a value of either model on this sample, both sides leave it out.
                         inside &= match found {
                             None | Some(Err(Error::OutsideDomain { .. })) => false,
                             Some(other) => other.map(|()| true)?,

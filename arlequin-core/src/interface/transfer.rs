@@ -173,6 +173,7 @@ impl<T: Real> Transfer<T> {
         let mut last = None;
         let mut count = 0;
         let cut = |(i, j, v): &(usize, usize, T)| {
+            // Columns ascend within a row: a new row or unit begins a new piece.
             let unit = (*i, j / (per_node * UNIT));
             if last.replace(unit) != Some(unit) {
                 count += 1;
@@ -181,6 +182,7 @@ impl<T: Real> Transfer<T> {
             (count as usize - 1, place[*j], *v)
         };
         let cut: Vec<_> = entries.iter().map(cut).collect();
+        // Rows without entries have no piece.
         (0..rows).for_each(|i| pieces[i + 1] = pieces[i + 1].max(pieces[i]));
         let gather = Rows::of(count as usize, cut.into_iter());
         entries.iter_mut().for_each(|e| e.1 = place[e.1]);

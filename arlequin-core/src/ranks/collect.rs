@@ -42,6 +42,7 @@ impl Portion {
         let all = || 0..division.nodes();
         if mine > 0 {
             let out: Vec<f64> = x.iter().map(|x| x.as_f64()).collect();
+            // Rank 0 expects no message from a rank without nodes.
             if !out.is_empty() {
                 let message = Message {
                     peer: 0,

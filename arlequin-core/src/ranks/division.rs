@@ -108,6 +108,7 @@ impl Division {
         let axis = (1..3).fold(0, |best, c| if extent(c) > extent(best) { c } else { best });
         // The number of a unit breaks ties, so that every rank finds the same order.
         these.sort_unstable_by(|a, b| at(a)[axis].total_cmp(&at(b)[axis]).then(a.cmp(b)));
+        // For any number of ranks: each side gets work in proportion to its ranks.
         let left = ranks / 2;
         let all: f64 = these.iter().map(|k| units[*k as usize].work).sum();
         let middle = nearest_cut(these, units, all * left as f64 / ranks as f64);

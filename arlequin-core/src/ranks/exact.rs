@@ -60,6 +60,7 @@ impl Exact {
         let wide = u128::from(mantissa) << by;
         let part = |k: u32| ((wide >> (32 * k)) & 0xffff_ffff) as i64;
         let sign = if x.is_sign_negative() { -1 } else { 1 };
+        // 53 bits, shifted by up to 31, reach into three digits.
         for (k, word) in (0..).zip(&mut self.words[digit..(digit + 3).min(DIGITS)]) {
             *word += sign * part(k);
         }
@@ -136,6 +137,7 @@ impl AddAssign for Exact {
         for (a, b) in self.words.iter_mut().zip(other.words()) {
             *a += b;
         }
+        // Both operands are carried: the sum has waited for one term.
         self.since = 1;
     }
 }

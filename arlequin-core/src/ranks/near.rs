@@ -43,6 +43,7 @@ impl Halo {
             out,
             into: vec![0.0; count],
         };
+        // A receiver has to know the length of a message beforehand.
         let counts = peers.iter().map(|p| message(p, vec![p.send.len() as f64], 1));
         let counts: Vec<usize> = told(&portion, counts.collect())?
             .map(|m| m.into[0] as usize)
@@ -60,6 +61,7 @@ impl Halo {
             p.receive = ghosts.len()..ghosts.len() + m.into.len();
             ghosts.extend(m.into.iter().map(|x| *x as u32));
         }
+        // Boxes may be near each other although no nodes are; both ranks then drop the pair.
         peers.retain(|p| !(p.send.is_empty() && p.receive.is_empty()));
         Ok(Self {
             portion,
