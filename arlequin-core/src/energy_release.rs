@@ -410,8 +410,9 @@ impl<T: Real> EnergyRelease<T> {
     }
 }
 
-/// Returns the factors of the derivative along `s` at a node, `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)` with `M = Σ
-/// d dᵀ/|d|` over the arms `d` to other nodes. Along a line this is the difference over both intervals.
+/// Returns the factors of the derivative along `s` at a node, `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)` with
+/// `M = Σ d dᵀ/|d|` over the arms `d` to other nodes. Along a line this is the difference over both
+/// intervals.
 fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u32, T)> {
     let spread = arms
         .iter()

@@ -374,8 +374,7 @@ const NARROW: Case = Case {
     ..PLAIN
 };
 
-/// Of six ranks some own no particle of either overlap, and some of one only; of eight two own nothing at
-/// all.
+/// On six ranks some own particles of neither overlap, and some of one only; on eight two own nothing at all.
 #[test]
 fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_one_rank() {
     let coupled = threads::run(8, 1, WAIT, |c| {

@@ -1,10 +1,10 @@
 //! Chebyshev iteration from zero for `S μ = b`.
 //!
 //! Let all non-zero eigenvalues of `C S` lie between `a` and `c`, with half sum `θ` and half difference `δ`.
-//! After `k` iterations `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`, in the norm of `C` at most `1/cosh(k
-//! arcosh(θ/δ))` of `b`. So the number of iterations is known beforehand, and none of them needs a global
-//! sum. Eigenvalues below `a` are damped less, never enlarged, and null modes stay zero. Eigenvalues above
-//! `c` would be enlarged: `c` has to be a bound, an estimate is not enough.
+//! After `k` iterations `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`, in the norm of `C` at most
+//! `1/cosh(k arcosh(θ/δ))` of `b`. So the number of iterations is known beforehand, and none of them needs a
+//! global sum. Eigenvalues below `a` are damped less, never enlarged, and null modes stay zero. Eigenvalues
+//! above `c` would be enlarged: `c` has to be a bound, an estimate is not enough.
 //!
 //! A kick by `μ` changes the energy by `2 μᵀ(S μ − b)`, and the result does not fulfil Galerkin's condition,
 //! which makes that zero. Scaled by `μᵀb / μᵀS μ` per component it does; that factor is as close to one as

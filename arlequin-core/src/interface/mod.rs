@@ -374,9 +374,9 @@ impl<T: Real> Interface<T> {
     }
 
     /// Returns `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model,
-    /// components interleaved \[m³ for L2\]; `None` for a side above 1. The constraint is `B_C u̇ − B_D ḋ =
-    /// 0`. Every call expands the stored matrix. Of a partitioned model there are only the columns of the
-    /// nodes that this rank owns, by their local numbers.
+    /// components interleaved \[m³ for L2\]; `None` for a side above 1. The constraint is
+    /// `B_C u̇ − B_D ḋ = 0`. Every call expands the stored matrix. Of a partitioned model there are only the
+    /// columns of the nodes that this rank owns, by their local numbers.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
         self.coupling.get(side).map(|c| c.matrix().expanded())
     }
@@ -411,8 +411,8 @@ impl<T: Real> Interface<T> {
         self.components
     }
 
-    /// Solves `S μ = B_C x_C − B_D x_D`. Keeps `scale μ` and the changes `δ_C = −scale M_C⁻¹ B_Cᵀ μ` and `δ_D
-    /// = scale M_D⁻¹ B_Dᵀ μ`. Does nothing if the interface belongs to a [`joint::Joint`].
+    /// Solves `S μ = B_C x_C − B_D x_D`. Keeps `scale μ` and the changes `δ_C = −scale M_C⁻¹ B_Cᵀ μ` and
+    /// `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Does nothing if the interface belongs to a [`joint::Joint`].
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
         let Some(system) = &mut self.system else { return };
         let load = |sides: &mut [Transfer<T>]| sides.iter_mut().zip(x).for_each(|(c, x)| c.load(x));

@@ -1,4 +1,4 @@
-//! What tests of partitioned continua have in common.
+//! Helpers for tests of partitioned continua.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(dead_code, reason = "not every target uses all of it")]
 
