@@ -137,9 +137,9 @@ fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mu
     }
     let piece = lowest_connected(q.len(), pairs.iter().copied());
     let moved = along.iter().filter(|n| q[**n as usize] > T::zero());
-    let own: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
+    let connected: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
     for (q, piece) in q.iter_mut().zip(&piece) {
-        if !own.contains(piece) {
+        if !connected.contains(piece) {
             *q = T::zero();
         }
     }
@@ -181,15 +181,15 @@ impl<T: Real> EnergyRelease<T> {
             radii: crack.radii,
             tapers: tapers(model.name(), field, crack, length, &direction)?,
         };
-        let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
+        let share = |x: &Point3<T>| cylinder.shares(x).into_iter().fold(T::one(), |q, f| q * f);
         let mut q: Vec<T> = model.nodes().iter().map(share).collect();
         check_slits(model, &q, &cylinder, &direction)?;
         leave_others_out(gradients, &nodes_along(field, crack, &direction)?, &mut q);
         let mut out = Self::of_domain(model, gradients, &q, &direction);
         if out.places.is_empty() {
-            let found = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
+            let radii = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
             let rule = format!("no node of model '{}' lies within; enlarge them", model.name());
-            return Err(invalid("radii of the crack front", found, &rule));
+            return Err(invalid("radii of the crack front", radii, &rule));
         }
         out.check_weight(model, alpha)?;
         let facing = out.check_surfaces(model, &cylinder, &direction)?;
@@ -268,10 +268,10 @@ impl<T: Real> EnergyRelease<T> {
         let mut materials: Vec<Elastic<T>> = Vec::new();
         let none = (Vector3::zeros(), T::zero());
         let mut areas: Vec<Vec<Vector3<T>>> = Vec::new();
-        let mut all = vec![none; self.nodes.len()];
+        let mut facing = vec![none; self.nodes.len()];
         for p in &self.places {
-            let known = materials.iter().position(|m| *m == p.material);
-            let m = known.unwrap_or_else(|| {
+            let number = materials.iter().position(|m| *m == p.material);
+            let m = number.unwrap_or_else(|| {
                 materials.push(p.material);
                 areas.push(vec![Vector3::zeros(); self.nodes.len()]);
                 materials.len() - 1
@@ -279,8 +279,8 @@ impl<T: Real> EnergyRelease<T> {
             for (n, g) in self.row(p) {
                 let area = g * p.volume;
                 areas[m][*n as usize] += area;
-                all[*n as usize].0 += area;
-                all[*n as usize].1 += area.norm();
+                facing[*n as usize].0 += area;
+                facing[*n as usize].1 += area.norm();
             }
         }
         let mut cracked = false;
@@ -291,9 +291,9 @@ impl<T: Real> EnergyRelease<T> {
             .filter(|k| self.shifts[k.0] != Vector3::zeros())
         {
             let x = model.nodes()[*n];
-            let (area, size) = all[k];
+            let (area, size) = facing[k];
             // Surfaces within the inner radius may lie anyhow: one of them has to be the crack's.
-            if cylinder.at(&x)[0] >= T::one() {
+            if cylinder.shares(&x)[0] >= T::one() {
                 // End faces of the body, which the front meets, are no faces of the crack.
                 let across = area - cylinder.axis * area.dot(&cylinder.axis);
                 cracked |= across.norm() > size * T::of(ON_SURFACE);
@@ -312,7 +312,7 @@ impl<T: Real> EnergyRelease<T> {
             return Err(invalid("node", place(&x), rule));
         }
         if cracked {
-            return Ok(all);
+            return Ok(facing);
         }
         let rule = "there is no surface of a crack within this distance of the front; put the front where the crack ends, with an \
                     inner radius of two elements or more";
@@ -337,7 +337,7 @@ impl<T: Real> EnergyRelease<T> {
             }
         }
         let x = |n: usize| model.nodes()[self.nodes[n]];
-        let of = |(n, near): (usize, &mut Vec<u32>)| {
+        let slope_row = |(n, near): (usize, &mut Vec<u32>)| {
             near.sort_unstable();
             near.dedup();
             let (area, size) = facing[n];
@@ -361,7 +361,7 @@ impl<T: Real> EnergyRelease<T> {
             (n, row)
         };
         let moving = around.iter_mut().enumerate().filter(|(_, near)| !near.is_empty());
-        self.slopes = moving.map(of).collect();
+        self.slopes = moving.map(slope_row).collect();
     }
 
     /// Returns the nodes of the domain, ascending.
@@ -426,7 +426,7 @@ fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u3
         along += axis * (axis.dot(s) / eigen.eigenvalues[k]);
     }
     let mut row: Vec<(u32, T)> = arms.iter().map(|(m, d)| (*m, along.dot(d) / d.norm())).collect();
-    let own = row.iter().fold(T::zero(), |sum, r| sum - r.1);
-    row.push((n, own));
+    let factor = row.iter().fold(T::zero(), |sum, r| sum - r.1);
+    row.push((n, factor));
     row
 }

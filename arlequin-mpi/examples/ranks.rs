@@ -52,7 +52,9 @@ struct Deck {
 }
 
 impl Deck {
-    fn of(number: impl Fn(usize) -> Result<usize, std::num::ParseIntError>) -> Result<Self, Failure> {
+    fn from_numbers(
+        number: impl Fn(usize) -> Result<usize, std::num::ParseIntError>,
+    ) -> Result<Self, Failure> {
         Ok(Self {
             cells: number(0)?,
             element: number(1)?,
@@ -71,7 +73,7 @@ const STEPS: usize = 10;
 /// Results of a rank: nanoseconds per step; kB in use before the set-up, now and at most; particles with
 /// ghosts and owned ones; messages, bytes, reductions and their words in all steps; imbalance in parts per
 /// million.
-type Told = [i64; 11];
+type Results = [i64; 11];
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -83,13 +85,13 @@ fn main() -> Result<(), Failure> {
             report: |why| eprintln!("{why}"),
             echo: false,
         };
-        let deck = Deck::of(|k| deck.split(' ').nth(k).unwrap_or_default().parse())?;
+        let deck = Deck::from_numbers(|k| deck.split(' ').nth(k).unwrap_or_default().parse())?;
         processes::run(ending, |c| one_rank(deck, c))?;
         return Ok(());
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::of(|k| match k {
+    let deck = Deck::from_numbers(|k| match k {
         4 => Ok(0),
         _ => argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]),
     })?;
@@ -100,19 +102,19 @@ fn main() -> Result<(), Failure> {
          words each | imbalance %"
     );
     let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck), (2, 1, waiting)];
-    let mut best: Vec<Option<Told>> = vec![None; timed.len()];
+    let mut best: Vec<Option<Results>> = vec![None; timed.len()];
     for _ in 0..rounds {
-        for (of, best) in timed.iter().zip(&mut best) {
-            let now = started(*of)?;
+        for (setting, best) in timed.iter().zip(&mut best) {
+            let now = started(*setting)?;
             *best = Some(best.filter(|b| b[0] <= now[0]).unwrap_or(now));
         }
     }
-    for of in [(4, 1, deck), (8, 1, deck)] {
-        timed.push(of);
-        best.push(Some(started(of)?));
+    for setting in [(4, 1, deck), (8, 1, deck)] {
+        timed.push(setting);
+        best.push(Some(started(setting)?));
     }
-    let all = BATCHES * STEPS + STEPS;
-    for ((ranks, threads, deck), told) in timed.iter().zip(best.iter().flatten()) {
+    let steps = BATCHES * STEPS + STEPS;
+    for ((ranks, threads, deck), results) in timed.iter().zip(best.iter().flatten()) {
         let [
             ns,
             before,
@@ -125,8 +127,8 @@ fn main() -> Result<(), Failure> {
             reductions,
             words,
             imbalance,
-        ] = told.map(|x| x as f64);
-        let per = |x: f64| x / all as f64;
+        ] = results.map(|x| x as f64);
+        let per = |x: f64| x / steps as f64;
         println!(
             "{ranks} x {threads}{} | {:.3} | {particles} | {held} | {before} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
             if deck.waits { ", waiting" } else { "" },
@@ -152,7 +154,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Starts `ranks` ranks with `threads` threads each and returns the largest of their results.
-fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure> {
+fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Results, Failure> {
     let mut run = Command::new("mpirun");
     run.args([
         "--oversubscribe",
@@ -273,7 +275,7 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     };
     let [messages, bytes, reductions, words] =
         [0, 1, 2, 3].map(|k: usize| counted.counts[k].load(Relaxed) as i64);
-    let mut told: Told = [
+    let mut results: Results = [
         (best.as_nanos() / STEPS as u128) as i64,
         before,
         memory("VmRSS"),
@@ -286,9 +288,9 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
         words,
         (1e6 * imbalance) as i64,
     ];
-    inner.reduce(&mut told, Reduction::Largest)?;
+    inner.reduce(&mut results, Reduction::Largest)?;
     if inner.rank() == 0 {
-        println!("told {}", told.map(|t| t.to_string()).join(" "));
+        println!("told {}", results.map(|t| t.to_string()).join(" "));
     }
     Ok(())
 }
@@ -303,9 +305,9 @@ fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Fa
     } = deck;
     let (beam, radius) = (BeamMaterial::SILICA, 1e-4);
     if element > 0 || whole {
-        let all = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
-        let model = DemModel::new("cube", &all, beam, 2200.0)?;
-        return Ok((model, all.volume.cbrt() / cells as f64));
+        let packing = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
+        let model = DemModel::new("cube", &packing, beam, 2200.0)?;
+        return Ok((model, packing.volume.cbrt() / cells as f64));
     }
     let bricks = Bricks::new(Lattice::BodyCentred, [cells; 3], radius)?;
     let cell = bricks.volume().cbrt() / cells as f64;
@@ -325,8 +327,8 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
     if let Some(across) = cells.checked_div(deck.element) {
         let border = 2.0 * deck.element as f64 * cell;
         let edge = cells as f64 * cell;
-        let block = |from: f64, along: usize| {
-            let corners = [Point3::new(from, 0.0, 0.0), Point3::new(border, edge, edge)];
+        let block = |start: f64, along: usize| {
+            let corners = [Point3::new(start, 0.0, 0.0), Point3::new(border, edge, edge)];
             generate::block(ElementKind::Hex8, corners[0], corners[1], [along, across, across])
         };
         let elements = FemModel::new("elements", block(-border, 4)?, Elastic::new(72e9, 0.17, 2200.0)?)?;

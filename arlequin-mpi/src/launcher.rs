@@ -44,8 +44,8 @@ mod tests {
 
     #[test]
     fn launchers_tell_ranks_in_their_own_words() {
-        let read = |all: &[(&str, &str)]| {
-            let variable = |name: &str| all.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
+        let read = |variables: &[(&str, &str)]| {
+            let variable = |name: &str| variables.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
             Launched::from_variables(&variable)
         };
         let some = |rank, ranks| Some(Launched { rank, ranks });
@@ -58,13 +58,13 @@ mod tests {
         // srun --mpi=pmix
         assert_eq!(read(&[("PMIX_RANK", "1"), ("SLURM_NTASKS", "8")]), some(1, 8));
         // Open MPI's mpirun in a Slurm job with more tasks.
-        let both = [
+        let variables = [
             ("PMIX_RANK", "1"),
             ("SLURM_NTASKS", "8"),
             ("OMPI_COMM_WORLD_RANK", "1"),
             ("OMPI_COMM_WORLD_SIZE", "2"),
         ];
-        assert_eq!(read(&both), some(1, 2));
+        assert_eq!(read(&variables), some(1, 2));
         // A batch job whose script starts the program directly.
         assert_eq!(read(&[("SLURM_NTASKS", "8")]), None);
         assert_eq!(

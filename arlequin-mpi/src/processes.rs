@@ -67,18 +67,18 @@ pub fn run<R, E: Display>(
     }
     let world = SimpleCommunicator::world();
     check_launcher(world.size() as usize)?;
-    let own = Arc::new(Process {
+    let process = Arc::new(Process {
         rank: world.rank() as usize,
         ranks: world.size() as usize,
         ending,
     });
-    let panics = Panics(&own);
-    match work(own.clone()) {
+    let panics = Panics(&process);
+    match work(process.clone()) {
         Ok(done) => {
             std::mem::forget(panics);
             Ok(done)
         }
-        Err(e) => own.end(&e.to_string(), true),
+        Err(e) => process.end(&e.to_string(), true),
     }
 }
 
@@ -124,11 +124,11 @@ type Open<'a, 'b, B> = Request<'a, B, &'b LocalScope<'a>>;
 
 impl Process {
     /// Reports why, informs the other ranks if `tell`, and ends the job.
-    fn end(&self, why: &str, tell: bool) -> ! {
-        if tell || self.ending.echo {
+    fn end(&self, why: &str, inform: bool) -> ! {
+        if inform || self.ending.echo {
             (self.ending.report)(why);
         }
-        if tell {
+        if inform {
             self.abandon(why);
         } else {
             // The rank that gave up gets the time for its own report.
@@ -178,10 +178,10 @@ fn last_word() -> Option<(usize, String)> {
 }
 
 /// Returns whether a request is complete; calls `done` with its status at that moment.
-fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, done: &mut dyn FnMut(Status)) -> bool {
+fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, complete: &mut dyn FnMut(Status)) -> bool {
     match request.take().map(Request::test) {
         Some(Ok(status)) => {
-            done(status);
+            complete(status);
             true
         }
         Some(Err(open)) => {
@@ -212,20 +212,23 @@ impl Communicator for Process {
             let mut sends = Vec::with_capacity(messages.len());
             let mut receives = Vec::with_capacity(messages.len());
             for Message { peer, out, into } in messages.iter_mut() {
-                let to = world.process_at_rank(*peer as i32);
+                let process = world.process_at_rank(*peer as i32);
                 let expected = into.len();
-                let receive = to.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
+                let receive = process.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
                 receives.push((*peer, expected, Some(receive)));
-                sends.push((*peer, Some(to.immediate_send_with_tag(scope, &out[..], DATA))));
+                sends.push((
+                    *peer,
+                    Some(process.immediate_send_with_tag(scope, &out[..], DATA)),
+                ));
             }
             let mut check = |peer: usize, expected: usize, status: Status| {
-                let found = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
-                if found != expected {
+                let received = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
+                if received != expected {
                     odd.get_or_insert(RankError::Length {
                         rank: self.rank,
                         peer,
                         expected,
-                        found,
+                        found: received,
                     });
                 }
             };
@@ -257,15 +260,16 @@ impl Communicator for Process {
 
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         let world = SimpleCommunicator::world();
-        let own = words.to_vec();
+        let local = words.to_vec();
         let operation = match how {
             Reduction::Sum => SystemOperation::sum(),
             Reduction::Largest => SystemOperation::max(),
         };
         scope(|scope| {
-            let mut request = Some(world.immediate_all_reduce_into(scope, &own[..], &mut *words, operation));
-            let others = || "other ranks".to_owned();
-            self.look_after("a sum over all ranks", others, || {
+            let mut request =
+                Some(world.immediate_all_reduce_into(scope, &local[..], &mut *words, operation));
+            let peer = || "other ranks".to_owned();
+            self.look_after("a sum over all ranks", peer, || {
                 is_done(&mut request, &mut |_| ())
             });
         });
@@ -277,12 +281,12 @@ impl Communicator for Process {
         let words = why.as_bytes();
         let until = Instant::now() + GRACE;
         scope(|scope| {
-            let others = (0..self.ranks).filter(|r| *r != self.rank);
+            let other_ranks = (0..self.ranks).filter(|r| *r != self.rank);
             let send = |r: usize| {
-                let to = world.process_at_rank(r as i32);
-                Some(to.immediate_send_with_tag(scope, words, LAST_WORD))
+                let process = world.process_at_rank(r as i32);
+                Some(process.immediate_send_with_tag(scope, words, LAST_WORD))
             };
-            let mut open: Vec<_> = others.map(send).collect();
+            let mut open: Vec<_> = other_ranks.map(send).collect();
             while Instant::now() < until {
                 for o in &mut open {
                     is_done(o, &mut |_| ());

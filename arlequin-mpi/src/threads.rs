@@ -30,25 +30,25 @@ pub fn run<R: Send>(
         state: Mutex::new(State::new(ranks)),
         changed: Condvar::new(),
     });
-    let one = |rank: usize| {
-        let own = Thread {
+    let run_rank = |rank: usize| {
+        let thread = Thread {
             rank,
             shared: shared.clone(),
         };
         // Marks this rank as ended, on return as well as on a panic, so that others do not wait for it.
-        let _leaving = Leaving(&own);
+        let _leaving = Leaving(&thread);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|e| RankError::Transport {
             rank,
             what: e.to_string(),
         })?;
-        let communicator = Arc::new(own.clone());
+        let communicator = Arc::new(thread.clone());
         Ok(pool.install(|| work(communicator)))
     };
     std::thread::scope(|s| {
-        let one = &one;
-        let all: Vec<_> = (0..ranks).map(|rank| s.spawn(move || one(rank))).collect();
-        let ended = (0..).zip(all).map(|(peer, thread)| {
+        let run_rank = &run_rank;
+        let handles: Vec<_> = (0..ranks).map(|rank| s.spawn(move || run_rank(rank))).collect();
+        let ended = (0..).zip(handles).map(|(peer, thread)| {
             let lost = RankError::Lost { rank: peer, peer };
             thread.join().unwrap_or(Err(lost))
         });
@@ -139,10 +139,10 @@ impl Thread {
             }
             let now = Instant::now();
             if now >= until {
-                let one = from.len() == 1;
+                let single = from.len() == 1;
                 return Err(RankError::Silent {
                     rank,
-                    peer: if one {
+                    peer: if single {
                         format!("rank {}", from.start)
                     } else {
                         "other ranks".to_owned()
@@ -180,17 +180,19 @@ impl Communicator for Thread {
         self.shared.changed.notify_all();
         while meanwhile() {}
         for m in messages {
-            let from = m.peer..m.peer + 1;
-            let found = self.wait("a message", from, |s| s.boxes[m.peer * ranks + rank].pop_front())?;
-            if found.len() != m.into.len() {
+            let sender = m.peer..m.peer + 1;
+            let numbers = self.wait("a message", sender, |s| {
+                s.boxes[m.peer * ranks + rank].pop_front()
+            })?;
+            if numbers.len() != m.into.len() {
                 return Err(RankError::Length {
                     rank,
                     peer: m.peer,
                     expected: m.into.len(),
-                    found: found.len(),
+                    found: numbers.len(),
                 });
             }
-            m.into = found;
+            m.into = numbers;
         }
         Ok(())
     }
@@ -201,8 +203,8 @@ impl Communicator for Thread {
         if state.given == 0 {
             state.words = words.to_vec();
         } else if state.words.len() == words.len() {
-            let both = state.words.iter_mut().zip(&*words);
-            both.for_each(|(a, b)| {
+            let pairs = state.words.iter_mut().zip(&*words);
+            pairs.for_each(|(a, b)| {
                 *a = match how {
                     Reduction::Sum => *a + *b,
                     Reduction::Largest => (*a).max(*b),
@@ -219,17 +221,17 @@ impl Communicator for Thread {
             });
         }
         state.given += 1;
-        let mine = state.done;
+        let turn = state.done;
         if state.given == ranks {
             let s = &mut *state;
             std::mem::swap(&mut s.words, &mut s.result);
-            (s.given, s.done) = (0, mine + 1);
+            (s.given, s.done) = (0, turn + 1);
         }
         drop(state);
         self.shared.changed.notify_all();
         // The next result cannot replace this one before this rank has added its words to it.
         self.wait("a sum over all ranks", 0..ranks, |s| {
-            (s.done > mine).then(|| words.copy_from_slice(&s.result))
+            (s.done > turn).then(|| words.copy_from_slice(&s.result))
         })
     }
 

@@ -12,7 +12,7 @@ use arlequin_core::{
 use arlequin_mpi::threads;
 use dem_beam::fracture::{Criterion, Fracture, Scatter, SharedLog};
 use std::sync::Arc;
-use support::{Told, WAIT, bar, bits, first, same_on, shared, unknowns};
+use support::{Results, WAIT, bar, bits, first, same_on, shared, unknowns};
 
 /// Weight of one up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
@@ -69,11 +69,11 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
 }
 
 /// Returns state, ledger and all breaks in their order.
-fn told(run: (Coupled<f64>, SharedLog)) -> Told {
-    told_after(run, 30)
+fn results(run: (Coupled<f64>, SharedLog)) -> Results {
+    results_after(run, 30)
 }
 
-fn told_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Told {
+fn results_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Results {
     run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![e.invariant, e.internal, e.work, e.drift, run.energy()];
@@ -130,7 +130,7 @@ fn cases() -> [Case; 4] {
 fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
     for case in cases() {
         let (run, log) = broken(case, None);
-        let whole = told((run, log.clone()));
+        let whole = results((run, log.clone()));
         let log = log.read().unwrap();
         let bonds = bar(false).body().pairs().len();
         let count = log.events().len();
@@ -144,7 +144,9 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
             between > 0,
             "{count} of {bonds}, none between two ranks: {case:?}"
         );
-        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| told(broken(case, Some(c))));
+        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| {
+            results(broken(case, Some(c)))
+        });
     }
 }
 
@@ -153,7 +155,7 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
 fn what_broke_on_three_ranks_stays_broken_on_others() {
     for case in cases() {
         let (run, log) = broken(case, None);
-        let whole = told((run, log.clone()));
+        let whole = results((run, log.clone()));
         let before = log.read().unwrap().events().len();
         let (saved, count) = first(3, |c| {
             let (mut run, log) = broken(case, Some(c));
@@ -165,7 +167,7 @@ fn what_broke_on_three_ranks_stays_broken_on_others() {
         same_on(&[1, 2, 4], &case, &whole, |c| {
             let (mut run, log) = broken(case, Some(c));
             run.restore(&saved).unwrap();
-            told_after((run, log), 18)
+            results_after((run, log), 18)
         });
     }
 }
@@ -174,14 +176,14 @@ fn what_broke_on_three_ranks_stays_broken_on_others() {
 #[test]
 fn what_breaks_takes_its_energy_out_of_the_balance_of_all_ranks() {
     let case = cases()[0];
-    let kept = threads::run(3, 1, WAIT, |c| {
+    let energies = threads::run(3, 1, WAIT, |c| {
         let (mut run, log) = broken(case, Some(c));
         run.run(30, &mut Silent).unwrap();
         let e = run.last_energy().unwrap().clone();
         let released = log.read().unwrap().released();
         (e.drift, e.invariant, released)
     });
-    for k in kept {
+    for k in energies {
         let (drift, invariant, released) = k.unwrap();
         assert!(released > 1e-4 * invariant, "{released:e} of {invariant:e}");
         assert!(drift.abs() < 1e-12 * invariant, "{drift:e} of {invariant:e}");

@@ -66,10 +66,10 @@ fn at(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)
 }
 
-fn bar(name: &str, from: f64, to: f64) -> FemModel<f64> {
+fn bar(name: &str, start: f64, end: f64) -> FemModel<f64> {
     let corner = |x: f64, y: f64| Point3::new(x, y, y);
-    let counts = [((to - from) / 0.25).round() as usize, 2, 2];
-    let mesh = generate::block(ElementKind::Hex8, corner(from, -0.05), corner(to, 0.55), counts).unwrap();
+    let counts = [((end - start) / 0.25).round() as usize, 2, 2];
+    let mesh = generate::block(ElementKind::Hex8, corner(start, -0.05), corner(end, 0.55), counts).unwrap();
     FemModel::new(name, mesh, Elastic::new(1.0, 0.2, 1.0).unwrap()).unwrap()
 }
 
@@ -151,14 +151,14 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
     };
     let [end, begin] = case.ends;
     let weights = [fading(-0.05, end), fading(3.95, begin)];
-    let rest = Weights::complement_of(&weights);
+    let middle = Weights::complement_of(&weights);
     let [left, right] = weights;
-    let all = [
+    let bodies = [
         Subdomain::coarse(bar("left", -1.05, end), left),
-        Subdomain::fine(particles, rest).with_step(OwnStep::Ratio(case.steps)),
+        Subdomain::fine(particles, middle).with_step(OwnStep::Ratio(case.steps)),
         Subdomain::coarse(bar("right", begin, 4.95), right),
     ];
-    let all = all.into_iter().map(|s| {
+    let bodies = bodies.into_iter().map(|s| {
         let held = lower(s.model(), case.held);
         let s = moving(s.with_partition(Partition::Unchecked), &held);
         // The motion lies in the overlap, where multipliers do work on it.
@@ -169,29 +169,29 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
         };
         s.with_support(motion)
     });
-    let mut all: Vec<_> = all.collect();
+    let mut bodies: Vec<_> = bodies.collect();
     if let Some(c) = communicator {
-        let particles = all.remove(1).shared(c);
-        all.insert(1, particles);
+        let particles = bodies.remove(1).shared(c);
+        bodies.insert(1, particles);
     }
     let mut interfaces = vec![
         spec("left", 0, [-0.05, end], case),
         spec("right", 2, [begin, 3.95], case),
     ];
     interfaces.retain(|_| case.tied);
-    Coupled::new(all, interfaces, TimeStep::Fraction(0.4), None).unwrap()
+    Coupled::new(bodies, interfaces, TimeStep::Fraction(0.4), None).unwrap()
 }
 
 /// Bits of the particles by their numbers in the whole body, then numbers that are the same on every rank.
-type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+type Results = (Vec<(usize, Vec<u64>)>, Vec<f64>);
 
-fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
+fn results(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Results {
     let mut run = run(case, communicator);
-    let mut same: Vec<f64> = run.critical_steps().to_vec();
-    same.extend([run.dt(), run.start_loss()]);
+    let mut shared: Vec<f64> = run.critical_steps().to_vec();
+    shared.extend([run.dt(), run.start_loss()]);
     run.run(25, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
-    same.extend([
+    shared.extend([
         e.invariant,
         e.kinetic,
         e.internal,
@@ -199,36 +199,36 @@ fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
         e.drift,
         e.constraint_residual,
     ]);
-    same.extend([run.energy(), run.drift(), run.constraint_residual()]);
-    same.extend(run.works().iter().map(|w| w.work));
-    same.extend(
+    shared.extend([run.energy(), run.drift(), run.constraint_residual()]);
+    shared.extend(run.works().iter().map(|w| w.work));
+    shared.extend(
         run.displacement_jumps()
             .iter()
             .flat_map(|j| [j.largest, j.amplitude]),
     );
-    same.extend((0..2).flat_map(|k| run.jumps(k)));
-    same.extend(
+    shared.extend((0..2).flat_map(|k| run.jumps(k)));
+    shared.extend(
         run.momentum()
             .iter()
             .flat_map(|p| p.iter().copied().collect::<Vec<_>>()),
     );
     for i in run.interfaces() {
-        same.extend(i.multipliers());
-        same.push(i.report().start_jump);
-        same.push(i.report().start_moved);
+        shared.extend(i.multipliers());
+        shared.push(i.report().start_jump);
+        shared.push(i.report().start_moved);
     }
     for s in [0, 2].map(|k| &run.subdomains()[k]) {
-        same.extend(s.state().q.iter().chain(&s.state().v));
+        shared.extend(s.state().q.iter().chain(&s.state().v));
     }
     let s = &run.subdomains()[1];
     let n = s.model().layout().nodes;
-    let of = |i: usize| {
+    let particle_bits = |i: usize| {
         let six = |x: &Vec<f64>| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
-        let all = [&s.state().q, &s.state().v, &s.state().a];
-        let bits = all.into_iter().flat_map(six).map(f64::to_bits);
+        let vectors = [&s.state().q, &s.state().v, &s.state().a];
+        let bits = vectors.into_iter().flat_map(six).map(f64::to_bits);
         (s.portion().map_or(i, |p| p.global(i)), bits.collect())
     };
-    ((0..n).map(of).collect(), same)
+    ((0..n).map(particle_bits).collect(), shared)
 }
 
 fn bits(x: &[f64]) -> Vec<u64> {
@@ -236,17 +236,17 @@ fn bits(x: &[f64]) -> Vec<u64> {
 }
 
 fn check(case: Case, ranks: &[usize]) {
-    let whole = told(case, None);
+    let whole = results(case, None);
     assert!(whole.1.iter().all(|x| x.is_finite()));
     for &ranks in ranks {
         let mut particles = Vec::new();
-        for (rank, one) in threads::run(ranks, 1, WAIT, |c| told(case, Some(c)))
+        for (rank, outcome) in threads::run(ranks, 1, WAIT, |c| results(case, Some(c)))
             .into_iter()
             .enumerate()
         {
-            let (own, same): Told = one.unwrap();
+            let (owned, same): Results = outcome.unwrap();
             assert_eq!(bits(&same), bits(&whole.1), "rank {rank} of {ranks}, {case:?}");
-            particles.extend(own);
+            particles.extend(owned);
         }
         particles.sort();
         assert!(particles == whole.0, "{ranks} ranks, {case:?}");
@@ -316,47 +316,47 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
 
 /// Returns the bytes per step that interfaces add on a rank, in messages and in reductions (the most of four
 /// ranks); the multiplier unknowns; and the coupled particles.
-fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
+fn bytes_of_a_step(case: Case) -> ([f64; 2], f64, f64) {
     let steps = 8;
     let count = |tied: bool| {
-        let all = threads::run(4, 1, WAIT, |c| {
+        let counts = threads::run(4, 1, WAIT, |c| {
             let counted = support::Counted::new(c);
             let mut run = run(Case { tied, ..case }, Some(counted.clone()));
             // The ledger is drawn in the first step and in the tenth.
             run.run(1, &mut Silent).unwrap();
             counted.take();
             run.run(steps, &mut Silent).unwrap();
-            let of = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
-                let all = run.interfaces().iter().map(|i| n(i.report()));
-                all.sum::<usize>() as f64
+            let total = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
+                let counts = run.interfaces().iter().map(|i| n(i.report()));
+                counts.sum::<usize>() as f64
             };
-            let told = counted.take().map(|b| b / steps as f64);
-            (told, of(&|r| r.multipliers), of(&|r| r.coupled_nodes[1]))
+            let bytes = counted.take().map(|b| b / steps as f64);
+            (bytes, total(&|r| r.multipliers), total(&|r| r.coupled_nodes[1]))
         });
-        all.into_iter().map(Result::unwrap).collect::<Vec<_>>()
+        counts.into_iter().map(Result::unwrap).collect::<Vec<_>>()
     };
     let (with, without) = (count(true), count(false));
-    let of = |k: usize| {
-        let both = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
-        both.fold(0.0, f64::max)
+    let most_added = |k: usize| {
+        let differences = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
+        differences.fold(0.0, f64::max)
     };
-    ([of(0), of(1)], with[0].1, with[0].2)
+    ([most_added(0), most_added(1)], with[0].1, with[0].2)
 }
 
 #[test]
 fn interfaces_tell_of_multipliers_and_not_of_particles() {
     let [plain, small, fine] = [(1, 1), (2, 1), (1, 2)].map(|(finer, elements)| {
-        told_in_a_step(Case {
+        bytes_of_a_step(Case {
             finer,
             elements,
             ..PLAIN
         })
     });
-    for (told, multipliers, _) in [plain, small, fine] {
+    for (bytes, multipliers, _) in [plain, small, fine] {
         // Sums of multipliers and, for each of two interfaces, an exact sum of the kick's kinetic energy.
-        assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
+        assert!(bytes[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
     }
-    let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
+    let bytes = |case: &([f64; 2], f64, f64)| case.0[0] + case.0[1];
     // Pieces are as many as units of 256 particles. Sending all particles to another rank took 24 bytes each.
     let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
     assert!(

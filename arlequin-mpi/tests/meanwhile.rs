@@ -105,19 +105,19 @@ impl Communicator for Slow {
 /// Returns a displacement for every unknown, by its place in the whole body.
 fn displacements(model: &dyn Model<f64>) -> Vec<f64> {
     let n = model.layout().nodes;
-    let of = |k: usize| {
+    let displacement = |k: usize| {
         let (sort, i, c) = (k / (3 * n), k / 3 % n, k % 3);
         1e-7 * (1.7 * (6 * global(model, i) + 3 * sort + c) as f64).sin()
     };
-    (0..model.layout().dofs()).map(of).collect()
+    (0..model.layout().dofs()).map(displacement).collect()
 }
 
 /// Returns the bits of the forces on a node, and of the torques if it turns.
 fn on_node(model: &dyn Model<f64>, f: &[f64], node: usize) -> Vec<u64> {
     let n = model.layout().nodes;
     let sorts = f.len() / (3 * n);
-    let of = |sort: usize| &f[3 * (sort * n + node)..][..3];
-    (0..sorts).flat_map(of).map(|x| x.to_bits()).collect()
+    let components = |sort: usize| &f[3 * (sort * n + node)..][..3];
+    (0..sorts).flat_map(components).map(|x| x.to_bits()).collect()
 }
 
 fn forces(model: &mut dyn Model<f64>) -> (Result<(), Error>, Vec<f64>) {
@@ -128,20 +128,20 @@ fn forces(model: &mut dyn Model<f64>) -> (Result<(), Error>, Vec<f64>) {
 
 /// Returns the name of a whole body and the forces on each of its nodes.
 fn of_one_rank(mut model: Box<dyn Model<f64>>) -> (String, Vec<Vec<u64>>) {
-    let (found, f) = forces(&mut *model);
-    found.unwrap();
+    let (outcome, f) = forces(&mut *model);
+    outcome.unwrap();
     let nodes = 0..model.layout().nodes;
-    let all = nodes.map(|i| on_node(&*model, &f, i)).collect();
-    (model.name().to_owned(), all)
+    let bits_of_nodes = nodes.map(|i| on_node(&*model, &f, i)).collect();
+    (model.name().to_owned(), bits_of_nodes)
 }
 
 /// Asserts that forces on this rank's nodes are those of the whole body.
 fn assert_forces(model: &mut dyn Model<f64>, expected: &[Vec<u64>], what: &str) {
-    let (found, f) = forces(model);
-    found.unwrap();
+    let (outcome, f) = forces(model);
+    outcome.unwrap();
     for i in 0..model.layout().nodes {
-        let there = &expected[global(model, i)];
-        assert_eq!(&on_node(model, &f, i), there, "{i} of {}, {what}", model.name());
+        let bits = &expected[global(model, i)];
+        assert_eq!(&on_node(model, &f, i), bits, "{i} of {}, {what}", model.name());
     }
 }
 
@@ -184,30 +184,30 @@ fn forces_within_a_rank_are_final_before_messages_come() {
     for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
-        let both = std::sync::Barrier::new(2);
+        let barrier = std::sync::Barrier::new(2);
         let counts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
                 .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
-            both.wait();
+            barrier.wait();
             way.lost.store(true, SeqCst);
-            let (found, f) = forces(&mut *model);
+            let (outcome, f) = forces(&mut *model);
             assert!(
-                matches!(found, Err(Error::Rank(RankError::Lost { .. }))),
-                "{found:?}"
+                matches!(outcome, Err(Error::Rank(RankError::Lost { .. }))),
+                "{outcome:?}"
             );
             let n = model.layout().nodes;
             let mut counts = [0, 0];
             for unit in 0..n.div_ceil(UNIT) {
                 let nodes = unit * UNIT..n.min((unit + 1) * UNIT);
-                let all = |is: &dyn Fn(usize) -> bool| nodes.clone().all(is);
+                let all_nodes = |is: &dyn Fn(usize) -> bool| nodes.clone().all(is);
                 let is = |i: usize| on_node(&*model, &f, i) == expected[global(&*model, i)];
                 let begun = |i: usize| on_node(&*model, &f, i).iter().any(|x| *x != 0);
-                if all(&is) {
+                if all_nodes(&is) {
                     counts[0] += 1;
                 } else {
-                    assert!(all(&|i| !begun(i)), "unit {unit} of {}", model.name());
+                    assert!(all_nodes(&|i| !begun(i)), "unit {unit} of {}", model.name());
                     counts[1] += 1;
                 }
             }
@@ -226,13 +226,13 @@ fn a_late_rank_does_not_delay_work_within_others() {
     for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
-        let both = std::sync::Barrier::new(2);
+        let barrier = std::sync::Barrier::new(2);
         let parts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
                 .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
-            both.wait();
+            barrier.wait();
             way.late.store(true, SeqCst);
             for _ in 0..3 {
                 assert_forces(&mut *model, &expected, "late");

@@ -54,10 +54,10 @@ fn shared(c: Arc<dyn Communicator>) -> usize {
 }
 
 /// Returns the largest memory of all ranks together, in bytes per particle of the body.
-fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
+fn most(ranks: usize, work: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
     let before = MEMORY.current_usage();
     MEMORY.reset_peak_usage();
-    let held: usize = threads::run(ranks, 1, WAIT, of)
+    let held: usize = threads::run(ranks, 1, WAIT, work)
         .into_iter()
         .map(Result::unwrap)
         .sum();
@@ -80,20 +80,20 @@ fn ghosts(ranks: usize) -> f64 {
 
 #[test]
 fn ranks_hold_their_share_and_their_ghosts_and_never_a_whole_kernel() {
-    let one = most(1, in_parts);
+    let alone = most(1, in_parts);
     for ranks in [2, 4, 8] {
-        let all = most(ranks, in_parts);
-        let bound = 1.2 * one * (1.0 + ghosts(ranks));
+        let bytes = most(ranks, in_parts);
+        let bound = 1.2 * alone * (1.0 + ghosts(ranks));
         assert!(
-            all < bound,
-            "{ranks} ranks: {all} bytes per particle, one rank {one}, bound {bound}"
+            bytes < bound,
+            "{ranks} ranks: {bytes} bytes per particle, one rank {alone}, bound {bound}"
         );
     }
     // A whole body that is still to be partitioned has neither the kernel's tables nor the buffers of steps.
     let whole = most(1, shared);
-    let each = (most(8, shared) - one) / 8.0;
+    let per_rank = (most(8, shared) - alone) / 8.0;
     assert!(
-        each < 0.6 * whole,
-        "{each} bytes per particle on every rank, {whole} on one"
+        per_rank < 0.6 * whole,
+        "{per_rank} bytes per particle on every rank, {whole} on one"
     );
 }

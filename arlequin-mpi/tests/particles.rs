@@ -14,10 +14,10 @@ use arlequin_mpi::threads;
 use dem_beam::{DemModel, LoadShare};
 use std::sync::Arc;
 use std::time::Duration;
-use support::{Along, Told, WAIT, bar, bits, part, same_on, unknowns};
+use support::{Along, Results, WAIT, bar, bits, part, same_on, unknowns};
 
 /// Returns energy and critical step, and forces computed in two ways, at large displacements.
-fn evaluated(mut model: DemModel) -> Told {
+fn evaluated(mut model: DemModel) -> Results {
     model.set_internal_weight(&Along).unwrap();
     let n = model.layout().dofs();
     let mut inertia = vec![0.0; n];
@@ -67,7 +67,7 @@ fn run(model: DemModel, held: bool) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn stepped(model: DemModel, held: bool) -> Told {
+fn stepped(model: DemModel, held: bool) -> Results {
     let mut run = run(model, held);
     run.run(50, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
@@ -100,12 +100,12 @@ fn steps_and_the_ledger_have_the_bits_of_one_rank() {
 #[test]
 fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
     for finite in [false, true] {
-        let kept = threads::run(3, 1, WAIT, |c| {
+        let drifts = threads::run(3, 1, WAIT, |c| {
             let mut run = run(part(bar(finite), c), false);
             run.run(400, &mut Silent).unwrap();
             (run.drift(), run.bodies()[0].drift)
         });
-        for k in kept {
+        for k in drifts {
             let (invariant, [linear, angular]) = k.unwrap();
             // Exact for the linear law only; with the other one the energy swings with the square of the
             // step.
@@ -121,40 +121,40 @@ fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
 fn halos_are_what_bonds_ask_for() {
     let bonds = bar(false).body().pairs().to_vec();
     let count = bar(false).nodes().len();
-    let told = threads::run(3, 1, WAIT, |c| {
+    let parts = threads::run(3, 1, WAIT, |c| {
         let m = part(bar(false), c);
         let p = m.portion().unwrap();
-        let own: Vec<usize> = (0..p.nodes()).map(|i| p.global(i)).collect();
-        assert!(own.iter().enumerate().all(|(i, g)| p.local(*g) == Some(i)));
+        let owned: Vec<usize> = (0..p.nodes()).map(|i| p.global(i)).collect();
+        assert!(owned.iter().enumerate().all(|(i, g)| p.local(*g) == Some(i)));
         (
-            own,
+            owned,
             m.halo().unwrap().ghosts().to_vec(),
             m.halo().unwrap().sent(),
             m.body().len(),
         )
     });
-    let told: Vec<_> = told.into_iter().map(Result::unwrap).collect();
-    let (mut held, mut sent, mut heard) = (0, 0, 0);
-    for (own, ghosts, out, body) in &told {
-        let mine = |i: u32| own.binary_search(&(i as usize)).is_ok();
+    let parts: Vec<_> = parts.into_iter().map(Result::unwrap).collect();
+    let (mut held, mut sent, mut received) = (0, 0, 0);
+    for (owned, ghosts, out, body) in &parts {
+        let is_owned = |i: u32| owned.binary_search(&(i as usize)).is_ok();
         let mut asked: Vec<u32> = bonds
             .iter()
-            .filter(|p| mine(p[0]) != mine(p[1]))
+            .filter(|p| is_owned(p[0]) != is_owned(p[1]))
             .flatten()
             .copied()
-            .filter(|i| !mine(*i))
+            .filter(|i| !is_owned(*i))
             .collect();
         asked.sort_unstable();
         asked.dedup();
         let mut ghosts = ghosts.clone();
         ghosts.sort_unstable();
         assert_eq!(ghosts, asked);
-        assert_eq!(*body, own.len() + ghosts.len());
-        held += own.len();
+        assert_eq!(*body, owned.len() + ghosts.len());
+        held += owned.len();
         sent += out;
-        heard += ghosts.len();
+        received += ghosts.len();
     }
-    assert_eq!((held, sent), (count, heard));
+    assert_eq!((held, sent), (count, received));
 }
 
 /// Weight of one up to two thirds of the body, then down to 0.2.
@@ -186,8 +186,8 @@ fn particles_of_an_overlap_count_for_more_work() {
     assert!(halves.imbalance() < 0.2, "{}", halves.imbalance());
 }
 
-fn error<R>(of: &Result<Result<R, Error>, RankError>) -> String {
-    match of {
+fn error<R>(outcome: &Result<Result<R, Error>, RankError>) -> String {
+    match outcome {
         Ok(Err(e)) => e.to_string(),
         Ok(Ok(_)) => "none".to_owned(),
         Err(e) => e.to_string(),
@@ -202,11 +202,11 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
         let division = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
         Ok(m.share_out(&division, c).map(|_| ())?)
     });
-    for (rank, of) in differ.iter().enumerate() {
+    for (rank, outcome) in differ.iter().enumerate() {
         assert!(
-            error(of).starts_with(&format!("rank {rank}: ranks differ in the bodies of particles")),
+            error(outcome).starts_with(&format!("rank {rank}: ranks differ in the bodies of particles")),
             "{}",
-            error(of)
+            error(outcome)
         );
     }
     let n = bar(false).nodes().len();
@@ -243,24 +243,24 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
 
 #[test]
 fn what_parts_cannot_do_in_a_run_is_refused_by_name() {
-    let told = threads::run(2, 1, WAIT, |c| {
+    let outcomes = threads::run(2, 1, WAIT, |c| {
         // Snapshots are those of the whole body: tests/interfaces.rs resumes from them.
         let mut still = run(part(bar(false), c), false);
-        let rest = still.settle(0.0, 1.0, &Relaxation::default());
-        let rest = rest.unwrap_err().to_string();
+        let refusal = still.settle(0.0, 1.0, &Relaxation::default());
+        let refusal = refusal.unwrap_err().to_string();
         assert!(
-            rest.contains("cannot be brought to rest while it is in parts on several ranks"),
-            "{rest}"
+            refusal.contains("cannot be brought to rest while it is in parts on several ranks"),
+            "{refusal}"
         );
     });
-    told.into_iter().for_each(|t| t.unwrap());
+    outcomes.into_iter().for_each(|t| t.unwrap());
 }
 
 /// One rank stops before its steps: the others report which rank and why, within the time limit.
 #[test]
 fn a_rank_that_gives_up_hangs_or_is_gone_ends_the_others_by_name() {
     let stopped = |how: &(dyn Fn(Arc<dyn Communicator>) + Sync), wait: f64| {
-        let told = threads::run(3, 1, Duration::from_secs_f64(wait), |c| {
+        let outcomes = threads::run(3, 1, Duration::from_secs_f64(wait), |c| {
             let mut run = run(part(bar(false), c.clone()), false);
             if c.rank() == 1 {
                 run.run(3, &mut Silent)?;
@@ -269,7 +269,7 @@ fn a_rank_that_gives_up_hangs_or_is_gone_ends_the_others_by_name() {
             }
             run.run(1000, &mut Silent).map(|_| ())
         });
-        [error(&told[0]), error(&told[2])]
+        [error(&outcomes[0]), error(&outcomes[2])]
     };
     let gave_up = stopped(&|c| c.abandon("the disk is full"), 20.0);
     assert_eq!(

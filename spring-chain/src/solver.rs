@@ -97,14 +97,14 @@ impl Participant<f64> for ChainSolver {
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let all = self.force.iter().zip(&self.inertia);
-        out.iter_mut().zip(all).for_each(|(a, (f, m))| *a = f / m);
+        let nodes = self.force.iter().zip(&self.inertia);
+        out.iter_mut().zip(nodes).for_each(|(a, (f, m))| *a = f / m);
         true
     }
 
     fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        let all = impulse.iter().zip(&self.inertia);
-        self.v.iter_mut().zip(all).for_each(|(v, (p, m))| *v += p / m);
+        let nodes = impulse.iter().zip(&self.inertia);
+        self.v.iter_mut().zip(nodes).for_each(|(v, (p, m))| *v += p / m);
         Ok(())
     }
 
@@ -115,17 +115,17 @@ impl Participant<f64> for ChainSolver {
 
     /// Returns `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`, which velocity Verlet keeps constant at whole steps.
     fn invariant(&self) -> Option<f64> {
-        let all = self.v.iter().zip(&self.force).zip(&self.inertia);
-        let nodes: f64 = all
+        let unknowns = self.v.iter().zip(&self.force).zip(&self.inertia);
+        let unknowns: f64 = unknowns
             .map(|((v, f), m)| 0.5 * m * v * v - 0.125 * self.step.powi(2) * f * f / m)
             .sum();
-        Some(nodes + self.chain.internal_energy(&self.q))
+        Some(unknowns + self.chain.internal_energy(&self.q))
     }
 
     fn save(&self) -> Result<Record<f64>> {
-        let all = [&self.q, &self.v, &self.force].into_iter().flatten();
+        let vectors = [&self.q, &self.v, &self.force].into_iter().flatten();
         Ok(Record {
-            numbers: all.chain([&self.step]).copied().collect(),
+            numbers: vectors.chain([&self.step]).copied().collect(),
             integers: Vec::new(),
         })
     }
@@ -133,12 +133,12 @@ impl Participant<f64> for ChainSolver {
     fn restore(&mut self, from: &Record<f64>) -> Result<()> {
         let n = self.q.len();
         from.expect(self.chain.name(), 3 * n + 1, 0)?;
-        let (q, rest) = from.numbers.split_at(n);
-        let (v, rest) = rest.split_at(n);
+        let (q, tail) = from.numbers.split_at(n);
+        let (v, tail) = tail.split_at(n);
         self.q.copy_from_slice(q);
         self.v.copy_from_slice(v);
-        self.force.copy_from_slice(&rest[..n]);
-        self.step = rest[n];
+        self.force.copy_from_slice(&tail[..n]);
+        self.step = tail[n];
         Ok(())
     }
 }

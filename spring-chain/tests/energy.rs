@@ -74,10 +74,10 @@ impl Participant<f64> for Faulty {
         self.solver.advance(from, step)?;
         if let Fault::Heats(share) = self.fault {
             self.solver.velocities(&mut self.heat);
-            let all = self.heat.iter().zip(&self.inertia);
-            let [p, m] = all.fold([0.0; 2], |[p, m], (v, w)| [p + v * w, m + w]);
-            let all = self.heat.iter_mut().zip(&self.inertia);
-            all.for_each(|(v, w)| *v = share * w * (*v - p / m));
+            let nodes = self.heat.iter().zip(&self.inertia);
+            let [p, m] = nodes.fold([0.0; 2], |[p, m], (v, w)| [p + v * w, m + w]);
+            let nodes = self.heat.iter_mut().zip(&self.inertia);
+            nodes.for_each(|(v, w)| *v = share * w * (*v - p / m));
             self.solver.kick(&self.heat)?;
         }
         Ok(())
@@ -124,10 +124,10 @@ impl Participant<f64> for Faulty {
 
 /// Returns a bar from −100 to 0 coupled with a moving solver that begins at −20.
 fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
-    let left = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
-    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(point(0.0), point(-20.0))?);
+    let coarse = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
         "bar",
         generate::bar(-100.0, 0.0, 10, 1.0)?,
@@ -135,9 +135,9 @@ fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
     )?;
     let field = chain(1.0).fine_field();
     let solver = Faulty::new(mass, fault, tells);
-    let solver = Subdomain::participant(Box::new(solver), field, right)?;
+    let solver = Subdomain::participant(Box::new(solver), field, fine)?;
     let solver = solver.with_partition(Partition::Unchecked);
-    let bar = Subdomain::coarse(bar, left).with_partition(Partition::Unchecked);
+    let bar = Subdomain::coarse(bar, coarse).with_partition(Partition::Unchecked);
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     Coupled::new(vec![bar, solver], vec![tie], TimeStep::Seconds(0.5), None)
@@ -173,10 +173,10 @@ fn observers_hear_each_warning_once_the_moment_it_happens() {
     // A restored run repeats no warning.
     let saved = run.snapshot().unwrap();
     let mut again = Listener::default();
-    let mut other = coupled(1.0, Fault::Takes(0.99), false).unwrap();
-    other.restore(&saved).unwrap();
-    other.run(100, &mut again).unwrap();
-    assert!(again.heard.is_empty() && other.warnings().len() == run.warnings().len());
+    let mut restored = coupled(1.0, Fault::Takes(0.99), false).unwrap();
+    restored.restore(&saved).unwrap();
+    restored.run(100, &mut again).unwrap();
+    assert!(again.heard.is_empty() && restored.warnings().len() == run.warnings().len());
 }
 
 /// E.1: a run that loses much energy ends by name, one that loses little is warned of, and a sound one has no
@@ -270,19 +270,19 @@ fn another_solver_than_the_one_of_the_checkpoint_is_refused_by_name() {
     let mut first = coupled(1.0, Fault::Sound, true).unwrap();
     first.run(50, &mut Silent).unwrap();
     let saved = first.snapshot().unwrap();
-    let mut same = coupled(1.0, Fault::Sound, true).unwrap();
-    same.restore(&saved).unwrap();
-    for run in [&mut first, &mut same] {
+    let mut restored = coupled(1.0, Fault::Sound, true).unwrap();
+    restored.restore(&saved).unwrap();
+    for run in [&mut first, &mut restored] {
         run.run(50, &mut Silent).unwrap();
     }
     let state = |c: &Coupled<f64>| c.subdomains()[1].state().q.clone();
-    assert_eq!(state(&first), state(&same));
+    assert_eq!(state(&first), state(&restored));
     for (mass, fault, words) in [
         (2.0, Fault::Sound, "'chain': its inertia of unknown"),
         (1.0, Fault::Forgets, "'chain': its displacement of unknown"),
     ] {
-        let mut other = coupled(mass, fault, true).unwrap();
-        let refused = other.restore(&saved).unwrap_err();
+        let mut refusing = coupled(mass, fault, true).unwrap();
+        let refused = refusing.restore(&saved).unwrap_err();
         assert!(matches!(refused, Error::NotRestored { .. }), "{refused}");
         let text = refused.to_string();
         assert!(text.contains(words) && text.contains("another solver"), "{text}");

@@ -233,7 +233,7 @@ impl<T: Real> Overlap<T> {
 
 /// Where nodes pass from unit to unit.
 fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
-    Cuts::of(nodes.iter().map(|n| n.index))
+    Cuts::at_units(nodes.iter().map(|n| n.index))
 }
 
 /// The rotation `R` for which `R y` is nearest to `x`, of `Σ m x yᵀ` (Horn 1987).

@@ -58,7 +58,7 @@ impl<T: Real> HeldSide<T> {
     fn new(mut entries: Vec<(usize, usize, T)>, components: usize) -> Self {
         entries.sort_by_key(|e| (e.1, e.0));
         Self {
-            cuts: Cuts::of(entries.iter().map(|e| e.1 / components)),
+            cuts: Cuts::at_units(entries.iter().map(|e| e.1 / components)),
             entries,
             portion: None,
         }

@@ -41,10 +41,10 @@ impl<T: Real> CrackFront<T> {
     pub(super) fn axes(&self) -> Result<(Vector3<T>, T, Vector3<T>)> {
         let [inner, outer] = self.radii;
         if !(inner > T::zero() && outer > inner && outer.is_finite()) {
-            let found = format_args!("[{inner}, {outer}]");
+            let radii = format_args!("[{inner}, {outer}]");
             return Err(invalid(
                 "radii of the crack front",
-                found,
+                radii,
                 "must be positive, the inner one below the outer one [m]",
             ));
         }
@@ -61,9 +61,9 @@ impl<T: Real> CrackFront<T> {
         // Negated, so that the NaN of a zero direction is refused as well.
         let turned = share > T::of(1e-6);
         if !turned {
-            let found = format_args!("{:?}", d.as_slice());
+            let given_direction = format_args!("{:?}", d.as_slice());
             let rule = "must have a length and not lie along the front; give the direction in which the crack would grow";
-            return Err(invalid("direction of the crack", found, rule));
+            return Err(invalid("direction of the crack", given_direction, rule));
         }
         Ok((axis, length, across.normalize()))
     }
@@ -87,7 +87,7 @@ impl<T: Real> Cylinder<T> {
     }
 
     /// Returns the factors of `q` across and along the front.
-    pub(super) fn at(&self, x: &Point3<T>) -> [T; 2] {
+    pub(super) fn shares(&self, x: &Point3<T>) -> [T; 2] {
         let t = (x - self.from).dot(&self.axis);
         let r = self.distance(x);
         let [inner, outer] = self.radii;
@@ -145,20 +145,22 @@ pub(super) fn swept<T: Real>(
         return Ok(cylinder.length);
     }
     let mut row = ShapeRow::default();
-    let mut at = |t: f64| {
+    let mut value_of_q = |t: f64| {
         field.shape_at(&ahead(crack, direction, t), false, &mut row)?;
-        let all = row.nodes.iter().zip(&row.values);
-        Ok(all.fold(T::zero(), |q, (n, w)| q + cylinder.at(&field.nodes()[*n])[1] * *w))
+        let shapes = row.nodes.iter().zip(&row.values);
+        Ok(shapes.fold(T::zero(), |q, (n, w)| {
+            q + cylinder.shares(&field.nodes()[*n])[1] * *w
+        }))
     };
     let mut sum = T::zero();
     for k in 0..SAMPLES {
-        sum += at((k as f64 + 0.5) / SAMPLES as f64)?;
+        sum += value_of_q((k as f64 + 0.5) / SAMPLES as f64)?;
     }
     for end in [0.0, 1.0] {
         // Beyond an end `q` is followed until it is zero or the body ends.
         for k in 0..BEYOND * SAMPLES {
             let off = (k as f64 + 0.5) / SAMPLES as f64;
-            match at(if end > 0.0 { end + off } else { -off }) {
+            match value_of_q(if end > 0.0 { end + off } else { -off }) {
                 Ok(q) if q > T::zero() => sum += q,
                 Ok(_) | Err(Error::OutsideDomain { .. }) => break,
                 Err(e) => return Err(e),

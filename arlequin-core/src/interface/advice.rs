@@ -70,14 +70,14 @@ pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
 }
 
 /// Returns a warning if a Chebyshev iteration ends above its tolerance.
-pub(super) fn of_iterations(of: &Chebyshev) -> Option<String> {
-    let [low, high] = of.bounds;
-    (of.asked > of.iterations as f64).then(|| {
+pub(super) fn of_iterations(plan: &Chebyshev) -> Option<String> {
+    let [low, high] = plan.bounds;
+    (plan.asked > plan.iterations as f64).then(|| {
         format!(
             "{} iterations are allowed and the tolerance of a Chebyshev iteration takes {:.0}: that costs no energy, but jumps of the velocities stay, \
              up to some {:.0e} of them; solve by a factor or by conjugate gradients, or allow more iterations",
-            of.iterations,
-            of.asked,
+            plan.iterations,
+            plan.asked,
             (low / high).sqrt()
         )
     })

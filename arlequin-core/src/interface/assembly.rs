@@ -79,10 +79,10 @@ pub(super) fn assemble<T: Real>(
             refined(spec, sides, &cells, total, components, &mut warnings)?
         }
         Sampling::Particles => {
-            let found = [1, 0]
+            let sampled_side = [1, 0]
                 .into_iter()
                 .find_map(|m| Some((m, sides[m].field.samples()?)));
-            let Some((m, samples)) = found else {
+            let Some((m, samples)) = sampled_side else {
                 return Err(crate::error::invalid_option(
                     &spec.name,
                     "sampling",
@@ -217,10 +217,10 @@ impl<T: Real> CellSet<T> {
         };
         let mut outcome = Ok(());
         self.tree.any(&bounds, &mut |k| {
-            let (number, other) = &self.cells[k];
-            let piece = match (&body, other) {
+            let (number, field_cell) = &self.cells[k];
+            let piece = match (&body, field_cell) {
                 (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
-                (_, other) => cell.intersection(other).map(|piece| of_section(cell, piece)),
+                (_, field_cell) => cell.intersection(field_cell).map(|piece| of_section(cell, piece)),
             };
             if let Some(piece) = piece {
                 outcome = visit(*number, &piece);
@@ -235,8 +235,14 @@ impl<T: Real> CellSet<T> {
 /// Gives a segment the cross-section of the mediator's line. The section of the model would only scale the
 /// multipliers.
 fn of_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
-    if let (Cell::Segment { section, .. }, Cell::Segment { section: own, .. }) = (line, &mut piece) {
-        *own = *section;
+    if let (
+        Cell::Segment { section, .. },
+        Cell::Segment {
+            section: own_section, ..
+        },
+    ) = (line, &mut piece)
+    {
+        *own_section = *section;
     }
     piece
 }
@@ -276,9 +282,9 @@ fn refined<T: Real>(
                     part.lean_quadrature(wanted, &mut samples);
                 }
                 worker.tally.covered[1] += samples.iter().map(|s| s.measure).sum();
-                let done = sampler.add(worker, &samples, [m, c, f]);
+                let outcome = sampler.add(worker, &samples, [m, c, f]);
                 worker.samples = samples;
-                done
+                outcome
             })
         })
     };
@@ -408,8 +414,8 @@ fn pin<T: Real>(
         .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
     for (m, side) in coupling.iter_mut().enumerate() {
         let mut t = TriMat::new((side.matrix.rows(), side.matrix.cols()));
-        let others = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
-        others.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
+        let kept_rows = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
+        kept_rows.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
         let mut row = ShapeRow::default();
         sides[m]
             .field

@@ -108,41 +108,41 @@ impl<T: Real> Iterated<T> {
         &mut self,
         x: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
-        of: Chebyshev,
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
+        plan: Chebyshev,
     ) {
-        self.given.copy_from_slice(x);
+        self.right_side.copy_from_slice(x);
         x.fill(T::zero());
         let mut before = T::one();
         loop {
-            let count = of.iterations.min(self.most - self.made);
-            self.damp::<N>(x, sides, by, (of, count));
+            let count = plan.iterations.min(self.most - self.iterations);
+            self.damp::<N>(x, sides, preconditioner, (plan, count));
             // `C b` and `C r`.
-            self.image.copy_from_slice(&self.given);
-            by.apply(&mut self.image);
-            self.turn(by);
-            let [given, left, work, missed] = self.dots.four::<T, N>([
-                (&self.given, &self.image),
-                (&self.residual, &self.turned),
-                (x, &self.given),
+            self.image.copy_from_slice(&self.right_side);
+            preconditioner.apply(&mut self.image);
+            self.precondition(preconditioner);
+            let [initial, residual, work, missed] = self.dots.four_products::<T, N>([
+                (&self.right_side, &self.image),
+                (&self.residual, &self.preconditioned),
+                (x, &self.right_side),
                 (x, &self.residual),
             ]);
-            let shares = (0..N).filter(|c| given[*c] > T::zero());
+            let shares = (0..N).filter(|c| initial[*c] > T::zero());
             let share = shares
-                .map(|c| left[c] / given[c])
+                .map(|c| residual[c] / initial[c])
                 .fold(T::zero(), |m, s| if s > m || !s.is_finite() { s } else { m });
             // A residual that overflowed has grown as well; a `b` that is no number has another cause.
             let grown = share > T::of(GROWN) || !share.is_finite();
-            if grown && (0..N).all(|c| given[c].is_finite()) {
+            if grown && (0..N).all(|c| initial[c].is_finite()) {
                 self.broken = Some(Broken {
-                    iterations: self.made,
+                    iterations: self.iterations,
                     growth: share.as_f64().sqrt(),
                 });
             }
             let met = share <= self.tolerance * self.tolerance;
             // Round-off in the null space is never damped: going on would not end.
             let goes_on = share <= before * T::of(WORTH);
-            if met || !goes_on || self.made >= self.most {
+            if met || !goes_on || self.iterations >= self.most {
                 self.unsolved = !met;
                 return scale::<T, N>(x, &work, &missed);
             }
@@ -155,27 +155,27 @@ impl<T: Real> Iterated<T> {
         &mut self,
         x: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
-        (of, count): (Chebyshev, usize),
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
+        (plan, count): (Chebyshev, usize),
     ) {
-        let [low, high] = of.bounds;
+        let [low, high] = plan.bounds;
         let (middle, half) = (0.5 * (high + low), 0.5 * (high - low));
         let ratio = middle / half;
-        // `p = kept p + taken C r`.
-        let (mut rho, mut kept, mut taken) = (1.0 / ratio, 0.0, 1.0 / middle);
-        let one = Vector3::repeat(T::one());
+        // `p = momentum p + step C r`.
+        let (mut rho, mut momentum, mut step) = (1.0 / ratio, 0.0, 1.0 / middle);
+        let unit_length = Vector3::repeat(T::one());
         self.direction.fill(T::zero());
         for _ in 0..count {
-            self.turn(by);
-            let [k, t] = [kept, taken].map(T::of);
-            update::<T, N>(&mut self.direction, &self.turned, &mut |p, z| {
+            self.precondition(preconditioner);
+            let [k, t] = [momentum, step].map(T::of);
+            update::<T, N>(&mut self.direction, &self.preconditioned, &mut |p, z| {
                 (0..N).for_each(|c| p[c] = k * p[c] + t * z[c]);
             });
             self.product::<N>(sides);
-            self.advance::<N>(x, &one);
+            self.advance::<N>(x, &unit_length);
             // Three-term recurrence of the Chebyshev polynomials: rho is T_k / T_{k+1} at θ/δ.
             let next = 1.0 / (2.0 * ratio - rho);
-            (kept, taken, rho) = (next * rho, 2.0 * next / half, next);
+            (momentum, step, rho) = (next * rho, 2.0 * next / half, next);
         }
     }
 }
@@ -269,11 +269,11 @@ mod tests {
 
     /// Solves and returns: the residual over the right-hand side in the norm of the inverse diagonal,
     /// computed afresh; the energy change of a kick over the work of the multipliers; the iteration.
-    fn solved(s: &CsMat<f64>, b: &[f64], of: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
+    fn solved(s: &CsMat<f64>, b: &[f64], plan: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
         let n = b.len();
         let inverse: Vec<f64> = (0..n).map(|i| s.get(i, i).map_or(0.0, |d| 1.0 / d)).collect();
-        let rows = Rows::of(n, s.iter().map(|(v, (i, j))| (j, i, *v)));
-        let mut iterated = Iterated::new(Apply::Rows(rows), Method::Chebyshev(of), [n, 1], limits);
+        let rows = Rows::from_entries(n, s.iter().map(|(v, (i, j))| (j, i, *v)));
+        let mut iterated = Iterated::new(Apply::Rows(rows), Method::Chebyshev(plan), [n, 1], limits);
         let mut x = b.to_vec();
         iterated.solve(
             &mut x,
@@ -313,18 +313,18 @@ mod tests {
             let scaled = matrix(n, |i, k| s.get(i, k).map_or(0.0, |v| v * scale(i) * scale(k)));
             let low = rank::modes(&scaled, 1e-10, 1).unwrap().range[0];
             let (tolerance, most) = (1e-8, 20_000);
-            let of = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
-            let (left, change, done) = solved(&s, &b, of, (tolerance, most));
-            prop_assert!(done.broken.is_none());
+            let plan = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
+            let (residual, change, iterated) = solved(&s, &b, plan, (tolerance, most));
+            prop_assert!(iterated.broken.is_none());
             // Round-off grows with the condition of the drawn matrix.
             prop_assert!(change < 1e-11, "{change:e}");
-            if of.iterations < most {
+            if plan.iterations < most {
                 // The scaling adds as much again: it is as close to one as the multipliers are to the exact
                 // ones.
-                prop_assert!(left < 2.01 * tolerance, "{left:e} after {} iterations", done.made);
+                prop_assert!(residual < 2.01 * tolerance, "{residual:e} after {} iterations", iterated.iterations);
             }
-            let (_, change, done) = solved(&s, &b, Chebyshev { iterations: few, ..of }, (0.0, few));
-            prop_assert!(done.made == few && change < 1e-11, "{few}: {change:e}");
+            let (_, change, iterated) = solved(&s, &b, Chebyshev { iterations: few, ..plan }, (0.0, few));
+            prop_assert!(iterated.iterations == few && change < 1e-11, "{few}: {change:e}");
         }
     }
 
@@ -351,41 +351,44 @@ mod tests {
             .map(|(x, i)| x * s.get(i, i).unwrap())
             .collect();
         // `P S P + 0.01 e eᵀ` with `P = 1 − e eᵀ`.
-        let all = matrix(n, |i, j| {
+        let projected = matrix(n, |i, j| {
             let plain = s.get(i, j).copied().unwrap_or(0.0);
             let mixed = (mode[i] * image[j] + image[i] * mode[j]) / size;
             plain - mixed + mode[i] * mode[j] / size * (along / size + 0.01)
         });
-        (all, (0..n).map(|i| (0.7 * i as f64).sin() + mode[i]).collect())
+        (
+            projected,
+            (0..n).map(|i| (0.7 * i as f64).sin() + mode[i]).collect(),
+        )
     }
 
     #[test]
     fn a_lower_bound_that_is_too_high_costs_iterations_and_an_upper_one_too_low_is_told() {
         let (s, b) = long_wave();
         let tolerance = 1e-9;
-        let of = |low: f64, high: f64| Chebyshev::new([low, high], tolerance, 1000);
-        let (left, _, right) = solved(&s, &b, of(0.005, 2.2), (tolerance, 1000));
+        let plan = |low: f64, high: f64| Chebyshev::new([low, high], tolerance, 1000);
+        let (residual, _, low_enough) = solved(&s, &b, plan(0.005, 2.2), (tolerance, 1000));
         assert!(
-            left < 2.01 * tolerance && right.made == of(0.005, 2.2).iterations,
-            "{left:e}"
+            residual < 2.01 * tolerance && low_enough.iterations == plan(0.005, 2.2).iterations,
+            "{residual:e}"
         );
         for low in [0.02, 0.1] {
-            let (left, change, more) = solved(&s, &b, of(low, 2.2), (tolerance, 1000));
+            let (residual, change, resumed) = solved(&s, &b, plan(low, 2.2), (tolerance, 1000));
             assert!(
-                left < 2.01 * tolerance && change < 1e-14,
-                "{low}: {left:e} {change:e}"
+                residual < 2.01 * tolerance && change < 1e-14,
+                "{low}: {residual:e} {change:e}"
             );
             assert!(
-                more.made > of(low, 2.2).iterations && more.broken.is_none(),
+                resumed.iterations > plan(low, 2.2).iterations && resumed.broken.is_none(),
                 "{low}"
             );
         }
-        let (left, change, cut) = solved(&s, &b, of(0.1, 2.2), (tolerance, 30));
+        let (residual, change, limited) = solved(&s, &b, plan(0.1, 2.2), (tolerance, 30));
         assert!(
-            cut.made == 30 && left > tolerance && left < 1.0 && change < 1e-14,
-            "{left:e}"
+            limited.iterations == 30 && residual > tolerance && residual < 1.0 && change < 1e-14,
+            "{residual:e}"
         );
-        let (_, _, broken) = solved(&s, &b, of(0.005, 1.0), (tolerance, 1000));
+        let (_, _, broken) = solved(&s, &b, plan(0.005, 1.0), (tolerance, 1000));
         assert!(
             broken.broken.is_some_and(|b| b.growth > 2.0),
             "{:?}",
@@ -399,28 +402,28 @@ mod tests {
     fn a_residual_that_multipliers_cannot_reach_ends_the_iteration() {
         let s = matrix(8, |i, j| if i / 2 == j / 2 { 1.0 } else { 0.0 });
         let b: Vec<f64> = (0..8).map(|i| 1.0 + 1e-6 * f64::from(i % 2)).collect();
-        let of = Chebyshev::new([2.0, ceiling(&s)], 1e-9, 1000);
-        let (left, _, done) = solved(&s, &b, of, (1e-9, 1000));
-        assert!((4e-7..6e-7).contains(&left), "{left:e}");
-        assert_eq!(done.made, 2 * of.iterations);
+        let plan = Chebyshev::new([2.0, ceiling(&s)], 1e-9, 1000);
+        let (residual, _, iterated) = solved(&s, &b, plan, (1e-9, 1000));
+        assert!((4e-7..6e-7).contains(&residual), "{residual:e}");
+        assert_eq!(iterated.iterations, 2 * plan.iterations);
     }
 
     #[test]
     fn iterations_are_as_many_as_the_bounds_ask_for() {
         for (range, tolerance) in [([0.02, 2.5], 1e-12), ([1e-5, 1.0], 1e-6), ([1.0, 1.0], 1e-3)] {
-            let of = Chebyshev::new(range, tolerance, usize::MAX);
-            let [low, high] = of.bounds;
+            let plan = Chebyshev::new(range, tolerance, usize::MAX);
+            let [low, high] = plan.bounds;
             assert!(low <= 0.9 * range[0] && high >= 1.001 * range[1]);
-            let left = |k: usize| 1.0 / (k as f64 * ((high + low) / (high - low)).acosh()).cosh();
+            let bound = |k: usize| 1.0 / (k as f64 * ((high + low) / (high - low)).acosh()).cosh();
             assert!(
-                left(of.iterations) <= tolerance && left(of.iterations - 1) > tolerance,
-                "{of:?}"
+                bound(plan.iterations) <= tolerance && bound(plan.iterations - 1) > tolerance,
+                "{plan:?}"
             );
             // Half as many iterations damp all but the lowest eigenvalues.
-            let few = Chebyshev::new(range, tolerance, of.iterations / 2);
+            let few = Chebyshev::new(range, tolerance, plan.iterations / 2);
             assert_eq!(
                 (few.iterations, few.asked as usize),
-                (of.iterations / 2, of.iterations)
+                (plan.iterations / 2, plan.iterations)
             );
             assert!(
                 few.bounds[0] > low && few.bounds[1].to_bits() == high.to_bits(),

@@ -45,19 +45,21 @@ impl Work {
             tree.min(2.0 * (rounds * LATENCY + bytes / WIRE))
         };
         let sums = |count: usize| reduction(SUM * (count * self.shared) as f64);
-        let told = reduction(8.0 * self.unknowns as f64);
+        let broadcast = reduction(8.0 * self.unknowns as f64);
         let neighbours = NEIGHBOURS.min(ranks - 1.0) * LATENCY;
         // Only ranks on one face of a body hold multipliers.
         let product = neighbours + ENTRY * self.operator as f64 / MEMORY / ranks.powf(2.0 / 3.0);
-        let by = |solver, seconds: f64| SolutionTime {
+        let solution_time = |solver, seconds: f64| SolutionTime {
             solver,
-            seconds: seconds + told,
+            seconds: seconds + broadcast,
         };
-        let factor = self.factor.map(|e| by("factor", 16.0 * e as f64 / MEMORY));
+        let factor = self
+            .factor
+            .map(|e| solution_time("factor", 16.0 * e as f64 / MEMORY));
         let iterations = [
-            by("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
+            solution_time("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
             // A Chebyshev solve has one reduction of four sums at its end.
-            by("chebyshev", self.chebyshev * product + sums(4)),
+            solution_time("chebyshev", self.chebyshev * product + sums(4)),
         ];
         factor.into_iter().chain(iterations).collect()
     }
@@ -78,25 +80,25 @@ mod tests {
             gradients: 50.0,
             chebyshev: 150.0,
         };
-        let of = |ranks| {
-            let all = work.on(ranks);
-            let names = all.iter().map(|t| t.solver);
+        let iterative_times = |ranks| {
+            let times = work.on(ranks);
+            let names = times.iter().map(|t| t.solver);
             assert!(names.eq(["conjugate gradients", "chebyshev"]));
-            [all[0].seconds, all[1].seconds]
+            [times[0].seconds, times[1].seconds]
         };
-        let [gradients, chebyshev] = of(1);
+        let [gradients, chebyshev] = iterative_times(1);
         assert!(
             (chebyshev / gradients - 3.0).abs() < 0.1,
             "{gradients:e} {chebyshev:e}"
         );
-        let [gradients, chebyshev] = of(100_000);
+        let [gradients, chebyshev] = iterative_times(100_000);
         assert!(chebyshev < gradients, "{gradients:e} {chebyshev:e}");
         // With one rank the only cost is reading entries.
-        let one = Work {
+        let with_factor = Work {
             factor: Some(400_000),
             ..work
         };
-        let times = one.on(1);
+        let times = with_factor.on(1);
         assert!(times[0].solver == "factor" && times[0].seconds < times[1].seconds);
         assert!((times[0].seconds - 16.0 * 4e5 / 8e9).abs() < 1e-12);
     }

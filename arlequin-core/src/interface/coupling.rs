@@ -30,11 +30,11 @@ impl<T: Real> Coupling<T> {
     pub(super) fn expanded(&self) -> CsMat<T> {
         let d = self.shared;
         let size = (self.matrix.rows() * d, self.matrix.cols() * d);
-        let mut all = TriMat::with_capacity(size, self.matrix.nnz() * d);
+        let mut triplets = TriMat::with_capacity(size, self.matrix.nnz() * d);
         for (v, (i, j)) in self.matrix.iter() {
-            (0..d).for_each(|c| all.add_triplet(i * d + c, j * d + c, *v));
+            (0..d).for_each(|c| triplets.add_triplet(i * d + c, j * d + c, *v));
         }
-        all.to_csr()
+        triplets.to_csr()
     }
 }
 

@@ -19,7 +19,7 @@ impl Dots {
     /// Prepares products of vectors of `rows` multipliers that this rank holds entirely.
     pub(super) fn new(rows: usize) -> Self {
         Self {
-            cuts: Cuts::every(BLOCK, 0..rows),
+            cuts: Cuts::at_blocks(BLOCK, 0..rows),
             portion: None,
         }
     }
@@ -27,13 +27,13 @@ impl Dots {
     /// Prepares products of vectors that hold only the multipliers each rank owns.
     pub(super) fn in_parts<T: Real>(parts: &Parts<T>) -> Self {
         Self {
-            cuts: Cuts::every(BLOCK, parts.mine().iter().map(|row| *row as usize)),
+            cuts: Cuts::at_blocks(BLOCK, parts.owned().iter().map(|row| *row as usize)),
             portion: Some(parts.portion().clone()),
         }
     }
 
     /// Returns `Σ a b` of each component. Collective if multipliers are distributed.
-    pub(super) fn of<T: Real, const N: usize>(&self, a: &[T], b: &[T]) -> Vector3<T> {
+    pub(super) fn products<T: Real, const N: usize>(&self, a: &[T], b: &[T]) -> Vector3<T> {
         let (a, b) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
         let part = |range: Range<usize>| {
             let mut sum = [T::zero(); N];
@@ -46,8 +46,8 @@ impl Dots {
         Vector3::from_fn(|c, _| sums.get(c).copied().unwrap_or_else(T::zero))
     }
 
-    /// Returns four products of [`Self::of`] in one all-reduce.
-    pub(super) fn four<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
+    /// Returns four products of [`Self::products`] in one all-reduce.
+    pub(super) fn four_products<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
         let pairs = pairs.map(|(a, b)| (a.as_chunks::<N>().0, b.as_chunks::<N>().0));
         let part = |range: Range<usize>| {
             let mut sums = [T::zero(); 12];
@@ -63,11 +63,11 @@ impl Dots {
     }
 
     /// Returns `Σ a b` over all `shared` components.
-    pub(super) fn all<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
+    pub(super) fn total<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
         match shared {
-            1 => self.of::<T, 1>(a, b),
-            2 => self.of::<T, 2>(a, b),
-            _ => self.of::<T, 3>(a, b),
+            1 => self.products::<T, 1>(a, b),
+            2 => self.products::<T, 2>(a, b),
+            _ => self.products::<T, 3>(a, b),
         }
         .sum()
     }

@@ -56,18 +56,18 @@ pub(super) struct Iterated<T> {
     pub(super) dots: Dots,
     /// Exchange of the entries of `p` that this rank's rows of `S` need from other ranks; `None` if every
     /// rank has all multipliers.
-    others: Option<Post>,
+    neighbours: Option<Post>,
     /// Number of iterations of the last solve.
-    pub(super) made: usize,
+    pub(super) iterations: usize,
     /// Why the last solve failed, if it did.
     pub(super) broken: Option<Broken>,
     /// True if the last solve ended above its tolerance.
     pub(super) unsolved: bool,
     /// `b`, kept for the Chebyshev iteration only.
-    pub(super) given: Vec<T>,
+    pub(super) right_side: Vec<T>,
     /// `r`, then `z`, `p` and `S p`.
     pub(super) residual: Vec<T>,
-    pub(super) turned: Vec<T>,
+    pub(super) preconditioned: Vec<T>,
     pub(super) direction: Vec<T>,
     pub(super) image: Vec<T>,
 }
@@ -86,17 +86,17 @@ impl<T: Real> Iterated<T> {
             tolerance,
             most,
             dots: Dots::new(rows),
-            others: None,
-            made: 0,
+            neighbours: None,
+            iterations: 0,
             broken: None,
             unsolved: false,
-            given: match method {
+            right_side: match method {
                 Method::Gradients => Vec::new(),
                 Method::Chebyshev(_) => zeros(),
             },
             method,
             residual: zeros(),
-            turned: zeros(),
+            preconditioned: zeros(),
             direction: zeros(),
             image: zeros(),
         }
@@ -111,42 +111,42 @@ impl<T: Real> Iterated<T> {
         let me = parts.portion().communicator().rank();
         // `S` is symmetric: a rank whose rows need one of our multipliers owns one that our rows need.
         let (mut send, mut receive) = (BTreeSet::new(), BTreeSet::new());
-        for i in parts.mine() {
+        for i in parts.owned() {
             for j in rows.row(*i as usize).0 {
-                let author = parts.author(*j as usize);
-                if author != me {
-                    send.insert((author, *i));
-                    receive.insert((author, *j));
+                let owner = parts.owner(*j as usize);
+                if owner != me {
+                    send.insert((owner, *i));
+                    receive.insert((owner, *j));
                 }
             }
         }
         // Local columns: first the owned multipliers, then the received ones in the order of ranks.
-        let here = parts.mine().iter().copied().chain(receive.iter().map(|r| r.1));
-        let place: BTreeMap<u32, u32> = here.zip(0..).collect();
+        let local_columns = parts.owned().iter().copied().chain(receive.iter().map(|r| r.1));
+        let place: BTreeMap<u32, u32> = local_columns.zip(0..).collect();
         let mut peers: BTreeMap<usize, Places> = BTreeMap::new();
         for (rank, row) in send {
             peers.entry(rank).or_default().send.push(place[&row]);
         }
-        let mut end = parts.mine().len() as u32;
+        let mut end = parts.owned().len() as u32;
         for (rank, places) in &mut peers {
             let count = receive.range((*rank, 0)..=(*rank, u32::MAX)).count() as u32;
             places.receive = end..end + count;
             end += count;
         }
-        let entries = (0..).zip(parts.mine()).flat_map(|(k, i)| {
+        let entries = (0..).zip(parts.owned()).flat_map(|(k, i)| {
             let (columns, values) = rows.row(*i as usize);
             let places = columns.iter().map(|j| place[j] as usize);
             places.zip(values).map(move |(j, v)| (k, j, *v))
         });
-        let size = self.shared * parts.mine().len();
-        self.apply = Apply::Rows(Rows::of(parts.mine().len(), entries));
-        self.given.truncate(size);
-        for x in [&mut self.residual, &mut self.turned, &mut self.image] {
+        let size = self.shared * parts.owned().len();
+        self.apply = Apply::Rows(Rows::from_entries(parts.owned().len(), entries));
+        self.right_side.truncate(size);
+        for x in [&mut self.residual, &mut self.preconditioned, &mut self.image] {
             *x = vec![T::zero(); size];
         }
         self.direction = vec![T::zero(); self.shared * end as usize];
         self.dots = Dots::in_parts(parts);
-        self.others = Some(Post::new(parts.portion().clone(), self.shared, peers.into_iter()));
+        self.neighbours = Some(Post::new(parts.portion().clone(), self.shared, peers.into_iter()));
         true
     }
 
@@ -163,12 +163,12 @@ impl<T: Real> Iterated<T> {
         &mut self,
         b: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
     ) {
         match self.shared {
-            1 => self.solve_of::<1>(b, sides, by),
-            2 => self.solve_of::<2>(b, sides, by),
-            _ => self.solve_of::<3>(b, sides, by),
+            1 => self.solve_of::<1>(b, sides, preconditioner),
+            2 => self.solve_of::<2>(b, sides, preconditioner),
+            _ => self.solve_of::<3>(b, sides, preconditioner),
         }
     }
 
@@ -176,23 +176,23 @@ impl<T: Real> Iterated<T> {
         &mut self,
         b: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
     ) {
-        self.made = 0;
+        self.iterations = 0;
         self.broken = None;
         self.unsolved = false;
         self.residual.copy_from_slice(b);
         match self.method {
-            Method::Gradients => self.gradients::<N>(b, sides, by),
-            Method::Chebyshev(bounds) => self.chebyshev::<N>(b, sides, by, bounds),
+            Method::Gradients => self.gradients::<N>(b, sides, preconditioner),
+            Method::Chebyshev(bounds) => self.chebyshev::<N>(b, sides, preconditioner, bounds),
         }
     }
 
     /// Computes `S p`, after a halo exchange of `p`.
     pub(super) fn product<const N: usize>(&mut self, sides: &mut Sides<T>) {
-        if let Some(others) = &mut self.others {
+        if let Some(neighbours) = &mut self.neighbours {
             // A failed exchange turns the next sums into NaN, which ends the iteration.
-            others.exchange(self.direction.as_chunks_mut::<N>().0);
+            neighbours.exchange(self.direction.as_chunks_mut::<N>().0);
         }
         match &self.apply {
             Apply::Rows(rows) => rows.product::<N>(&self.direction, &mut self.image),
@@ -201,9 +201,9 @@ impl<T: Real> Iterated<T> {
     }
 
     /// Computes `z = C r`.
-    pub(super) fn turn(&mut self, by: &mut (impl Precondition<T> + ?Sized)) {
-        self.turned.copy_from_slice(&self.residual);
-        by.apply(&mut self.turned);
+    pub(super) fn precondition(&mut self, preconditioner: &mut (impl Precondition<T> + ?Sized)) {
+        self.preconditioned.copy_from_slice(&self.residual);
+        preconditioner.apply(&mut self.preconditioned);
     }
 
     /// Adds `length p` to `x` and subtracts `length S p` from `r`.
@@ -214,16 +214,16 @@ impl<T: Real> Iterated<T> {
         update::<T, N>(&mut self.residual, &self.image, &mut |r, q| {
             (0..N).for_each(|c| r[c] -= length[c] * q[c]);
         });
-        self.made += 1;
+        self.iterations += 1;
     }
 }
 
-/// Calls `one` with the entries of two vectors, node by node.
+/// Calls `change` with the entries of two vectors, node by node.
 pub(super) fn update<T: Real, const N: usize>(
     x: &mut [T],
     y: &[T],
-    one: &mut impl FnMut(&mut [T; N], &[T; N]),
+    change: &mut impl FnMut(&mut [T; N], &[T; N]),
 ) {
-    let all = x.as_chunks_mut::<N>().0.iter_mut().zip(y.as_chunks::<N>().0);
-    all.for_each(|(x, y)| one(x, y));
+    let nodes = x.as_chunks_mut::<N>().0.iter_mut().zip(y.as_chunks::<N>().0);
+    nodes.for_each(|(x, y)| change(x, y));
 }

@@ -52,8 +52,8 @@ pub(crate) fn groups<T: Real>(drafts: &[Draft<T>], nodes: &[usize]) -> Vec<Vec<u
         }
     }
     let firsts = (0..group.len()).filter(|k| group[*k] == *k);
-    let all = |first: usize| (0..group.len()).filter(|k| group[*k] == first).collect();
-    firsts.map(all).collect()
+    let members = |first: usize| (0..group.len()).filter(|k| group[*k] == first).collect();
+    firsts.map(members).collect()
 }
 
 impl<T: Real> Joint<T> {
@@ -105,11 +105,11 @@ impl<T: Real> Joint<T> {
             name: name.clone(),
         };
         for (place, k) in out.members.iter().enumerate() {
-            let own = out.starts[place]..out.starts[place + 1];
-            let others = names.iter().enumerate().filter(|n| n.0 != place);
-            let together = others.map(|n| (*n.1).to_owned()).collect();
+            let multipliers = out.starts[place]..out.starts[place + 1];
+            let other_names = names.iter().enumerate().filter(|n| n.0 != place);
+            let together = other_names.map(|n| (*n.1).to_owned()).collect();
             let interface = &mut drafts[*k].interface;
-            interface.found(&out.system.operator, own, together);
+            interface.report_operator(&out.system.operator, multipliers, together);
         }
         Ok(out)
     }
@@ -117,8 +117,8 @@ impl<T: Real> Joint<T> {
     /// Solves for the multipliers that remove the jump of `x`, given for every model by its index, and keeps
     /// them and the changes of the models, `scale` times.
     pub(crate) fn find<'a>(&mut self, x: impl Fn(usize) -> &'a [T], scale: T) {
-        let all = self.sides.iter_mut().zip(&self.models);
-        all.for_each(|(s, m)| s.load(x(*m)));
+        let sides = self.sides.iter_mut().zip(&self.models);
+        sides.for_each(|(s, m)| s.load(x(*m)));
         self.system
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
     }
@@ -138,8 +138,8 @@ impl<T: Real> Joint<T> {
 
     /// Restricts the coupling matrices to this rank's parts; `portions` has an entry per model of the run.
     pub(crate) fn share_out(&mut self, portions: &[Option<Arc<Portion>>]) {
-        let of: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
-        self.sides.share_out(&of);
+        let side_portions: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
+        self.sides.share_out(&side_portions);
         if let Some(parts) = self.sides.parts() {
             self.system.share_out(parts);
         }
@@ -151,18 +151,18 @@ impl<T: Real> Joint<T> {
     }
 
     /// Hands each interface its multipliers.
-    pub(crate) fn tell(&self, interfaces: &mut [Interface<T>]) {
+    pub(crate) fn hand_out(&self, interfaces: &mut [Interface<T>]) {
         for (place, k) in self.members.iter().enumerate() {
-            let own = &self.impulse[self.starts[place]..self.starts[place + 1]];
-            interfaces[*k].take(own, self.system.operator.iterations());
+            let impulse = &self.impulse[self.starts[place]..self.starts[place + 1]];
+            interfaces[*k].take(impulse, self.system.operator.iterations());
         }
     }
 
     /// Restores the impulses that the interfaces hold, and the changes that follow from them.
     pub(crate) fn restore(&mut self, interfaces: &[Interface<T>]) {
         for (place, k) in self.members.iter().enumerate() {
-            let own = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
-            own.copy_from_slice(interfaces[*k].impulse());
+            let impulse = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
+            impulse.copy_from_slice(interfaces[*k].impulse());
         }
         self.sides.spread(&self.impulse);
     }
@@ -174,7 +174,7 @@ impl<T: Real> Joint<T> {
 
     /// Returns the power `λᵀB v` \[W\] with the velocities after the last reflection.
     pub(crate) fn power(&self) -> T {
-        self.rate * self.system.left()
+        self.rate * self.system.residual_work()
     }
 }
 
@@ -183,14 +183,14 @@ fn agreed<T: Real>(members: &[usize], specs: &[InterfaceSpec<T>]) -> Result<Inte
     let mut out = specs[members[0]].options;
     for spec in members.iter().map(|k| &specs[*k]) {
         if spec.options.lumped {
-            let others = members
+            let other_names = members
                 .iter()
                 .map(|k| &*specs[*k].name)
                 .filter(|n| *n != spec.name);
             let rule = format!(
                 "it shares nodes with '{}' and is solved together with it: row sums would leave out what one does to the \
                  other; take it out, or move the interfaces apart",
-                others.collect::<Vec<_>>().join("', '")
+                other_names.collect::<Vec<_>>().join("', '")
             );
             return Err(crate::error::invalid_option(&spec.name, "lumped", "true", &rule));
         }
@@ -223,13 +223,13 @@ fn stacked<T: Real>(
     let alike = |(sides, coupling): &([usize; 2], Vec<Coupling<T>>)| {
         sides.iter().zip(coupling).all(|(side, c)| {
             let inverse = place(*side).map_or(&[][..], |k| inverse[k]);
-            let of = |j: usize| {
+            let node_inverse = |j: usize| {
                 inverse
                     .get(j * components..(j + 1) * components)
                     .unwrap_or_default()
             };
-            let same = |j: usize| of(j).iter().all(|w| *w == of(j)[0]);
-            c.shared == components && c.matrix.iter().all(|(_, (_, j))| same(j))
+            let is_isotropic = |j: usize| node_inverse(j).iter().all(|w| *w == node_inverse(j)[0]);
+            c.shared == components && c.matrix.iter().all(|(_, (_, j))| is_isotropic(j))
         })
     };
     let shared = if parts.iter().all(alike) { components } else { 1 };
@@ -252,11 +252,11 @@ fn stacked<T: Real>(
         let columns = parts
             .iter()
             .find_map(|(sides, c)| Some(c.get(of_model(sides)?)?.matrix.cols()));
-        let mut all = TriMat::new((rows, columns.unwrap_or(0)));
+        let mut triplets = TriMat::new((rows, columns.unwrap_or(0)));
         let mut first = 0;
         for (sides, coupling) in &parts {
-            let own = of_model(sides).and_then(|m| Some((m, coupling.get(m)?)));
-            if let Some((m, c)) = own {
+            let own_coupling = of_model(sides).and_then(|m| Some((m, coupling.get(m)?)));
+            if let Some((m, c)) = own_coupling {
                 // Plus for a coarse side; reversed for all models but the first, as in [`Joint::sides`].
                 let sign = if (m == 0) == (place == 0) {
                     T::one()
@@ -265,12 +265,12 @@ fn stacked<T: Real>(
                 };
                 c.matrix
                     .iter()
-                    .for_each(|(v, (i, j))| all.add_triplet(first + i, j, sign * *v));
+                    .for_each(|(v, (i, j))| triplets.add_triplet(first + i, j, sign * *v));
             }
             first += coupling.first().map_or(0, |c| c.matrix.rows());
         }
         Coupling {
-            matrix: all.to_csr(),
+            matrix: triplets.to_csr(),
             shared,
         }
     };

@@ -291,7 +291,7 @@ impl<T: Real> Draft<T> {
             options: &spec.options,
         };
         let system = System::new(wanted, &self.coupling, &inverse, out.components)?;
-        out.found(&system.operator, 0..out.lambda.len(), Vec::new());
+        out.report_operator(&system.operator, 0..out.lambda.len(), Vec::new());
         out.system = Some(system);
         Ok(out)
     }
@@ -325,13 +325,13 @@ impl<T: Real> Interface<T> {
         Draft::new(spec, sides)?.alone(spec, sides.map(|s| s.inverse_inertia))
     }
 
-    /// Copies rank, solver, condition and warnings of an operator into the report. `own`: multipliers of this
+    /// Copies rank, solver, condition and warnings of an operator into the report. `multipliers`: those of this
     /// interface among those of the operator. `together`: names of the other interfaces that it solves for.
-    fn found(&mut self, operator: &Operator<T>, own: Range<usize>, together: Vec<String>) {
-        let nodes = own.start / self.components..own.end / self.components;
-        let mine = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
+    fn report_operator(&mut self, operator: &Operator<T>, multipliers: Range<usize>, together: Vec<String>) {
+        let nodes = multipliers.start / self.components..multipliers.end / self.components;
+        let own_modes = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
         let report = &mut self.report;
-        report.null_modes = mine
+        report.null_modes = own_modes
             .map(|n| NullMode {
                 node: n.node - nodes.start,
                 ..n.clone()
@@ -339,23 +339,23 @@ impl<T: Real> Interface<T> {
             .collect();
         report.rank = report.multipliers - report.null_modes.len();
         report.solver = operator.solver;
-        report.damped = operator.chebyshev().map(|of| Damped {
-            eigenvalues: of.bounds,
-            iterations: of.iterations,
+        report.damped = operator.chebyshev().map(|plan| Damped {
+            eigenvalues: plan.bounds,
+            iterations: plan.iterations,
         });
         report.condition = operator.condition.as_f64();
         report.condition_at_least = operator.at_least;
         // Joint interfaces share one factor: only the first of them counts it.
-        if own.start == 0 {
+        if multipliers.start == 0 {
             report.nonzeros += operator.nonzeros();
             self.work = (operator.solver != "lumped").then_some(operator.work);
         }
         report.together = together;
-        let told = advice::of_rank(report, operator.ranked);
+        let dependence = advice::of_rank(report, operator.ranked);
         report
             .warnings
-            .extend(operator.chebyshev().and_then(|of| advice::of_iterations(&of)));
-        report.warnings.extend(told);
+            .extend(operator.chebyshev().and_then(|plan| advice::of_iterations(&plan)));
+        report.warnings.extend(dependence);
     }
 
     /// Returns what the set-up found: sizes, rank, solver, condition and warnings.
@@ -418,7 +418,7 @@ impl<T: Real> Interface<T> {
         let load = |sides: &mut [Transfer<T>]| sides.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
         system.find(&mut self.coupling, &load, scale, &mut self.impulse);
         self.iterations = system.operator.iterations();
-        self.tell();
+        self.update_multipliers();
     }
 
     /// Reports an iteration of the last solve that diverged.
@@ -446,11 +446,11 @@ impl<T: Real> Interface<T> {
     fn take(&mut self, impulse: &[T], iterations: usize) {
         self.impulse.copy_from_slice(impulse);
         self.iterations = iterations;
-        self.tell();
+        self.update_multipliers();
     }
 
     /// Sets `λ` from the impulses.
-    fn tell(&mut self) {
+    fn update_multipliers(&mut self) {
         for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
             *l = *m * self.rate;
         }
@@ -493,8 +493,8 @@ impl<T: Real> Interface<T> {
     /// Returns the power `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities after the last [`Self::reflect`].
     /// It is zero but for round-off if the multipliers are solved for exactly or fulfil Galerkin's condition.
     pub(crate) fn power(&self) -> T {
-        let left = self.system.as_ref().map_or_else(T::zero, System::left);
-        self.rate * left
+        let work = self.system.as_ref().map_or_else(T::zero, System::residual_work);
+        self.rate * work
     }
 
     /// Returns the largest jump `B_C x_C − B_D x_D`: the norm over the components of a multiplier node,

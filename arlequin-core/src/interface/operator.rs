@@ -124,13 +124,13 @@ impl<T: Real> Operator<T> {
             let (method, rows_pay) = match solver {
                 // Use the rows of S at any size: an iteration then talks to neighbours only.
                 Solver::Chebyshev { .. } => {
-                    let of = Chebyshev::new(bounds, tolerance.as_f64(), most);
-                    (Method::Chebyshev(of), usize::MAX)
+                    let plan = Chebyshev::new(bounds, tolerance.as_f64(), most);
+                    (Method::Chebyshev(plan), usize::MAX)
                 }
                 _ => (Method::Gradients, passes),
             };
             let apply = match only.filter(|s| s.nnz() < rows_pay) {
-                Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
+                Some(s) => Apply::Rows(Rows::from_entries(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
             Iterated::new(apply, method, [rows, shared], (tolerance, most))
@@ -174,12 +174,12 @@ impl<T: Real> Operator<T> {
         }
         for (block, _) in &mut self.blocks.all {
             if let Block::Diagonal { inverse } = block {
-                *inverse = parts.mine().iter().map(|i| inverse[*i as usize]).collect();
+                *inverse = parts.owned().iter().map(|i| inverse[*i as usize]).collect();
             }
         }
         self.blocks
             .columns
-            .truncate(parts.mine().len() * self.blocks.shared);
+            .truncate(parts.owned().len() * self.blocks.shared);
         true
     }
 
@@ -195,7 +195,7 @@ impl<T: Real> Operator<T> {
 
     /// Returns the number of iterations of the last solve; zero for a direct solver.
     pub(super) fn iterations(&self) -> usize {
-        self.iterated.as_ref().map_or(0, |i| i.made)
+        self.iterated.as_ref().map_or(0, |i| i.iterations)
     }
 
     /// Returns whether the last solve was an iteration that ended above its tolerance.
@@ -221,7 +221,7 @@ impl<T: Real> Operator<T> {
             interface: interface.to_owned(),
             iterations,
             growth,
-            high: self.chebyshev().map_or(f64::NAN, |of| of.bounds[1]),
+            high: self.chebyshev().map_or(f64::NAN, |plan| plan.bounds[1]),
         })
     }
 
@@ -244,13 +244,13 @@ impl<T: Real> Precondition<T> for Blocks<T> {
         for (block, components) in &mut self.all {
             let columns = &mut self.columns[..n * components.len()];
             for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {
-                let from = b[*c..].iter().step_by(d);
-                column.iter_mut().zip(from).for_each(|(x, b)| *x = *b);
+                let values = b[*c..].iter().step_by(d);
+                column.iter_mut().zip(values).for_each(|(x, b)| *x = *b);
             }
             block.solve(columns, n);
             for (column, c) in columns.chunks_exact(n).zip(&*components) {
-                let to = b[*c..].iter_mut().step_by(d);
-                to.zip(column).for_each(|(b, x)| *b = *x);
+                let values = b[*c..].iter_mut().step_by(d);
+                values.zip(column).for_each(|(b, x)| *b = *x);
             }
         }
     }
@@ -309,7 +309,7 @@ fn find_blocks<T: Real>(
 ) -> Result<Found<T>> {
     let shared = coupling[0].shared;
     let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-    let mut found = Found {
+    let mut analysis = Found {
         blocks: Vec::new(),
         only: None,
         exact: true,
@@ -324,18 +324,20 @@ fn find_blocks<T: Real>(
         },
     };
     let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
-    let mut seen: Vec<Vec<Vec<T>>> = Vec::new();
+    let mut known_weights: Vec<Vec<Vec<T>>> = Vec::new();
     for c in 0..shared {
-        let of = |(side, inverse): (&Coupling<T>, &&[T])| -> Vec<T> {
+        let component_inverse = |(side, inverse): (&Coupling<T>, &&[T])| -> Vec<T> {
             let columns = 0..side.matrix.cols();
             columns.map(|j| inverse[j * shared + c]).collect()
         };
-        let weights: Vec<_> = coupling.iter().zip(inverse).map(of).collect();
+        let weights: Vec<_> = coupling.iter().zip(inverse).map(component_inverse).collect();
         // Components whose inverse masses agree on all coupled nodes share one block.
-        let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
-        if let Some(k) = known {
-            found.blocks[k].1.push(c);
-            found.null_modes.extend(modes_of[k].iter().cloned());
+        let known_block = known_weights
+            .iter()
+            .position(|w| same_on_coupled(coupling, w, &weights));
+        if let Some(k) = known_block {
+            analysis.blocks[k].1.push(c);
+            analysis.null_modes.extend(modes_of[k].iter().cloned());
             continue;
         }
         let s = operator(coupling, &weights);
@@ -344,25 +346,25 @@ fn find_blocks<T: Real>(
         } else {
             block(wanted.options, &s, components / shared, passes)?
         };
-        found.condition = found.condition.max(outcome.condition);
-        found.at_least |= outcome.at_least;
-        let ([low, high], [l, h]) = (found.bounds, outcome.bounds);
-        found.bounds = [low.min(l), high.max(h)];
-        let all = found.work.factor.zip(outcome.entries);
-        found.work.factor = all.map(|(sum, entries)| sum + entries);
-        found.work.operator += s.nnz();
-        found.exact &= outcome.exact;
-        found.ranked &= outcome.null_modes.is_some();
-        found.blocks.push((outcome.block, vec![c]));
+        analysis.condition = analysis.condition.max(outcome.condition);
+        analysis.at_least |= outcome.at_least;
+        let ([low, high], [l, h]) = (analysis.bounds, outcome.bounds);
+        analysis.bounds = [low.min(l), high.max(h)];
+        let factors = analysis.work.factor.zip(outcome.entries);
+        analysis.work.factor = factors.map(|(sum, entries)| sum + entries);
+        analysis.work.operator += s.nnz();
+        analysis.exact &= outcome.exact;
+        analysis.ranked &= outcome.null_modes.is_some();
+        analysis.blocks.push((outcome.block, vec![c]));
         // With several blocks no single matrix serves all components.
-        found.only = Some(s).filter(|_| found.blocks.len() == 1);
+        analysis.only = Some(s).filter(|_| analysis.blocks.len() == 1);
         modes_of.push(outcome.null_modes.unwrap_or_default());
-        found
+        analysis
             .null_modes
             .extend(modes_of[modes_of.len() - 1].iter().cloned());
-        seen.push(weights);
+        known_weights.push(weights);
     }
-    Ok(found)
+    Ok(analysis)
 }
 
 /// Chooses the solver of one block and finds its properties. `passes`: entries read to apply the block by
@@ -424,11 +426,11 @@ fn block<T: Real>(
                 .flatten(),
         });
     }
-    let found = rank::modes(&scaled, tolerance, per_node)?;
-    let [low, high] = found.range;
+    let analysis = rank::modes(&scaled, tolerance, per_node)?;
+    let [low, high] = analysis.range;
     let modes = Block::Modes {
         scale,
-        modes: found.modes,
+        modes: analysis.modes,
         work: vec![T::zero(); scaled.rows()],
     };
     Ok(Outcome {
@@ -438,7 +440,7 @@ fn block<T: Real>(
         at_least: false,
         bounds: bounds(low),
         entries: None,
-        null_modes: Some(found.null_modes),
+        null_modes: Some(analysis.null_modes),
     })
 }
 

@@ -24,9 +24,9 @@ pub(super) const BLOCK: usize = 16;
 pub(super) struct Parts<T> {
     lists: Lists,
     /// Owner of each block of multipliers.
-    authors: Vec<u32>,
+    owners: Vec<u32>,
     /// Range of this rank's pieces of each partitioned side, in `pool`.
-    own: Vec<Option<Range<usize>>>,
+    own_pieces: Vec<Option<Range<usize>>>,
     /// This rank's pieces, then the received ones.
     pool: Vec<T>,
     sums: Vec<T>,
@@ -39,7 +39,7 @@ pub(super) struct Parts<T> {
 #[derive(Debug)]
 struct Lists {
     /// Owned multipliers, ascending.
-    mine: Vec<u32>,
+    owned: Vec<u32>,
     /// Work (entries and pieces) before each owned multiplier, to split the loop among threads.
     before: Vec<usize>,
     /// Places in `pool` of the pieces of each owned multiplier and side, and the first place of each such
@@ -71,17 +71,18 @@ fn pieces_of<'a, T: Real>(
 }
 
 /// Advances `end` by a number and returns its old value.
-fn passed(end: &mut u32, by: u32) -> u32 {
-    *end += by;
-    *end - by
+fn advance(end: &mut u32, count: u32) -> u32 {
+    *end += count;
+    *end - count
 }
 
 /// Returns the owner of each block of multipliers: the rank of its first piece, 0 for a block without pieces.
-fn authors<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Vec<u32> {
+fn block_owners<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Vec<u32> {
     let rows = sides[0].multipliers();
     let first = |block: usize| {
-        let all = block * BLOCK..rows.min((block + 1) * BLOCK);
-        all.into_iter()
+        let rows_of_block = block * BLOCK..rows.min((block + 1) * BLOCK);
+        rows_of_block
+            .into_iter()
             .find_map(|row| pieces_of(sides, portions, row).next())
     };
     let blocks = 0..rows.div_ceil(BLOCK);
@@ -94,42 +95,42 @@ impl Lists {
     fn new<T: Real>(
         sides: &[Transfer<T>],
         portions: &[Option<&Arc<Portion>>],
-        (me, authors): (usize, &[u32]),
+        (me, owners): (usize, &[u32]),
         mut next: Vec<u32>,
         peers: &mut BTreeMap<usize, Places>,
     ) -> Self {
         let mut arrive: BTreeMap<usize, u32> = peers.iter().map(|(r, p)| (*r, p.receive.start)).collect();
         let mut out = Self {
-            mine: Vec::new(),
+            owned: Vec::new(),
             before: vec![0],
             places: Vec::new(),
             starts: vec![0],
         };
         let mut work = 0;
         for row in 0..sides[0].multipliers() {
-            let author = authors[row / BLOCK] as usize;
+            let owner = owners[row / BLOCK] as usize;
             let mut lists: Vec<Vec<u32>> = vec![Vec::new(); sides.len()];
             for Piece { side, rank } in pieces_of(sides, portions, row) {
-                let place = match (rank == me, author == me) {
+                let place = match (rank == me, owner == me) {
                     (true, _) => &mut next[side],
                     (false, true) => arrive.entry(rank).or_default(),
                     (false, false) => continue,
                 };
-                let place = passed(place, 1);
-                if author == me {
+                let place = advance(place, 1);
+                if owner == me {
                     lists[side].push(place);
                 } else {
-                    peers.entry(author).or_default().send.push(place);
+                    peers.entry(owner).or_default().send.push(place);
                 }
             }
-            if author != me {
+            if owner != me {
                 continue;
             }
-            let whole = sides.iter().zip(portions).filter(|(_, p)| p.is_none());
+            let whole_sides = sides.iter().zip(portions).filter(|(_, p)| p.is_none());
             // A whole side costs its entries here; of a partitioned side only finished pieces are added.
-            let entries = whole.map(|(s, _)| s.before(row + 1) - s.before(row));
+            let entries = whole_sides.map(|(s, _)| s.before(row + 1) - s.before(row));
             work += entries.sum::<usize>();
-            out.mine.push(row as u32);
+            out.owned.push(row as u32);
             for list in lists {
                 out.places.extend(list);
                 out.starts.push(out.places.len() as u32);
@@ -146,34 +147,34 @@ impl<T: Real> Parts<T> {
         let portion: Arc<Portion> = (*portions.iter().flatten().next()?).clone();
         let me = portion.communicator().rank();
         let (rows, shared) = (sides[0].multipliers(), sides[0].shared());
-        let authors = authors(sides, portions);
+        let owners = block_owners(sides, portions);
         // Pieces of this rank on every side, and how many arrive from each other rank.
-        let (mut counts, mut come) = (vec![0; sides.len()], BTreeMap::new());
+        let (mut counts, mut arriving) = (vec![0; sides.len()], BTreeMap::new());
         for row in 0..rows {
             for Piece { side, rank } in pieces_of(sides, portions, row) {
                 if rank == me {
                     counts[side] += 1;
-                } else if authors[row / BLOCK] as usize == me {
-                    *come.entry(rank).or_default() += 1;
+                } else if owners[row / BLOCK] as usize == me {
+                    *arriving.entry(rank).or_default() += 1;
                 }
             }
         }
         let mut end = 0;
-        let firsts: Vec<u32> = counts.iter().map(|n| passed(&mut end, *n)).collect();
-        let of = |m: usize| portions[m].map(|_| firsts[m] as usize..(firsts[m] + counts[m]) as usize);
-        let own = (0..sides.len()).map(of).collect();
+        let firsts: Vec<u32> = counts.iter().map(|n| advance(&mut end, *n)).collect();
+        let own_range = |m: usize| portions[m].map(|_| firsts[m] as usize..(firsts[m] + counts[m]) as usize);
+        let own_pieces = (0..sides.len()).map(own_range).collect();
         let receive = |(rank, n): (usize, u32)| {
-            let receive = passed(&mut end, n)..end;
+            let receive = advance(&mut end, n)..end;
             let send = Vec::new();
             (rank, Places { send, receive })
         };
-        let mut peers: BTreeMap<usize, Places> = come.into_iter().map(receive).collect();
-        let lists = Lists::new(sides, portions, (me, &authors), firsts, &mut peers);
+        let mut peers: BTreeMap<usize, Places> = arriving.into_iter().map(receive).collect();
+        let lists = Lists::new(sides, portions, (me, &owners), firsts, &mut peers);
         Some(Self {
-            sums: vec![T::zero(); shared * lists.mine.len()],
+            sums: vec![T::zero(); shared * lists.owned.len()],
             lists,
-            authors,
-            own,
+            owners,
+            own_pieces,
             pool: vec![T::zero(); shared * end as usize],
             shared,
             post: Post::new(portion, shared, peers.into_iter()),
@@ -182,13 +183,13 @@ impl<T: Real> Parts<T> {
     }
 
     /// Returns the multipliers that this rank owns, ascending.
-    pub(super) fn mine(&self) -> &[u32] {
-        &self.lists.mine
+    pub(super) fn owned(&self) -> &[u32] {
+        &self.lists.owned
     }
 
     /// Returns the rank that owns a multiplier.
-    pub(super) fn author(&self, row: usize) -> usize {
-        self.authors[row / BLOCK] as usize
+    pub(super) fn owner(&self, row: usize) -> usize {
+        self.owners[row / BLOCK] as usize
     }
 
     /// Returns the part of one partitioned model; its communicator is that of all.
@@ -197,7 +198,7 @@ impl<T: Real> Parts<T> {
     }
 
     /// Writes the jump of what the sides hold, for the multipliers that this rank owns. Collective.
-    pub(super) fn jump_here(&mut self, sides: &[Transfer<T>], out: &mut [T]) {
+    pub(super) fn owned_jump(&mut self, sides: &[Transfer<T>], out: &mut [T]) {
         match self.shared {
             1 => self.add_up::<1>(sides, None),
             2 => self.add_up::<2>(sides, None),
@@ -218,9 +219,9 @@ impl<T: Real> Parts<T> {
     /// Computes the sums that this rank owns.
     fn add_up<const N: usize>(&mut self, sides: &[Transfer<T>], x: Option<&[&[T]]>) {
         let pool = self.pool.as_chunks_mut::<N>().0;
-        for (m, (side, own)) in sides.iter().zip(&self.own).enumerate() {
-            if let Some(own) = own {
-                side.pieces::<N>(x.map(|x| x[m]), &mut pool[own.clone()]);
+        for (m, (side, range)) in sides.iter().zip(&self.own_pieces).enumerate() {
+            if let Some(range) = range {
+                side.pieces::<N>(x.map(|x| x[m]), &mut pool[range.clone()]);
             }
         }
         if !self.post.exchange(pool) {
@@ -228,33 +229,33 @@ impl<T: Real> Parts<T> {
             return self.sums.fill(T::of(f64::NAN));
         }
         let Lists {
-            mine,
+            owned,
             before,
             places,
             starts,
         } = &self.lists;
-        let of = |k: usize, m: usize| {
+        let side_sum = |k: usize, m: usize| {
             let list = k * sides.len() + m;
             let places = &places[starts[list] as usize..starts[list + 1] as usize];
-            match self.own[m] {
+            match self.own_pieces[m] {
                 Some(_) => transfer::total(places.iter().map(|p| pool[*p as usize])),
-                None => sides[m].row(mine[k] as usize, x.map(|x| x[m])),
+                None => sides[m].row(owned[k] as usize, x.map(|x| x[m])),
             }
         };
         let sums = self.sums.as_chunks_mut::<N>().0;
-        transfer::each(0..sums.len(), sums, &|k| before[k], &|k| {
-            less((0..sides.len()).map(|m| of(k, m)))
+        transfer::fill_rows(0..sums.len(), sums, &|k| before[k], &|k| {
+            less((0..sides.len()).map(|m| side_sum(k, m)))
         });
     }
 
     /// Broadcasts each rank's multipliers, so that `out` holds all of them on every rank. Collective.
-    pub(super) fn publish(&mut self, own: &[T], out: &mut [T]) {
+    pub(super) fn publish(&mut self, owned: &[T], out: &mut [T]) {
         let d = self.shared;
         self.words.fill(0);
-        for (row, own) in self.lists.mine.iter().zip(own.chunks_exact(d)) {
+        for (row, values) in self.lists.owned.iter().zip(owned.chunks_exact(d)) {
             // Bits as integers: the sum with the zeros of all other ranks gives the bits back unchanged.
             let words = &mut self.words[*row as usize * d..][..d];
-            for (word, x) in words.iter_mut().zip(own) {
+            for (word, x) in words.iter_mut().zip(values) {
                 *word = x.as_f64().to_bits().cast_signed();
             }
         }

@@ -210,11 +210,11 @@ mod tests {
             }
         }
         let s: CsMat<f64> = t.to_csc();
-        let found = modes(&s, tolerance, 2).unwrap();
-        assert_eq!(found.modes.len(), (n - 3) * n);
-        let [low, top] = found.range;
+        let resolved = modes(&s, tolerance, 2).unwrap();
+        assert_eq!(resolved.modes.len(), (n - 3) * n);
+        let [low, top] = resolved.range;
         assert!((top / low * 1.1 * tolerance - 1.0).abs() < 1e-6);
-        for null in [found.null_modes, counted(&s, tolerance, 2).unwrap()] {
+        for null in [resolved.null_modes, counted(&s, tolerance, 2).unwrap()] {
             let mut pairs: Vec<_> = null.iter().map(|m| m.node).collect();
             pairs.sort_unstable();
             assert_eq!(pairs, [0, 1, 2]);

@@ -38,7 +38,7 @@ impl Slots {
         }
     }
 
-    fn of(&mut self, node: usize) -> usize {
+    fn slot(&mut self, node: usize) -> usize {
         let known = &mut self.known[node];
         if known.0 != self.task {
             *known = (self.task, self.nodes.len() as u32);
@@ -128,21 +128,21 @@ impl<T: Real> Block<T> {
 
     /// Adds the sum over the present samples to the dense block.
     fn flush(&mut self) {
-        let each = self.size * self.size;
+        let block_size = self.size * self.size;
         let [rows, cols] = &self.last;
         if !cols.is_empty() {
-            for (&node, sums) in rows.iter().zip(self.piece.chunks_exact(cols.len() * each)) {
-                let row = self.rows.of(node);
+            for (&node, sums) in rows.iter().zip(self.piece.chunks_exact(cols.len() * block_size)) {
+                let row = self.rows.slot(node);
                 if self.values.len() <= row {
                     self.values.push(Vec::new());
                 }
                 let values = &mut self.values[row];
-                for (&node, sums) in cols.iter().zip(sums.chunks_exact(each)) {
-                    let at = self.cols.of(node) * each;
-                    if values.len() < at + each {
-                        values.resize(at + each, T::zero());
+                for (&node, sums) in cols.iter().zip(sums.chunks_exact(block_size)) {
+                    let first = self.cols.slot(node) * block_size;
+                    if values.len() < first + block_size {
+                        values.resize(first + block_size, T::zero());
                     }
-                    values[at..at + each]
+                    values[first..first + block_size]
                         .iter_mut()
                         .zip(sums)
                         .for_each(|(v, s)| *v += *s);
@@ -162,10 +162,10 @@ impl<T: Real> Block<T> {
         let mut parts = Vec::with_capacity(self.rows.nodes.len() * size);
         for (node, values) in self.rows.nodes.iter().zip(&mut self.values) {
             for a in 0..size {
-                let at = |k: usize, b: usize| values.get((k * size + a) * size + b).copied();
+                let entry = |k: usize, b: usize| values.get((k * size + a) * size + b).copied();
                 let entries = order.iter().flat_map(|&k| {
                     let column = self.cols.nodes[k] * size as u32;
-                    (0..size).filter_map(move |b| Some((column + b as u32, at(k, b)?)))
+                    (0..size).filter_map(move |b| Some((column + b as u32, entry(k, b)?)))
                 });
                 parts.push(Part {
                     row: node * size as u32 + a as u32,
@@ -242,21 +242,21 @@ impl<T: Real> Rows<T> {
         let owners: Vec<u32> = parts.iter().map(|p| p.row).collect();
         let of_row = Adjacency::of_slots(self.rows.len(), &owners);
         self.rows.par_iter_mut().enumerate().for_each(|(i, row)| {
-            let mine = of_row.row(i);
-            if mine.is_empty() {
+            let parts_of_row = of_row.row(i);
+            if parts_of_row.is_empty() {
                 return;
             }
-            for &k in mine {
+            for &k in parts_of_row {
                 row.extend_from_slice(&parts[k as usize].entries);
             }
             // The sort is stable: entries of one column stay in the order of tasks, and so do their sums.
             row.sort_by_key(|e| e.0);
-            row.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                if same {
-                    kept.1 += next.1;
+            row.dedup_by(|next, sum| {
+                let is_same_column = next.0 == sum.0;
+                if is_same_column {
+                    sum.1 += next.1;
                 }
-                same
+                is_same_column
             });
         });
     }
@@ -335,10 +335,10 @@ mod tests {
                     sum.add(block.take());
                     sum.merge();
                 }
-                let found = sum.into_matrix(5 * size);
+                let matrix = sum.into_matrix(5 * size);
                 for i in 0..4 * size {
                     for j in 0..5 * size {
-                        let v = found.get(i, j).copied().unwrap_or(0.0);
+                        let v = matrix.get(i, j).copied().unwrap_or(0.0);
                         assert!((v - expected[(i, j)]).abs() < 1e-14, "{i} {j}");
                     }
                 }

@@ -157,8 +157,8 @@ mod tests {
             (gradients(1e-6, 5), chebyshev(1e-3, 7), chebyshev(1e-6, 7)),
             (chebyshev(1e-3, 5), chebyshev(1e-2, 7), chebyshev(1e-3, 7)),
         ];
-        for (a, b, both) in cases {
-            assert_eq!((a.with(b), b.with(a)), (both, both));
+        for (a, b, joint) in cases {
+            assert_eq!((a.with(b), b.with(a)), (joint, joint));
         }
     }
 
@@ -170,11 +170,11 @@ mod tests {
             (f64::NAN, 5, "tolerance NaN"),
             (1e-3, 0, "max_iterations 0"),
         ] {
-            let of = Chebyshev {
+            let solver = Chebyshev {
                 tolerance,
                 max_iterations,
             };
-            let e = of.check("tie", false).map_err(|e| e.to_string());
+            let e = solver.check("tie", false).map_err(|e| e.to_string());
             assert!(
                 e.as_ref().is_err_and(|e| e.contains(said) && e.contains("tie")),
                 "{e:?}"

@@ -133,7 +133,7 @@ impl<'a, T: Real> Sampler<'a, T> {
         let mut tally = Tally::zero();
         for first in (0..tasks).step_by(BATCH) {
             let batch = (first..(first + BATCH).min(tasks)).into_par_iter();
-            let done: Vec<Done<T>> = batch
+            let results: Vec<Done<T>> = batch
                 .map_init(
                     || self.worker(),
                     |worker, k| {
@@ -143,11 +143,11 @@ impl<'a, T: Real> Sampler<'a, T> {
                     },
                 )
                 .collect();
-            for one in done {
-                let ([coarse, fine], found) = one?;
+            for result in results {
+                let ([coarse, fine], task_tally) = result?;
                 sums[0].add(coarse);
                 sums[1].add(fine);
-                tally.add(&found);
+                tally.add(&task_tally);
             }
         }
         self.finish(sums, &tally, warnings)
@@ -181,38 +181,46 @@ impl<'a, T: Real> Sampler<'a, T> {
 
     /// Adds samples to the sums. `cells`: cell of the mediator, coarse and fine field in which all of them
     /// lie, or [`NO_CELL`].
-    pub(super) fn add(&self, to: &mut Worker<T>, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
+    pub(super) fn add(&self, worker: &mut Worker<T>, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
         let gradient = self.gradient;
         for s in samples {
             let shared = self.is_shared(&s.point);
-            let mut reached = false;
-            match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut to.rows) {
+            let mut is_beyond = false;
+            match evaluate(
+                &*self.spec.mediator,
+                cells[0],
+                &s.point,
+                gradient,
+                &mut worker.rows,
+            ) {
                 Err(Error::OutsideDomain { .. }) => {
                     // Only particles of the overlap are coupled beyond the mediator's surface; all others are
                     // no sample.
                     let Some(beyond) = self.beyond.as_ref().filter(|_| shared) else {
                         continue;
                     };
-                    let found = (beyond.mediator).shape_at(&s.point, gradient, &mut to.rows, &mut to.reach);
-                    match found {
+                    let outcome =
+                        (beyond.mediator).shape_at(&s.point, gradient, &mut worker.rows, &mut worker.reach);
+                    match outcome {
                         Err(Error::OutsideDomain { .. }) => continue,
                         other => other?,
                     }
-                    reached = true;
+                    is_beyond = true;
                 }
                 other => other?,
             }
             let mut inside = true;
             for m in 0..2 {
                 let field = self.sides[m].field;
-                match evaluate(field, cells[m + 1], &s.point, gradient, &mut to.cols[m]) {
+                match evaluate(field, cells[m + 1], &s.point, gradient, &mut worker.cols[m]) {
                     Err(Error::OutsideDomain { .. }) => {
-                        reached = true;
+                        is_beyond = true;
                         let beyond = self.beyond.as_ref().filter(|b| shared && m != b.particles);
-                        let found = beyond
-                            .map(|b| (b.other).shape_at(&s.point, gradient, &mut to.cols[m], &mut to.reach));
+                        let outcome = beyond.map(|b| {
+                            (b.other).shape_at(&s.point, gradient, &mut worker.cols[m], &mut worker.reach)
+                        });
                         // Without a value of either model on this sample, both sides leave it out.
-                        inside &= match found {
+                        inside &= match outcome {
                             None | Some(Err(Error::OutsideDomain { .. })) => false,
                             Some(other) => other.map(|()| true)?,
                         };
@@ -225,16 +233,16 @@ impl<'a, T: Real> Sampler<'a, T> {
                 }
             }
             if !inside {
-                to.tally.lost += s.measure;
+                worker.tally.lost += s.measure;
                 continue;
             }
-            if reached {
-                to.tally.reached += s.measure;
+            if is_beyond {
+                worker.tally.reached += s.measure;
             } else {
-                to.tally.measure += s.measure;
+                worker.tally.measure += s.measure;
             }
-            for (block, cols) in to.blocks.iter_mut().zip(&to.cols) {
-                block.add(&*self.spec.junction, (&s.point, s.measure), &to.rows, cols);
+            for (block, cols) in worker.blocks.iter_mut().zip(&worker.cols) {
+                block.add(&*self.spec.junction, (&s.point, s.measure), &worker.rows, cols);
             }
         }
         Ok(())

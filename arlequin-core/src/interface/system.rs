@@ -17,9 +17,9 @@ pub(super) struct System<T: Real> {
     shared: usize,
     dots: Dots,
     /// `μ` of the multipliers that this rank owns; `None` if every rank solves for all.
-    own: Option<Vec<T>>,
+    own_impulse: Option<Vec<T>>,
     /// `μᵀB v` after the last kick.
-    left: T,
+    residual_work: T,
 }
 
 impl<T: Real> System<T> {
@@ -35,16 +35,16 @@ impl<T: Real> System<T> {
             jump: vec![T::zero(); rows * shared],
             shared,
             dots: Dots::new(rows),
-            own: None,
-            left: T::zero(),
+            own_impulse: None,
+            residual_work: T::zero(),
         })
     }
 
     /// Restricts the solution to this rank's multipliers if the solver can do so.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) {
         if self.operator.share_out(parts) {
-            let zeros = vec![T::zero(); self.shared * parts.mine().len()];
-            (self.jump, self.own) = (zeros.clone(), Some(zeros));
+            let zeros = vec![T::zero(); self.shared * parts.owned().len()];
+            (self.jump, self.own_impulse) = (zeros.clone(), Some(zeros));
             self.dots = Dots::in_parts(parts);
         }
     }
@@ -74,12 +74,12 @@ impl<T: Real> System<T> {
         impulse: &mut [T],
     ) {
         load(sides);
-        if let Some(own) = &mut self.own {
-            sides.jump_here(own);
-            self.jump.copy_from_slice(own);
-            self.operator.solve(own, sides);
-            own.iter_mut().for_each(|m| *m *= scale);
-            sides.publish(own, impulse);
+        if let Some(own_impulse) = &mut self.own_impulse {
+            sides.owned_jump(own_impulse);
+            self.jump.copy_from_slice(own_impulse);
+            self.operator.solve(own_impulse, sides);
+            own_impulse.iter_mut().for_each(|m| *m *= scale);
+            sides.publish(own_impulse, impulse);
         } else {
             sides.jump(None, impulse);
             self.jump.copy_from_slice(impulse);
@@ -88,13 +88,13 @@ impl<T: Real> System<T> {
         }
         sides.spread(impulse);
         // μᵀ(b − S μ), since B v = b − S μ after the kick.
-        let own = self.own.as_deref().unwrap_or(impulse);
-        self.left = self.dots.all(self.shared, &self.jump, own) - sides.twice_kinetic();
+        let own_impulse = self.own_impulse.as_deref().unwrap_or(impulse);
+        self.residual_work = self.dots.total(self.shared, &self.jump, own_impulse) - sides.twice_kinetic();
     }
 
     /// Returns `μᵀB v` with the velocities after the last kick. It is zero but for round-off if the
     /// multipliers are solved for exactly or fulfil Galerkin's condition.
-    pub(super) fn left(&self) -> T {
-        self.left
+    pub(super) fn residual_work(&self) -> T {
+        self.residual_work
     }
 }

@@ -29,7 +29,7 @@ pub(crate) struct Rows<T> {
 
 impl<T: Real> Rows<T> {
     /// Makes `count` rows from entries sorted by row.
-    pub(crate) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
+    pub(crate) fn from_entries(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
         let (mut starts, mut columns, mut values) = (vec![0; count + 1], Vec::new(), Vec::new());
         for (row, column, value) in entries {
             starts[row + 1] += 1;
@@ -52,7 +52,7 @@ impl<T: Real> Rows<T> {
     /// Computes `out = A x` with `N` interleaved components.
     pub(crate) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
         let (x, out) = (nodes::<T, N>(x), out.as_chunks_mut::<N>().0);
-        self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
+        self.fill_rows(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
 
     /// Returns the columns and values of a row.
@@ -83,35 +83,35 @@ impl<T: Real> Rows<T> {
         even
     }
 
-    /// Writes `out_k = one(k)` for a range of rows, on several threads if that pays.
-    pub(crate) fn each<const N: usize>(
+    /// Writes `out_k = row(k)` for a range of rows, on several threads if that pays.
+    pub(crate) fn fill_rows<const N: usize>(
         &self,
         rows: Range<usize>,
         out: &mut [[T; N]],
-        one: &(impl Fn(usize) -> [T; N] + Sync),
+        row: &(impl Fn(usize) -> [T; N] + Sync),
     ) {
-        each(rows, out, &|k| self.starts[k], one);
+        fill_rows(rows, out, &|k| self.starts[k], row);
     }
 }
 
-/// Writes `out_k = one(k)` for a range of rows, on several threads if that pays. `before`: number of entries
+/// Writes `out_k = row(k)` for a range of rows, on several threads if that pays. `before`: number of entries
 /// before a row.
-pub(super) fn each<T: Real, const N: usize>(
+pub(super) fn fill_rows<T: Real, const N: usize>(
     rows: Range<usize>,
     out: &mut [[T; N]],
     before: &(impl Fn(usize) -> usize + Sync),
-    one: &(impl Fn(usize) -> [T; N] + Sync),
+    row: &(impl Fn(usize) -> [T; N] + Sync),
 ) {
     let entries = before(rows.end) - before(rows.start);
     if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
-        return rows.zip(out).for_each(|(k, out)| *out = one(k));
+        return rows.zip(out).for_each(|(k, out)| *out = row(k));
     }
     let half = rows.len() / 2;
     let middle = rows.start + half;
     let (low, high) = out.split_at_mut(half);
     rayon::join(
-        || each(rows.start..middle, low, before, one),
-        || each(middle..rows.end, high, before, one),
+        || fill_rows(rows.start..middle, low, before, row),
+        || fill_rows(middle..rows.end, high, before, row),
     );
 }
 
@@ -147,19 +147,19 @@ pub(crate) struct Transfer<T> {
 impl<T: Real> Transfer<T> {
     /// Stores both directions of a coupling matrix. `sign`: sign of the forces that multipliers exert on this
     /// side.
-    pub(super) fn new(of: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
-        let (matrix, shared) = (&of.matrix, of.shared);
+    pub(super) fn new(coupling: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
+        let (matrix, shared) = (&coupling.matrix, coupling.shared);
         let entries = matrix.iter().filter(|(v, _)| **v != T::zero());
         let entries: Vec<_> = entries.map(|(v, (i, j))| (i, j, *v)).collect();
         let weights = |j: usize| &inverse_inertia[j * shared..(j + 1) * shared];
         let size = [matrix.rows(), matrix.cols()];
         let mobility = |j: usize| weights(j).iter().map(|w| sign * *w).collect();
-        Self::of(size, [shared, components / shared], entries, &mobility)
+        Self::from_entries(size, [shared, components / shared], entries, &mobility)
     }
 
     /// Stores entries (multiplier, column, value) of a matrix of size `[multipliers, columns]`. `mobility`:
     /// `∓M⁻¹` of a column.
-    fn of(
+    fn from_entries(
         [rows, columns]: [usize; 2],
         [shared, per_node]: [usize; 2],
         mut entries: Vec<(usize, usize, T)>,
@@ -184,7 +184,7 @@ impl<T: Real> Transfer<T> {
         let cut: Vec<_> = entries.iter().map(cut).collect();
         // Rows without entries have no piece.
         (0..rows).for_each(|i| pieces[i + 1] = pieces[i + 1].max(pieces[i]));
-        let gather = Rows::of(count as usize, cut.into_iter());
+        let gather = Rows::from_entries(count as usize, cut.into_iter());
         entries.iter_mut().for_each(|e| e.1 = place[e.1]);
         entries.sort_by_key(|e| (e.1, e.0));
         let mobility: Vec<T> = coupled.iter().flat_map(|j| mobility(*j)).collect();
@@ -201,8 +201,8 @@ impl<T: Real> Transfer<T> {
             per_node,
             gather,
             pieces,
-            scatter: Rows::of(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
-            cuts: Cuts::of(coupled.iter().map(|j| j / per_node)),
+            scatter: Rows::from_entries(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
+            cuts: Cuts::at_units(coupled.iter().map(|j| j / per_node)),
             inertia: mobility.iter().map(mass).collect(),
             mobility,
             local: vec![T::zero(); coupled.len() * shared],
@@ -214,16 +214,18 @@ impl<T: Real> Transfer<T> {
     /// Restricts the side to the nodes that this rank owns.
     pub(super) fn share_out(&mut self, portion: &Arc<Portion>) {
         let n = self.per_node;
-        let here = |j: usize| Some(portion.local(j / n)? * n + j % n);
-        let entries = self.entries().filter_map(|(i, j, v)| Some((i, here(j)?, v)));
+        let local_column = |j: usize| Some(portion.local(j / n)? * n + j % n);
+        let entries = self
+            .entries()
+            .filter_map(|(i, j, v)| Some((i, local_column(j)?, v)));
         let size = [self.multipliers(), portion.nodes() * n];
         let mobility = |j: usize| {
-            let all = (portion.global(j / n) * n + j % n) as u32;
-            let place = self.coupled.partition_point(|c| *c < all) * self.shared;
+            let global_column = (portion.global(j / n) * n + j % n) as u32;
+            let place = self.coupled.partition_point(|c| *c < global_column) * self.shared;
             self.mobility[place..place + self.shared].to_vec()
         };
-        let own = Self::of(size, [self.shared, n], entries.collect(), &mobility);
-        *self = own;
+        let restricted = Self::from_entries(size, [self.shared, n], entries.collect(), &mobility);
+        *self = restricted;
         self.portion = Some(portion.clone());
     }
 
@@ -264,8 +266,8 @@ impl<T: Real> Transfer<T> {
         let pieces = (0..self.multipliers()).flat_map(|i| self.pieces_of(i).map(move |p| (i, p)));
         pieces.flat_map(move |(i, p)| {
             let (columns, values) = self.gather.row(p);
-            let all = columns.iter().zip(values);
-            all.map(move |(j, v)| (i, self.coupled[*j as usize] as usize, *v))
+            let entries = columns.iter().zip(values);
+            entries.map(move |(j, v)| (i, self.coupled[*j as usize] as usize, *v))
         })
     }
 
@@ -281,10 +283,10 @@ impl<T: Real> Transfer<T> {
 
     /// Returns the coupling matrix in its assembled form.
     pub(super) fn matrix(&self) -> Coupling<T> {
-        let mut all = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
-        self.entries().for_each(|(i, j, v)| all.add_triplet(i, j, v));
+        let mut triplets = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
+        self.entries().for_each(|(i, j, v)| triplets.add_triplet(i, j, v));
         Coupling {
-            matrix: all.to_csr(),
+            matrix: triplets.to_csr(),
             shared: self.shared,
         }
     }
@@ -319,7 +321,7 @@ impl<T: Real> Transfer<T> {
 
     /// Writes all pieces of this rank into `out`.
     pub(super) fn pieces<const N: usize>(&self, x: Option<&[T]>, out: &mut [[T; N]]) {
-        self.gather.each(0..out.len(), out, &|p| self.piece(p, x));
+        self.gather.fill_rows(0..out.len(), out, &|p| self.piece(p, x));
     }
 
     /// Computes and keeps `δ = ∓M⁻¹ Bᵀ μ`.
@@ -335,7 +337,7 @@ impl<T: Real> Transfer<T> {
         let ([multipliers, mobility], rows) =
             ([multipliers, &self.mobility].map(nodes::<T, N>), &self.scatter);
         let change = self.local.as_chunks_mut::<N>().0;
-        rows.each(0..change.len(), change, &|k| {
+        rows.fill_rows(0..change.len(), change, &|k| {
             let mut sum = rows.times(k, |i| multipliers[i]);
             (0..N).for_each(|c| sum[c] *= mobility[k][c]);
             sum
@@ -371,8 +373,8 @@ impl<T: Real> Transfer<T> {
         let mut add = |k: usize, j: usize| {
             let (rows, values) = self.scatter.row(k);
             for (i, v) in rows.iter().zip(values) {
-                let (from, to) = (*i as usize * d, j * d);
-                (0..d).for_each(|c| f[to + c] += scale * *v * multipliers[from + c]);
+                let (source, target) = (*i as usize * d, j * d);
+                (0..d).for_each(|c| f[target + c] += scale * *v * multipliers[source + c]);
             }
         };
         (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize));
@@ -404,33 +406,38 @@ pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T
 }
 
 /// Copies the values of the given nodes.
-fn copy_at<T: Real, const N: usize>(at: &[u32], x: &[[T; N]], out: &mut [[T; N]]) {
-    let part = |at: &[u32], out: &mut [[T; N]]| {
-        at.iter().zip(out).for_each(|(j, out)| *out = x[*j as usize]);
+fn copy_at<T: Real, const N: usize>(nodes: &[u32], x: &[[T; N]], out: &mut [[T; N]]) {
+    let part = |nodes: &[u32], out: &mut [[T; N]]| {
+        nodes.iter().zip(out).for_each(|(j, out)| *out = x[*j as usize]);
     };
-    if !parallel::pays(N * at.len()) {
-        return part(at, out);
+    if !parallel::pays(N * nodes.len()) {
+        return part(nodes, out);
     }
-    let chunks = at.par_chunks(GRAIN).zip(out.par_chunks_mut(GRAIN));
-    chunks.for_each(|(at, out)| part(at, out));
+    let chunks = nodes.par_chunks(GRAIN).zip(out.par_chunks_mut(GRAIN));
+    chunks.for_each(|(nodes, out)| part(nodes, out));
 }
 
 /// Adds the changes of the given nodes to `x`, which begins at node `first`.
-pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], first: usize, x: &mut [[T; N]]) {
-    if at.len() <= GRAIN || !parallel::pays(N * at.len()) {
-        for (k, d) in at.iter().zip(change) {
+pub(crate) fn add_at<T: Real, const N: usize>(
+    nodes: &[u32],
+    change: &[[T; N]],
+    first: usize,
+    x: &mut [[T; N]],
+) {
+    if nodes.len() <= GRAIN || !parallel::pays(N * nodes.len()) {
+        for (k, d) in nodes.iter().zip(change) {
             let x = &mut x[*k as usize - first];
             (0..N).for_each(|c| x[c] += d[c]);
         }
         return;
     }
     // Nodes ascend: halves of the list write to separate halves of `x`.
-    let half = at.len() / 2;
-    let middle = at[half] as usize;
+    let half = nodes.len() / 2;
+    let middle = nodes[half] as usize;
     let (low, high) = x.split_at_mut(middle - first);
     rayon::join(
-        || add_at(&at[..half], &change[..half], first, low),
-        || add_at(&at[half..], &change[half..], middle, high),
+        || add_at(&nodes[..half], &change[..half], first, low),
+        || add_at(&nodes[half..], &change[half..], middle, high),
     );
 }
 

@@ -1,6 +1,6 @@
 //! Sums over some nodes of a model, split where these pass from unit to unit.
 
-use super::portion::{everywhere, pieces};
+use super::portion::{exact_sums, sum_over_ranks};
 use super::{Portion, UNIT};
 use crate::{Real, parallel};
 use std::ops::Range;
@@ -11,15 +11,15 @@ pub(crate) struct Cuts(Vec<usize>);
 
 impl Cuts {
     /// Splits a list of nodes at units. Local and global numbers give the same units.
-    pub(crate) fn of(nodes: impl Iterator<Item = usize>) -> Self {
-        Self::every(UNIT, nodes)
+    pub(crate) fn at_units(nodes: impl Iterator<Item = usize>) -> Self {
+        Self::at_blocks(UNIT, nodes)
     }
 
     /// Splits a list of any numbers at blocks of `size`.
-    pub(crate) fn every(size: usize, all: impl Iterator<Item = usize>) -> Self {
+    pub(crate) fn at_blocks(size: usize, items: impl Iterator<Item = usize>) -> Self {
         let (mut cuts, mut last, mut count) = (Vec::new(), None, 0);
-        for one in all {
-            let unit = one / size;
+        for item in items {
+            let unit = item / size;
             if last.replace(unit) != Some(unit) {
                 cuts.push(count);
             }
@@ -38,9 +38,9 @@ impl Cuts {
         numbers: usize,
         part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
     ) -> [T; N] {
-        let all = self.0.last().copied().unwrap_or_default();
-        let of = |k: usize| part(self.0[k]..self.0[k + 1]);
-        let own = pieces(0..self.0.len() - 1, &of, parallel::pays(all * numbers));
-        everywhere(portion, own)
+        let count = self.0.last().copied().unwrap_or_default();
+        let block_sum = |k: usize| part(self.0[k]..self.0[k + 1]);
+        let local_sums = exact_sums(0..self.0.len() - 1, &block_sum, parallel::pays(count * numbers));
+        sum_over_ranks(portion, local_sums)
     }
 }

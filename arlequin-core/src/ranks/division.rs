@@ -80,48 +80,48 @@ impl Division {
             owners: vec![0; count],
             work: vec![0.0; ranks],
         };
-        let mut all: Vec<u32> = (0..count as u32).collect();
-        out.cut(&mut all, units, 0, ranks);
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        out.cut(&mut order, units, 0, ranks);
         Ok(out)
     }
 
     /// Distributes the units `these` among `ranks` ranks from `first` on.
-    fn cut(&mut self, these: &mut [u32], units: &[Unit], first: usize, ranks: usize) {
+    fn cut(&mut self, part: &mut [u32], units: &[Unit], first: usize, ranks: usize) {
         if ranks == 1 {
-            for k in these.iter() {
+            for k in part.iter() {
                 self.owners[*k as usize] = first as u32;
                 self.work[first] += units[*k as usize].work;
             }
             return;
         }
-        let at = |k: &u32| units[*k as usize].centre;
-        let corner = |all: &[u32], extreme: fn(f64, f64) -> f64, from: f64| {
-            let mut out = [from; 3];
-            for x in all.iter().map(at) {
+        let centre = |k: &u32| units[*k as usize].centre;
+        let corner = |numbers: &[u32], extreme: fn(f64, f64) -> f64, start: f64| {
+            let mut out = [start; 3];
+            for x in numbers.iter().map(centre) {
                 (0..3).for_each(|c| out[c] = extreme(out[c], x[c]));
             }
             out
         };
-        let low = corner(these, f64::min, f64::INFINITY);
-        let high = corner(these, f64::max, f64::NEG_INFINITY);
+        let low = corner(part, f64::min, f64::INFINITY);
+        let high = corner(part, f64::max, f64::NEG_INFINITY);
         let extent = |c: usize| high[c] - low[c];
         let axis = (1..3).fold(0, |best, c| if extent(c) > extent(best) { c } else { best });
         // The number of a unit breaks ties, so that every rank finds the same order.
-        these.sort_unstable_by(|a, b| at(a)[axis].total_cmp(&at(b)[axis]).then(a.cmp(b)));
+        part.sort_unstable_by(|a, b| centre(a)[axis].total_cmp(&centre(b)[axis]).then(a.cmp(b)));
         // For any number of ranks: each side gets work in proportion to its ranks.
-        let left = ranks / 2;
-        let all: f64 = these.iter().map(|k| units[*k as usize].work).sum();
-        let middle = nearest_cut(these, units, all * left as f64 / ranks as f64);
+        let lower_ranks = ranks / 2;
+        let total: f64 = part.iter().map(|k| units[*k as usize].work).sum();
+        let middle = nearest_cut(part, units, total * lower_ranks as f64 / ranks as f64);
         // Each rank gets at least one unit while there are enough.
-        let enough = these.len() >= ranks;
+        let enough = part.len() >= ranks;
         let middle = if enough {
-            middle.clamp(left, these.len() - (ranks - left))
+            middle.clamp(lower_ranks, part.len() - (ranks - lower_ranks))
         } else {
             middle
         };
-        let (a, b) = these.split_at_mut(middle);
-        self.cut(a, units, first, left);
-        self.cut(b, units, first + left, ranks - left);
+        let (a, b) = part.split_at_mut(middle);
+        self.cut(a, units, first, lower_ranks);
+        self.cut(b, units, first + lower_ranks, ranks - lower_ranks);
     }
 
     /// Returns the number of nodes of the whole model.
@@ -148,8 +148,9 @@ impl Division {
     /// Returns the units of a rank, ascending.
     #[must_use]
     pub fn units_of(&self, rank: usize) -> Vec<u32> {
-        let all = (0..).zip(&self.owners);
-        all.filter(|(_, o)| **o as usize == rank)
+        let owned = (0..).zip(&self.owners);
+        owned
+            .filter(|(_, o)| **o as usize == rank)
             .map(|(k, _)| k)
             .collect()
     }
@@ -166,9 +167,9 @@ impl Division {
     #[must_use]
     pub fn imbalance(&self) -> f64 {
         let most = self.work.iter().fold(0.0, |a: f64, b| a.max(*b));
-        let all: f64 = self.work.iter().sum();
-        if all > 0.0 {
-            most * self.ranks as f64 / all - 1.0
+        let total: f64 = self.work.iter().sum();
+        if total > 0.0 {
+            most * self.ranks as f64 / total - 1.0
         } else {
             0.0
         }
@@ -176,16 +177,16 @@ impl Division {
 }
 
 /// Returns how many of the first units have a total work closest to `wanted`.
-fn nearest_cut(these: &[u32], units: &[Unit], wanted: f64) -> usize {
+fn nearest_cut(part: &[u32], units: &[Unit], wanted: f64) -> usize {
     let mut sum = 0.0;
-    for (k, u) in these.iter().enumerate() {
+    for (k, u) in part.iter().enumerate() {
         let next = sum + units[*u as usize].work;
         if next >= wanted {
             return if next - wanted <= wanted - sum { k + 1 } else { k };
         }
         sum = next;
     }
-    these.len()
+    part.len()
 }
 
 #[cfg(test)]
@@ -196,9 +197,9 @@ mod tests {
     /// A block of units, `n` along x.
     fn block(n: [usize; 3], work: impl Fn(usize) -> f64) -> Vec<Unit> {
         let count = n[0] * n[1] * n[2];
-        let at = |k: usize| Point3::new(k % n[0], k / n[0] % n[1], k / n[0] / n[1]);
+        let point = |k: usize| Point3::new(k % n[0], k / n[0] % n[1], k / n[0] / n[1]);
         let unit = |k: usize| Unit {
-            centre: at(k).map(|c| c as f64),
+            centre: point(k).map(|c| c as f64),
             work: work(k),
         };
         (0..count).map(unit).collect()

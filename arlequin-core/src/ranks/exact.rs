@@ -56,8 +56,8 @@ impl Exact {
             0 => (fraction, 0),
             e => (fraction | 1 << 52, e - 1),
         };
-        let (digit, by) = ((shift / 32) as usize, shift % 32);
-        let wide = u128::from(mantissa) << by;
+        let (digit, offset) = ((shift / 32) as usize, shift % 32);
+        let wide = u128::from(mantissa) << offset;
         let part = |k: u32| ((wide >> (32 * k)) & 0xffff_ffff) as i64;
         let sign = if x.is_sign_negative() { -1 } else { 1 };
         // 53 bits, shifted by up to 31, reach into three digits.
@@ -116,12 +116,12 @@ impl Exact {
         };
         let low = top.saturating_sub(2);
         let leading = digits[low..=top].iter().rev();
-        let leading = leading.fold(0_u128, |all, w| (all << 32) + u128::from(w.unsigned_abs()));
+        let leading = leading.fold(0_u128, |value, w| (value << 32) + u128::from(w.unsigned_abs()));
         // Lower digits only decide on which side of a half the sum lies: one sticky bit keeps that.
-        let rest = u128::from(digits[..low].iter().any(|w| *w != 0));
+        let sticky = u128::from(digits[..low].iter().any(|w| *w != 0));
         let exponent = 32 * low as i32 + LOWEST;
         // The power is split into two factors, as one alone may be out of range.
-        let size = (leading | rest) as f64 * power(exponent / 2) * power(exponent - exponent / 2);
+        let size = (leading | sticky) as f64 * power(exponent / 2) * power(exponent - exponent / 2);
         if negative { -size } else { size }
     }
 }
@@ -147,9 +147,9 @@ mod tests {
     use super::Exact;
 
     fn sum(x: impl Iterator<Item = f64>) -> f64 {
-        let mut all = Exact::zero();
-        x.for_each(|x| all.add(x));
-        all.value()
+        let mut total = Exact::zero();
+        x.for_each(|x| total.add(x));
+        total.value()
     }
 
     #[test]
@@ -186,13 +186,13 @@ mod tests {
         assert_eq!(sum(x.iter().copied()).to_bits(), wanted.to_bits());
         assert_eq!(sum(x.iter().rev().copied()).to_bits(), wanted.to_bits());
         for cuts in [1, 2, 7, 300] {
-            let mut all = Exact::zero();
+            let mut total = Exact::zero();
             for part in x.chunks(x.len().div_ceil(cuts)) {
-                let mut own = Exact::zero();
-                part.iter().for_each(|x| own.add(*x));
-                all += Exact::from_words(own.words());
+                let mut local = Exact::zero();
+                part.iter().for_each(|x| local.add(*x));
+                total += Exact::from_words(local.words());
             }
-            assert_eq!(all.value().to_bits(), wanted.to_bits(), "{cuts} cuts");
+            assert_eq!(total.value().to_bits(), wanted.to_bits(), "{cuts} cuts");
         }
         let tie = [1.0, f64::EPSILON / 2.0];
         assert_eq!(sum(tie.into_iter()).to_bits(), 1.0_f64.to_bits());

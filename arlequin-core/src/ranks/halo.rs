@@ -32,33 +32,33 @@ impl Halo {
     /// If a link names a node that does not exist.
     #[must_use]
     pub fn of_links(portion: Arc<Portion>, links: impl Iterator<Item = [u32; 2]>) -> Self {
-        let mine = portion.communicator().rank();
+        let own_rank = portion.communicator().rank();
         let owner = |node: u32| portion.division().owner(node as usize);
         // Pairs of a rank and a node: ghosts that this rank needs, and owned nodes that the other one needs.
         let (mut theirs, mut ours) = (Vec::new(), Vec::new());
         for [i, j] in links {
-            for [here, there] in [[i, j], [j, i]] {
-                let rank = owner(there);
-                if owner(here) == mine && rank != mine {
-                    theirs.push((rank as u32, there));
-                    ours.push((rank as u32, here));
+            for [end, other_end] in [[i, j], [j, i]] {
+                let rank = owner(other_end);
+                if owner(end) == own_rank && rank != own_rank {
+                    theirs.push((rank as u32, other_end));
+                    ours.push((rank as u32, end));
                 }
             }
         }
-        for all in [&mut theirs, &mut ours] {
-            all.sort_unstable();
-            all.dedup();
+        for list in [&mut theirs, &mut ours] {
+            list.sort_unstable();
+            list.dedup();
         }
         let mut peers = Vec::new();
         let mut ghosts = 0..0;
-        let same = |a: &(u32, u32), b: &(u32, u32)| a.0 == b.0;
+        let same_rank = |a: &(u32, u32), b: &(u32, u32)| a.0 == b.0;
         // A link has two ends, so that both lists name the same ranks.
-        for (of, from) in ours.chunk_by(same).zip(theirs.chunk_by(same)) {
-            ghosts = ghosts.end..ghosts.end + from.len();
+        for (sent, received) in ours.chunk_by(same_rank).zip(theirs.chunk_by(same_rank)) {
+            ghosts = ghosts.end..ghosts.end + received.len();
             let local = |node: u32| portion.local(node as usize).unwrap_or_default() as u32;
             peers.push(Peer {
-                rank: of[0].0 as usize,
-                send: of.iter().map(|(_, node)| local(*node)).collect(),
+                rank: sent[0].0 as usize,
+                send: sent.iter().map(|(_, node)| local(*node)).collect(),
                 receive: ghosts.clone(),
             });
         }
@@ -141,8 +141,8 @@ impl Halo {
     ) -> Result<(), RankError> {
         for (peer, message) in self.peers.iter().zip(&mut *messages) {
             let places = message.out.as_chunks_mut::<N>().0;
-            for (to, node) in places.iter_mut().zip(&peer.send) {
-                *to = read(*node as usize);
+            for (slot, node) in places.iter_mut().zip(&peer.send) {
+                *slot = read(*node as usize);
             }
         }
         let mut more = true;
@@ -160,8 +160,8 @@ impl Halo {
     /// Second half of [`Self::exchange`]: passes the received numbers of ghosts to `write`.
     pub fn told<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
         for (peer, message) in self.peers.iter().zip(messages) {
-            let told = message.into.as_chunks::<N>().0;
-            for (ghost, x) in peer.receive.clone().zip(told) {
+            let numbers = message.into.as_chunks::<N>().0;
+            for (ghost, x) in peer.receive.clone().zip(numbers) {
                 write(ghost, *x);
             }
         }

@@ -20,17 +20,18 @@ impl Halo {
     /// # Errors
     /// Errors of the transport, which [`Portion::failure`] remembers.
     pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
-        let mine = portion.communicator().rank();
-        let own = corners(points);
-        let boxes = portion.listed(&own.map(|x| x.to_bits().cast_signed()))?;
+        let own_rank = portion.communicator().rank();
+        let own_box = corners(points);
+        let boxes = portion.listed(&own_box.map(|x| x.to_bits().cast_signed()))?;
         let boxes = boxes.as_chunks::<6>().0.iter();
         let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
         // Both ranks make the same two comparisons, so that they agree on being neighbours.
-        let meet = |b: &Corners| (0..3).all(|c| own[c] - reach <= b[3 + c] && b[c] - reach <= own[3 + c]);
+        let meet =
+            |b: &Corners| (0..3).all(|c| own_box[c] - reach <= b[3 + c] && b[c] - reach <= own_box[3 + c]);
         let inside =
             |b: &Corners, x: &[f64; 3]| (0..3).all(|c| x[c] >= b[c] - reach && x[c] <= b[3 + c] + reach);
         let mut peers = Vec::new();
-        for (rank, b) in boxes.enumerate().filter(|(r, b)| *r != mine && meet(b)) {
+        for (rank, b) in boxes.enumerate().filter(|(r, b)| *r != own_rank && meet(b)) {
             let send = (0..).zip(points).filter(|(_, x)| inside(&b, x));
             peers.push(Peer {
                 rank,
@@ -45,7 +46,7 @@ impl Halo {
         };
         // A receiver has to know the length of a message beforehand.
         let counts = peers.iter().map(|p| message(p, vec![p.send.len() as f64], 1));
-        let counts: Vec<usize> = told(&portion, counts.collect())?
+        let counts: Vec<usize> = exchange(&portion, counts.collect())?
             .map(|m| m.into[0] as usize)
             .collect();
         let global = |p: &Peer| {
@@ -55,7 +56,7 @@ impl Halo {
                 .collect()
         };
         let numbers = peers.iter().zip(&counts).map(|(p, n)| message(p, global(p), *n));
-        let numbers = told(&portion, numbers.collect())?;
+        let numbers = exchange(&portion, numbers.collect())?;
         let mut ghosts = Vec::with_capacity(counts.iter().sum());
         for (p, m) in peers.iter_mut().zip(numbers) {
             p.receive = ghosts.len()..ghosts.len() + m.into.len();
@@ -71,7 +72,7 @@ impl Halo {
     }
 }
 
-fn told(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
+fn exchange(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
     portion.keep(portion.communicator().exchange(&mut messages, &mut || false))?;
     Ok(messages.into_iter())
 }

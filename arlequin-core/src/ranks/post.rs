@@ -52,22 +52,22 @@ impl Post {
             return self.portion.failure().is_none();
         }
         for (peer, message) in self.peers.iter().zip(&mut self.messages) {
-            let told = message.out.as_chunks_mut::<N>().0;
-            for (to, place) in told.iter_mut().zip(&peer.send) {
-                *to = list[*place as usize].map(|x| x.as_f64());
+            let numbers = message.out.as_chunks_mut::<N>().0;
+            for (slot, place) in numbers.iter_mut().zip(&peer.send) {
+                *slot = list[*place as usize].map(|x| x.as_f64());
             }
         }
-        let told = self
+        let outcome = self
             .portion
             .communicator()
             .exchange(&mut self.messages, &mut || false);
-        if self.portion.keep(told).is_err() {
+        if self.portion.keep(outcome).is_err() {
             return false;
         }
         for (peer, message) in self.peers.iter().zip(&self.messages) {
             let places = &mut list[peer.receive.start as usize..peer.receive.end as usize];
-            for (to, told) in places.iter_mut().zip(message.into.as_chunks::<N>().0) {
-                *to = told.map(T::of);
+            for (slot, numbers) in places.iter_mut().zip(message.into.as_chunks::<N>().0) {
+                *slot = numbers.map(T::of);
             }
         }
         true

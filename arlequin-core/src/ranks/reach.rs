@@ -17,9 +17,9 @@ impl Reach {
     #[must_use]
     pub fn new(halo: Halo, place: impl Fn(u32) -> u32) -> Self {
         let portion = halo.portion();
-        let own = 0..portion.nodes();
+        let owned = 0..portion.nodes();
         Self {
-            own: own.map(|i| place(portion.global(i) as u32)).collect(),
+            own: owned.map(|i| place(portion.global(i) as u32)).collect(),
             ghosts: halo.ghosts().iter().map(|k| place(*k)).collect(),
             halo,
         }
@@ -85,8 +85,8 @@ impl Reach {
         let read = |i: usize| q[i].map(|x| x.as_f64());
         self.halo.tell(messages, read, &mut || meanwhile(x))?;
         let places = x.as_chunks_mut::<N>().0;
-        self.halo.told(messages, |ghost, told| {
-            places[self.ghosts[ghost] as usize] = told.map(T::of);
+        self.halo.told(messages, |ghost, numbers| {
+            places[self.ghosts[ghost] as usize] = numbers.map(T::of);
         });
         Ok(())
     }

@@ -49,67 +49,67 @@ pub(crate) fn global(model: &dyn Model<f64>, particle: usize) -> usize {
 /// Returns a number for every unknown, by its place in the whole body: displacements, then rotations.
 pub(crate) fn unknowns(model: &dyn Model<f64>, size: [f64; 2]) -> Vec<f64> {
     let n = model.layout().nodes;
-    let of = |k: usize| {
+    let number = |k: usize| {
         let (sort, i, c) = (k / (3 * n), k / 3 % n, k % 3);
         let i = global(model, i);
         size[sort] * (1.7 * (6 * i + 3 * sort + c) as f64).sin()
     };
-    (0..6 * n).map(of).collect()
+    (0..6 * n).map(number).collect()
 }
 
 /// Returns the bits of unknowns with the number of their particle in the whole body.
-pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
+pub(crate) fn bits(model: &dyn Model<f64>, vectors: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
     let n = model.layout().nodes;
-    let of = |i: usize| {
+    let particle_bits = |i: usize| {
         let six = |x: &&[f64]| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
-        let bits = all.iter().flat_map(six).map(f64::to_bits);
+        let bits = vectors.iter().flat_map(six).map(f64::to_bits);
         (global(model, i), bits.collect())
     };
-    (0..n).map(of).collect()
+    (0..n).map(particle_bits).collect()
 }
 
 /// Results of ranks: bits by node, and sums, which must be the same on all ranks.
-pub(crate) type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
-pub(crate) fn together(parts: Vec<Result<Told, RankError>>) -> Told {
-    let mut all: Told = Default::default();
-    for (rank, told) in parts.into_iter().enumerate() {
-        let (unknowns, sums) = told.unwrap();
+pub(crate) type Results = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+pub(crate) fn together(parts: Vec<Result<Results, RankError>>) -> Results {
+    let mut joined: Results = Default::default();
+    for (rank, results) in parts.into_iter().enumerate() {
+        let (unknowns, sums) = results.unwrap();
         assert!(
-            rank == 0 || same(&sums, &all.1),
+            rank == 0 || same_bits(&sums, &joined.1),
             "rank {rank}: {sums:?} {:?}",
-            all.1
+            joined.1
         );
-        all.0.extend(unknowns);
-        all.1 = sums;
+        joined.0.extend(unknowns);
+        joined.1 = sums;
     }
-    all.0.sort();
-    all
+    joined.0.sort();
+    joined
 }
 
-/// Asserts that `of` gives the results of one rank on each of these numbers of ranks, as threads of this
+/// Asserts that `work` gives the results of one rank on each of these numbers of ranks, as threads of this
 /// test.
 pub(crate) fn same_on(
     ranks: &[usize],
     what: &dyn std::fmt::Debug,
-    whole: &Told,
-    of: impl Fn(Arc<dyn Communicator>) -> Told + Sync,
+    whole: &Results,
+    work: impl Fn(Arc<dyn Communicator>) -> Results + Sync,
 ) {
     for &ranks in ranks {
-        let all = together(threads::run(ranks, 1, WAIT, &of));
+        let joined = together(threads::run(ranks, 1, WAIT, &work));
         assert!(
-            same(&all.1, &whole.1),
+            same_bits(&joined.1, &whole.1),
             "{ranks} ranks, {what:?}: {:?} {:?}",
-            all.1,
+            joined.1,
             whole.1
         );
-        assert!(all.0 == whole.0, "{ranks} ranks, {what:?}");
+        assert!(joined.0 == whole.0, "{ranks} ranks, {what:?}");
     }
 }
 
 /// Returns the result of the first of `ranks` ranks.
-pub(crate) fn first<R: Send>(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
-    let all = threads::run(ranks, 1, WAIT, of);
-    all.into_iter().next().unwrap().unwrap()
+pub(crate) fn first<R: Send>(ranks: usize, work: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
+    let results = threads::run(ranks, 1, WAIT, work);
+    results.into_iter().next().unwrap().unwrap()
 }
 
 /// Partitions a subdomain, or leaves it whole without ranks.
@@ -120,7 +120,7 @@ pub(crate) fn shared(side: Subdomain<f64>, ranks: Option<Arc<dyn Communicator>>)
     }
 }
 
-pub(crate) fn same(a: &[f64], b: &[f64]) -> bool {
+pub(crate) fn same_bits(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
