@@ -185,7 +185,7 @@ impl<T: Real> EnergyRelease<T> {
         let mut q: Vec<T> = model.nodes().iter().map(share).collect();
         check_slits(model, &q, &cylinder, &direction)?;
         leave_others_out(gradients, &nodes_along(field, crack, &direction)?, &mut q);
-        let mut out = Self::of_domain(model, gradients, &q, &direction);
+        let mut out = Self::collect_points(model, gradients, &q, &direction);
         if out.places.is_empty() {
             let radii = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
             let rule = format!("no node of model '{}' lies within; enlarge them", model.name());
@@ -199,7 +199,7 @@ impl<T: Real> EnergyRelease<T> {
     }
 
     /// Collects the integration points that depend on a moved node.
-    fn of_domain(
+    fn collect_points(
         model: &dyn Model<T>,
         gradients: &dyn Gradients<T>,
         q: &[T],

@@ -123,7 +123,7 @@ struct Process {
 type Open<'a, 'b, B> = Request<'a, B, &'b LocalScope<'a>>;
 
 impl Process {
-    /// Reports why, informs the other ranks if `tell`, and ends the job.
+    /// Reports why, informs the other ranks if `inform`, and ends the job.
     fn end(&self, why: &str, inform: bool) -> ! {
         if inform || self.ending.echo {
             (self.ending.report)(why);
@@ -177,7 +177,7 @@ fn last_word() -> Option<(usize, String)> {
     Some((status.source_rank() as usize, why))
 }
 
-/// Returns whether a request is complete; calls `done` with its status at that moment.
+/// Returns whether a request is complete; calls `complete` with its status at that moment.
 fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, complete: &mut dyn FnMut(Status)) -> bool {
     match request.take().map(Request::test) {
         Some(Ok(status)) => {

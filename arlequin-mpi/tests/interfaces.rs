@@ -62,7 +62,7 @@ const PLAIN: Case = Case {
     tied: true,
 };
 
-fn at(x: f64) -> Point3<f64> {
+fn point(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)
 }
 
@@ -75,7 +75,7 @@ fn bar(name: &str, start: f64, end: f64) -> FemModel<f64> {
 
 /// Weights of a bar: one at `alone`, falling towards `border`.
 fn fading(alone: f64, border: f64) -> Weights<f64> {
-    let slab = Slab::between(at(border), at(alone)).unwrap();
+    let slab = Slab::between(point(border), point(alone)).unwrap();
     Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
 }
 

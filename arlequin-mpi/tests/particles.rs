@@ -25,11 +25,11 @@ fn evaluated(mut model: DemModel) -> Results {
     let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
     let mut sums = vec![model.critical_step(&inverse).unwrap()];
     let [q, later] = [1e-6, 2e-6].map(|s| unknowns(&model, [s, 3e4 * s]));
-    let [mut tried, mut reached] = [vec![0.0; n], vec![0.0; n]];
-    sums.push(model.advance_with_energy(&q, &mut reached).unwrap());
-    model.add_internal_forces(&later, &mut tried).unwrap();
+    let [mut forces_later, mut forces] = [vec![0.0; n], vec![0.0; n]];
+    sums.push(model.advance_with_energy(&q, &mut forces).unwrap());
+    model.add_internal_forces(&later, &mut forces_later).unwrap();
     sums.extend([model.internal_energy(&q), model.internal_energy(&later)]);
-    (bits(&model, &[&inertia, &tried, &reached]), sums)
+    (bits(&model, &[&inertia, &forces_later, &forces]), sums)
 }
 
 #[test]

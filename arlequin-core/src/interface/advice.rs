@@ -8,7 +8,7 @@ use crate::Real;
 const WARP: f64 = 1e-6;
 
 /// Returns warnings about the mediator and the models.
-pub(super) fn of_sides<T: Real>(
+pub(super) fn side_warnings<T: Real>(
     report: &InterfaceReport,
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -49,7 +49,7 @@ pub(super) fn of_sides<T: Real>(
 }
 
 /// Returns warnings about dependent multipliers. `ranked`: whether their number is known.
-pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
+pub(super) fn rank_warnings(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     let mut out = Vec::new();
     if !report.null_modes.is_empty() {
         out.push(format!(
@@ -70,7 +70,7 @@ pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
 }
 
 /// Returns a warning if a Chebyshev iteration ends above its tolerance.
-pub(super) fn of_iterations(plan: &Chebyshev) -> Option<String> {
+pub(super) fn iteration_warning(plan: &Chebyshev) -> Option<String> {
     let [low, high] = plan.bounds;
     (plan.asked > plan.iterations as f64).then(|| {
         format!(

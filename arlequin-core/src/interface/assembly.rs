@@ -220,7 +220,9 @@ impl<T: Real> CellSet<T> {
             let (number, field_cell) = &self.cells[k];
             let piece = match (&body, field_cell) {
                 (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
-                (_, field_cell) => cell.intersection(field_cell).map(|piece| of_section(cell, piece)),
+                (_, field_cell) => cell
+                    .intersection(field_cell)
+                    .map(|piece| with_section(cell, piece)),
             };
             if let Some(piece) = piece {
                 outcome = visit(*number, &piece);
@@ -234,7 +236,7 @@ impl<T: Real> CellSet<T> {
 
 /// Gives a segment the cross-section of the mediator's line. The section of the model would only scale the
 /// multipliers.
-fn of_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
+fn with_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
     if let (
         Cell::Segment { section, .. },
         Cell::Segment {

@@ -311,7 +311,7 @@ mod tests {
             prop_assume!(b.iter().any(|b| *b != 0.0));
             let scale = |i: usize| s.get(i, i).map_or(0.0, |d| 1.0 / d.sqrt());
             let scaled = matrix(n, |i, k| s.get(i, k).map_or(0.0, |v| v * scale(i) * scale(k)));
-            let low = rank::modes(&scaled, 1e-10, 1).unwrap().range[0];
+            let low = rank::resolve_modes(&scaled, 1e-10, 1).unwrap().range[0];
             let (tolerance, most) = (1e-8, 20_000);
             let plan = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
             let (residual, change, iterated) = solved(&s, &b, plan, (tolerance, most));

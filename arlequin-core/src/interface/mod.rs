@@ -257,7 +257,9 @@ impl<T: Real> Draft<T> {
             together: Vec::new(),
             warnings: built.warnings,
         };
-        report.warnings.extend(advice::of_sides(&report, spec, &sides));
+        report
+            .warnings
+            .extend(advice::side_warnings(&report, spec, &sides));
         let zeros = || vec![T::zero(); size];
         let interface = Interface {
             sides: [spec.coarse, spec.fine],
@@ -351,10 +353,12 @@ impl<T: Real> Interface<T> {
             self.work = (operator.solver != "lumped").then_some(operator.work);
         }
         report.together = together;
-        let dependence = advice::of_rank(report, operator.ranked);
-        report
-            .warnings
-            .extend(operator.chebyshev().and_then(|plan| advice::of_iterations(&plan)));
+        let dependence = advice::rank_warnings(report, operator.ranked);
+        report.warnings.extend(
+            operator
+                .chebyshev()
+                .and_then(|plan| advice::iteration_warning(&plan)),
+        );
         report.warnings.extend(dependence);
     }
 

@@ -97,7 +97,7 @@ impl<T: Real> Operator<T> {
     ) -> Result<Self> {
         let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
         let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-        let Found {
+        let Analysis {
             blocks,
             only,
             exact,
@@ -288,7 +288,7 @@ impl<T: Real> Block<T> {
 }
 
 /// Blocks of all components and their properties.
-struct Found<T: Real> {
+struct Analysis<T: Real> {
     blocks: Vec<(Block<T>, Vec<usize>)>,
     /// The operator, if all components share it.
     only: Option<CsMat<T>>,
@@ -306,10 +306,10 @@ fn find_blocks<T: Real>(
     coupling: &[Coupling<T>],
     inverse: &[&[T]],
     components: usize,
-) -> Result<Found<T>> {
+) -> Result<Analysis<T>> {
     let shared = coupling[0].shared;
     let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-    let mut analysis = Found {
+    let mut analysis = Analysis {
         blocks: Vec::new(),
         only: None,
         exact: true,
@@ -422,11 +422,11 @@ fn block<T: Real>(
             bounds: bounds(low),
             entries: None,
             null_modes: (entries <= LARGEST_FACTOR)
-                .then(|| rank::counted(&scaled, tolerance, per_node))
+                .then(|| rank::count_null_modes(&scaled, tolerance, per_node))
                 .flatten(),
         });
     }
-    let analysis = rank::modes(&scaled, tolerance, per_node)?;
+    let analysis = rank::resolve_modes(&scaled, tolerance, per_node)?;
     let [low, high] = analysis.range;
     let modes = Block::Modes {
         scale,

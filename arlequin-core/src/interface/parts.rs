@@ -7,7 +7,7 @@
 //! rank but the owner adds zero. Iterative solvers skip that step and keep working with the owned sums
 //! ([`super::gradients`]).
 
-use super::sides::less;
+use super::sides::subtract_others;
 use super::transfer::{self, Transfer};
 use crate::Real;
 use crate::ranks::{Places, Portion, Post, Reduction};
@@ -244,7 +244,7 @@ impl<T: Real> Parts<T> {
         };
         let sums = self.sums.as_chunks_mut::<N>().0;
         transfer::fill_rows(0..sums.len(), sums, &|k| before[k], &|k| {
-            less((0..sides.len()).map(|m| side_sum(k, m)))
+            subtract_others((0..sides.len()).map(|m| side_sum(k, m)))
         });
     }
 

@@ -73,7 +73,7 @@ fn sign<T: Real>(i: usize) -> T {
 }
 
 /// Result of a dense eigenvalue analysis of a scaled operator.
-pub(super) struct Found<T> {
+pub(super) struct Analysis<T> {
     /// Eigenvectors outside of the null space, each divided by the root of its eigenvalue.
     pub(super) modes: Vec<T>,
     /// Smallest and largest eigenvalue outside of the null space.
@@ -83,7 +83,11 @@ pub(super) struct Found<T> {
 
 /// Separates the eigenvectors into modes and null modes, whose eigenvalues are at or below `tolerance` times
 /// the largest.
-pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -> Result<Found<T>> {
+pub(super) fn resolve_modes<T: Real>(
+    scaled: &CsMat<T>,
+    tolerance: T,
+    per_node: usize,
+) -> Result<Analysis<T>> {
     let n = scaled.rows();
     let mut dense = vec![T::zero(); n * n];
     scaled.iter().for_each(|(v, (j, i))| dense[j * n + i] = *v);
@@ -105,7 +109,7 @@ pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -
             eigenvalue: relative.as_f64(),
         });
     }
-    Ok(Found {
+    Ok(Analysis {
         modes,
         range: [low, top],
         null_modes,
@@ -115,7 +119,11 @@ pub(super) fn modes<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -
 /// Counts the null modes without resolving them: by the negative pivots of the operator less the tolerance
 /// (Sylvester's law of inertia). `None` if the elimination breaks down. The node of a mode is the one whose
 /// multiplier depends on those eliminated before.
-pub(super) fn counted<T: Real>(scaled: &CsMat<T>, tolerance: T, per_node: usize) -> Option<Vec<NullMode>> {
+pub(super) fn count_null_modes<T: Real>(
+    scaled: &CsMat<T>,
+    tolerance: T,
+    per_node: usize,
+) -> Option<Vec<NullMode>> {
     let [_, top] = extremes(scaled, &mut |b| b.fill(T::zero()));
     let rows = T::negative_pivots(scaled, top * tolerance)?;
     let mode = |row: usize| NullMode {
@@ -210,11 +218,11 @@ mod tests {
             }
         }
         let s: CsMat<f64> = t.to_csc();
-        let resolved = modes(&s, tolerance, 2).unwrap();
+        let resolved = resolve_modes(&s, tolerance, 2).unwrap();
         assert_eq!(resolved.modes.len(), (n - 3) * n);
         let [low, top] = resolved.range;
         assert!((top / low * 1.1 * tolerance - 1.0).abs() < 1e-6);
-        for null in [resolved.null_modes, counted(&s, tolerance, 2).unwrap()] {
+        for null in [resolved.null_modes, count_null_modes(&s, tolerance, 2).unwrap()] {
             let mut pairs: Vec<_> = null.iter().map(|m| m.node).collect();
             pairs.sort_unstable();
             assert_eq!(pairs, [0, 1, 2]);
@@ -225,8 +233,8 @@ mod tests {
     fn as_many_null_modes_are_counted_as_resolved() {
         for (rows, columns) in [(60, 90), (60, 20), (300, 50), (700, 400)] {
             let s = operator(rows, columns);
-            let resolved = modes(&s, 1e-10, 1).unwrap().null_modes;
-            let counted = counted(&s, 1e-10, 1).unwrap();
+            let resolved = resolve_modes(&s, 1e-10, 1).unwrap().null_modes;
+            let counted = count_null_modes(&s, 1e-10, 1).unwrap();
             assert_eq!(counted.len(), resolved.len(), "{rows} rows of {columns}");
             assert!(counted.len() >= rows / 9 && counted.iter().all(|m| m.node < rows));
         }

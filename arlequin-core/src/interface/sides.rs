@@ -94,7 +94,7 @@ impl<T: Real> Sides<T> {
         };
         let out = out.as_chunks_mut::<N>().0;
         transfer::fill_rows(0..out.len(), out, &|row| longest.before(row), &|row| {
-            less((0..self.transfers.len()).map(|m| side_sum(m, row)))
+            subtract_others((0..self.transfers.len()).map(|m| side_sum(m, row)))
         });
     }
 
@@ -120,7 +120,7 @@ impl<T: Real> Sides<T> {
 
 /// Returns the first item minus all others.
 #[inline]
-pub(super) fn less<T: Real, const N: usize>(mut sides: impl Iterator<Item = [T; N]>) -> [T; N] {
+pub(super) fn subtract_others<T: Real, const N: usize>(mut sides: impl Iterator<Item = [T; N]>) -> [T; N] {
     let first = sides.next().unwrap_or([T::zero(); N]);
     sides.fold(first, |mut jump, x| {
         (0..N).for_each(|c| jump[c] -= x[c]);

@@ -60,13 +60,13 @@ impl<T: Real> System<T> {
     ) {
         if parallel::pays(sides.iter().map(Transfer::nonzeros).sum()) {
             // One entry into the thread pool for all passes: each entry costs a wake-up.
-            rayon::scope(|_| self.find_here(sides, load, scale, impulse));
+            rayon::scope(|_| self.solve_and_spread(sides, load, scale, impulse));
         } else {
-            self.find_here(sides, load, scale, impulse);
+            self.solve_and_spread(sides, load, scale, impulse);
         }
     }
 
-    fn find_here(
+    fn solve_and_spread(
         &mut self,
         sides: &mut Sides<T>,
         load: &impl Fn(&mut [Transfer<T>]),

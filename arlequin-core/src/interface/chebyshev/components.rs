@@ -168,8 +168,8 @@ fn fewer_iterations_than_the_tolerance_takes_are_all_that_are_made_and_are_warne
     };
     let (enough, few) = (solved_with(1000), solved_with(5));
     assert!(few.iterations == 5 && enough.iterations > 5 && few.bounds[0] > enough.bounds[0]);
-    assert_eq!(advice::of_iterations(&enough), None);
-    let warning = advice::of_iterations(&few).unwrap();
+    assert_eq!(advice::iteration_warning(&enough), None);
+    let warning = advice::iteration_warning(&few).unwrap();
     let expected = format!(
         "5 iterations are allowed and the tolerance of a Chebyshev iteration takes {}:",
         enough.iterations
