@@ -327,8 +327,9 @@ impl<T: Real> Interface<T> {
         Draft::new(spec, sides)?.alone(spec, sides.map(|s| s.inverse_inertia))
     }
 
-    /// Copies rank, solver, condition and warnings of an operator into the report. `multipliers`: those of this
-    /// interface among those of the operator. `together`: names of the other interfaces that it solves for.
+    /// Copies rank, solver, condition and warnings of an operator into the report. `multipliers`: range of
+    /// this interface among the operator's multipliers. `together`: names of the other interfaces that the
+    /// operator solves for.
     fn report_operator(&mut self, operator: &Operator<T>, multipliers: Range<usize>, together: Vec<String>) {
         let nodes = multipliers.start / self.components..multipliers.end / self.components;
         let own_modes = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
