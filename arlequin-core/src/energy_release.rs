@@ -1,23 +1,22 @@
-//! The energy that a crack releases as it grows, per area: Rice's J as an integral over a domain around the
-//! front.
+//! Energy released per area as a crack grows: Rice's J as an integral over a domain around the front.
 //!
-//! A field `s = q d` moves material points along the direction `d` in which the crack would grow: `q` is
-//! one around its front, up to an inner radius, and falls to zero at an outer one. The energy released as
-//! the front moves by `∫ q dl` is (Li, Shih and Needleman 1985; de Lorenzi 1982 as a virtual extension of
-//! the crack)
+//! A field `s = q d` moves material points along the direction `d` in which the crack would grow. `q` is one
+//! up to an inner radius around the front and falls to zero at an outer radius. The energy released as the
+//! front moves by `∫ q dl` is (Li, Shih and Needleman 1985; de Lorenzi 1982 as a virtual extension of the
+//! crack)
 //!
 //! ```text
 //! J ∫ q dl = ∫ (σ_ij u_i,k − W δ_jk) s_k,j dV − Σ_a (f_a − m_a ü_a)·(∇u s)_a
 //! ```
 //!
-//! with the forces `f_a` on the nodes. `q` has nodal values, and stress and energy density `W` are those of
-//! the integration points of the model: without forces the integral is then minus the derivative of the
-//! model's own potential energy as its nodes move by `s`, exactly. By the balance of the nodes `f − m ü` is
-//! minus the internal force: loads, body forces and inertia in the domain need no words of their own. Where
-//! supports prescribe a displacement it is taken for uniform along `d`.
+//! with the forces `f_a` on the nodes. `q` has nodal values; stress and energy density `W` are those of the
+//! model's integration points. Without forces the integral is therefore exactly minus the derivative of the
+//! model's own potential energy as its nodes move by `s`. By the balance of the nodes `f − m ü` is minus the
+//! internal force, so that loads, body forces and inertia in the domain need no terms of their own. A
+//! displacement prescribed by a support is taken to be uniform along `d`.
 //!
-//! Small strains, linear elasticity. Faces of the crack, and all other surfaces and borders of materials in
-//! the ring between the radii, are parallel to `d`; others are refused.
+//! Small strains, linear elasticity. In the ring between the radii, the faces of the crack and all other
+//! surfaces and borders of materials have to be parallel to `d`; others are refused.
 
 mod front;
 
@@ -36,7 +35,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A point at which a model has its strain, and what it stands for.
+/// Integration point of a model.
 #[derive(Debug)]
 pub struct GradientPoint<'a, T: Real> {
     /// Nodes on whose displacements the strain depends.
@@ -45,59 +44,59 @@ pub struct GradientPoint<'a, T: Real> {
     pub gradients: &'a [Vector3<T>],
     /// Volume \[m³\].
     pub volume: T,
-    /// What it is made of.
+    /// Material at the point.
     pub material: &'a Elastic<T>,
 }
 
-/// A continuum whose energy `Σ V W(ε)`, without weights, is a sum over integration points.
+/// Continuum whose unweighted energy `Σ V W(ε)` is a sum over integration points.
 pub trait Gradients<T: Real> {
-    /// Number of its cells: finite elements, cells of nodes.
+    /// Returns the number of cells: finite elements, or cells of nodes.
     fn count(&self) -> usize;
 
-    /// Visits the integration points of a cell.
+    /// Calls `visit` with each integration point of a cell.
     fn for_each_point(&self, cell: usize, visit: &mut dyn FnMut(&GradientPoint<'_, T>));
 }
 
-/// Share of a node's surface that may face the direction of the crack: faces a few degrees off count as
+/// Largest share of a node's surface that may face the direction of the crack: a few degrees off count as
 /// parallel.
 const FACING: f64 = 0.02;
-/// The same of a node that lies on a surface at all.
+/// Smallest share of a node's area that has to be out of balance for the node to lie on a surface.
 const ON_SURFACE: f64 = 0.05;
-/// Distance from the front over the inner radius below which a node lies on it.
+/// Distance from the front over the inner radius below which a node lies on the front.
 const AT_FRONT: f64 = 1e-3;
-/// Part of the inner radius that faces of a slit may reach ahead of the front: its tip is well within the
-/// radius.
+/// Share of the inner radius by which faces of a slit may reach ahead of the front: the tip then lies well
+/// within the radius.
 const BEHIND: f64 = 0.25;
-/// Distance over the outer radius below which two nodes lie at one place.
+/// Distance over the outer radius below which two nodes coincide.
 const COINCIDENT: f64 = 1e-6;
-/// An integration point in the domain; places in the lists of [`EnergyRelease`].
+/// Integration point in the domain, with places in the lists of [`EnergyRelease`].
 #[derive(Debug, Clone)]
 struct Place<T: Real> {
-    /// First and last but one node and gradient.
+    /// Range of its nodes and gradients in `rows`.
     rows: [usize; 2],
     volume: T,
     material: Elastic<T>,
 }
 
-/// The integral over a domain, ready to be taken of any displacements.
+/// Domain integral around a crack front, for any displacements of its model.
 #[derive(Debug, Clone)]
 pub struct EnergyRelease<T: Real> {
     /// Nodes of the domain, ascending.
     nodes: Vec<usize>,
-    /// `s` at each of them.
+    /// `s` at each node of the domain.
     shifts: Vec<Vector3<T>>,
     places: Vec<Place<T>>,
-    /// Nodes of the points, by their places in `nodes`, and their gradients.
+    /// Nodes of the points (places in `nodes`) with their shape function gradients \[1/m\].
     rows: Vec<(u32, Vector3<T>)>,
-    /// `∂u/∂s` at every node that moves: the nodes it comes from and their factors.
+    /// `∂u/∂s` at each moved node, as nodes and factors.
     slopes: Vec<(usize, Vec<(u32, T)>)>,
     /// `∫ q dl` \[m\].
     swept: T,
     unknowns: usize,
 }
 
-/// Refuses faces of a slit ahead of the front, where two nodes lie at one place: the front is behind its
-/// tip, or the direction leads back.
+/// Refuses a slit ahead of the front, where two nodes coincide: the front is then behind the slit's tip, or
+/// the direction points backwards.
 fn check_slits<T: Real>(
     model: &dyn Model<T>,
     q: &[T],
@@ -106,7 +105,7 @@ fn check_slits<T: Real>(
 ) -> Result<()> {
     let [inner, outer] = cylinder.radii;
     let close = outer * T::of(COINCIDENT);
-    // Along a line that no mesh has planes across, places that are close are neighbours in a list.
+    // Sorted along a line that is skew to mesh planes, nodes that are close are neighbours in the list.
     let skew = Vector3::new(T::of(0.727), T::of(0.549), T::of(0.412));
     let moved = model.nodes().iter().zip(q).filter(|(_, q)| **q > T::zero());
     let arms = moved.map(|(x, _)| x - cylinder.from);
@@ -124,8 +123,8 @@ fn check_slits<T: Real>(
     Ok(())
 }
 
-/// Takes `q` from nodes that do not hang together with some where it is not zero: another front on the same
-/// line is another crack.
+/// Zeroes `q` at nodes that are not connected, through moved nodes, to the nodes `along` the front: another
+/// front on the same line is another crack.
 fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mut [T]) {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     for cell in 0..gradients.count() {
@@ -138,25 +137,26 @@ fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mu
     }
     let piece = lowest_connected(q.len(), pairs.iter().copied());
     let moved = along.iter().filter(|n| q[**n as usize] > T::zero());
-    let own: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
+    let connected: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
     for (q, piece) in q.iter_mut().zip(&piece) {
-        if !own.contains(piece) {
+        if !connected.contains(piece) {
             *q = T::zero();
         }
     }
 }
 
-/// What of a node lies on the surface: its area vector, and the sum of the areas it is the balance of \[m²\].
+/// Surface at a node: its area vector, and the sum of the areas that balance inside the body \[m²\].
 type Facing<T> = (Vector3<T>, T);
 
 impl<T: Real> EnergyRelease<T> {
-    /// The domain around a crack front in a model with its field and the weight `α` of its energy.
+    /// Finds the domain around a crack front in a model with this field. `alpha`: weight of the model's
+    /// energy.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model without [`Model::gradients`]; [`Error::InvalidParameter`] for
-    /// radii, a front or a direction that make no sense, a front without material ahead or without a
-    /// surface around it, surfaces or borders of materials across the ring, and a domain in which the
-    /// weight is not one.
+    /// radii, a front or a direction that make no sense, a front without material ahead or without a surface
+    /// around it, surfaces or borders of materials across the ring, and a domain in which the weight is not
+    /// one.
     pub fn new(
         model: &dyn Model<T>,
         field: &dyn Interpolation<T>,
@@ -181,15 +181,15 @@ impl<T: Real> EnergyRelease<T> {
             radii: crack.radii,
             tapers: tapers(model.name(), field, crack, length, &direction)?,
         };
-        let share = |x: &Point3<T>| cylinder.at(x).into_iter().fold(T::one(), |q, f| q * f);
+        let share = |x: &Point3<T>| cylinder.shares(x).into_iter().fold(T::one(), |q, f| q * f);
         let mut q: Vec<T> = model.nodes().iter().map(share).collect();
         check_slits(model, &q, &cylinder, &direction)?;
         leave_others_out(gradients, &nodes_along(field, crack, &direction)?, &mut q);
-        let mut out = Self::of_domain(model, gradients, &q, &direction);
+        let mut out = Self::collect_points(model, gradients, &q, &direction);
         if out.places.is_empty() {
-            let found = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
+            let radii = format_args!("[{}, {}]", crack.radii[0], crack.radii[1]);
             let rule = format!("no node of model '{}' lies within; enlarge them", model.name());
-            return Err(invalid("radii of the crack front", found, &rule));
+            return Err(invalid("radii of the crack front", radii, &rule));
         }
         out.check_weight(model, alpha)?;
         let facing = out.check_surfaces(model, &cylinder, &direction)?;
@@ -198,8 +198,8 @@ impl<T: Real> EnergyRelease<T> {
         Ok(out)
     }
 
-    /// The points that feel nodes move.
-    fn of_domain(
+    /// Collects the integration points that depend on a moved node.
+    fn collect_points(
         model: &dyn Model<T>,
         gradients: &dyn Gradients<T>,
         q: &[T],
@@ -256,9 +256,9 @@ impl<T: Real> EnergyRelease<T> {
         &self.rows[p.rows[0]..p.rows[1]]
     }
 
-    /// Refuses a ring that is cut by what moves with it: surfaces of the body, or of a material in it, that
-    /// face the direction of the crack; and a front without a surface around it. `Σ V ∇N` over the points
-    /// of a material around a node is its surface there.
+    /// Refuses a ring across which surfaces of the body or borders of its materials face the direction of the
+    /// crack, and a front without a surface around it. Returns the surface at each node. `Σ V ∇N` over the
+    /// points of one material around a node is the surface of that material there.
     fn check_surfaces(
         &self,
         model: &dyn Model<T>,
@@ -268,10 +268,10 @@ impl<T: Real> EnergyRelease<T> {
         let mut materials: Vec<Elastic<T>> = Vec::new();
         let none = (Vector3::zeros(), T::zero());
         let mut areas: Vec<Vec<Vector3<T>>> = Vec::new();
-        let mut all = vec![none; self.nodes.len()];
+        let mut facing = vec![none; self.nodes.len()];
         for p in &self.places {
-            let known = materials.iter().position(|m| *m == p.material);
-            let m = known.unwrap_or_else(|| {
+            let number = materials.iter().position(|m| *m == p.material);
+            let m = number.unwrap_or_else(|| {
                 materials.push(p.material);
                 areas.push(vec![Vector3::zeros(); self.nodes.len()]);
                 materials.len() - 1
@@ -279,8 +279,8 @@ impl<T: Real> EnergyRelease<T> {
             for (n, g) in self.row(p) {
                 let area = g * p.volume;
                 areas[m][*n as usize] += area;
-                all[*n as usize].0 += area;
-                all[*n as usize].1 += area.norm();
+                facing[*n as usize].0 += area;
+                facing[*n as usize].1 += area.norm();
             }
         }
         let mut cracked = false;
@@ -291,8 +291,10 @@ impl<T: Real> EnergyRelease<T> {
             .filter(|k| self.shifts[k.0] != Vector3::zeros())
         {
             let x = model.nodes()[*n];
-            let (area, size) = all[k];
-            if cylinder.at(&x)[0] >= T::one() {
+            let (area, size) = facing[k];
+            // Surfaces within the inner radius may lie anyhow: one of them has to be the crack's.
+            if cylinder.shares(&x)[0] >= T::one() {
+                // End faces of the body, which the front meets, are no faces of the crack.
                 let across = area - cylinder.axis * area.dot(&cylinder.axis);
                 cracked |= across.norm() > size * T::of(ON_SURFACE);
                 continue;
@@ -310,7 +312,7 @@ impl<T: Real> EnergyRelease<T> {
             return Err(invalid("node", place(&x), rule));
         }
         if cracked {
-            return Ok(all);
+            return Ok(facing);
         }
         let rule = "there is no surface of a crack within this distance of the front; put the front where the crack ends, with an \
                     inner radius of two elements or more";
@@ -321,10 +323,10 @@ impl<T: Real> EnergyRelease<T> {
         ))
     }
 
-    /// Derivatives of displacements along `s` at the nodes that move, by least squares over the nodes of
-    /// their cells; at the surface over those that lie in it, so that the sum over the faces of a crack is
-    /// that of parts. A node of the front belongs to both faces, whose forces on it cancel: what it should
-    /// have is told by the nodes beside it, from the front to which they have half of their own share.
+    /// Finds factors of `∂u/∂s` at the moved nodes, by least squares over the nodes of their cells. At a
+    /// surface only nodes in the surface count, so that the sum over the faces of a crack is a sum by parts.
+    /// A node of the front belongs to both faces, whose forces on it cancel. In its stead, its neighbours on
+    /// the faces get in addition half of the derivative between them and the front.
     fn find_slopes(&mut self, model: &dyn Model<T>, cylinder: &Cylinder<T>, facing: &[Facing<T>]) {
         let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
         for p in &self.places {
@@ -335,7 +337,7 @@ impl<T: Real> EnergyRelease<T> {
             }
         }
         let x = |n: usize| model.nodes()[self.nodes[n]];
-        let of = |(n, near): (usize, &mut Vec<u32>)| {
+        let slope_row = |(n, near): (usize, &mut Vec<u32>)| {
             near.sort_unstable();
             near.dedup();
             let (area, size) = facing[n];
@@ -359,16 +361,16 @@ impl<T: Real> EnergyRelease<T> {
             (n, row)
         };
         let moving = around.iter_mut().enumerate().filter(|(_, near)| !near.is_empty());
-        self.slopes = moving.map(of).collect();
+        self.slopes = moving.map(slope_row).collect();
     }
 
-    /// Nodes of the domain, ascending.
+    /// Returns the nodes of the domain, ascending.
     pub fn nodes(&self) -> &[usize] {
         &self.nodes
     }
 
-    /// Energy released per area of crack \[J/m²\], the mean over the part of the front, at displacements
-    /// `q` and internal forces `f` of the model; `free` tells of an unknown that no support prescribes.
+    /// Returns the energy released per area of crack \[J/m²\], the mean over the part of the front. `q`:
+    /// displacements, `f`: internal forces of the model. `free`: whether no support prescribes an unknown.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for displacements or forces of another model.
@@ -408,13 +410,15 @@ impl<T: Real> EnergyRelease<T> {
     }
 }
 
-/// Factors of the derivative along `s` at a node: `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)`, `M = Σ d dᵀ/|d|` over
-/// the arms `d` to others. Along a line this is the difference over both intervals.
+/// Returns the factors of the derivative along `s` at a node, `Σ_m (s·M⁺ d_m/|d_m|) (u_m − u_n)` with
+/// `M = Σ d dᵀ/|d|` over the arms `d` to other nodes. Along a line this is the difference over both
+/// intervals.
 fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u32, T)> {
     let spread = arms
         .iter()
         .fold(Matrix3::zeros(), |m, (_, d)| m + d * d.transpose() / d.norm());
     let eigen = SymmetricEigen::new(spread);
+    // Directions without arms are left out of the pseudo-inverse M⁺.
     let flat = spread.trace() * T::epsilon().sqrt();
     let mut along = Vector3::zeros();
     for k in (0..3).filter(|k| eigen.eigenvalues[*k] > flat) {
@@ -422,7 +426,7 @@ fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u3
         along += axis * (axis.dot(s) / eigen.eigenvalues[k]);
     }
     let mut row: Vec<(u32, T)> = arms.iter().map(|(m, d)| (*m, along.dot(d) / d.norm())).collect();
-    let own = row.iter().fold(T::zero(), |sum, r| sum - r.1);
-    row.push((n, own));
+    let factor = row.iter().fold(T::zero(), |sum, r| sum - r.1);
+    row.push((n, factor));
     row
 }

@@ -1,6 +1,7 @@
-//! What ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`, the
-//! cells of a lattice of particles and of blocks of finite elements along each edge. With the name of a
-//! Gmsh mesh, that of its elements.
+//! Prints what ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`.
+//!
+//! The argument is the number of cells along each edge, of a lattice of particles and of blocks of finite
+//! elements, or the name of a Gmsh mesh.
 #![allow(clippy::print_stdout, reason = "a table is all it makes")]
 
 use arlequin_core::nalgebra::Point3;
@@ -15,14 +16,14 @@ use std::time::Duration;
 
 type Done<R> = Result<R, Box<dyn Error>>;
 
-/// Nodes, ghosts, sent nodes, peers, units in a thousand that name ghosts.
+/// Numbers of nodes, ghosts, sent nodes and peers, and units in a thousand that are linked with ghosts.
 fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 5] {
-    let of = |h: &Halo| {
+    let counts_of_halo = |h: &Halo| {
         let borders = h.borders();
         let waiting = 1000 * borders.iter().filter(|b| **b).count() / borders.len().max(1);
         [nodes, h.ghosts().len(), h.sent(), h.peers(), waiting]
     };
-    halo.map_or([nodes, 0, 0, 0, 0], of)
+    halo.map_or([nodes, 0, 0, 0, 0], counts_of_halo)
 }
 
 fn table(
@@ -37,9 +38,9 @@ fn table(
         "ranks | nodes | ghosts | messages | kB sent per step | held over N/P | imbalance % | units that wait for ghosts %"
     );
     for ranks in [2, 4, 8] {
-        let all = of_rank(ranks)?;
-        let most = |k: usize| all.iter().map(|c| c[k]).max().unwrap_or(0);
-        let held = all.iter().map(|c| c[0] + c[1]).max().unwrap_or(0);
+        let counts = of_rank(ranks)?;
+        let most = |k: usize| counts.iter().map(|c| c[k]).max().unwrap_or(0);
+        let held = counts.iter().map(|c| c[0] + c[1]).max().unwrap_or(0);
         println!(
             "{ranks} | {} | {} | {} | {:.0} | {:.2} | {:.1} | {:.0}",
             most(0),
@@ -62,24 +63,24 @@ fn elements(what: &str, mesh: &Mesh<f64>) -> Done<()> {
             model.share_out(&c)?;
             Ok::<_, arlequin_core::Error>(counts(model.nodes().len(), model.halo()))
         };
-        let all = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
-        all.map(|of| Ok(of??)).collect()
+        let results = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
+        results.map(|result| Ok(result??)).collect()
     })?;
     times(mesh)
 }
 
-/// Evaluations of forces that are timed.
+/// Number of timed force evaluations.
 const TIMED: u32 = 20;
 
-/// Seconds that this thread has been on a processor, as Linux tells.
+/// Returns the processor time of this thread \[s\] as Linux reports it.
 fn busy() -> f64 {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    let first = told.split(' ').next().and_then(|ns| ns.parse().ok());
+    let schedule = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let first = schedule.split(' ').next().and_then(|ns| ns.parse().ok());
     first.map_or(f64::NAN, |ns: f64| 1e-9 * ns)
 }
 
-/// What an evaluation of the forces costs the busiest rank, without its waits; least of three rounds in
-/// turns.
+/// Prints the processor time of a force evaluation on the busiest rank, without its waits: the least of three
+/// rounds in turns.
 fn times(mesh: &Mesh<f64>) -> Done<()> {
     let whole = FemModel::new("timed", mesh.clone(), Elastic::new(75e9, 0.17, 2200.0)?)?;
     let mut least = [f64::INFINITY; 3];
@@ -95,14 +96,14 @@ fn times(mesh: &Mesh<f64>) -> Done<()> {
                 Ok::<_, arlequin_core::Error>((busy() - start) / f64::from(TIMED))
             };
             let mut most: f64 = 0.0;
-            for of in threads::run(ranks, 1, Duration::from_secs(60), part) {
-                most = most.max(of??);
+            for result in threads::run(ranks, 1, Duration::from_secs(60), part) {
+                most = most.max(result??);
             }
             *least = least.min(most);
         }
     }
-    let [one, two, four] = least.map(|t| 1e3 * t);
-    println!("ms of processor time per evaluation of forces, 1, 2, 4 ranks: {one:.2} {two:.2} {four:.2}");
+    let [single, two, four] = least.map(|t| 1e3 * t);
+    println!("ms of processor time per evaluation of forces, 1, 2, 4 ranks: {single:.2} {two:.2} {four:.2}");
     Ok(())
 }
 
@@ -117,8 +118,8 @@ fn particles(cells: usize) -> Done<()> {
             let part = model()?.share_out(&division, c)?;
             Ok::<_, dem_beam::Error>(counts(part.nodes().len(), part.halo()))
         };
-        let all = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
-        all.map(|of| Ok(of??)).collect()
+        let results = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
+        results.map(|result| Ok(result??)).collect()
     })
 }
 

@@ -1,16 +1,16 @@
-//! What ranks send, hold and take, as processes that speak MPI: one command makes the whole table and
-//! starts all ranks itself.
+//! Prints what ranks send, hold and take, as processes that speak MPI. One command starts all ranks and makes
+//! the whole table.
 //!
 //! ```text
 //! cargo run --release -p arlequin-mpi --features mpi --example ranks -- 47 3
 //! ```
 //!
-//! Cells of a body-centred lattice along each edge, and rounds: runs take turns, and the least of their
-//! times counts. Two more numbers tie the first cells to elements: cells along an element (4, where 4
-//! divides the cells), of which the overlap has two across, and how multipliers are solved for: as chosen
-//! by the core (0), by conjugate gradients (1), by a Chebyshev iteration (2). A body without elements comes
-//! to ranks in parts, unless the last number says that every rank is to make all of it first (0, 0, 1).
-//! "Waiting" are ranks that find no forces while messages are on their way.
+//! Arguments: cells of a body-centred lattice along each edge, and rounds. Runs take turns, and the least of
+//! their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
+//! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by the
+//! core (0), conjugate gradients (1), Chebyshev iteration (2). Without elements each rank makes only its own
+//! part of the body; a last number of 1 makes every rank build the whole body first (0, 0, 1). Ranks marked
+//! "waiting" compute no forces while messages are on their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -33,26 +33,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Tells a started process what it is to do.
+/// Variable with the task of a started process.
 const DECK: &str = "ARLEQUIN_RANKS_DECK";
 
-/// A cube of particles, and what it is tied to.
+/// Cube of particles, and its tie to elements.
 #[derive(Debug, Clone, Copy)]
 struct Deck {
-    /// Along each edge.
+    /// Number of cells along each edge.
     cells: usize,
-    /// Along an element; none without an interface.
+    /// Number of cells along an element; 0 without an interface.
     element: usize,
-    /// Of multipliers.
+    /// Solver for the multipliers: 0, 1 or 2 as in the arguments.
     solver: usize,
-    /// Whether every rank makes all of the cube and keeps its part.
+    /// True if every rank builds the whole cube and keeps its part.
     whole: bool,
-    /// Whether forces within a rank are found after messages have come, and not meanwhile.
+    /// True if forces within a rank are computed after messages have arrived, not meanwhile.
     waits: bool,
 }
 
 impl Deck {
-    fn of(number: impl Fn(usize) -> Result<usize, std::num::ParseIntError>) -> Result<Self, Failure> {
+    fn from_numbers(
+        number: impl Fn(usize) -> Result<usize, std::num::ParseIntError>,
+    ) -> Result<Self, Failure> {
         Ok(Self {
             cells: number(0)?,
             element: number(1)?,
@@ -63,15 +65,15 @@ impl Deck {
     }
 }
 
-/// Batches of steps of which the fastest counts, and steps in each: as many as between two drawings of the
-/// ledger.
+/// Number of batches of steps, of which the fastest counts, and steps in each: as many as between two entries
+/// of the ledger.
 const BATCHES: usize = 8;
 const STEPS: usize = 10;
 
-/// What a rank tells: nanoseconds per step, kB in use before the set-up, then and at most, particles with
-/// and without ghosts, messages, bytes, reductions and their words in all steps, imbalance in parts of a
+/// Results of a rank: nanoseconds per step; kB in use before the set-up, now and at most; particles with
+/// ghosts and owned ones; messages, bytes, reductions and their words in all steps; imbalance in parts per
 /// million.
-type Told = [i64; 11];
+type Results = [i64; 11];
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -83,13 +85,13 @@ fn main() -> Result<(), Failure> {
             report: |why| eprintln!("{why}"),
             echo: false,
         };
-        let deck = Deck::of(|k| deck.split(' ').nth(k).unwrap_or_default().parse())?;
+        let deck = Deck::from_numbers(|k| deck.split(' ').nth(k).unwrap_or_default().parse())?;
         processes::run(ending, |c| one_rank(deck, c))?;
         return Ok(());
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::of(|k| match k {
+    let deck = Deck::from_numbers(|k| match k {
         4 => Ok(0),
         _ => argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]),
     })?;
@@ -100,19 +102,19 @@ fn main() -> Result<(), Failure> {
          words each | imbalance %"
     );
     let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck), (2, 1, waiting)];
-    let mut best: Vec<Option<Told>> = vec![None; timed.len()];
+    let mut best: Vec<Option<Results>> = vec![None; timed.len()];
     for _ in 0..rounds {
-        for (of, best) in timed.iter().zip(&mut best) {
-            let now = started(*of)?;
+        for (setting, best) in timed.iter().zip(&mut best) {
+            let now = started(*setting)?;
             *best = Some(best.filter(|b| b[0] <= now[0]).unwrap_or(now));
         }
     }
-    for of in [(4, 1, deck), (8, 1, deck)] {
-        timed.push(of);
-        best.push(Some(started(of)?));
+    for setting in [(4, 1, deck), (8, 1, deck)] {
+        timed.push(setting);
+        best.push(Some(started(setting)?));
     }
-    let all = BATCHES * STEPS + STEPS;
-    for ((ranks, threads, deck), told) in timed.iter().zip(best.iter().flatten()) {
+    let steps = BATCHES * STEPS + STEPS;
+    for ((ranks, threads, deck), results) in timed.iter().zip(best.iter().flatten()) {
         let [
             ns,
             before,
@@ -125,8 +127,8 @@ fn main() -> Result<(), Failure> {
             reductions,
             words,
             imbalance,
-        ] = told.map(|x| x as f64);
-        let per = |x: f64| x / all as f64;
+        ] = results.map(|x| x as f64);
+        let per = |x: f64| x / steps as f64;
         println!(
             "{ranks} x {threads}{} | {:.3} | {particles} | {held} | {before} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
             if deck.waits { ", waiting" } else { "" },
@@ -151,8 +153,8 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Starts so many ranks with so many threads each, and hears the largest of what they tell.
-fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure> {
+/// Starts `ranks` ranks with `threads` threads each and returns the largest of their results.
+fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Results, Failure> {
     let mut run = Command::new("mpirun");
     run.args([
         "--oversubscribe",
@@ -179,7 +181,7 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
     }
-    // Containers forbid it, and say so in many lines.
+    // Containers forbid it, with many lines of messages.
     run.env("OMPI_MCA_btl_vader_single_copy_mechanism", "none");
     let run = run.output()?;
     let text = String::from_utf8_lossy(&run.stdout).into_owned();
@@ -191,12 +193,12 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Told, Failure
     Ok(numbers.try_into().map_err(|_| "not eleven numbers")?)
 }
 
-/// A transport that counts what goes through it.
+/// Transport that counts what goes through it.
 #[derive(Debug)]
 struct Counted {
     inner: Arc<dyn Communicator>,
     waits: bool,
-    /// Messages, bytes, reductions, their words.
+    /// Numbers of messages, bytes, reductions, and words in reductions.
     counts: [AtomicU64; 4],
 }
 
@@ -232,7 +234,7 @@ impl Communicator for Counted {
     }
 }
 
-/// One rank of a run, all of whose particles move.
+/// Runs one rank. All particles move.
 fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     let counted = Arc::new(Counted {
         inner: inner.clone(),
@@ -262,7 +264,7 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     let s = &run.subdomains()[0];
     let imbalance = s.portion().map_or(0.0, |p| p.division().imbalance());
     let held = match s.model().links() {
-        // Bonds of own particles name them and the ghosts.
+        // Bonds of owned particles name owned particles and ghosts.
         Some(links) => links
             .pairs()
             .iter()
@@ -273,7 +275,7 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     };
     let [messages, bytes, reductions, words] =
         [0, 1, 2, 3].map(|k: usize| counted.counts[k].load(Relaxed) as i64);
-    let mut told: Told = [
+    let mut results: Results = [
         (best.as_nanos() / STEPS as u128) as i64,
         before,
         memory("VmRSS"),
@@ -286,14 +288,14 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
         words,
         (1e6 * imbalance) as i64,
     ];
-    inner.reduce(&mut told, Reduction::Largest)?;
+    inner.reduce(&mut results, Reduction::Largest)?;
     if inner.rank() == 0 {
-        println!("told {}", told.map(|t| t.to_string()).join(" "));
+        println!("told {}", results.map(|t| t.to_string()).join(" "));
     }
     Ok(())
 }
 
-/// The cube, all of it or the part of this rank, and the edge of its cells \[m\].
+/// Returns the cube (whole, or this rank's part) and the edge of its cells \[m\].
 fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Failure> {
     let Deck {
         cells,
@@ -303,9 +305,9 @@ fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Fa
     } = deck;
     let (beam, radius) = (BeamMaterial::SILICA, 1e-4);
     if element > 0 || whole {
-        let all = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
-        let model = DemModel::new("cube", &all, beam, 2200.0)?;
-        return Ok((model, all.volume.cbrt() / cells as f64));
+        let packing = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
+        let model = DemModel::new("cube", &packing, beam, 2200.0)?;
+        return Ok((model, packing.volume.cbrt() / cells as f64));
     }
     let bricks = Bricks::new(Lattice::BodyCentred, [cells; 3], radius)?;
     let cell = bricks.volume().cbrt() / cells as f64;
@@ -315,7 +317,7 @@ fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Fa
     Ok((DemModel::of_piece("cube", piece, &division, ranks.clone())?, cell))
 }
 
-/// The cube, and elements that share its first cells.
+/// Couples the cube with elements that share its first cells.
 fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failure> {
     let cells = deck.cells;
     let (model, cell) = cube(deck, &ranks)?;
@@ -325,8 +327,8 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
     if let Some(across) = cells.checked_div(deck.element) {
         let border = 2.0 * deck.element as f64 * cell;
         let edge = cells as f64 * cell;
-        let block = |from: f64, along: usize| {
-            let corners = [Point3::new(from, 0.0, 0.0), Point3::new(border, edge, edge)];
+        let block = |start: f64, along: usize| {
+            let corners = [Point3::new(start, 0.0, 0.0), Point3::new(border, edge, edge)];
             generate::block(ElementKind::Hex8, corners[0], corners[1], [along, across, across])
         };
         let elements = FemModel::new("elements", block(-border, 4)?, Elastic::new(72e9, 0.17, 2200.0)?)?;
@@ -364,7 +366,7 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
     )?)
 }
 
-/// kB, where the system tells.
+/// Returns an entry of the process status \[kB\]; 0 if the system has none.
 fn memory(what: &str) -> i64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find(|l| l.starts_with(what));
@@ -372,8 +374,8 @@ fn memory(what: &str) -> i64 {
     number.unwrap_or(0)
 }
 
-/// What exact sums cost beside sums over fixed cuts, as a kinetic energy of as many particles: once per
-/// drawing of the ledger.
+/// Prints the cost of an exact sum beside a sum over fixed cuts, for a kinetic energy of as many particles; a
+/// ledger entry needs one.
 fn sums(cells: usize) -> Result<(), Failure> {
     let nodes = 2 * cells * cells * cells;
     let layout = DofLayout {

@@ -2,10 +2,10 @@
 //!
 //! | module | ranks are |
 //! |---|---|
-//! | [`threads`] | threads of this process, each with a pool of its own: for tests |
+//! | [`threads`] | threads of this process, each with a thread pool of its own: for tests |
 //! | `processes` (feature `mpi`) | processes that speak MPI |
 //!
-//! What is shared out, and how results keep their bits, stands in [`arlequin_core::ranks`].
+//! [`arlequin_core::ranks`] describes how models are partitioned and how results keep their bits.
 
 mod launcher;
 #[cfg(feature = "mpi")]

@@ -1,9 +1,9 @@
 //! Ranks as processes that speak MPI.
 //!
-//! MPI knows no time-outs, and after an error of its own promises nothing. So everything is sent and
-//! received without waiting and then looked after until a limit of time; a rank that meets its limit, an
-//! error or a panic tells the others, says what happened, and ends the whole job ([`run`]). Waiting ranks
-//! yield their core: more ranks than cores are slow, but not stuck.
+//! MPI has no time-outs, and guarantees nothing after an error. So every operation is non-blocking and polled
+//! until a time limit. A rank that meets its limit, an error or a panic informs the others, reports what
+//! happened, and ends the whole job ([`run`]). Waiting ranks yield their core: with more ranks than cores a
+//! run is slow but not stuck.
 
 use crate::launcher::Launched;
 use ::mpi::Threading;
@@ -19,36 +19,36 @@ use std::fmt::Display;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Tags: nodes of other ranks, and the last word of a rank.
+/// Tags of messages: numbers of nodes, and the last words of a rank.
 const DATA: i32 = 1;
 const LAST_WORD: i32 = 2;
 
-/// How long a rank that ends the job leaves others to say their part.
+/// Time that a rank which ends the job leaves to others for their own reports.
 const GRACE: Duration = Duration::from_millis(300);
 
-/// Looks at open messages before the core is yielded.
+/// Number of polls before the core is yielded.
 const EAGER: u32 = 200;
 
-/// How a job of several processes ends when one of them fails.
+/// How a job of several processes ends if one of them fails.
 #[derive(Debug, Clone, Copy)]
 pub struct Ending {
     /// Longest wait for another rank.
     pub wait: Duration,
     /// Exit code of the job.
     pub code: i32,
-    /// Says what happened, on every rank that gets to it.
+    /// Called with a description of the failure on every rank that notices it in time.
     pub report: fn(&str),
-    /// Whether a rank says so too that ends because of another, which has said why.
+    /// True if a rank that ends because of another rank's failure reports as well.
     pub echo: bool,
 }
 
-/// Does `work` as one rank of the job that `mpirun` started, or alone without it. Where work fails on a
-/// rank, or a rank waits too long, each says why through [`Ending::report`] and the job ends with its code:
-/// this function does not return then.
+/// Runs `work` as one rank of the job that `mpirun` started, or alone without a launcher. If `work` fails on
+/// a rank, or a rank waits too long, each rank reports through [`Ending::report`] and the job ends with its
+/// exit code: this function does not return then.
 ///
 /// # Errors
-/// [`RankError::Transport`] where MPI is in use already, with an MPI library that lets one thread alone
-/// call it, and where the launcher started more processes than this library sees.
+/// [`RankError::Transport`] if MPI is in use already, if the MPI library lets only one thread call it, and if
+/// the launcher started more processes than this library sees.
 pub fn run<R, E: Display>(
     ending: Ending,
     work: impl FnOnce(Arc<dyn Communicator>) -> Result<R, E>,
@@ -57,7 +57,7 @@ pub fn run<R, E: Display>(
         rank: 0,
         what: what.to_owned(),
     };
-    // Calls come from whichever thread steps the model, one at a time.
+    // Whichever thread steps the model calls MPI, one call at a time.
     let started = ::mpi::initialize_with_threading(Threading::Serialized);
     let (_universe, threads) = started.ok_or_else(|| transport("MPI is in use already; start it once"))?;
     if !matches!(threads, Threading::Serialized | Threading::Multiple) {
@@ -67,23 +67,23 @@ pub fn run<R, E: Display>(
     }
     let world = SimpleCommunicator::world();
     check_launcher(world.size() as usize)?;
-    let own = Arc::new(Process {
+    let process = Arc::new(Process {
         rank: world.rank() as usize,
         ranks: world.size() as usize,
         ending,
     });
-    let panics = Panics(&own);
-    match work(own.clone()) {
+    let panics = Panics(&process);
+    match work(process.clone()) {
         Ok(done) => {
             std::mem::forget(panics);
             Ok(done)
         }
-        Err(e) => own.end(&e.to_string(), true),
+        Err(e) => process.end(&e.to_string(), true),
     }
 }
 
-/// Refuses fewer ranks than the launcher started: `mpirun` of another MPI library leaves each process alone
-/// in a world of its own, and each would make the whole run.
+/// Refuses fewer ranks than the launcher started. The `mpirun` of another MPI library leaves each process
+/// alone in a world of its own, and each would make the whole run.
 fn check_launcher(ranks: usize) -> Result<(), RankError> {
     let Some(launched) = Launched::from_environment().filter(|l| l.ranks > ranks) else {
         return Ok(());
@@ -100,7 +100,7 @@ fn check_launcher(ranks: usize) -> Result<(), RankError> {
     Err(RankError::Transport { rank, what })
 }
 
-/// Ends the job where work panics: to finalise MPI would wait for ranks that wait for this one.
+/// Ends the job if `work` panics: finalising MPI would wait for ranks that wait for this one.
 struct Panics<'a>(&'a Process);
 
 impl Drop for Panics<'_> {
@@ -112,7 +112,7 @@ impl Drop for Panics<'_> {
     }
 }
 
-/// One rank.
+/// Rank of an MPI job.
 #[derive(Debug)]
 struct Process {
     rank: usize,
@@ -123,21 +123,22 @@ struct Process {
 type Open<'a, 'b, B> = Request<'a, B, &'b LocalScope<'a>>;
 
 impl Process {
-    /// Says why, tells the others if they do not know, and ends the job.
-    fn end(&self, why: &str, tell: bool) -> ! {
-        if tell || self.ending.echo {
+    /// Reports why, informs the other ranks if `inform`, and ends the job.
+    fn end(&self, why: &str, inform: bool) -> ! {
+        if inform || self.ending.echo {
             (self.ending.report)(why);
         }
-        if tell {
+        if inform {
             self.abandon(why);
         } else {
+            // The rank that gave up gets the time for its own report.
             std::thread::sleep(GRACE);
         }
         SimpleCommunicator::world().abort(self.ending.code)
     }
 
-    /// Looks after `step` until it is done; the job ends if that takes too long, or when another rank says
-    /// its last word.
+    /// Polls `step` until it returns true. Ends the job if that takes too long, or if another rank sends its
+    /// last words.
     fn look_after(&self, what: &'static str, peer: impl Fn() -> String, mut step: impl FnMut() -> bool) {
         let (mut looks, mut until) = (0_u32, None);
         while !step() {
@@ -146,6 +147,7 @@ impl Process {
                 std::hint::spin_loop();
                 continue;
             }
+            // The clock is first read after the eager polls, during which most messages arrive.
             let now = Instant::now();
             if now > *until.get_or_insert(now + self.ending.wait) {
                 let silent = RankError::Silent {
@@ -165,7 +167,7 @@ impl Process {
     }
 }
 
-/// The last word of another rank, if there is one.
+/// Returns the last words of another rank, if any have arrived.
 fn last_word() -> Option<(usize, String)> {
     let world = SimpleCommunicator::world();
     let (message, status) = world.any_process().immediate_matched_probe_with_tag(LAST_WORD)?;
@@ -175,11 +177,11 @@ fn last_word() -> Option<(usize, String)> {
     Some((status.source_rank() as usize, why))
 }
 
-/// Whether a request is done; its status then.
-fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, done: &mut dyn FnMut(Status)) -> bool {
+/// Returns whether a request is complete; calls `complete` with its status at that moment.
+fn is_done<'a, B: ?Sized>(request: &mut Option<Open<'a, '_, B>>, complete: &mut dyn FnMut(Status)) -> bool {
     match request.take().map(Request::test) {
         Some(Ok(status)) => {
-            done(status);
+            complete(status);
             true
         }
         Some(Err(open)) => {
@@ -210,25 +212,28 @@ impl Communicator for Process {
             let mut sends = Vec::with_capacity(messages.len());
             let mut receives = Vec::with_capacity(messages.len());
             for Message { peer, out, into } in messages.iter_mut() {
-                let to = world.process_at_rank(*peer as i32);
+                let process = world.process_at_rank(*peer as i32);
                 let expected = into.len();
-                let receive = to.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
+                let receive = process.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
                 receives.push((*peer, expected, Some(receive)));
-                sends.push((*peer, Some(to.immediate_send_with_tag(scope, &out[..], DATA))));
+                sends.push((
+                    *peer,
+                    Some(process.immediate_send_with_tag(scope, &out[..], DATA)),
+                ));
             }
             let mut check = |peer: usize, expected: usize, status: Status| {
-                let found = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
-                if found != expected {
+                let received = usize::try_from(status.count(f64::equivalent_datatype())).unwrap_or_default();
+                if received != expected {
                     odd.get_or_insert(RankError::Length {
                         rank: self.rank,
                         peer,
                         expected,
-                        found,
+                        found: received,
                     });
                 }
             };
             while meanwhile() {
-                // Long messages move only while MPI is called.
+                // Long messages only move while MPI is called.
                 for (peer, expected, request) in &mut receives {
                     is_done(request, &mut |status| check(*peer, *expected, status));
                 }
@@ -255,15 +260,16 @@ impl Communicator for Process {
 
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         let world = SimpleCommunicator::world();
-        let own = words.to_vec();
+        let local = words.to_vec();
         let operation = match how {
             Reduction::Sum => SystemOperation::sum(),
             Reduction::Largest => SystemOperation::max(),
         };
         scope(|scope| {
-            let mut request = Some(world.immediate_all_reduce_into(scope, &own[..], &mut *words, operation));
-            let others = || "other ranks".to_owned();
-            self.look_after("a sum over all ranks", others, || {
+            let mut request =
+                Some(world.immediate_all_reduce_into(scope, &local[..], &mut *words, operation));
+            let peer = || "other ranks".to_owned();
+            self.look_after("a sum over all ranks", peer, || {
                 is_done(&mut request, &mut |_| ())
             });
         });
@@ -275,12 +281,12 @@ impl Communicator for Process {
         let words = why.as_bytes();
         let until = Instant::now() + GRACE;
         scope(|scope| {
-            let others = (0..self.ranks).filter(|r| *r != self.rank);
+            let other_ranks = (0..self.ranks).filter(|r| *r != self.rank);
             let send = |r: usize| {
-                let to = world.process_at_rank(r as i32);
-                Some(to.immediate_send_with_tag(scope, words, LAST_WORD))
+                let process = world.process_at_rank(r as i32);
+                Some(process.immediate_send_with_tag(scope, words, LAST_WORD))
             };
-            let mut open: Vec<_> = others.map(send).collect();
+            let mut open: Vec<_> = other_ranks.map(send).collect();
             while Instant::now() < until {
                 for o in &mut open {
                     is_done(o, &mut |_| ());
@@ -288,8 +294,8 @@ impl Communicator for Process {
                 std::thread::sleep(Duration::from_millis(1));
             }
             if open.iter().any(Option::is_some) {
-                // A rank that takes no message of a line will take nothing: to wait for it is what must not
-                // happen.
+                // A rank that does not take one short message will take nothing, and this one must not wait
+                // for it.
                 world.abort(self.ending.code);
             }
         });

@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Does `work` on so many ranks at once, each on a thread and with `threads` more for its loops; no rank
-/// waits for another longer than `wait`. Results in the order of ranks; [`RankError::Lost`] for one that
-/// panicked.
+/// Runs `work` on `ranks` ranks at once, each on a thread of its own with a pool of `threads` for parallel
+/// loops. No rank waits for another longer than `wait`. Returns the results in the order of ranks;
+/// [`RankError::Lost`] for a rank that panicked.
 ///
 /// ```
 /// use arlequin_core::ranks::Reduction;
@@ -30,25 +30,25 @@ pub fn run<R: Send>(
         state: Mutex::new(State::new(ranks)),
         changed: Condvar::new(),
     });
-    let one = |rank: usize| {
-        let own = Thread {
+    let run_rank = |rank: usize| {
+        let thread = Thread {
             rank,
             shared: shared.clone(),
         };
-        // Tells the others when this thread ends, however it does.
-        let _leaving = Leaving(&own);
+        // Marks this rank as ended, on return as well as on a panic, so that others do not wait for it.
+        let _leaving = Leaving(&thread);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|e| RankError::Transport {
             rank,
             what: e.to_string(),
         })?;
-        let communicator = Arc::new(own.clone());
+        let communicator = Arc::new(thread.clone());
         Ok(pool.install(|| work(communicator)))
     };
     std::thread::scope(|s| {
-        let one = &one;
-        let all: Vec<_> = (0..ranks).map(|rank| s.spawn(move || one(rank))).collect();
-        let ended = (0..).zip(all).map(|(peer, thread)| {
+        let run_rank = &run_rank;
+        let handles: Vec<_> = (0..ranks).map(|rank| s.spawn(move || run_rank(rank))).collect();
+        let ended = (0..).zip(handles).map(|(peer, thread)| {
             let lost = RankError::Lost { rank: peer, peer };
             thread.join().unwrap_or(Err(lost))
         });
@@ -56,7 +56,7 @@ pub fn run<R: Send>(
     })
 }
 
-/// One rank.
+/// Rank on a thread.
 #[derive(Debug, Clone)]
 struct Thread {
     rank: usize,
@@ -73,14 +73,15 @@ struct Shared {
 
 #[derive(Debug)]
 struct State {
-    /// What rank `i` has sent to rank `j`, at `i * ranks + j`.
+    /// Messages from rank `i` to rank `j`, at `i * ranks + j`.
     boxes: Vec<VecDeque<Vec<f64>>>,
-    /// Words of the reduction under way, how many ranks have given theirs, how many reductions there were.
+    /// Words of the present reduction, number of ranks that have added theirs, and number of finished
+    /// reductions.
     words: Vec<i64>,
     given: usize,
     done: usize,
     result: Vec<i64>,
-    /// Which ranks have ended, and which gave up and why.
+    /// Ranks that have ended, and the first rank that gave up, with its reason.
     ended: Vec<bool>,
     gave_up: Option<(usize, String)>,
 }
@@ -99,7 +100,7 @@ impl State {
     }
 }
 
-/// Marks a rank as ended.
+/// Guard that marks a rank as ended when dropped.
 struct Leaving<'a>(&'a Thread);
 
 impl Drop for Leaving<'_> {
@@ -110,12 +111,12 @@ impl Drop for Leaving<'_> {
 }
 
 impl Thread {
-    /// State is whole whatever thread panicked: nothing panics while it holds the lock.
+    /// Locks the state. A poisoned lock is taken as well: nothing panics while it holds the lock.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until `ready` returns something; `from`: ranks without which it never will.
+    /// Waits until `ready` returns a value. `from`: ranks that have to act for that.
     fn wait<R>(
         &self,
         what: &'static str,
@@ -138,10 +139,10 @@ impl Thread {
             }
             let now = Instant::now();
             if now >= until {
-                let one = from.len() == 1;
+                let single = from.len() == 1;
                 return Err(RankError::Silent {
                     rank,
-                    peer: if one {
+                    peer: if single {
                         format!("rank {}", from.start)
                     } else {
                         "other ranks".to_owned()
@@ -179,17 +180,19 @@ impl Communicator for Thread {
         self.shared.changed.notify_all();
         while meanwhile() {}
         for m in messages {
-            let from = m.peer..m.peer + 1;
-            let found = self.wait("a message", from, |s| s.boxes[m.peer * ranks + rank].pop_front())?;
-            if found.len() != m.into.len() {
+            let sender = m.peer..m.peer + 1;
+            let numbers = self.wait("a message", sender, |s| {
+                s.boxes[m.peer * ranks + rank].pop_front()
+            })?;
+            if numbers.len() != m.into.len() {
                 return Err(RankError::Length {
                     rank,
                     peer: m.peer,
                     expected: m.into.len(),
-                    found: found.len(),
+                    found: numbers.len(),
                 });
             }
-            m.into = found;
+            m.into = numbers;
         }
         Ok(())
     }
@@ -200,8 +203,8 @@ impl Communicator for Thread {
         if state.given == 0 {
             state.words = words.to_vec();
         } else if state.words.len() == words.len() {
-            let both = state.words.iter_mut().zip(&*words);
-            both.for_each(|(a, b)| {
+            let pairs = state.words.iter_mut().zip(&*words);
+            pairs.for_each(|(a, b)| {
                 *a = match how {
                     Reduction::Sum => *a + *b,
                     Reduction::Largest => (*a).max(*b),
@@ -218,17 +221,17 @@ impl Communicator for Thread {
             });
         }
         state.given += 1;
-        let mine = state.done;
+        let turn = state.done;
         if state.given == ranks {
             let s = &mut *state;
             std::mem::swap(&mut s.words, &mut s.result);
-            (s.given, s.done) = (0, mine + 1);
+            (s.given, s.done) = (0, turn + 1);
         }
         drop(state);
         self.shared.changed.notify_all();
-        // The next result is not there before this rank has given its words for it.
+        // The next result cannot replace this one before this rank has added its words to it.
         self.wait("a sum over all ranks", 0..ranks, |s| {
-            (s.done > mine).then(|| words.copy_from_slice(&s.result))
+            (s.done > turn).then(|| words.copy_from_slice(&s.result))
         })
     }
 

@@ -1,8 +1,8 @@
-//! What all ranks together have in memory at most, while a run of particles is set up and steps.
+//! Largest memory of all ranks together while a run of particles is set up and steps.
 //!
-//! A binary of its own: bytes are counted for all of the process, of which ranks are threads. So nothing
-//! here depends on which rank is first: all of them together never have more than the sum of what each has
-//! at most.
+//! This is a binary of its own: bytes are counted for the whole process, whose threads are the ranks. So no
+//! result depends on which rank is first: all of them together never have more than the sum of their largest
+//! values.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 #[path = "it/support/mod.rs"]
@@ -35,7 +35,7 @@ fn stepped(model: DemModel, shared: Option<Arc<dyn Communicator>>) -> usize {
     run.subdomains()[0].model().nodes().len()
 }
 
-/// Every rank makes its own part.
+/// Makes each rank's own part only.
 fn in_parts(c: Arc<dyn Communicator>) -> usize {
     let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let division = Division::bisect(bricks.particles(), &bricks.units(), c.ranks()).unwrap();
@@ -46,7 +46,7 @@ fn in_parts(c: Arc<dyn Communicator>) -> usize {
     stepped(DemModel::of_piece("cube", piece, &division, c).unwrap(), None)
 }
 
-/// Every rank makes the whole, and the run shares it out.
+/// Makes the whole body on every rank and lets the run partition it.
 fn shared(c: Arc<dyn Communicator>) -> usize {
     let packing = lattice(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
@@ -54,11 +54,11 @@ fn shared(c: Arc<dyn Communicator>) -> usize {
     stepped(model, Some(c))
 }
 
-/// Bytes per particle of the body that all ranks have together at most.
-fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
+/// Returns the largest memory of all ranks together, in bytes per particle of the body.
+fn most(ranks: usize, work: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64 {
     let before = MEMORY.current_usage();
     MEMORY.reset_peak_usage();
-    let held: usize = threads::run(ranks, 1, WAIT, of)
+    let held: usize = threads::run(ranks, 1, WAIT, work)
         .into_iter()
         .map(Result::unwrap)
         .sum();
@@ -66,7 +66,7 @@ fn most(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f64
     (MEMORY.peak_usage() - before) as f64 / held as f64
 }
 
-/// Particles of other ranks that ranks hold, over the particles of the body.
+/// Returns the number of ghosts of all ranks over the particles of the body.
 fn ghosts(ranks: usize) -> f64 {
     let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
     let division = Division::bisect(bricks.particles(), &bricks.units(), ranks).unwrap();
@@ -81,20 +81,20 @@ fn ghosts(ranks: usize) -> f64 {
 
 #[test]
 fn ranks_hold_their_share_and_their_ghosts_and_never_a_whole_kernel() {
-    let one = most(1, in_parts);
+    let alone = most(1, in_parts);
     for ranks in [2, 4, 8] {
-        let all = most(ranks, in_parts);
-        let bound = 1.2 * one * (1.0 + ghosts(ranks));
+        let bytes = most(ranks, in_parts);
+        let bound = 1.2 * alone * (1.0 + ghosts(ranks));
         assert!(
-            all < bound,
-            "{ranks} ranks: {all} bytes per particle, one rank {one}, bound {bound}"
+            bytes < bound,
+            "{ranks} ranks: {bytes} bytes per particle, one rank {alone}, bound {bound}"
         );
     }
-    // What each rank has of a body that all of them make whole, is without the kernel and what steps.
+    // A whole body that is still to be partitioned has neither the kernel's tables nor the buffers of steps.
     let whole = most(1, shared);
-    let each = (most(8, shared) - one) / 8.0;
+    let per_rank = (most(8, shared) - alone) / 8.0;
     assert!(
-        each < 0.6 * whole,
-        "{each} bytes per particle on every rank, {whole} on one"
+        per_rank < 0.6 * whole,
+        "{per_rank} bytes per particle on every rank, {whole} on one"
     );
 }

@@ -1,5 +1,5 @@
-//! Processes that speak MPI: the bits of one rank, and ends by name. Each test starts this program again
-//! under `mpirun`.
+//! Processes that speak MPI: the bits of one rank, and failures with names. Each test starts this program
+//! again under `mpirun`.
 #![cfg(feature = "mpi")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(
@@ -17,23 +17,23 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What the started program is to do.
+/// Variable with the task of a started process.
 const WORK: &str = "ARLEQUIN_TEST_WORK";
 
-/// 1 715 particles of a body-centred lattice: seven units.
+/// Returns 1 715 particles of a body-centred lattice: seven units.
 fn cube(finite: bool) -> DemModel {
     let cube = lattice(Lattice::BodyCentred, [9; 3], 1e-4).unwrap();
     let m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
     if finite { m.with_finite_rotations() } else { m }
 }
 
-/// A number of every particle's bits and place, added up: small enough that no sum of them overflows.
-fn digest(model: &dyn Model<f64>, of: &[&[f64]]) -> i64 {
+/// Returns the sum of a hash of every particle's bits and place, small enough that no sum overflows.
+fn digest(model: &dyn Model<f64>, vectors: &[&[f64]]) -> i64 {
     let n = model.layout().nodes;
-    let one = |i: usize| {
+    let hash = |i: usize| {
         let place = model.portion().map_or(i, |p| p.global(i)) as u64;
         let six = |x: &&[f64]| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
-        let numbers = of.iter().flat_map(six);
+        let numbers = vectors.iter().flat_map(six);
         let mixed = numbers.fold(place, |h, x| {
             (h ^ x.to_bits())
                 .wrapping_mul(0x9e37_79b9_7f4a_7c15)
@@ -41,15 +41,15 @@ fn digest(model: &dyn Model<f64>, of: &[&[f64]]) -> i64 {
         });
         (mixed >> 16) as i64
     };
-    (0..n).map(one).sum()
+    (0..n).map(hash).sum()
 }
 
-/// Steps with all in motion, and what came out: bits of the state and of the ledger.
+/// Makes steps with everything in motion and returns the bits of the state and of the ledger.
 fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     let n = model.layout().nodes;
     let place = |i: usize| model.portion().map_or(i, |p| p.global(i));
-    let of = |k: usize| [1.0, 2e3][k / (3 * n)] * (1.7 * (6 * place(k / 3 % n) + k % 3) as f64).sin();
-    let v = (0..6 * n).map(of).collect();
+    let velocity = |k: usize| [1.0, 2e3][k / (3 * n)] * (1.7 * (6 * place(k / 3 % n) + k % 3) as f64).sin();
+    let v = (0..6 * n).map(velocity).collect();
     let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; 6 * n], v)?;
@@ -61,7 +61,7 @@ fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     Ok((digest(s.model(), &[&s.state().q, &s.state().v]), sums.to_vec()))
 }
 
-/// What one started process does.
+/// Does the task of a started process.
 fn worker(work: &str, c: Arc<dyn Communicator>) -> arlequin_core::Result<()> {
     match (work, c.rank()) {
         ("fails", 1) => return Err(arlequin_core::invalid("disk", "full", "must have room")),
@@ -80,10 +80,10 @@ fn worker(work: &str, c: Arc<dyn Communicator>) -> arlequin_core::Result<()> {
         let m = cube(finite);
         let division = Division::bisect(m.nodes().len(), &m.units(), c.ranks())?;
         let (digest, sums) = steps(m.share_out(&division, c.clone())?)?;
-        let mut all = [digest];
-        c.reduce(&mut all, Reduction::Sum)?;
+        let mut digests = [digest];
+        c.reduce(&mut digests, Reduction::Sum)?;
         if c.rank() == 0 {
-            println!("result {} {sums:?}", all[0]);
+            println!("result {} {sums:?}", digests[0]);
         }
     }
     Ok(())
@@ -103,7 +103,7 @@ fn worker_of_the_other_tests() {
     processes::run(ending, |c| worker(&work, c)).unwrap();
 }
 
-/// Starts this program on several ranks, more than there are cores if need be.
+/// Starts this program on several ranks, if need be more than there are cores.
 fn start(ranks: usize, work: &str) -> Output {
     let program = std::env::current_exe().unwrap();
     let mut run = Command::new("mpirun");
@@ -127,7 +127,7 @@ fn start(ranks: usize, work: &str) -> Output {
     for (key, value) in [
         ("OMPI_ALLOW_RUN_AS_ROOT", "1"),
         ("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1"),
-        // Containers forbid it, and say so in many lines.
+        // Containers forbid it, with many lines of messages.
         ("OMPI_MCA_btl_vader_single_copy_mechanism", "none"),
     ] {
         run.env(key, value);
@@ -135,8 +135,8 @@ fn start(ranks: usize, work: &str) -> Output {
     run.output().unwrap()
 }
 
-fn results(of: &Output) -> Vec<String> {
-    let text = String::from_utf8_lossy(&of.stdout);
+fn results(output: &Output) -> Vec<String> {
+    let text = String::from_utf8_lossy(&output.stdout);
     let results = text
         .lines()
         .filter_map(|l| l.split_once("result ").map(|r| r.1.to_owned()));

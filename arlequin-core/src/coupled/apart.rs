@@ -249,7 +249,7 @@ impl<T: Real> Overlap<T> {
 
 /// Returns the boundaries between units of summation in a list of nodes.
 fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
-    Cuts::of(nodes.iter().map(|n| n.index))
+    Cuts::at_units(nodes.iter().map(|n| n.index))
 }
 
 /// Returns the rotation `R` for which `R y` is nearest to `x`, from the moment `Σ m x yᵀ` (Horn 1987).

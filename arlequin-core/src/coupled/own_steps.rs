@@ -59,7 +59,7 @@ impl<T: Real> HeldSide<T> {
         // Sums run over units of nodes, so entries are sorted by unknowns.
         entries.sort_by_key(|e| (e.1, e.0));
         Self {
-            cuts: Cuts::of(entries.iter().map(|e| e.1 / components)),
+            cuts: Cuts::at_units(entries.iter().map(|e| e.1 / components)),
             entries,
             portion: None,
         }

@@ -35,7 +35,7 @@ impl<T: Real> Coupled<T> {
             let subdomains = &self.subdomains;
             j.find(|s| &subdomains[s].state().v, T::one());
             j.check()?;
-            j.tell(&mut self.interfaces);
+            j.hand_out(&mut self.interfaces);
             for (s, change) in j.kicks() {
                 change.kick(self.subdomains[s].velocities());
                 self.subdomains[s].hand_over(change)?;
@@ -67,7 +67,7 @@ impl<T: Real> Coupled<T> {
             j.find(|s| &subdomains[s].state().a, half);
             j.check()?;
             // The multipliers of the start are those of the accelerations.
-            j.tell(&mut self.interfaces);
+            j.hand_out(&mut self.interfaces);
         }
         for (k, subdomain) in self.subdomains.iter_mut().enumerate() {
             let alone = self.interfaces.iter().filter(|i| i.is_alone());

@@ -204,7 +204,7 @@ impl<T: Real> AttachedAbsorber<T> {
         self.solve::<N, W>(1);
         let (scatter, coarse) = (&self.scatter, self.coarse.as_chunks::<W>().0);
         let force = self.force.as_chunks_mut::<N>().0;
-        scatter.each(0..force.len(), force, &|k| {
+        scatter.fill_rows(0..force.len(), force, &|k| {
             let (both, v, [mass, damping]) = (
                 scatter.times(k, |j| coarse[j]),
                 &v[self.nodes[k] as usize],
@@ -331,7 +331,7 @@ fn gram<T: Real>(n: &CsMat<T>, w: impl Fn(usize) -> T) -> CsMat<T> {
 }
 
 fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
-    Rows::of(matrix.rows(), matrix.iter().map(|(v, (i, j))| (i, j, *v)))
+    Rows::from_entries(matrix.rows(), matrix.iter().map(|(v, (i, j))| (i, j, *v)))
 }
 
 impl<T: Real> AttachedAbsorber<T> {

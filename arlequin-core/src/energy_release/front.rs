@@ -1,29 +1,31 @@
-//! The front of a crack, and the field `q` around it.
+//! Front of a crack, and the field `q` around it.
 
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Where a crack ends within a body, and the cylinder around it over which is integrated.
+/// Front of a crack within a body, and the radii of the domain of integration around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrackFront<T: Real> {
-    /// Ends of the part of the front that is looked at, which is straight \[m\]. At an end that lies inside
-    /// the body `q` falls to zero within the part, over the difference of the radii or half of the part.
+    /// Ends of the examined part of the front, which is straight \[m\]. Towards an end that lies inside of
+    /// the body `q` falls to zero, within the part, over the difference of the radii or at most half of the
+    /// part.
     pub ends: [Point3<T>; 2],
-    /// Direction in which the crack would grow; what of it lies along the front does not count.
+    /// Direction in which the crack would grow; its component along the front is ignored.
     pub direction: Vector3<T>,
-    /// Radius up to which `q` is one, and that at which it is zero \[m\].
+    /// Radius up to which `q` is one, and radius at which it is zero \[m\].
     pub radii: [T; 2],
 }
 
-/// How far within the front, over its length, its ends are looked at: files round places.
+/// Distance from an end of the front, over its length, at which the body is probed: coordinates in files are
+/// rounded.
 const NEAR_END: f64 = 1e-3;
-/// Places along the front at which there must be material ahead of it.
+/// Number of places along the front that must have material ahead.
 const PLACES: usize = 8;
-/// Places along the front at which `q` is looked at.
+/// Samples of `q` per length of the front.
 const SAMPLES: usize = 256;
-/// Most lengths of a part over which `q` is followed beyond its ends.
+/// Largest number of lengths beyond the ends over which `q` is followed.
 const BEYOND: usize = 16;
 
 impl<T: Real> CrackFront<T> {
@@ -35,14 +37,14 @@ impl<T: Real> CrackFront<T> {
         self.axes().map(|_| ())
     }
 
-    /// The axis of the front, its length, and the unit direction across it.
+    /// Returns the axis of the front, its length \[m\], and the unit direction across it.
     pub(super) fn axes(&self) -> Result<(Vector3<T>, T, Vector3<T>)> {
         let [inner, outer] = self.radii;
         if !(inner > T::zero() && outer > inner && outer.is_finite()) {
-            let found = format_args!("[{inner}, {outer}]");
+            let radii = format_args!("[{inner}, {outer}]");
             return Err(invalid(
                 "radii of the crack front",
-                found,
+                radii,
                 "must be positive, the inner one below the outer one [m]",
             ));
         }
@@ -56,36 +58,36 @@ impl<T: Real> CrackFront<T> {
         let d = self.direction;
         let across = d - axis * axis.dot(&d);
         let share = across.norm() / d.norm();
-        // Not `<`: a direction of no length is none either.
+        // Negated, so that the NaN of a zero direction is refused as well.
         let turned = share > T::of(1e-6);
         if !turned {
-            let found = format_args!("{:?}", d.as_slice());
+            let given_direction = format_args!("{:?}", d.as_slice());
             let rule = "must have a length and not lie along the front; give the direction in which the crack would grow";
-            return Err(invalid("direction of the crack", found, rule));
+            return Err(invalid("direction of the crack", given_direction, rule));
         }
         Ok((axis, length, across.normalize()))
     }
 }
 
-/// `q` over a cylinder.
+/// Field `q` over a cylinder around the front.
 pub(super) struct Cylinder<T: Real> {
     pub(super) from: Point3<T>,
     pub(super) axis: Vector3<T>,
     pub(super) length: T,
     pub(super) radii: [T; 2],
-    /// Length over which it falls to zero towards each end; zero where the front ends at a surface.
+    /// Length over which `q` falls to zero towards each end \[m\]; zero where the front ends at a surface.
     pub(super) tapers: [T; 2],
 }
 
 impl<T: Real> Cylinder<T> {
-    /// Distance from the line of the front \[m\].
+    /// Returns the distance from the line of the front \[m\].
     pub(super) fn distance(&self, x: &Point3<T>) -> T {
         let arm = x - self.from;
         (arm - self.axis * arm.dot(&self.axis)).norm()
     }
 
-    /// Shares of `q` across and along the front.
-    pub(super) fn at(&self, x: &Point3<T>) -> [T; 2] {
+    /// Returns the factors of `q` across and along the front.
+    pub(super) fn shares(&self, x: &Point3<T>) -> [T; 2] {
         let t = (x - self.from).dot(&self.axis);
         let r = self.distance(x);
         let [inner, outer] = self.radii;
@@ -107,12 +109,13 @@ pub(super) fn place<T: Real>(x: &Point3<T>) -> String {
     format!("({x:.6e}, {y:.6e}, {z:.6e}) m")
 }
 
-/// A place along the front, an inner radius ahead of it, where a notch ends as well as a slit.
+/// Returns a point at the share `t` of the front, an inner radius ahead of it: there is material for a notch
+/// as well as a slit.
 fn ahead<T: Real>(crack: &CrackFront<T>, direction: &Vector3<T>, t: f64) -> Point3<T> {
     crack.ends[0] + (crack.ends[1] - crack.ends[0]) * T::of(t) + direction * crack.radii[0]
 }
 
-/// Nodes of the cells ahead of the front, at places where the model is known to be.
+/// Returns the nodes of the cells ahead of the front. Expects [`tapers`] to have found material there.
 pub(super) fn nodes_along<T: Real>(
     field: &dyn Interpolation<T>,
     crack: &CrackFront<T>,
@@ -130,8 +133,8 @@ fn places() -> impl Iterator<Item = f64> {
     (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64)
 }
 
-/// `∫ q dl` along the front \[m\], of `q` as its nodal values and the shape functions make it: it reaches
-/// beyond the ends of a part by as much as elements do.
+/// Integrates `∫ q dl` along the front \[m\]. Between its nodal values `q` follows the shape functions, so
+/// that it reaches beyond the ends of the part by up to an element.
 pub(super) fn swept<T: Real>(
     field: &dyn Interpolation<T>,
     crack: &CrackFront<T>,
@@ -142,19 +145,22 @@ pub(super) fn swept<T: Real>(
         return Ok(cylinder.length);
     }
     let mut row = ShapeRow::default();
-    let mut at = |t: f64| {
+    let mut value_of_q = |t: f64| {
         field.shape_at(&ahead(crack, direction, t), false, &mut row)?;
-        let all = row.nodes.iter().zip(&row.values);
-        Ok(all.fold(T::zero(), |q, (n, w)| q + cylinder.at(&field.nodes()[*n])[1] * *w))
+        let shapes = row.nodes.iter().zip(&row.values);
+        Ok(shapes.fold(T::zero(), |q, (n, w)| {
+            q + cylinder.shares(&field.nodes()[*n])[1] * *w
+        }))
     };
     let mut sum = T::zero();
     for k in 0..SAMPLES {
-        sum += at((k as f64 + 0.5) / SAMPLES as f64)?;
+        sum += value_of_q((k as f64 + 0.5) / SAMPLES as f64)?;
     }
     for end in [0.0, 1.0] {
+        // Beyond an end `q` is followed until it is zero or the body ends.
         for k in 0..BEYOND * SAMPLES {
             let off = (k as f64 + 0.5) / SAMPLES as f64;
-            match at(if end > 0.0 { end + off } else { -off }) {
+            match value_of_q(if end > 0.0 { end + off } else { -off }) {
                 Ok(q) if q > T::zero() => sum += q,
                 Ok(_) | Err(Error::OutsideDomain { .. }) => break,
                 Err(e) => return Err(e),
@@ -169,8 +175,10 @@ pub(super) fn swept<T: Real>(
     Ok(share * cylinder.length)
 }
 
-/// Lengths over which `q` falls to zero towards the ends of the front: none where the body ends there as
-/// well.
+/// Returns the lengths over which `q` falls to zero towards the ends of the front; zero where the body ends.
+///
+/// # Errors
+/// [`Error::InvalidParameter`] if there is no material an inner radius ahead of the front.
 pub(super) fn tapers<T: Real>(
     model: &str,
     field: &dyn Interpolation<T>,

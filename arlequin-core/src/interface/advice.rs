@@ -1,14 +1,14 @@
-//! What a user should know of an interface.
+//! Warnings about an interface.
 
 use super::chebyshev::Chebyshev;
 use super::{InterfaceReport, InterfaceSpec, Side};
 use crate::Real;
 
-/// Warp of hexahedra, relative to their lengths, from which a user should know of it.
+/// Smallest warp of hexahedra, relative to their lengths, that is warned about.
 const WARP: f64 = 1e-6;
 
-/// Warnings for mediator and models.
-pub(super) fn of_sides<T: Real>(
+/// Returns warnings about the mediator and the models.
+pub(super) fn side_warnings<T: Real>(
     report: &InterfaceReport,
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -28,8 +28,8 @@ pub(super) fn of_sides<T: Real>(
         out.push(format!(
             "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
              will be reflected; use h_B ≥ {:.3e} m",
-            // Nodes go with the spacing to the power of the dimension: a line has one component, a solid
-            // three.
+            // The number of nodes goes with the inverse spacing to the power of the dimension, which is the
+            // number of components (a line has 1, a solid 3).
             spec.mediator.spacing().as_f64()
                 * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
         ));
@@ -48,9 +48,8 @@ pub(super) fn of_sides<T: Real>(
     out
 }
 
-/// Warnings for what the operator tells of the multipliers; `ranked`: whether it is known which are
-/// dependent.
-pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
+/// Returns warnings about dependent multipliers. `ranked`: whether their number is known.
+pub(super) fn rank_warnings(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     let mut out = Vec::new();
     if !report.null_modes.is_empty() {
         out.push(format!(
@@ -70,15 +69,15 @@ pub(super) fn of_rank(report: &InterfaceReport, ranked: bool) -> Vec<String> {
     out
 }
 
-/// A warning for a Chebyshev iteration that ends before its tolerance.
-pub(super) fn of_iterations(of: &Chebyshev) -> Option<String> {
-    let [low, high] = of.bounds;
-    (of.asked > of.iterations as f64).then(|| {
+/// Returns a warning if a Chebyshev iteration ends above its tolerance.
+pub(super) fn iteration_warning(plan: &Chebyshev) -> Option<String> {
+    let [low, high] = plan.bounds;
+    (plan.asked > plan.iterations as f64).then(|| {
         format!(
             "{} iterations are allowed and the tolerance of a Chebyshev iteration takes {:.0}: that costs no energy, but jumps of the velocities stay, \
              up to some {:.0e} of them; solve by a factor or by conjugate gradients, or allow more iterations",
-            of.iterations,
-            of.asked,
+            plan.iterations,
+            plan.asked,
             (low / high).sqrt()
         )
     })

@@ -1,4 +1,4 @@
-//! Coupling matrices: which points sample the junction integrals, and the sums over them.
+//! Coupling matrices: sampling points of the junction integrals, coverage checks and the seminorm's pin.
 
 use super::rows::{Block, Rows};
 use super::sums::{NO_CELL, Sampler, Worker};
@@ -12,18 +12,17 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
 
-/// How the junction integrals are sampled. Every choice uses the same points for both sides, so that action
-/// equals reaction.
+/// Sampling of the junction integrals. Both sides use the same points, so that action equals reaction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sampling {
-    /// Quadrature on the common refinement of mediator, coarse and fine cells: exact for polynomial shapes.
+    /// Quadrature on the common refinement of mediator, coarse and fine cells; exact for polynomial shape
+    /// functions.
     #[default]
     Intersection,
-    /// Both velocities are interpolated at the mediator nodes first (`Π u̇ − Π ḋ`), the choice of the
-    /// literature.
+    /// Interpolation of both velocities at the mediator nodes first (`Π u̇ − Π ḋ`), as in the literature.
     Projection,
-    /// At the integration points of a field that has some of its own (particle quadrature): those of the
-    /// fine one if it does, else those of the coarse one.
+    /// Sums over the integration points of a field that has its own (particles): the fine one if it has any,
+    /// else the coarse one.
     Particles,
 }
 
@@ -33,14 +32,14 @@ named!(Sampling, "sampling":
     Particles = "particles",
 );
 
-/// Share of the mediator that may lie outside a model before it counts as an error: faceted meshes of a
-/// curved surface differ by that much.
+/// Largest share of the mediator outside of a model that is no error: faceted meshes of a curved surface
+/// differ by that much.
 pub(super) const OVERHANG_LIMIT: f64 = 0.02;
-/// Share of the mediator that the cells of a model may cover beyond it: round-off.
+/// Relative excess of a model's coverage of the mediator that is no error: round-off.
 const TWICE: f64 = 1e-6;
 /// Highest degree of the quadrature.
 const HIGHEST: usize = 5;
-/// Particle volumes need not fill the mediator exactly.
+/// Relative gap or excess of particle volumes over the mediator that is no error: particles do not fill it.
 pub(super) const PARTICLE_COVERAGE: f64 = 0.3;
 
 pub(super) struct Built<T> {
@@ -80,10 +79,10 @@ pub(super) fn assemble<T: Real>(
             refined(spec, sides, &cells, total, components, &mut warnings)?
         }
         Sampling::Particles => {
-            let found = [1, 0]
+            let sampled_side = [1, 0]
                 .into_iter()
                 .find_map(|m| Some((m, sides[m].field.samples()?)));
-            let Some((m, samples)) = found else {
+            let Some((m, samples)) = sampled_side else {
                 return Err(crate::error::invalid_option(
                     &spec.name,
                     "sampling",
@@ -115,6 +114,7 @@ pub(super) fn assemble<T: Real>(
     };
     if spec.junction.needs() != Needs::Gradients {
         built.momentum_defect = momentum_defect(&built.coupling, sides, components);
+        // Both sides sum over the same points: only round-off may be left.
         let limit = T::epsilon().sqrt();
         if built.momentum_defect > limit {
             let (defect, limit) = (built.momentum_defect.as_f64(), limit.as_f64());
@@ -130,12 +130,13 @@ pub(super) fn assemble<T: Real>(
     Ok(built)
 }
 
-/// Degree of the rule on each piece; none for sums over particles.
+/// Returns the degree of the quadrature rule on each cell intersection; `None` for sums over particles.
 fn degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<usize> {
     wanted_degree(spec, sides).map(|d| d.min(HIGHEST))
 }
 
-/// Degree of the products of shape functions on each piece; none for sums over particles.
+/// Returns the degree of the products of shape functions on each cell intersection; `None` for sums over
+/// particles.
 fn wanted_degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> Option<usize> {
     let mediator = spec.mediator.degree();
     match spec.options.sampling {
@@ -145,8 +146,8 @@ fn wanted_degree<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2]) -> 
     }
 }
 
-/// Compares what a model covers of the mediator with all of it; `limits`: relative excess and defect that
-/// are let pass.
+/// Compares the measure of the mediator that a model covers with the whole. `[excess, defect]`: allowed
+/// relative differences.
 fn check_coverage<T: Real>(
     spec: &InterfaceSpec<T>,
     model: &str,
@@ -178,12 +179,12 @@ fn check_coverage<T: Real>(
     Ok(())
 }
 
-/// Cells of a field in reach of the mediator, ready for intersections.
+/// Cells of a field near the mediator, ready for intersections.
 struct CellSet<T: Real> {
     cells: Vec<(usize, Cell<T>)>,
     planes: Vec<Vec<HalfSpace<T>>>,
     tree: BoxTree<T>,
-    /// Whether the field has cells at all.
+    /// True if the field has cells.
     any: bool,
 }
 
@@ -203,8 +204,8 @@ impl<T: Real> CellSet<T> {
         }
     }
 
-    /// Calls `visit` with the pieces of `cell` inside the field and the cells they lie in; with the cell
-    /// itself if the field has no cells.
+    /// Calls `visit` with each intersection of `cell` and a cell of the field, and the number of the latter.
+    /// If the field has no cells: calls it once with `cell`.
     fn pieces(&self, cell: &Cell<T>, visit: &mut dyn FnMut(usize, &Cell<T>) -> Result<()>) -> Result<()> {
         if !self.any {
             return visit(NO_CELL, cell);
@@ -216,36 +217,46 @@ impl<T: Real> CellSet<T> {
         };
         let mut outcome = Ok(());
         self.tree.any(&bounds, &mut |k| {
-            let (number, other) = &self.cells[k];
-            let piece = match (&body, other) {
+            let (number, field_cell) = &self.cells[k];
+            let piece = match (&body, field_cell) {
                 (Some(p), Cell::Polyhedron(_)) => nonempty(p, &self.planes[k], &bounds),
-                (_, other) => cell.intersection(other).map(|piece| of_section(cell, piece)),
+                (_, field_cell) => cell
+                    .intersection(field_cell)
+                    .map(|piece| with_section(cell, piece)),
             };
             if let Some(piece) = piece {
                 outcome = visit(*number, &piece);
             }
+            // True ends the search.
             outcome.is_err()
         });
         outcome
     }
 }
 
-/// A piece of a line with the line's own section, whatever that of the model: it only scales multipliers.
-fn of_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
-    if let (Cell::Segment { section, .. }, Cell::Segment { section: own, .. }) = (line, &mut piece) {
-        *own = *section;
+/// Gives a segment the cross-section of the mediator's line. The section of the model would only scale the
+/// multipliers.
+fn with_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
+    if let (
+        Cell::Segment { section, .. },
+        Cell::Segment {
+            section: own_section, ..
+        },
+    ) = (line, &mut piece)
+    {
+        *own_section = *section;
     }
     piece
 }
 
 fn nonempty<T: Real>(p: &Body<T>, planes: &[HalfSpace<T>], [low, high]: &[Point3<T>; 2]) -> Option<Cell<T>> {
     let body = p.within(planes)?;
-    // Slivers of round-off, from cells that only touch, carry no measure worth a sample.
+    // Slivers of round-off between cells that only touch are not worth a sample.
     let size = (high - low).norm();
     (body.volume() > size * size * size * T::epsilon() * T::of(16.0)).then_some(Cell::Polyhedron(body))
 }
 
-/// Sums over mediator ∩ coarse ∩ fine, a cell of the mediator at a time.
+/// Sums over mediator ∩ coarse ∩ fine, one task per mediator cell.
 fn refined<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -263,17 +274,19 @@ fn refined<T: Real>(
         sets[0].pieces(&cells[m], &mut |c, piece| {
             worker.tally.covered[0] += piece.measure();
             sets[1].pieces(piece, &mut |f, part| {
+                // Taken out while `add` borrows the worker; its memory is used again.
                 let mut samples = std::mem::take(&mut worker.samples);
                 samples.clear();
+                // The lean rule is not symmetric: for integrands alone that it integrates exactly.
                 if wanted > HIGHEST {
                     part.quadrature(HIGHEST, &mut samples);
                 } else {
                     part.lean_quadrature(wanted, &mut samples);
                 }
                 worker.tally.covered[1] += samples.iter().map(|s| s.measure).sum();
-                let done = sampler.add(worker, &samples, [m, c, f]);
+                let outcome = sampler.add(worker, &samples, [m, c, f]);
                 worker.samples = samples;
-                done
+                outcome
             })
         })
     };
@@ -285,7 +298,7 @@ fn refined<T: Real>(
     Ok((summed.coupling, summed.measure))
 }
 
-/// `B = M_O P` with the mediator's own Gram matrix and the fields' values at the mediator nodes.
+/// Computes `B = M_O P`: Gram matrix of the mediator times the fields' values at its nodes.
 fn projection<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -345,8 +358,8 @@ fn overhang<T: Real>(error: Error, spec: &InterfaceSpec<T>, model: &str, x: &Poi
     }
 }
 
-/// Largest relative difference between the sides of `Σ_j B_ij` and `Σ_j B_ij x_j`: forces and moments of one
-/// multiplier on the two models.
+/// Returns the largest relative difference between the sides in `Σ_j B_ij` and `Σ_j B_ij x_j`: force and
+/// moment of one multiplier on either model.
 fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2], components: usize) -> T {
     let per_node = components / coupling[0].shared;
     let nodes = coupling[0].matrix.rows();
@@ -355,10 +368,12 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
     for m in 0..2 {
         let sign = if m == 0 { T::one() } else { -T::one() };
         for (v, (i, j)) in coupling[m].matrix.iter() {
-            // Rows of a block matrix mix components; translations along a act on columns of component a.
+            // A block matrix mixes components. Translations along an axis act on the columns of its own
+            // component.
             if i % per_node != j % per_node {
                 continue;
             }
+            // Arms from a node of the model keep their digits far from the origin.
             let x = sides[m].field.nodes()[j / per_node] - sides[0].field.nodes()[0];
             reach = reach.max(x.norm());
             moments[i][0] += sign * *v;
@@ -369,6 +384,7 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
     let mut worst = T::zero();
     for m in &moments {
         scale = scale.max(m[7]);
+        // Moments over the longest arm are comparable with forces.
         worst = (1..4).fold(worst.max(m[0].abs()), |w, c| w.max(m[c].abs() / reach));
     }
     if scale > T::zero() {
@@ -378,8 +394,8 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
     }
 }
 
-/// Replaces one multiplier row by the pointwise constraint `u(x_a) = d(x_a)`: a seminorm does not see
-/// constants.
+/// Replaces the multiplier row nearest the pin by the pointwise constraint `u(x_a) = d(x_a)`: a seminorm does
+/// not see constants.
 fn pin<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
@@ -393,15 +409,15 @@ fn pin<T: Real>(
         .min_by(|a, b| distance(a).total_cmp(&distance(b)))
         .unwrap_or(0);
     let per_node = components / coupling[0].shared;
-    // The row has the magnitude of its neighbours, so that the operator stays well scaled.
+    // The pinned row gets the magnitude of its neighbours, so that the operator stays well scaled.
     let scale = coupling[0]
         .matrix
         .iter()
         .fold(T::zero(), |s, (v, _)| s.max(v.abs()));
     for (m, side) in coupling.iter_mut().enumerate() {
         let mut t = TriMat::new((side.matrix.rows(), side.matrix.cols()));
-        let others = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
-        others.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
+        let kept_rows = side.matrix.iter().filter(|(_, (i, _))| i / per_node != nearest);
+        kept_rows.for_each(|(v, (i, j))| t.add_triplet(i, j, *v));
         let mut row = ShapeRow::default();
         sides[m]
             .field

@@ -1,15 +1,15 @@
-//! A Chebyshev iteration from zero for `S μ = b`.
+//! Chebyshev iteration from zero for `S μ = b`.
 //!
-//! With all eigenvalues of `C S` but zeros between `a` and `c`, and `θ`, `δ` half their sum and difference,
-//! `k` iterations leave `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`: in the norm of `C` at most `1/cosh(k
-//! arcosh(θ/δ))` of `b`, so that their number is known beforehand and none of them needs a sum over
-//! multipliers. Eigenvalues below `a` are damped less, never enlarged; zeros are left alone. Above `c` they
-//! would be enlarged, so that `c` is a bound and no estimate.
+//! Let all non-zero eigenvalues of `C S` lie between `a` and `c`, with half sum `θ` and half difference `δ`.
+//! After `k` iterations `r = T_k((θ − C S)/δ) / T_k(θ/δ) b`, in the norm of `C` at most
+//! `1/cosh(k arcosh(θ/δ))` of `b`. So the number of iterations is known beforehand, and none of them needs a
+//! global sum. Eigenvalues below `a` are damped less, never enlarged, and null modes stay zero. Eigenvalues
+//! above `c` would be enlarged: `c` has to be a bound, an estimate is not enough.
 //!
-//! The result is no Galerkin solution, and a kick by it would change the energy by `2 μᵀ(S μ − b)`. `μᵀb /
-//! μᵀS μ` times it, per component, is one, and is away from one by no more than `r` is from zero. That
-//! takes one sum over multipliers at the end, which tells the residual as well: where `a` was too high,
-//! iterations go on from there.
+//! A kick by `μ` changes the energy by `2 μᵀ(S μ − b)`, and the result does not fulfil Galerkin's condition,
+//! which makes that zero. Scaled by `μᵀb / μᵀS μ` per component it does; that factor is as close to one as
+//! `r` is to zero. The scaling takes one global sum at the end, which also gives the residual. If `a` was too
+//! high, iterations go on from there.
 
 use super::iterated::{Broken, Iterated, Precondition, update};
 use super::sides::Sides;
@@ -17,35 +17,38 @@ use crate::Real;
 use nalgebra::Vector3;
 use sprs::CsMat;
 
-/// What is taken of the smallest eigenvalue that was found, an estimate from above: inverse power
-/// iterations that end with changes of 1e-4 are 3 % too high at most.
+/// Safety factor of the smallest eigenvalue, which is estimated from above: inverse power iterations that end
+/// with changes of 1e-4 are at most 3 % too high.
 const BELOW: f64 = 0.9;
-/// What is added to the bound of the largest: more than round-off in its sums, in single precision too.
+/// Safety factor of the upper bound: more than round-off in its sums, in single precision too.
 const ABOVE: f64 = 1.001;
-/// Power iterations for that bound, and the change at which they end.
+/// Largest number of power iterations for the upper bound, and the relative change at which they end.
 const POWERS: usize = 60;
 const SETTLED: f64 = 1e-4;
-/// Growth of the square of the residual beyond what round-off could do: none can where the bounds hold.
+/// Growth of the squared residual that counts as divergence. Bounds that hold allow none; round-off makes
+/// less.
 const GROWN: f64 = 4.0;
-/// Share of the square of the residual that iterations that go on must leave at most, or they do so no more.
+/// Largest share of the squared residual that another round may leave; the iteration ends if it leaves more.
 const WORTH: f64 = 0.25;
 
-/// What eigenvalues the iteration damps, and by how many iterations at once.
+/// Eigenvalues that the iteration damps, and its number of iterations per round.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Chebyshev {
     /// Lowest and highest eigenvalue of `C S`.
     pub(super) bounds: [f64; 2],
-    /// Iterations that leave no more than the tolerance of them.
+    /// Iterations after which the residual meets the tolerance, or the limit if that is less.
     pub(super) iterations: usize,
-    /// Those that the eigenvalues found would take.
+    /// Iterations that the tolerance would need for all eigenvalues.
     pub(super) asked: f64,
 }
 
 impl Chebyshev {
-    /// For eigenvalues from `low`, an estimate, to `high`, a bound. With fewer iterations than those take,
-    /// the lowest ones are left out of the tolerance, whose share in the jump is least.
+    /// Plans iterations for eigenvalues from `low`, an estimate, to `high`, a bound. If `most` is too few,
+    /// raises the lower bound: the lowest modes, whose share in the jump is least, then stay above the
+    /// tolerance.
     pub(super) fn new([low, high]: [f64; 2], tolerance: f64, most: usize) -> Self {
         let high = high * ABOVE;
+        // The bounds keep a distance, so that their ratio is finite and above one.
         let mut low = (low * BELOW).max(high * f64::EPSILON).min(high * BELOW);
         let ratio = |low: f64| (high + low) / (high - low);
         if tolerance <= 0.0 {
@@ -58,6 +61,7 @@ impl Chebyshev {
         let digits = (1.0 / tolerance).acosh();
         let asked = (digits / ratio(low).acosh()).ceil().max(1.0);
         if asked > most as f64 {
+            // Inverse of the formula for `asked`: the lower bound that `most` iterations can reach.
             let ratio = (digits / most as f64).cosh();
             low = low.max(high * (ratio - 1.0) / (ratio + 1.0));
         }
@@ -69,9 +73,11 @@ impl Chebyshev {
     }
 }
 
-/// A bound of all eigenvalues of a symmetric matrix: `max_i (|A| x)_i / x_i` is one for any `x > 0`
-/// (Collatz, Wielandt), beginning with the row sums (Gershgorin) and falling with power iterations to the
-/// largest eigenvalue of `|A|`, which is that of `A` where no entry is negative.
+/// Returns a bound of all eigenvalues of a symmetric matrix.
+///
+/// `max_i (|A| x)_i / x_i` is a bound for any `x > 0` (Collatz, Wielandt). It begins as the largest row sum
+/// (Gershgorin) and falls with power iterations to the largest eigenvalue of `|A|`, which is that of `A` if
+/// no entry is negative.
 pub(super) fn ceiling<T: Real>(a: &CsMat<T>) -> f64 {
     let (mut x, mut y) = (vec![1.0; a.rows()], vec![0.0; a.rows()]);
     let mut least = f64::INFINITY;
@@ -87,7 +93,7 @@ pub(super) fn ceiling<T: Real>(a: &CsMat<T>) -> f64 {
         if settled || ratio <= 0.0 {
             break;
         }
-        // Rows without entries have none of any other row either.
+        // Rows without entries get none from any other row: the matrix is symmetric.
         for (x, y) in x.iter_mut().zip(&y).filter(|(_, y)| **y > 0.0) {
             *x = *y / ratio;
         }
@@ -96,45 +102,47 @@ pub(super) fn ceiling<T: Real>(a: &CsMat<T>) -> f64 {
 }
 
 impl<T: Real> Iterated<T> {
-    /// From `r = b`.
+    /// Iterates in rounds until the residual meets the tolerance, the iterations run out or a round gains too
+    /// little. Expects `r = b`.
     pub(super) fn chebyshev<const N: usize>(
         &mut self,
         x: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
-        of: Chebyshev,
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
+        plan: Chebyshev,
     ) {
-        self.given.copy_from_slice(x);
+        self.right_side.copy_from_slice(x);
         x.fill(T::zero());
         let mut before = T::one();
         loop {
-            let count = of.iterations.min(self.most - self.made);
-            self.damp::<N>(x, sides, by, (of, count));
+            let count = plan.iterations.min(self.most - self.iterations);
+            self.damp::<N>(x, sides, preconditioner, (plan, count));
             // `C b` and `C r`.
-            self.image.copy_from_slice(&self.given);
-            by.apply(&mut self.image);
-            self.turn(by);
-            let [given, left, work, missed] = self.dots.four::<T, N>([
-                (&self.given, &self.image),
-                (&self.residual, &self.turned),
-                (x, &self.given),
+            self.image.copy_from_slice(&self.right_side);
+            preconditioner.apply(&mut self.image);
+            self.precondition(preconditioner);
+            let [initial, residual, work, missed] = self.dots.four_products::<T, N>([
+                (&self.right_side, &self.image),
+                (&self.residual, &self.preconditioned),
+                (x, &self.right_side),
                 (x, &self.residual),
             ]);
-            let shares = (0..N).filter(|c| given[*c] > T::zero());
+            let shares = (0..N).filter(|c| initial[*c] > T::zero());
             let share = shares
-                .map(|c| left[c] / given[c])
+                .map(|c| residual[c] / initial[c])
                 .fold(T::zero(), |m, s| if s > m || !s.is_finite() { s } else { m });
+            // A residual that overflowed has grown as well; a `b` that is no number has another cause.
             let grown = share > T::of(GROWN) || !share.is_finite();
-            if grown && (0..N).all(|c| given[c].is_finite()) {
+            if grown && (0..N).all(|c| initial[c].is_finite()) {
                 self.broken = Some(Broken {
-                    iterations: self.made,
+                    iterations: self.iterations,
                     growth: share.as_f64().sqrt(),
                 });
             }
             let met = share <= self.tolerance * self.tolerance;
-            // Round-off goes on for ever.
+            // Round-off in the null space is never damped: going on would not end.
             let goes_on = share <= before * T::of(WORTH);
-            if met || !goes_on || self.made >= self.most {
+            if met || !goes_on || self.iterations >= self.most {
                 self.unsolved = !met;
                 return scale::<T, N>(x, &work, &missed);
             }
@@ -142,40 +150,42 @@ impl<T: Real> Iterated<T> {
         }
     }
 
-    /// Iterations that damp `r` of all eigenvalues between the bounds, and go on with `x`.
+    /// Makes the iterations of one round, which damp `r` for all eigenvalues between the bounds.
     fn damp<const N: usize>(
         &mut self,
         x: &mut [T],
         sides: &mut Sides<T>,
-        by: &mut (impl Precondition<T> + ?Sized),
-        (of, count): (Chebyshev, usize),
+        preconditioner: &mut (impl Precondition<T> + ?Sized),
+        (plan, count): (Chebyshev, usize),
     ) {
-        let [low, high] = of.bounds;
+        let [low, high] = plan.bounds;
         let (middle, half) = (0.5 * (high + low), 0.5 * (high - low));
         let ratio = middle / half;
-        // `p = kept p + taken C r`.
-        let (mut rho, mut kept, mut taken) = (1.0 / ratio, 0.0, 1.0 / middle);
-        let one = Vector3::repeat(T::one());
+        // `p = momentum p + step C r`.
+        let (mut rho, mut momentum, mut step) = (1.0 / ratio, 0.0, 1.0 / middle);
+        let unit_length = Vector3::repeat(T::one());
         self.direction.fill(T::zero());
         for _ in 0..count {
-            self.turn(by);
-            let [k, t] = [kept, taken].map(T::of);
-            update::<T, N>(&mut self.direction, &self.turned, &mut |p, z| {
+            self.precondition(preconditioner);
+            let [k, t] = [momentum, step].map(T::of);
+            update::<T, N>(&mut self.direction, &self.preconditioned, &mut |p, z| {
                 (0..N).for_each(|c| p[c] = k * p[c] + t * z[c]);
             });
             self.product::<N>(sides);
-            self.advance::<N>(x, &one);
+            self.advance::<N>(x, &unit_length);
+            // Three-term recurrence of the Chebyshev polynomials: rho is T_k / T_{k+1} at θ/δ.
             let next = 1.0 / (2.0 * ratio - rho);
-            (kept, taken, rho) = (next * rho, 2.0 * next / half, next);
+            (momentum, step, rho) = (next * rho, 2.0 * next / half, next);
         }
     }
 }
 
-/// Galerkin's scaling: `x·b / x·S x` of every component, where `x·b = work` and `x·r = missed`.
+/// Scales the result to fulfil Galerkin's condition: by `x·b / x·S x` per component, with `x·b = work` and
+/// `x·r = missed`.
 fn scale<T: Real, const N: usize>(x: &mut [T], work: &Vector3<T>, missed: &Vector3<T>) {
     let factor = Vector3::from_fn(|c, _| {
         let curvature = work[c] - missed[c];
-        // What moves nothing is not to be scaled up; what is no number takes no part.
+        // A component that moves nothing has no scale. NaN fails both comparisons and becomes zero.
         if work[c] > T::zero() && curvature > T::zero() {
             work[c] / curvature
         } else {
@@ -216,11 +226,11 @@ mod tests {
         t.to_csc()
     }
 
-    /// A power iteration from a vector without any of the top mode would end at another one.
+    /// A power iteration whose start vector lacks the top mode would end at another one.
     #[test]
     fn the_bound_is_never_below_the_largest_eigenvalue_and_close_to_it() {
-        // Of `1 + k cos(π q)` with one end mode that decays into the rows: `2.05` and `0.05` outside the
-        // band from `0.1` to `1.9`.
+        // Eigenvalues `1 + k cos(π q)` from `0.1` to `1.9`, and one end mode that decays into the rows
+        // outside of that band, at `2.05` or `0.05`.
         let chains = [1.0, -1.0].map(|sign| {
             matrix(80, |i, j| match i.abs_diff(j) {
                 0 => 1.0,
@@ -229,7 +239,7 @@ mod tests {
                 _ => 0.0,
             })
         });
-        // Two that know nothing of each other, of other sizes, and rows that act on nothing.
+        // Two uncoupled blocks of different scale, and rows that act on nothing.
         let apart = matrix(60, |i, j| match (i % 3, i / 30 == j / 30) {
             (0, _) => 0.0,
             (_, true) if j % 3 > 0 => (if i == j { 1.0 } else { 0.02 }) * if i < 30 { 1.0 } else { 1e-3 },
@@ -257,13 +267,13 @@ mod tests {
         }
     }
 
-    /// Multipliers; their residual over the right-hand side in the norm of the inverse diagonal, found
-    /// anew; the change of the energy by a kick over the work of the multipliers; the iteration.
-    fn solved(s: &CsMat<f64>, b: &[f64], of: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
+    /// Solves and returns: the residual over the right-hand side in the norm of the inverse diagonal,
+    /// computed afresh; the energy change of a kick over the work of the multipliers; the iteration.
+    fn solved(s: &CsMat<f64>, b: &[f64], plan: Chebyshev, limits: (f64, usize)) -> (f64, f64, Iterated<f64>) {
         let n = b.len();
         let inverse: Vec<f64> = (0..n).map(|i| s.get(i, i).map_or(0.0, |d| 1.0 / d)).collect();
-        let rows = Rows::of(n, s.iter().map(|(v, (i, j))| (j, i, *v)));
-        let mut iterated = Iterated::new(Apply::Rows(rows), Method::Chebyshev(of), [n, 1], limits);
+        let rows = Rows::from_entries(n, s.iter().map(|(v, (i, j))| (j, i, *v)));
+        let mut iterated = Iterated::new(Apply::Rows(rows), Method::Chebyshev(plan), [n, 1], limits);
         let mut x = b.to_vec();
         iterated.solve(
             &mut x,
@@ -279,7 +289,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(reader_fuzz::property_config(64))]
-        /// Rows of `B` of any size, some of them twice, over any number of columns: with units of any size.
+        /// `B` has rows of any size and unit, some of them twice, and any number of columns.
         #[test]
         fn residuals_are_below_the_tolerance_and_no_energy_is_made(
             entries in prop::collection::vec(-1.0..1.0, 30 * 40),
@@ -301,24 +311,24 @@ mod tests {
             prop_assume!(b.iter().any(|b| *b != 0.0));
             let scale = |i: usize| s.get(i, i).map_or(0.0, |d| 1.0 / d.sqrt());
             let scaled = matrix(n, |i, k| s.get(i, k).map_or(0.0, |v| v * scale(i) * scale(k)));
-            let low = rank::modes(&scaled, 1e-10, 1).unwrap().range[0];
+            let low = rank::resolve_modes(&scaled, 1e-10, 1).unwrap().range[0];
             let (tolerance, most) = (1e-8, 20_000);
-            let of = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
-            let (left, change, done) = solved(&s, &b, of, (tolerance, most));
-            prop_assert!(done.broken.is_none());
-            // Round-off grows with the condition of the draw.
+            let plan = Chebyshev::new([low, ceiling(&scaled)], tolerance, most);
+            let (residual, change, iterated) = solved(&s, &b, plan, (tolerance, most));
+            prop_assert!(iterated.broken.is_none());
+            // Round-off grows with the condition of the drawn matrix.
             prop_assert!(change < 1e-11, "{change:e}");
-            if of.iterations < most {
-                // As much again comes from the scaling, which is as close to one as multipliers are to the
-                // exact ones.
-                prop_assert!(left < 2.01 * tolerance, "{left:e} after {} iterations", done.made);
+            if plan.iterations < most {
+                // The scaling adds as much again: it is as close to one as the multipliers are to the exact
+                // ones.
+                prop_assert!(residual < 2.01 * tolerance, "{residual:e} after {} iterations", iterated.iterations);
             }
-            let (_, change, done) = solved(&s, &b, Chebyshev { iterations: few, ..of }, (0.0, few));
-            prop_assert!(done.made == few && change < 1e-11, "{few}: {change:e}");
+            let (_, change, iterated) = solved(&s, &b, Chebyshev { iterations: few, ..plan }, (0.0, few));
+            prop_assert!(iterated.iterations == few && change < 1e-11, "{few}: {change:e}");
         }
     }
 
-    /// Eigenvalues from 1 to 1.9 but for one at 0.01.
+    /// Returns a matrix with eigenvalues from 1 to 1.9 and one of 0.01.
     fn long_wave() -> (CsMat<f64>, Vec<f64>) {
         let n = 60;
         let s = matrix(n, |i, j| {
@@ -341,41 +351,44 @@ mod tests {
             .map(|(x, i)| x * s.get(i, i).unwrap())
             .collect();
         // `P S P + 0.01 e eᵀ` with `P = 1 − e eᵀ`.
-        let all = matrix(n, |i, j| {
+        let projected = matrix(n, |i, j| {
             let plain = s.get(i, j).copied().unwrap_or(0.0);
             let mixed = (mode[i] * image[j] + image[i] * mode[j]) / size;
             plain - mixed + mode[i] * mode[j] / size * (along / size + 0.01)
         });
-        (all, (0..n).map(|i| (0.7 * i as f64).sin() + mode[i]).collect())
+        (
+            projected,
+            (0..n).map(|i| (0.7 * i as f64).sin() + mode[i]).collect(),
+        )
     }
 
     #[test]
     fn a_lower_bound_that_is_too_high_costs_iterations_and_an_upper_one_too_low_is_told() {
         let (s, b) = long_wave();
         let tolerance = 1e-9;
-        let of = |low: f64, high: f64| Chebyshev::new([low, high], tolerance, 1000);
-        let (left, _, right) = solved(&s, &b, of(0.005, 2.2), (tolerance, 1000));
+        let plan = |low: f64, high: f64| Chebyshev::new([low, high], tolerance, 1000);
+        let (residual, _, low_enough) = solved(&s, &b, plan(0.005, 2.2), (tolerance, 1000));
         assert!(
-            left < 2.01 * tolerance && right.made == of(0.005, 2.2).iterations,
-            "{left:e}"
+            residual < 2.01 * tolerance && low_enough.iterations == plan(0.005, 2.2).iterations,
+            "{residual:e}"
         );
         for low in [0.02, 0.1] {
-            let (left, change, more) = solved(&s, &b, of(low, 2.2), (tolerance, 1000));
+            let (residual, change, resumed) = solved(&s, &b, plan(low, 2.2), (tolerance, 1000));
             assert!(
-                left < 2.01 * tolerance && change < 1e-14,
-                "{low}: {left:e} {change:e}"
+                residual < 2.01 * tolerance && change < 1e-14,
+                "{low}: {residual:e} {change:e}"
             );
             assert!(
-                more.made > of(low, 2.2).iterations && more.broken.is_none(),
+                resumed.iterations > plan(low, 2.2).iterations && resumed.broken.is_none(),
                 "{low}"
             );
         }
-        let (left, change, cut) = solved(&s, &b, of(0.1, 2.2), (tolerance, 30));
+        let (residual, change, limited) = solved(&s, &b, plan(0.1, 2.2), (tolerance, 30));
         assert!(
-            cut.made == 30 && left > tolerance && left < 1.0 && change < 1e-14,
-            "{left:e}"
+            limited.iterations == 30 && residual > tolerance && residual < 1.0 && change < 1e-14,
+            "{residual:e}"
         );
-        let (_, _, broken) = solved(&s, &b, of(0.005, 1.0), (tolerance, 1000));
+        let (_, _, broken) = solved(&s, &b, plan(0.005, 1.0), (tolerance, 1000));
         assert!(
             broken.broken.is_some_and(|b| b.growth > 2.0),
             "{:?}",
@@ -383,34 +396,34 @@ mod tests {
         );
     }
 
-    /// What round-off leaves in the null space of a right-hand side is not damped: iterations do not go on
-    /// for it.
+    /// Round-off leaves a part of the right-hand side in the null space. It cannot be damped, so the
+    /// iteration ends.
     #[test]
     fn a_residual_that_multipliers_cannot_reach_ends_the_iteration() {
         let s = matrix(8, |i, j| if i / 2 == j / 2 { 1.0 } else { 0.0 });
         let b: Vec<f64> = (0..8).map(|i| 1.0 + 1e-6 * f64::from(i % 2)).collect();
-        let of = Chebyshev::new([2.0, ceiling(&s)], 1e-9, 1000);
-        let (left, _, done) = solved(&s, &b, of, (1e-9, 1000));
-        assert!((4e-7..6e-7).contains(&left), "{left:e}");
-        assert_eq!(done.made, 2 * of.iterations);
+        let plan = Chebyshev::new([2.0, ceiling(&s)], 1e-9, 1000);
+        let (residual, _, iterated) = solved(&s, &b, plan, (1e-9, 1000));
+        assert!((4e-7..6e-7).contains(&residual), "{residual:e}");
+        assert_eq!(iterated.iterations, 2 * plan.iterations);
     }
 
     #[test]
     fn iterations_are_as_many_as_the_bounds_ask_for() {
         for (range, tolerance) in [([0.02, 2.5], 1e-12), ([1e-5, 1.0], 1e-6), ([1.0, 1.0], 1e-3)] {
-            let of = Chebyshev::new(range, tolerance, usize::MAX);
-            let [low, high] = of.bounds;
+            let plan = Chebyshev::new(range, tolerance, usize::MAX);
+            let [low, high] = plan.bounds;
             assert!(low <= 0.9 * range[0] && high >= 1.001 * range[1]);
-            let left = |k: usize| 1.0 / (k as f64 * ((high + low) / (high - low)).acosh()).cosh();
+            let bound = |k: usize| 1.0 / (k as f64 * ((high + low) / (high - low)).acosh()).cosh();
             assert!(
-                left(of.iterations) <= tolerance && left(of.iterations - 1) > tolerance,
-                "{of:?}"
+                bound(plan.iterations) <= tolerance && bound(plan.iterations - 1) > tolerance,
+                "{plan:?}"
             );
-            // With half of them, what they can do is done to all but the lowest.
-            let few = Chebyshev::new(range, tolerance, of.iterations / 2);
+            // Half as many iterations damp all but the lowest eigenvalues.
+            let few = Chebyshev::new(range, tolerance, plan.iterations / 2);
             assert_eq!(
                 (few.iterations, few.asked as usize),
-                (of.iterations / 2, of.iterations)
+                (plan.iterations / 2, plan.iterations)
             );
             assert!(
                 few.bounds[0] > low && few.bounds[1].to_bits() == high.to_bits(),

@@ -1,62 +1,65 @@
-//! What a solution for the multipliers is expected to take on several ranks: the model of decision 0046.
+//! Expected duration of a multiplier solve on several ranks (the model of decision 0046).
 
-/// A message between two ranks \[s\], assumed, and how many neighbours a rank has.
+/// Assumed latency of a message between two ranks \[s\], and assumed number of neighbours of a rank.
 const LATENCY: f64 = 2e-6;
 const NEIGHBOURS: f64 = 8.0;
-/// Bytes per second between ranks, measured, and from memory, assumed.
+/// Bytes per second between ranks (measured) and from memory (assumed).
 const WIRE: f64 = 2.4e9;
 const MEMORY: f64 = 8e9;
-/// Bytes of an exact sum, and of an entry of a matrix, as it is read.
+/// Bytes of an exact sum, and of a matrix entry as it is read.
 const SUM: f64 = 8.0 * crate::ranks::WORDS as f64;
 const ENTRY: f64 = 12.0;
 
-/// One way to solve for multipliers on several ranks.
+/// Expected duration of a multiplier solve with one solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolutionTime {
-    /// As [`super::InterfaceReport::solver`] names it.
+    /// Name of the solver as in [`super::InterfaceReport::solver`].
     pub solver: &'static str,
-    /// What one solution is expected to take \[s\], by a model of machines (decision 0046): latencies are
-    /// assumed.
+    /// Expected duration of one solve \[s\] by a model of machines (decision 0046) with assumed latencies.
     pub seconds: f64,
 }
 
-/// What solvers have to do.
+/// Size of a multiplier solve.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Work {
     /// Multiplier unknowns, and components that share an operator.
     pub(super) unknowns: usize,
     pub(super) shared: usize,
-    /// Entries of the factor, none where there cannot be one, and of the operator.
+    /// Entries of the factor (`None` if there can be none) and of the operator.
     pub(super) factor: Option<usize>,
     pub(super) operator: usize,
-    /// Iterations of conjugate gradients and of Chebyshev.
+    /// Expected iterations of conjugate gradients and of Chebyshev.
     pub(super) gradients: f64,
     pub(super) chebyshev: f64,
 }
 
 impl Work {
-    /// By a factor where there can be one, by conjugate gradients, by a Chebyshev iteration.
+    /// Returns the durations on `ranks` ranks: by a factor if there can be one, conjugate gradients,
+    /// Chebyshev.
     pub(super) fn on(&self, ranks: usize) -> Vec<SolutionTime> {
         let ranks = ranks.max(1) as f64;
         let rounds = ranks.log2();
-        // Short ones by a tree, long ones in pieces.
+        // A short reduction runs along a tree, a long one in pieces.
         let reduction = |bytes: f64| {
             let tree = rounds * (LATENCY + bytes / WIRE);
             tree.min(2.0 * (rounds * LATENCY + bytes / WIRE))
         };
         let sums = |count: usize| reduction(SUM * (count * self.shared) as f64);
-        let told = reduction(8.0 * self.unknowns as f64);
+        let broadcast = reduction(8.0 * self.unknowns as f64);
         let neighbours = NEIGHBOURS.min(ranks - 1.0) * LATENCY;
-        // Ranks on one face of a body have multipliers.
+        // Only ranks on one face of a body hold multipliers.
         let product = neighbours + ENTRY * self.operator as f64 / MEMORY / ranks.powf(2.0 / 3.0);
-        let by = |solver, seconds: f64| SolutionTime {
+        let solution_time = |solver, seconds: f64| SolutionTime {
             solver,
-            seconds: seconds + told,
+            seconds: seconds + broadcast,
         };
-        let factor = self.factor.map(|e| by("factor", 16.0 * e as f64 / MEMORY));
+        let factor = self
+            .factor
+            .map(|e| solution_time("factor", 16.0 * e as f64 / MEMORY));
         let iterations = [
-            by("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
-            by("chebyshev", self.chebyshev * product + sums(4)),
+            solution_time("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
+            // A Chebyshev solve has one reduction of four sums at its end.
+            solution_time("chebyshev", self.chebyshev * product + sums(4)),
         ];
         factor.into_iter().chain(iterations).collect()
     }
@@ -66,7 +69,7 @@ impl Work {
 mod tests {
     use super::Work;
 
-    /// Three times as many iterations without sums: dear on few ranks, cheap on many.
+    /// Three times as many iterations without sums: slower on few ranks, faster on many.
     #[test]
     fn a_chebyshev_iteration_pays_where_sums_take_longer_than_products() {
         let work = Work {
@@ -77,25 +80,25 @@ mod tests {
             gradients: 50.0,
             chebyshev: 150.0,
         };
-        let of = |ranks| {
-            let all = work.on(ranks);
-            let names = all.iter().map(|t| t.solver);
+        let iterative_times = |ranks| {
+            let times = work.on(ranks);
+            let names = times.iter().map(|t| t.solver);
             assert!(names.eq(["conjugate gradients", "chebyshev"]));
-            [all[0].seconds, all[1].seconds]
+            [times[0].seconds, times[1].seconds]
         };
-        let [gradients, chebyshev] = of(1);
+        let [gradients, chebyshev] = iterative_times(1);
         assert!(
             (chebyshev / gradients - 3.0).abs() < 0.1,
             "{gradients:e} {chebyshev:e}"
         );
-        let [gradients, chebyshev] = of(100_000);
+        let [gradients, chebyshev] = iterative_times(100_000);
         assert!(chebyshev < gradients, "{gradients:e} {chebyshev:e}");
-        // Nothing but entries is read where there is one rank, and as often as the factor has them.
-        let one = Work {
+        // With one rank the only cost is reading entries.
+        let with_factor = Work {
             factor: Some(400_000),
             ..work
         };
-        let times = one.on(1);
+        let times = with_factor.on(1);
         assert!(times[0].solver == "factor" && times[0].seconds < times[1].seconds);
         assert!((times[0].seconds - 16.0 * 4e5 / 8e9).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! The coupling matrix of one side, as it is assembled.
+//! Coupling matrix of one side as the assembly makes it.
 
 use crate::Real;
 use sprs::{CsMat, TriMat};
@@ -12,8 +12,8 @@ pub(crate) struct Coupling<T> {
 }
 
 impl<T: Real> Coupling<T> {
-    /// `Σ_j ‖B_ij‖` of a multiplier node `i` over the nodes `j` of the model, with the root mean square of
-    /// the singular values of each block as its norm: it does not depend on how axes lie.
+    /// Returns the measure of a multiplier node `i`: `Σ_j ‖B_ij‖` over the model's nodes `j`. The norm of a
+    /// block is the root mean square of its singular values, which does not depend on the axes.
     pub(super) fn measure(&self, node: usize, components: usize) -> T {
         let split = components / self.shared;
         let rows = (node * split..(node + 1) * split).filter_map(|k| self.matrix.outer_view(k));
@@ -26,25 +26,25 @@ impl<T: Real> Coupling<T> {
         blocks.map(|block| square(block).sqrt()).sum()
     }
 
-    /// The matrix for all components, interleaved.
+    /// Returns the matrix for all components, interleaved.
     pub(super) fn expanded(&self) -> CsMat<T> {
         let d = self.shared;
         let size = (self.matrix.rows() * d, self.matrix.cols() * d);
-        let mut all = TriMat::with_capacity(size, self.matrix.nnz() * d);
+        let mut triplets = TriMat::with_capacity(size, self.matrix.nnz() * d);
         for (v, (i, j)) in self.matrix.iter() {
-            (0..d).for_each(|c| all.add_triplet(i * d + c, j * d + c, *v));
+            (0..d).for_each(|c| triplets.add_triplet(i * d + c, j * d + c, *v));
         }
-        all.to_csr()
+        triplets.to_csr()
     }
 }
 
-/// Whether two sets of inverse inertias are the same where the matrices act.
+/// Returns whether two sets of inverse inertias agree on all coupled columns.
 pub(super) fn same_on_coupled<T: Real>(coupling: &[Coupling<T>], a: &[Vec<T>], b: &[Vec<T>]) -> bool {
     let mut sides = coupling.iter().zip(a.iter().zip(b));
     sides.all(|(side, (a, b))| side.matrix.iter().all(|(_, (_, j))| a[j] == b[j]))
 }
 
-/// `Σ_m B_m diag(weights_m) B_mᵀ`, symmetric to the bit.
+/// Computes `Σ_m B_m diag(weights_m) B_mᵀ`, symmetric to the bit.
 pub(super) fn operator<T: Real>(coupling: &[Coupling<T>], weights: &[Vec<T>]) -> CsMat<T> {
     let n = coupling[0].matrix.rows();
     let mut sum = TriMat::new((n, n));
@@ -58,7 +58,7 @@ pub(super) fn operator<T: Real>(coupling: &[Coupling<T>], weights: &[Vec<T>]) ->
             .zip(columns)
             .for_each(|(v, j)| *v *= weights[j]);
         let product: CsMat<T> = &scaled * &b.transpose_view().to_csr();
-        // Half to each triangle: symmetric whatever the order of summation was.
+        // Half of each entry goes to either triangle: symmetric for any order of summation.
         for (v, (i, j)) in product.iter() {
             sum.add_triplet(i, j, *v * T::of(0.5));
             sum.add_triplet(j, i, *v * T::of(0.5));

@@ -1,4 +1,4 @@
-//! Sums over multipliers.
+//! Scalar products of multiplier vectors.
 
 use super::parts::{BLOCK, Parts};
 use crate::Real;
@@ -7,34 +7,33 @@ use nalgebra::Vector3;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Scalar products of vectors of multipliers, by blocks that one rank adds up: the same bits on any number
-/// of ranks.
+/// Scalar products summed by blocks of multipliers with one owner: the same bits on any number of ranks.
 #[derive(Debug)]
 pub(super) struct Dots {
     cuts: Cuts,
-    /// Where each rank has its own multipliers only.
+    /// `None` if every rank holds all multipliers.
     portion: Option<Arc<Portion>>,
 }
 
 impl Dots {
-    /// Of vectors of so many rows, all of them here.
+    /// Prepares products of vectors of `rows` multipliers that this rank holds entirely.
     pub(super) fn new(rows: usize) -> Self {
         Self {
-            cuts: Cuts::every(BLOCK, 0..rows),
+            cuts: Cuts::at_blocks(BLOCK, 0..rows),
             portion: None,
         }
     }
 
-    /// Of vectors of the rows that each rank adds up.
+    /// Prepares products of vectors that hold only the multipliers each rank owns.
     pub(super) fn in_parts<T: Real>(parts: &Parts<T>) -> Self {
         Self {
-            cuts: Cuts::every(BLOCK, parts.mine().iter().map(|row| *row as usize)),
+            cuts: Cuts::at_blocks(BLOCK, parts.owned().iter().map(|row| *row as usize)),
             portion: Some(parts.portion().clone()),
         }
     }
 
-    /// `Σ a b` of every component.
-    pub(super) fn of<T: Real, const N: usize>(&self, a: &[T], b: &[T]) -> Vector3<T> {
+    /// Returns `Σ a b` of each component. Collective if multipliers are distributed.
+    pub(super) fn products<T: Real, const N: usize>(&self, a: &[T], b: &[T]) -> Vector3<T> {
         let (a, b) = (a.as_chunks::<N>().0, b.as_chunks::<N>().0);
         let part = |range: Range<usize>| {
             let mut sum = [T::zero(); N];
@@ -47,8 +46,8 @@ impl Dots {
         Vector3::from_fn(|c, _| sums.get(c).copied().unwrap_or_else(T::zero))
     }
 
-    /// Four of them, in one reduction.
-    pub(super) fn four<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
+    /// Returns four products of [`Self::products`] in one all-reduce.
+    pub(super) fn four_products<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
         let pairs = pairs.map(|(a, b)| (a.as_chunks::<N>().0, b.as_chunks::<N>().0));
         let part = |range: Range<usize>| {
             let mut sums = [T::zero(); 12];
@@ -63,12 +62,12 @@ impl Dots {
         [0, 1, 2, 3].map(|k| Vector3::from_fn(|c, _| sums[3 * k + c]))
     }
 
-    /// `Σ a b` over all components, of which each row has `shared`.
-    pub(super) fn all<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
+    /// Returns `Σ a b` over all `shared` components.
+    pub(super) fn total<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
         match shared {
-            1 => self.of::<T, 1>(a, b),
-            2 => self.of::<T, 2>(a, b),
-            _ => self.of::<T, 3>(a, b),
+            1 => self.products::<T, 1>(a, b),
+            2 => self.products::<T, 2>(a, b),
+            _ => self.products::<T, 3>(a, b),
         }
         .sum()
     }

@@ -1,9 +1,9 @@
-//! Interfaces that act on the same nodes: their multipliers are one system.
+//! Interfaces that act on the same nodes and are solved for as one system.
 //!
-//! With the rows of all of them in one `B_m` per model, of either sign as the model is coarse or fine in
-//! each, everything is as for one interface: `S = Σ_m B_m M_m⁻¹ B_mᵀ` has blocks off its diagonal where two
-//! interfaces act on one node, one solution meets all constraints, and the reflection keeps the kinetic
-//! energy of all models together.
+//! Each model has one `B_m` with the rows of all interfaces, positive where the model is coarse and negative
+//! where it is fine. Then `S = Σ_m B_m M_m⁻¹ B_mᵀ` has off-diagonal blocks wherever two interfaces act on one
+//! node. One solution meets all constraints, and the reflection keeps the kinetic energy of all models
+//! together.
 
 use super::operator::Wanted;
 use super::sides::Sides;
@@ -15,27 +15,27 @@ use crate::{Real, Result};
 use sprs::TriMat;
 use std::sync::Arc;
 
-/// Interfaces that are solved for together.
+/// Group of interfaces that are solved for as one system.
 #[derive(Debug)]
 pub(crate) struct Joint<T: Real> {
-    /// Their numbers, ascending.
+    /// Indices of the interfaces, ascending.
     pub(crate) members: Vec<usize>,
-    /// Their names.
+    /// Names of the interfaces, joined.
     name: String,
-    /// First multiplier of each, and the number of all.
+    /// First multiplier of each interface, then the number of all.
     starts: Vec<usize>,
-    /// Models they act on.
+    /// Indices of the models that the interfaces act on, ascending.
     pub(crate) models: Vec<usize>,
-    /// One side per model; the signs of all but the first are turned round, as those of a fine side are.
+    /// One side per model. Signs of all but the first are reversed, since [`Sides`] subtracts them.
     sides: Sides<T>,
     system: System<T>,
-    /// Of half a reflection.
+    /// `μ` of half a reflection.
     impulse: Vec<T>,
     /// `λ = rate μ`.
     rate: T,
 }
 
-/// Numbers of the interfaces that share nodes, directly or through others; each group ascending.
+/// Returns groups of interfaces that share nodes, directly or through others. Each group is ascending.
 pub(crate) fn groups<T: Real>(drafts: &[Draft<T>], nodes: &[usize]) -> Vec<Vec<usize>> {
     let mut owner: Vec<Vec<Option<usize>>> = nodes.iter().map(|n| vec![None; *n]).collect();
     let mut group: Vec<usize> = (0..drafts.len()).collect();
@@ -45,21 +45,23 @@ pub(crate) fn groups<T: Real>(drafts: &[Draft<T>], nodes: &[usize]) -> Vec<Vec<u
                 let Some(other) = owner[i.sides[m]][node].replace(k) else {
                     continue;
                 };
+                // Two groups become one under the lower number: a group has the number of its first member.
                 let (low, high) = (group[k].min(group[other]), group[k].max(group[other]));
                 group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
             }
         }
     }
     let firsts = (0..group.len()).filter(|k| group[*k] == *k);
-    let all = |first: usize| (0..group.len()).filter(|k| group[*k] == first).collect();
-    firsts.map(all).collect()
+    let members = |first: usize| (0..group.len()).filter(|k| group[*k] == first).collect();
+    firsts.map(members).collect()
 }
 
 impl<T: Real> Joint<T> {
-    /// Makes one system of the interfaces with these numbers; `inverse`: inverse inertia of every model.
+    /// Joins the interfaces with the indices `members` in one system. `inverse`: inverse inertia of every
+    /// model.
     ///
     /// # Errors
-    /// Those of the operator; [`crate::Error::InvalidOption`] for a lumped one.
+    /// Errors of the operator; [`crate::Error::InvalidOption`] for a lumped one.
     pub(crate) fn new(
         members: Vec<usize>,
         specs: &[InterfaceSpec<T>],
@@ -103,25 +105,25 @@ impl<T: Real> Joint<T> {
             name: name.clone(),
         };
         for (place, k) in out.members.iter().enumerate() {
-            let own = out.starts[place]..out.starts[place + 1];
-            let others = names.iter().enumerate().filter(|n| n.0 != place);
-            let together = others.map(|n| (*n.1).to_owned()).collect();
+            let multipliers = out.starts[place]..out.starts[place + 1];
+            let other_names = names.iter().enumerate().filter(|n| n.0 != place);
+            let together = other_names.map(|n| (*n.1).to_owned()).collect();
             let interface = &mut drafts[*k].interface;
-            interface.found(&out.system.operator, own, together);
+            interface.report_operator(&out.system.operator, multipliers, together);
         }
         Ok(out)
     }
 
-    /// Finds what takes the jumps out of the numbers `x` of every model ([`Joint::models`]), `scale` times,
-    /// and keeps it.
+    /// Solves for the multipliers that remove the jump of `x`, given for every model by its index, and keeps
+    /// them and the changes of the models, `scale` times.
     pub(crate) fn find<'a>(&mut self, x: impl Fn(usize) -> &'a [T], scale: T) {
-        let all = self.sides.iter_mut().zip(&self.models);
-        all.for_each(|(s, m)| s.load(x(*m)));
+        let sides = self.sides.iter_mut().zip(&self.models);
+        sides.for_each(|(s, m)| s.load(x(*m)));
         self.system
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
     }
 
-    /// Whether the last solve went wrong.
+    /// Reports an iteration of the last solve that diverged.
     ///
     /// # Errors
     /// [`crate::Error::EigenvaluesBeyond`].
@@ -129,66 +131,66 @@ impl<T: Real> Joint<T> {
         self.system.operator.check(&self.name)
     }
 
-    /// Whether the last solve was an iteration that ended before its tolerance.
+    /// Returns whether the last solve was an iteration that ended above its tolerance.
     pub(crate) fn is_unsolved(&self) -> bool {
         self.system.operator.is_unsolved()
     }
 
-    /// From now on models are in parts, by their numbers.
+    /// Restricts the coupling matrices to this rank's parts; `portions` has an entry per model of the run.
     pub(crate) fn share_out(&mut self, portions: &[Option<Arc<Portion>>]) {
-        let of: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
-        self.sides.share_out(&of);
+        let side_portions: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
+        self.sides.share_out(&side_portions);
         if let Some(parts) = self.sides.parts() {
             self.system.share_out(parts);
         }
     }
 
-    /// What the multipliers change of every model.
+    /// Returns each model with the change that the multipliers make to it.
     pub(crate) fn kicks(&self) -> impl Iterator<Item = (usize, &Transfer<T>)> {
         self.models.iter().copied().zip(self.sides.iter())
     }
 
-    /// Tells the interfaces their multipliers.
-    pub(crate) fn tell(&self, interfaces: &mut [Interface<T>]) {
+    /// Hands each interface its multipliers.
+    pub(crate) fn hand_out(&self, interfaces: &mut [Interface<T>]) {
         for (place, k) in self.members.iter().enumerate() {
-            let own = &self.impulse[self.starts[place]..self.starts[place + 1]];
-            interfaces[*k].take(own, self.system.operator.iterations());
+            let impulse = &self.impulse[self.starts[place]..self.starts[place + 1]];
+            interfaces[*k].take(impulse, self.system.operator.iterations());
         }
     }
 
-    /// Goes back to the impulses that the interfaces have, and to what they change.
+    /// Restores the impulses that the interfaces hold, and the changes that follow from them.
     pub(crate) fn restore(&mut self, interfaces: &[Interface<T>]) {
         for (place, k) in self.members.iter().enumerate() {
-            let own = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
-            own.copy_from_slice(interfaces[*k].impulse());
+            let impulse = &mut self.impulse[self.starts[place]..self.starts[place + 1]];
+            impulse.copy_from_slice(interfaces[*k].impulse());
         }
         self.sides.spread(&self.impulse);
     }
 
-    /// Sets the length of the steps between reflections \[s\].
+    /// Sets the duration of the macro steps \[s\].
     pub(crate) fn pace(&mut self, step: T) {
         self.rate = T::of(2.0) / step;
     }
 
-    /// `λᵀB v` \[W\] with the velocities that the last reflection left.
+    /// Returns the power `λᵀB v` \[W\] with the velocities after the last reflection.
     pub(crate) fn power(&self) -> T {
-        self.rate * self.system.left()
+        self.rate * self.system.residual_work()
     }
 }
 
-/// Options of all members: the tightest of them.
+/// Returns options for all members: the tightest tolerances and the common solver.
 fn agreed<T: Real>(members: &[usize], specs: &[InterfaceSpec<T>]) -> Result<InterfaceOptions<T>> {
     let mut out = specs[members[0]].options;
     for spec in members.iter().map(|k| &specs[*k]) {
         if spec.options.lumped {
-            let others = members
+            let other_names = members
                 .iter()
                 .map(|k| &*specs[*k].name)
                 .filter(|n| *n != spec.name);
             let rule = format!(
                 "it shares nodes with '{}' and is solved together with it: row sums would leave out what one does to the \
                  other; take it out, or move the interfaces apart",
-                others.collect::<Vec<_>>().join("', '")
+                other_names.collect::<Vec<_>>().join("', '")
             );
             return Err(crate::error::invalid_option(&spec.name, "lumped", "true", &rule));
         }
@@ -198,7 +200,7 @@ fn agreed<T: Real>(members: &[usize], specs: &[InterfaceSpec<T>]) -> Result<Inte
     Ok(out)
 }
 
-/// Rows of all interfaces over the unknowns of each model.
+/// Stacks the rows of all interfaces over the unknowns of each model.
 fn stacked<T: Real>(
     members: &[usize],
     models: &[usize],
@@ -215,18 +217,19 @@ fn stacked<T: Real>(
             )
         })
         .collect();
-    // All components share one matrix if they do so everywhere, and if no support tells them apart.
+    // All components share one matrix if they do so in every interface, and if supports fix a node in all
+    // components or in none.
     let place = |model: usize| models.iter().position(|m| *m == model);
     let alike = |(sides, coupling): &([usize; 2], Vec<Coupling<T>>)| {
         sides.iter().zip(coupling).all(|(side, c)| {
             let inverse = place(*side).map_or(&[][..], |k| inverse[k]);
-            let of = |j: usize| {
+            let node_inverse = |j: usize| {
                 inverse
                     .get(j * components..(j + 1) * components)
                     .unwrap_or_default()
             };
-            let same = |j: usize| of(j).iter().all(|w| *w == of(j)[0]);
-            c.shared == components && c.matrix.iter().all(|(_, (_, j))| same(j))
+            let is_isotropic = |j: usize| node_inverse(j).iter().all(|w| *w == node_inverse(j)[0]);
+            c.shared == components && c.matrix.iter().all(|(_, (_, j))| is_isotropic(j))
         })
     };
     let shared = if parts.iter().all(alike) { components } else { 1 };
@@ -249,12 +252,12 @@ fn stacked<T: Real>(
         let columns = parts
             .iter()
             .find_map(|(sides, c)| Some(c.get(of_model(sides)?)?.matrix.cols()));
-        let mut all = TriMat::new((rows, columns.unwrap_or(0)));
+        let mut triplets = TriMat::new((rows, columns.unwrap_or(0)));
         let mut first = 0;
         for (sides, coupling) in &parts {
-            let own = of_model(sides).and_then(|m| Some((m, coupling.get(m)?)));
-            if let Some((m, c)) = own {
-                // Coarse is plus, and the first side as it is.
+            let own_coupling = of_model(sides).and_then(|m| Some((m, coupling.get(m)?)));
+            if let Some((m, c)) = own_coupling {
+                // Plus for a coarse side; reversed for all models but the first, as in [`Joint::sides`].
                 let sign = if (m == 0) == (place == 0) {
                     T::one()
                 } else {
@@ -262,12 +265,12 @@ fn stacked<T: Real>(
                 };
                 c.matrix
                     .iter()
-                    .for_each(|(v, (i, j))| all.add_triplet(first + i, j, sign * *v));
+                    .for_each(|(v, (i, j))| triplets.add_triplet(first + i, j, sign * *v));
             }
             first += coupling.first().map_or(0, |c| c.matrix.rows());
         }
         Coupling {
-            matrix: all.to_csr(),
+            matrix: triplets.to_csr(),
             shared,
         }
     };

@@ -1,7 +1,8 @@
-//! The interface: coupling matrices, multiplier operator and correction, the same for any pair of models.
+//! Interface between two models: coupling matrices, multiplier operator and velocity correction, for any
+//! pair.
 //!
-//! With `B_m` the multiplier-by-unknown matrix of side `m` (`C_m = B_mᵀ`, stored once, so that the two are
-//! adjoint by construction):
+//! `B_m` is the multiplier-by-unknown matrix of side `m`. Only `B_m` is stored and `C_m = B_mᵀ`, so that the
+//! two are adjoint by construction:
 //!
 //! ```text
 //! constraint   B_C u̇ − B_D ḋ = 0
@@ -9,8 +10,9 @@
 //! projection   S μ = B_C u̇* − B_D ḋ*,   u̇ = u̇* − M_C⁻¹ B_Cᵀ μ,   ḋ = ḋ* + M_D⁻¹ B_Dᵀ μ,   λ = 2 μ/ΔT
 //! ```
 //!
-//! Velocities at the instant are the projected ones; the change is added a second time at the start of the
-//! next step, which makes the two a reflection. `S` does not depend on the step: it is factored once.
+//! Velocities at the end of a macro step are the projected ones. The next step begins by adding the same
+//! change a second time, which makes the two a reflection. `S` does not depend on the step: it is factored
+//! once.
 
 mod advice;
 mod assembly;
@@ -57,7 +59,7 @@ use system::System;
 pub(crate) use transfer::Transfer;
 pub(crate) use transfer::{Rows, add_at, coupled_nodes};
 
-/// What ties a coarse to a fine subdomain.
+/// Tie between a coarse and a fine subdomain.
 pub struct InterfaceSpec<T: Real> {
     /// Name for messages and reports.
     pub name: String,
@@ -65,16 +67,16 @@ pub struct InterfaceSpec<T: Real> {
     pub coarse: usize,
     /// Index of the fine subdomain.
     pub fine: usize,
-    /// The multiplier space.
+    /// Multiplier space.
     pub mediator: Arc<dyn Mediator<T>>,
-    /// The scalar product.
+    /// Scalar product in which the jump vanishes.
     pub junction: Box<dyn Junction<T>>,
-    /// Choices with good defaults.
+    /// Sampling, solver and tolerances.
     pub options: InterfaceOptions<T>,
 }
 
 impl<T: Real> InterfaceSpec<T> {
-    /// A tie between the subdomains of these numbers, with the default options.
+    /// Returns a tie between the subdomains with these indices, with the default options.
     pub fn new(
         name: &str,
         coarse: usize,
@@ -92,7 +94,7 @@ impl<T: Real> InterfaceSpec<T> {
         }
     }
 
-    /// Of so many displacement components: how many share one scalar coupling matrix.
+    /// Returns how many displacement components share one scalar coupling matrix: all or 1.
     fn shared(&self, components: usize) -> usize {
         match self.junction.components() {
             Components::Separate => components,
@@ -110,23 +112,24 @@ impl<T: Real> std::fmt::Debug for InterfaceSpec<T> {
     }
 }
 
-/// Choices of an interface.
+/// Options of an interface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InterfaceOptions<T: Real> {
-    /// How the junction integrals are sampled.
+    /// Sampling of the junction integrals.
     pub sampling: Sampling,
-    /// How the multipliers are solved for.
+    /// Solver for the multipliers.
     pub solver: Solver<T>,
-    /// Lump the multiplier operator to its row sums (L2 only). The constraint then holds only in the mean.
+    /// If true, the multiplier operator is lumped to its row sums (L2 only). The constraint then holds only
+    /// in the mean.
     pub lumped: bool,
     /// Eigenvalues of the scaled operator below this share of the largest count as zero.
     pub rank_tolerance: T,
-    /// Largest jump of the initial displacements that is projected away, relative to the largest of them;
-    /// above it the run is refused. The default of 0.1: linear interpolation of a wave on eight elements
-    /// errs by 7.7 % of its amplitude, so that two meshes of one smooth field differ by less.
+    /// Largest jump of the initial displacements that is projected away, relative to the largest initial
+    /// displacement. Above it the run is refused. Default 0.1: linear interpolation of a wave on eight
+    /// elements errs by 7.7 % of its amplitude, so two meshes of one smooth field differ by less.
     pub start_jump: T,
-    /// Point at which the models are pinned together; needed by a seminorm. `None` takes the first mediator
-    /// node.
+    /// Point at which the models are pinned together, used by a seminorm only. `None` takes the first
+    /// mediator node.
     pub pin: Option<Point3<T>>,
 }
 
@@ -145,16 +148,16 @@ impl<T: Real> Default for InterfaceOptions<T> {
     }
 }
 
-/// One model as an interface sees it.
+/// Data of one model that an interface reads.
 #[derive(Clone, Copy)]
 pub struct Side<'a, T: Real> {
     /// Name of the model.
     pub name: &'a str,
-    /// Field in the overlap.
+    /// Displacement field of the model in the overlap.
     pub field: &'a dyn Interpolation<T>,
     /// Arrangement of the unknowns.
     pub layout: DofLayout,
-    /// Inverse weighted inertia; zero where motion is prescribed.
+    /// Inverse weighted inertia of each unknown; zero where motion is prescribed.
     pub inverse_inertia: &'a [T],
     /// Weight `β` of the model, between zero and one in the overlap.
     pub weight: &'a dyn Weight<T>,
@@ -166,14 +169,14 @@ impl<T: Real> std::fmt::Debug for Side<'_, T> {
     }
 }
 
-/// A ready interface between a coarse and a fine subdomain.
+/// Interface between a coarse and a fine subdomain, with its operator ready to be solved with.
 #[derive(Debug)]
 pub struct Interface<T: Real> {
-    /// Subdomains: coarse, fine.
+    /// Indices of the coarse and the fine subdomain.
     pub(crate) sides: [usize; 2],
-    /// Coupling matrices: coarse, fine.
+    /// Coupling matrices of the coarse and the fine side.
     pub(crate) coupling: Sides<T>,
-    /// None where its multipliers are solved for together with others: [`joint::Joint`].
+    /// `None` if the multipliers are solved for together with those of other interfaces ([`joint::Joint`]).
     system: Option<System<T>>,
     iterations: usize,
     lambda: Vec<T>,
@@ -181,28 +184,29 @@ pub struct Interface<T: Real> {
     impulse: Vec<T>,
     /// `λ = rate μ`.
     rate: T,
-    /// Per multiplier node, of the coarse side: turns a constraint residual into a velocity.
+    /// Measure of each multiplier node, from the coarse side: a constraint residual over it is a velocity.
     measures: Vec<T>,
     pub(crate) report: InterfaceReport,
     pub(crate) start_jump: T,
-    /// Whether its iterations were given limits of their own.
+    /// True if the user limited the iterations to other than the default tolerance and number.
     cut_short: bool,
     components: usize,
     nodes: Vec<Point3<T>>,
-    /// What solvers have to do; of interfaces that are solved for together the first has it.
+    /// Cost of a solve, for predictions. Of jointly solved interfaces only the first has it; `None` if
+    /// lumped.
     work: Option<Work>,
 }
 
-/// An interface whose multipliers nobody solves for yet.
+/// Interface with coupling matrices but without a solver.
 #[derive(Debug)]
 pub(crate) struct Draft<T: Real> {
     pub(crate) interface: Interface<T>,
-    /// Coupling matrices: coarse, fine.
+    /// Coupling matrices of the coarse and the fine side.
     coupling: Vec<Coupling<T>>,
 }
 
 impl<T: Real> Draft<T> {
-    /// The coupling matrices of a mediator between two sides, coarse first.
+    /// Assembles the coupling matrices of a mediator between two sides, coarse first.
     pub(crate) fn new(spec: &InterfaceSpec<T>, sides: [Side<'_, T>; 2]) -> Result<Self> {
         let components = sides[0].layout.components;
         if sides[1].layout.components != components {
@@ -227,6 +231,7 @@ impl<T: Real> Draft<T> {
         let built = assembly::assemble(spec, &sides, components)?;
         let shared = built.coupling[0].shared;
         let size = built.coupling[0].matrix.rows() * shared;
+        // A positive multiplier slows the coarse model down and speeds the fine one up.
         let signs = [-T::one(), T::one()];
         let coupling =
             [0, 1].map(|m| Transfer::new(&built.coupling[m], components, signs[m], sides[m].inverse_inertia));
@@ -252,7 +257,9 @@ impl<T: Real> Draft<T> {
             together: Vec::new(),
             warnings: built.warnings,
         };
-        report.warnings.extend(advice::of_sides(&report, spec, &sides));
+        report
+            .warnings
+            .extend(advice::side_warnings(&report, spec, &sides));
         let zeros = || vec![T::zero(); size];
         let interface = Interface {
             sides: [spec.coarse, spec.fine],
@@ -278,7 +285,7 @@ impl<T: Real> Draft<T> {
         })
     }
 
-    /// The interface, solved for on its own; `inverse`: inverse inertias of the two sides.
+    /// Makes an interface that is solved for on its own. `inverse`: inverse inertias of the two sides.
     pub(crate) fn alone(self, spec: &InterfaceSpec<T>, inverse: [&[T]; 2]) -> Result<Interface<T>> {
         let mut out = self.interface;
         let wanted = Wanted {
@@ -286,19 +293,19 @@ impl<T: Real> Draft<T> {
             options: &spec.options,
         };
         let system = System::new(wanted, &self.coupling, &inverse, out.components)?;
-        out.found(&system.operator, 0..out.lambda.len(), Vec::new());
+        out.report_operator(&system.operator, 0..out.lambda.len(), Vec::new());
         out.system = Some(system);
         Ok(out)
     }
 }
 
 impl<T: Real> Interface<T> {
-    /// Whether each component of a multiplier acts on that component alone.
+    /// Returns whether each component of a multiplier acts on the same component of displacements only.
     pub(crate) fn splits(&self) -> bool {
         self.components == 1 || self.coupling[0].shared() == self.components
     }
 
-    /// From now on models are in parts, of which it keeps the nodes here.
+    /// Restricts the coupling matrices to this rank's part of each partitioned model.
     pub(crate) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
         self.coupling.share_out(&portions);
         if let (Some(system), Some(parts)) = (&mut self.system, self.coupling.parts()) {
@@ -306,7 +313,7 @@ impl<T: Real> Interface<T> {
         }
     }
 
-    /// Whether its multipliers are solved for without others.
+    /// Returns whether the multipliers are solved for without those of other interfaces.
     pub(crate) fn is_alone(&self) -> bool {
         self.system.is_some()
     }
@@ -320,13 +327,14 @@ impl<T: Real> Interface<T> {
         Draft::new(spec, sides)?.alone(spec, sides.map(|s| s.inverse_inertia))
     }
 
-    /// Reports what an operator tells, of whose multipliers `own` are those of this interface; `together`:
-    /// names of the interfaces that the others are of.
-    fn found(&mut self, operator: &Operator<T>, own: Range<usize>, together: Vec<String>) {
-        let nodes = own.start / self.components..own.end / self.components;
-        let mine = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
+    /// Copies rank, solver, condition and warnings of an operator into the report. `multipliers`: range of
+    /// this interface among the operator's multipliers. `together`: names of the other interfaces that the
+    /// operator solves for.
+    fn report_operator(&mut self, operator: &Operator<T>, multipliers: Range<usize>, together: Vec<String>) {
+        let nodes = multipliers.start / self.components..multipliers.end / self.components;
+        let own_modes = operator.null_modes.iter().filter(|n| nodes.contains(&n.node));
         let report = &mut self.report;
-        report.null_modes = mine
+        report.null_modes = own_modes
             .map(|n| NullMode {
                 node: n.node - nodes.start,
                 ..n.clone()
@@ -334,48 +342,51 @@ impl<T: Real> Interface<T> {
             .collect();
         report.rank = report.multipliers - report.null_modes.len();
         report.solver = operator.solver;
-        report.damped = operator.chebyshev().map(|of| Damped {
-            eigenvalues: of.bounds,
-            iterations: of.iterations,
+        report.damped = operator.chebyshev().map(|plan| Damped {
+            eigenvalues: plan.bounds,
+            iterations: plan.iterations,
         });
         report.condition = operator.condition.as_f64();
         report.condition_at_least = operator.at_least;
-        if own.start == 0 {
+        // Joint interfaces share one factor: only the first of them counts it.
+        if multipliers.start == 0 {
             report.nonzeros += operator.nonzeros();
             self.work = (operator.solver != "lumped").then_some(operator.work);
         }
         report.together = together;
-        let told = advice::of_rank(report, operator.ranked);
-        report
-            .warnings
-            .extend(operator.chebyshev().and_then(|of| advice::of_iterations(&of)));
-        report.warnings.extend(told);
+        let dependence = advice::rank_warnings(report, operator.ranked);
+        report.warnings.extend(
+            operator
+                .chebyshev()
+                .and_then(|plan| advice::iteration_warning(&plan)),
+        );
+        report.warnings.extend(dependence);
     }
 
-    /// What the set-up found.
+    /// Returns what the set-up found: sizes, rank, solver, condition and warnings.
     pub fn report(&self) -> &InterfaceReport {
         &self.report
     }
 
-    /// Index of the coarse and the fine subdomain.
+    /// Returns the indices of the coarse and the fine subdomain.
     pub fn sides(&self) -> [usize; 2] {
         self.sides
     }
 
-    /// Multipliers of the last correction, components interleaved \[N/m³ for L2\].
+    /// Returns the multipliers of the last correction, components interleaved \[N/m³ for L2\].
     pub fn multipliers(&self) -> &[T] {
         &self.lambda
     }
 
-    /// `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model,
-    /// components interleaved \[m³ for L2\]. The constraint is `B_C u̇ − B_D ḋ = 0`. Expanded from the
-    /// stored matrix at every call; `None` for a side above 1; of a model in parts only the columns of the
-    /// nodes here, by their numbers here.
+    /// Returns `B_C` (side 0) or `B_D` (side 1): multiplier unknowns by displacement unknowns of that model,
+    /// components interleaved \[m³ for L2\]; `None` for a side above 1. The constraint is
+    /// `B_C u̇ − B_D ḋ = 0`. Every call expands the stored matrix. Of a partitioned model there are only the
+    /// columns of the nodes that this rank owns, by their local numbers.
     pub fn coupling_matrix(&self, side: usize) -> Option<CsMat<T>> {
         self.coupling.get(side).map(|c| c.matrix().expanded())
     }
 
-    /// `S = Σ_m B_m diag(inverse_m) B_mᵀ` for given inverse inertias.
+    /// Returns `S = Σ_m B_m diag(inverse_m) B_mᵀ` for given inverse inertias.
     pub(crate) fn operator_matrix(&self, inverse: [&[T]; 2]) -> CsMat<T> {
         let coupling = [0, 1].map(|m| Coupling {
             matrix: self.coupling[m].matrix().expanded(),
@@ -384,39 +395,38 @@ impl<T: Real> Interface<T> {
         coupling::operator(&coupling, &inverse.map(<[T]>::to_vec))
     }
 
-    /// Iterations that the last solve took; zero with a factor.
+    /// Returns the number of iterations of the last solve; zero with a factor.
     pub fn iterations(&self) -> usize {
         self.iterations
     }
 
-    /// What one solution for the multipliers is expected to take on so many ranks, by each solver that can
-    /// be asked for; nothing of a lumped operator, and of interfaces that are solved for together but the
-    /// first.
+    /// Returns the expected duration of one multiplier solve on `ranks` ranks for each solver that a user can
+    /// choose. Empty for a lumped operator and for all but the first of jointly solved interfaces.
     pub fn solution_times(&self, ranks: usize) -> Vec<SolutionTime> {
         self.work.map_or_else(Vec::new, |w| w.on(ranks))
     }
 
-    /// Mediator nodes \[m\].
+    /// Returns the mediator nodes \[m\].
     pub fn nodes(&self) -> &[Point3<T>] {
         &self.nodes
     }
 
-    /// Vector components per multiplier node.
+    /// Returns the number of vector components per multiplier node.
     pub fn components(&self) -> usize {
         self.components
     }
 
-    /// Solves `S μ = B_C x_C − B_D x_D` and keeps `scale μ` with what it changes, `δ_C = −scale M_C⁻¹ B_Cᵀ
-    /// μ`, `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Nothing where others are solved for together with it.
+    /// Solves `S μ = B_C x_C − B_D x_D`. Keeps `scale μ` and the changes `δ_C = −scale M_C⁻¹ B_Cᵀ μ` and
+    /// `δ_D = scale M_D⁻¹ B_Dᵀ μ`. Does nothing if the interface belongs to a [`joint::Joint`].
     pub(crate) fn find(&mut self, x: [&[T]; 2], scale: T) {
         let Some(system) = &mut self.system else { return };
         let load = |sides: &mut [Transfer<T>]| sides.iter_mut().zip(x).for_each(|(c, x)| c.load(x));
         system.find(&mut self.coupling, &load, scale, &mut self.impulse);
         self.iterations = system.operator.iterations();
-        self.tell();
+        self.update_multipliers();
     }
 
-    /// Whether the last solve went wrong.
+    /// Reports an iteration of the last solve that diverged.
     ///
     /// # Errors
     /// [`Error::EigenvaluesBeyond`].
@@ -425,34 +435,34 @@ impl<T: Real> Interface<T> {
         system.map_or(Ok(()), |s| s.operator.check(&self.report.name))
     }
 
-    /// Whether the last solve was an iteration that ended before its tolerance; of those solved for
-    /// together their joint knows.
+    /// Returns whether the last solve was an iteration that ended above its tolerance. Always false for a
+    /// member of a [`joint::Joint`], which answers itself.
     pub(crate) fn is_unsolved(&self) -> bool {
         self.system.as_ref().is_some_and(|s| s.operator.is_unsolved())
     }
 
-    /// Whether a user gave its iterations limits that are not the usual ones: jumps of velocities are then
-    /// what was asked for.
+    /// Returns whether the user limited the iterations, so that velocity jumps are expected and not warned
+    /// about.
     pub(crate) fn is_cut_short(&self) -> bool {
         self.cut_short
     }
 
-    /// Takes the impulses that were found together with others.
+    /// Keeps the impulses that a joint solve found.
     fn take(&mut self, impulse: &[T], iterations: usize) {
         self.impulse.copy_from_slice(impulse);
         self.iterations = iterations;
-        self.tell();
+        self.update_multipliers();
     }
 
-    /// `λ` from the impulses.
-    fn tell(&mut self) {
+    /// Sets `λ` from the impulses.
+    fn update_multipliers(&mut self) {
         for (l, m) in self.lambda.iter_mut().zip(&self.impulse) {
             *l = *m * self.rate;
         }
     }
 
-    /// First half of the reflection `v ← (I − 2P) v`: finds what takes the jump out of the velocities,
-    /// takes it out and keeps it for the second half, with which the next step begins.
+    /// First half of the reflection `v ← (I − 2P) v`: computes the change that removes the velocity jump,
+    /// adds it to `v` and keeps it. The second half, at the start of the next step, adds it again.
     pub(crate) fn reflect(&mut self, v: [&mut [T]; 2]) {
         let [coarse, fine] = v;
         self.find([coarse, fine], T::one());
@@ -460,18 +470,18 @@ impl<T: Real> Interface<T> {
         self.coupling[1].kick(fine);
     }
 
-    /// Impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
+    /// Returns the impulses `μ` of half a reflection; `λ = 2 μ/ΔT`.
     pub(crate) fn impulse(&self) -> &[T] {
         &self.impulse
     }
 
-    /// Goes back to the impulses of another instant, and to what they change.
+    /// Restores the impulses of another instant and the velocity changes that follow from them.
     pub(crate) fn restore(&mut self, impulse: &[T]) {
         self.take(impulse, 0);
         self.coupling.spread(impulse);
     }
 
-    /// Takes multipliers that are known, those of an equilibrium.
+    /// Sets the multipliers to known values, such as those of a static equilibrium.
     pub(crate) fn hold(&mut self, lambda: &[T]) {
         for (m, l) in self.impulse.iter_mut().zip(lambda) {
             *m = *l / self.rate;
@@ -480,25 +490,26 @@ impl<T: Real> Interface<T> {
         self.coupling.spread(&self.impulse);
     }
 
-    /// Sets the length of the steps between reflections \[s\], to which multipliers refer.
+    /// Sets the duration of the macro steps \[s\], which relates multipliers to impulses.
     pub(crate) fn pace(&mut self, step: T) {
         self.rate = T::of(2.0) / step;
     }
 
-    /// `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities that the last [`Self::reflect`] left: zero but for
-    /// round-off where the multipliers are solved for exactly or by Galerkin's condition.
+    /// Returns the power `λᵀ(B_C v_C − B_D v_D)` \[W\] with the velocities after the last [`Self::reflect`].
+    /// It is zero but for round-off if the multipliers are solved for exactly or fulfil Galerkin's condition.
     pub(crate) fn power(&self) -> T {
-        let left = self.system.as_ref().map_or_else(T::zero, System::left);
-        self.rate * left
+        let work = self.system.as_ref().map_or_else(T::zero, System::residual_work);
+        self.rate * work
     }
 
-    /// Largest of the jumps `B_C x_C − B_D x_D` at the multipliers, as vectors divided by the multiplier's
-    /// own measure.
+    /// Returns the largest jump `B_C x_C − B_D x_D`: the norm over the components of a multiplier node,
+    /// divided by the measure of that node.
     pub(crate) fn jump(&mut self, x: [&[T]; 2], work: &mut Vec<T>) -> T {
         work.clear();
         work.resize(self.lambda.len(), T::zero());
         self.coupling.jump(Some(&x), work);
         let measured = work.chunks_exact(self.components).zip(&self.measures);
+        // A multiplier node without coupled coarse nodes has no measure.
         let measured = measured.filter(|(_, s)| **s > T::zero());
         let size = |r: &[T]| r.iter().fold(T::zero(), |sum, r| sum + *r * *r).sqrt();
         measured.fold(T::zero(), |m, (r, s)| m.max(size(r) / *s))

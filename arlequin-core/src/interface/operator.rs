@@ -1,4 +1,4 @@
-//! The multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ`: how it is solved with.
+//! Multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ` and its solver.
 
 use super::chebyshev::{self, Chebyshev};
 use super::cost::Work;
@@ -17,18 +17,18 @@ use sprs::{CsMat, TriMat};
 /// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8
 /// (decision 0030).
 const ITERATIONS: f64 = 7.0;
-/// Entries of the largest factor: a gigabyte.
+/// Entries of the largest allowed factor: a gigabyte.
 const LARGEST_FACTOR: usize = 1 << 27;
 
-/// One symmetric block of the operator, or a fixed stand-in for its inverse.
+/// Exact or approximate inverse of one symmetric block of the operator.
 #[derive(Debug)]
 enum Block<T: Real> {
-    /// In the scaling that makes the diagonal one.
+    /// Cholesky factor of the block scaled to a unit diagonal.
     Factor {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
     },
-    /// Eigenvectors of what acts on something, each divided by the root of its eigenvalue, in the same
+    /// Eigenvectors outside of the null space, each divided by the root of its eigenvalue, in the same
     /// scaling.
     Modes {
         scale: Vec<T>,
@@ -40,11 +40,11 @@ enum Block<T: Real> {
     },
 }
 
-/// All blocks, each with the components that it serves.
+/// Blocks, each with the components that it serves: components of equal inverse masses share one.
 #[derive(Debug)]
 struct Blocks<T: Real> {
     all: Vec<(Block<T>, Vec<usize>)>,
-    /// Right-hand sides of one block, one after another.
+    /// Right-hand sides of one block, one after another (working buffer).
     columns: Vec<T>,
     shared: usize,
 }
@@ -52,21 +52,21 @@ struct Blocks<T: Real> {
 #[derive(Debug)]
 pub(super) struct Operator<T: Real> {
     blocks: Blocks<T>,
-    /// Where the blocks are no exact inverse.
+    /// `Some` if the blocks are a preconditioner and no exact inverse.
     iterated: Option<Iterated<T>>,
-    /// Name of the way it is solved.
+    /// Name of the solver in use.
     pub(super) solver: &'static str,
     pub(super) condition: T,
-    /// Whether the condition is at least that, since the smallest eigenvalue is known from above only.
+    /// True if `condition` is a lower bound, as the smallest eigenvalue is only known from above.
     pub(super) at_least: bool,
     pub(super) null_modes: Vec<NullMode>,
-    /// Whether it is known which multipliers are dependent.
+    /// True if the number of dependent multipliers is known.
     pub(super) ranked: bool,
-    /// What solvers have to do.
+    /// Size of a solve, for predictions of its duration.
     pub(super) work: Work,
 }
 
-/// What an operator is made with: name and options of its interface.
+/// Name and options of the interface that an operator is made for.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wanted<'a, T: Real> {
     pub(super) name: &'a str,
@@ -78,17 +78,17 @@ struct Outcome<T: Real> {
     exact: bool,
     condition: T,
     at_least: bool,
-    /// Smallest eigenvalue but zero of the scaled operator, an estimate from above, and a bound of the
-    /// largest.
+    /// Smallest non-zero eigenvalue of the scaled operator (estimated from above) and a bound of the largest.
     bounds: [f64; 2],
-    /// Entries of the factor, where there can be one.
+    /// Entries of the factor; `None` if there can be none.
     entries: Option<usize>,
-    /// None where they are not known.
+    /// `None` if they are not known.
     null_modes: Option<Vec<NullMode>>,
 }
 
 impl<T: Real> Operator<T> {
-    /// From the coupling matrix and the inverse inertia of every side.
+    /// Assembles the operator from the coupling matrix and the inverse inertia of every side, and chooses a
+    /// solver.
     pub(super) fn new(
         wanted: Wanted<'_, T>,
         coupling: &[Coupling<T>],
@@ -97,7 +97,7 @@ impl<T: Real> Operator<T> {
     ) -> Result<Self> {
         let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
         let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-        let Found {
+        let Analysis {
             blocks,
             only,
             exact,
@@ -122,19 +122,20 @@ impl<T: Real> Operator<T> {
         work.chebyshev = Chebyshev::new(bounds, tolerance.as_f64(), usize::MAX).iterations as f64;
         let iterated = (!exact).then(|| {
             let (method, rows_pay) = match solver {
-                // Whatever their number: they make every iteration a talk between neighbours.
+                // Use the rows of S at any size: an iteration then talks to neighbours only.
                 Solver::Chebyshev { .. } => {
-                    let of = Chebyshev::new(bounds, tolerance.as_f64(), most);
-                    (Method::Chebyshev(of), usize::MAX)
+                    let plan = Chebyshev::new(bounds, tolerance.as_f64(), most);
+                    (Method::Chebyshev(plan), usize::MAX)
                 }
                 _ => (Method::Gradients, passes),
             };
             let apply = match only.filter(|s| s.nnz() < rows_pay) {
-                Some(s) => Apply::Rows(Rows::of(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
+                Some(s) => Apply::Rows(Rows::from_entries(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
             Iterated::new(apply, method, [rows, shared], (tolerance, most))
         });
+        // Eigenvectors are only in use where multipliers are dependent.
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
         Ok(Self {
             solver: match (iterated.as_ref().map(|i| i.method), dependent) {
@@ -158,26 +159,27 @@ impl<T: Real> Operator<T> {
         })
     }
 
-    /// From now on each rank solves for the multipliers that it adds up; false where all of them solve for
-    /// all.
+    /// Restricts the solver to the multipliers that this rank owns and returns true. Returns false, and
+    /// changes nothing, if every rank has to solve for all.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
         let diagonal = self
             .blocks
             .all
             .iter()
             .all(|b| matches!(b.0, Block::Diagonal { .. }));
+        // Only a diagonal preconditioner acts on each multiplier by itself.
         let iterated = self.iterated.as_mut().filter(|_| diagonal);
         if !iterated.is_some_and(|i| i.share_out(parts)) {
             return false;
         }
         for (block, _) in &mut self.blocks.all {
             if let Block::Diagonal { inverse } = block {
-                *inverse = parts.mine().iter().map(|i| inverse[*i as usize]).collect();
+                *inverse = parts.owned().iter().map(|i| inverse[*i as usize]).collect();
             }
         }
         self.blocks
             .columns
-            .truncate(parts.mine().len() * self.blocks.shared);
+            .truncate(parts.owned().len() * self.blocks.shared);
         true
     }
 
@@ -191,17 +193,17 @@ impl<T: Real> Operator<T> {
         blocks + self.iterated.as_ref().map_or(0, Iterated::nonzeros)
     }
 
-    /// Iterations of the last solve; none where it took none.
+    /// Returns the number of iterations of the last solve; zero for a direct solver.
     pub(super) fn iterations(&self) -> usize {
-        self.iterated.as_ref().map_or(0, |i| i.made)
+        self.iterated.as_ref().map_or(0, |i| i.iterations)
     }
 
-    /// Whether the last solve was an iteration that ended before its tolerance.
+    /// Returns whether the last solve was an iteration that ended above its tolerance.
     pub(super) fn is_unsolved(&self) -> bool {
         self.iterated.as_ref().is_some_and(|i| i.unsolved)
     }
 
-    /// What a Chebyshev iteration damps.
+    /// Returns the data of a Chebyshev solver.
     pub(super) fn chebyshev(&self) -> Option<Chebyshev> {
         match self.iterated.as_ref()?.method {
             Method::Chebyshev(of) => Some(of),
@@ -209,7 +211,7 @@ impl<T: Real> Operator<T> {
         }
     }
 
-    /// Whether the last solve enlarged what it should damp; `interface`: its name.
+    /// Reports an iteration of the last solve that diverged; `interface`: name for the message.
     pub(super) fn check(&self, interface: &str) -> Result<()> {
         let broken = self.iterated.as_ref().and_then(|i| i.broken);
         let Some(Broken { iterations, growth }) = broken else {
@@ -219,11 +221,11 @@ impl<T: Real> Operator<T> {
             interface: interface.to_owned(),
             iterations,
             growth,
-            high: self.chebyshev().map_or(f64::NAN, |of| of.bounds[1]),
+            high: self.chebyshev().map_or(f64::NAN, |plan| plan.bounds[1]),
         })
     }
 
-    /// `b ← S⁻¹ b`, components interleaved; overwrites what the sides hold.
+    /// Overwrites `b` with `S⁻¹ b`, components interleaved. Overwrites what the sides hold.
     pub(super) fn solve(&mut self, b: &mut [T], sides: &mut Sides<T>) {
         match &mut self.iterated {
             None => self.blocks.apply(b),
@@ -242,20 +244,20 @@ impl<T: Real> Precondition<T> for Blocks<T> {
         for (block, components) in &mut self.all {
             let columns = &mut self.columns[..n * components.len()];
             for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {
-                let from = b[*c..].iter().step_by(d);
-                column.iter_mut().zip(from).for_each(|(x, b)| *x = *b);
+                let values = b[*c..].iter().step_by(d);
+                column.iter_mut().zip(values).for_each(|(x, b)| *x = *b);
             }
             block.solve(columns, n);
             for (column, c) in columns.chunks_exact(n).zip(&*components) {
-                let to = b[*c..].iter_mut().step_by(d);
-                to.zip(column).for_each(|(b, x)| *b = *x);
+                let values = b[*c..].iter_mut().step_by(d);
+                values.zip(column).for_each(|(b, x)| *b = *x);
             }
         }
     }
 }
 
 impl<T: Real> Block<T> {
-    /// Solves for right-hand sides of length `n`, one after another.
+    /// Solves for right-hand sides of length `n`, stored one after another.
     fn solve(&mut self, b: &mut [T], n: usize) {
         let scaled = |b: &mut [T], s: &[T]| {
             for b in b.chunks_exact_mut(n) {
@@ -285,10 +287,10 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// Blocks of different inverse masses and what is known of them.
-struct Found<T: Real> {
+/// Blocks of all components and their properties.
+struct Analysis<T: Real> {
     blocks: Vec<(Block<T>, Vec<usize>)>,
-    /// The operator where all components share it.
+    /// The operator, if all components share it.
     only: Option<CsMat<T>>,
     exact: bool,
     ranked: bool,
@@ -304,10 +306,10 @@ fn find_blocks<T: Real>(
     coupling: &[Coupling<T>],
     inverse: &[&[T]],
     components: usize,
-) -> Result<Found<T>> {
+) -> Result<Analysis<T>> {
     let shared = coupling[0].shared;
     let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
-    let mut found = Found {
+    let mut analysis = Analysis {
         blocks: Vec::new(),
         only: None,
         exact: true,
@@ -322,17 +324,20 @@ fn find_blocks<T: Real>(
         },
     };
     let mut modes_of: Vec<Vec<NullMode>> = Vec::new();
-    let mut seen: Vec<Vec<Vec<T>>> = Vec::new();
+    let mut known_weights: Vec<Vec<Vec<T>>> = Vec::new();
     for c in 0..shared {
-        let of = |(side, inverse): (&Coupling<T>, &&[T])| -> Vec<T> {
+        let component_inverse = |(side, inverse): (&Coupling<T>, &&[T])| -> Vec<T> {
             let columns = 0..side.matrix.cols();
             columns.map(|j| inverse[j * shared + c]).collect()
         };
-        let weights: Vec<_> = coupling.iter().zip(inverse).map(of).collect();
-        let known = seen.iter().position(|w| same_on_coupled(coupling, w, &weights));
-        if let Some(k) = known {
-            found.blocks[k].1.push(c);
-            found.null_modes.extend(modes_of[k].iter().cloned());
+        let weights: Vec<_> = coupling.iter().zip(inverse).map(component_inverse).collect();
+        // Components whose inverse masses agree on all coupled nodes share one block.
+        let known_block = known_weights
+            .iter()
+            .position(|w| same_on_coupled(coupling, w, &weights));
+        if let Some(k) = known_block {
+            analysis.blocks[k].1.push(c);
+            analysis.null_modes.extend(modes_of[k].iter().cloned());
             continue;
         }
         let s = operator(coupling, &weights);
@@ -341,27 +346,28 @@ fn find_blocks<T: Real>(
         } else {
             block(wanted.options, &s, components / shared, passes)?
         };
-        found.condition = found.condition.max(outcome.condition);
-        found.at_least |= outcome.at_least;
-        let ([low, high], [l, h]) = (found.bounds, outcome.bounds);
-        found.bounds = [low.min(l), high.max(h)];
-        let all = found.work.factor.zip(outcome.entries);
-        found.work.factor = all.map(|(sum, entries)| sum + entries);
-        found.work.operator += s.nnz();
-        found.exact &= outcome.exact;
-        found.ranked &= outcome.null_modes.is_some();
-        found.blocks.push((outcome.block, vec![c]));
-        found.only = Some(s).filter(|_| found.blocks.len() == 1);
+        analysis.condition = analysis.condition.max(outcome.condition);
+        analysis.at_least |= outcome.at_least;
+        let ([low, high], [l, h]) = (analysis.bounds, outcome.bounds);
+        analysis.bounds = [low.min(l), high.max(h)];
+        let factors = analysis.work.factor.zip(outcome.entries);
+        analysis.work.factor = factors.map(|(sum, entries)| sum + entries);
+        analysis.work.operator += s.nnz();
+        analysis.exact &= outcome.exact;
+        analysis.ranked &= outcome.null_modes.is_some();
+        analysis.blocks.push((outcome.block, vec![c]));
+        // With several blocks no single matrix serves all components.
+        analysis.only = Some(s).filter(|_| analysis.blocks.len() == 1);
         modes_of.push(outcome.null_modes.unwrap_or_default());
-        found
+        analysis
             .null_modes
             .extend(modes_of[modes_of.len() - 1].iter().cloned());
-        seen.push(weights);
+        known_weights.push(weights);
     }
-    Ok(found)
+    Ok(analysis)
 }
 
-/// How one block is solved with, and what is known of it; `passes`: entries that are read to apply it by
+/// Chooses the solver of one block and finds its properties. `passes`: entries read to apply the block by
 /// both sides.
 fn block<T: Real>(
     options: &InterfaceOptions<T>,
@@ -374,6 +380,7 @@ fn block<T: Real>(
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
     let bounds = |low: T| [low.as_f64(), chebyshev::ceiling(&scaled)];
+    // Preconditioner of the iterations: scale² is the inverse diagonal.
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };
@@ -385,11 +392,14 @@ fn block<T: Real>(
         if low > high * tolerance {
             let iterations = ITERATIONS * (high / low).sqrt().as_f64();
             let by_factor = match options.solver {
+                // A factor is read twice per solve; an iteration reads S or both directions of B.
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
                 _ => !chosen,
             };
             let bounds = bounds(low);
             let mut block = Block::Factor { scale, factor };
+            // Rank and solver follow from the scaled operator; the condition reported here is that of S
+            // itself.
             let [low, high] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
             return Ok(Outcome {
                 block: if by_factor { block } else { diagonal },
@@ -412,15 +422,15 @@ fn block<T: Real>(
             bounds: bounds(low),
             entries: None,
             null_modes: (entries <= LARGEST_FACTOR)
-                .then(|| rank::counted(&scaled, tolerance, per_node))
+                .then(|| rank::count_null_modes(&scaled, tolerance, per_node))
                 .flatten(),
         });
     }
-    let found = rank::modes(&scaled, tolerance, per_node)?;
-    let [low, high] = found.range;
+    let analysis = rank::resolve_modes(&scaled, tolerance, per_node)?;
+    let [low, high] = analysis.range;
     let modes = Block::Modes {
         scale,
-        modes: found.modes,
+        modes: analysis.modes,
         work: vec![T::zero(); scaled.rows()],
     };
     Ok(Outcome {
@@ -430,17 +440,18 @@ fn block<T: Real>(
         at_least: false,
         bounds: bounds(low),
         entries: None,
-        null_modes: Some(found.null_modes),
+        null_modes: Some(analysis.null_modes),
     })
 }
 
-/// Scaled copy with unit diagonal, and the scaling; rows that act on nothing keep a zero scale.
+/// Returns a copy scaled to a unit diagonal, and the scaling. Rows that act on nothing get a zero scale.
 fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
     let n = s.rows();
     let diagonal: Vec<T> = (0..n)
         .map(|i| s.get(i, i).copied().unwrap_or_else(T::zero))
         .collect();
     let top = diagonal.iter().fold(T::zero(), |a, b| a.max(*b));
+    // A diagonal of round-off would scale noise up to one.
     let floor = top * T::epsilon() * T::of(16.0);
     let scale: Vec<T> = diagonal
         .iter()
@@ -458,7 +469,7 @@ fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
     (t.to_csc(), scale)
 }
 
-/// Row sums in place of the operator. Exists for the L2 junction, where they are positive.
+/// Replaces the operator by its row sums, which are positive for the L2 junction.
 fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
     let n = s.rows();
     let mut sums = vec![T::zero(); n];

@@ -1,12 +1,13 @@
-//! Multipliers on models in parts: every one has a rank that adds up what all others know of it.
+//! Sums over multipliers when models are partitioned: each multiplier is owned by one rank, which adds it up.
 //!
-//! A rank sums over its own nodes, a piece per multiplier and unit of nodes. Pieces go to the rank that
-//! adds them up, which is the one holds the first of them in its block of multipliers, and are added in the
-//! order of units, as on one rank; it forms what whole models contribute as well. Then all ranks are told
-//! all sums, of which each has one author: a reduction of integers, to which the others add zero. Conjugate
-//! gradients go on with the sums where they are ([`super::gradients`]).
+//! A rank sums over its own nodes and has one partial sum ("piece") per multiplier and unit of nodes. It
+//! sends the pieces of a block of multipliers to their owner: the rank that holds the first piece of the
+//! block. The owner adds pieces in the order of units, as one rank alone would, and computes the contribution
+//! of models that are whole on every rank. Then an all-reduce of integers gives all sums to all ranks: every
+//! rank but the owner adds zero. Iterative solvers skip that step and keep working with the owned sums
+//! ([`super::gradients`]).
 
-use super::sides::less;
+use super::sides::subtract_others;
 use super::transfer::{self, Transfer};
 use crate::Real;
 use crate::ranks::{Places, Portion, Post, Reduction};
@@ -14,19 +15,19 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows of multipliers that have one author: neighbours mostly, so that sums over multipliers need not be
-/// exact in each.
+/// Number of consecutive multipliers with one owner, mostly neighbours. Global sums are plain within a block
+/// and exact only over blocks.
 pub(super) const BLOCK: usize = 16;
 
-/// Sums of multipliers over sides of which some are in parts.
+/// Sums of multipliers over sides of which at least one is partitioned.
 #[derive(Debug)]
 pub(super) struct Parts<T> {
     lists: Lists,
-    /// Ranks that add up the blocks of multipliers.
-    authors: Vec<u32>,
-    /// Own pieces of each side in parts, among the places.
-    own: Vec<Option<Range<usize>>>,
-    /// Own pieces, then those of others.
+    /// Owner of each block of multipliers.
+    owners: Vec<u32>,
+    /// Range of this rank's pieces of each partitioned side, in `pool`.
+    own_pieces: Vec<Option<Range<usize>>>,
+    /// This rank's pieces, then the received ones.
     pool: Vec<T>,
     sums: Vec<T>,
     shared: usize,
@@ -34,25 +35,26 @@ pub(super) struct Parts<T> {
     words: Vec<i64>,
 }
 
-/// What is added up here.
+/// Multipliers that this rank owns, and where their pieces are.
 #[derive(Debug)]
 struct Lists {
-    /// Multipliers.
-    mine: Vec<u32>,
-    /// Work of those before, for threads.
+    /// Owned multipliers, ascending.
+    owned: Vec<u32>,
+    /// Work (entries and pieces) before each owned multiplier, to split the loop among threads.
     before: Vec<usize>,
-    /// Places of the pieces of each of them and each side, one after another, and where these lists begin.
+    /// Places in `pool` of the pieces of each owned multiplier and side, and the first place of each such
+    /// list.
     places: Vec<u32>,
     starts: Vec<u32>,
 }
 
-/// A piece of a multiplier: of which side, and held by which rank.
+/// Partial sum of a multiplier over one unit of nodes: its side and the rank that computes it.
 struct Piece {
     side: usize,
     rank: usize,
 }
 
-/// All pieces of a multiplier on sides in parts, in order.
+/// Returns the pieces of a multiplier on the partitioned sides, in the order of sides and units.
 fn pieces_of<'a, T: Real>(
     sides: &'a [Transfer<T>],
     portions: &'a [Option<&Arc<Portion>>],
@@ -68,18 +70,19 @@ fn pieces_of<'a, T: Real>(
     })
 }
 
-/// Goes on by so many, and tells from where.
-fn passed(end: &mut u32, by: u32) -> u32 {
-    *end += by;
-    *end - by
+/// Advances `end` by a number and returns its old value.
+fn advance(end: &mut u32, count: u32) -> u32 {
+    *end += count;
+    *end - count
 }
 
-/// The ranks that add up blocks of multipliers.
-fn authors<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Vec<u32> {
+/// Returns the owner of each block of multipliers: the rank of its first piece, 0 for a block without pieces.
+fn block_owners<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Vec<u32> {
     let rows = sides[0].multipliers();
     let first = |block: usize| {
-        let all = block * BLOCK..rows.min((block + 1) * BLOCK);
-        all.into_iter()
+        let rows_of_block = block * BLOCK..rows.min((block + 1) * BLOCK);
+        rows_of_block
+            .into_iter()
             .find_map(|row| pieces_of(sides, portions, row).next())
     };
     let blocks = 0..rows.div_ceil(BLOCK);
@@ -87,46 +90,47 @@ fn authors<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -
 }
 
 impl Lists {
-    /// Finds where every piece goes; `next`: places of own pieces of each side, `arrive`: of those that
-    /// other ranks send, whose own ones are told to `send`.
+    /// Finds the place of every piece. `next`: first place of this rank's pieces of each side. `peers`: in,
+    /// the places of received pieces; out, also the places of the pieces to send.
     fn new<T: Real>(
         sides: &[Transfer<T>],
         portions: &[Option<&Arc<Portion>>],
-        (me, authors): (usize, &[u32]),
+        (me, owners): (usize, &[u32]),
         mut next: Vec<u32>,
         peers: &mut BTreeMap<usize, Places>,
     ) -> Self {
         let mut arrive: BTreeMap<usize, u32> = peers.iter().map(|(r, p)| (*r, p.receive.start)).collect();
         let mut out = Self {
-            mine: Vec::new(),
+            owned: Vec::new(),
             before: vec![0],
             places: Vec::new(),
             starts: vec![0],
         };
         let mut work = 0;
         for row in 0..sides[0].multipliers() {
-            let author = authors[row / BLOCK] as usize;
+            let owner = owners[row / BLOCK] as usize;
             let mut lists: Vec<Vec<u32>> = vec![Vec::new(); sides.len()];
             for Piece { side, rank } in pieces_of(sides, portions, row) {
-                let place = match (rank == me, author == me) {
+                let place = match (rank == me, owner == me) {
                     (true, _) => &mut next[side],
                     (false, true) => arrive.entry(rank).or_default(),
                     (false, false) => continue,
                 };
-                let place = passed(place, 1);
-                if author == me {
+                let place = advance(place, 1);
+                if owner == me {
                     lists[side].push(place);
                 } else {
-                    peers.entry(author).or_default().send.push(place);
+                    peers.entry(owner).or_default().send.push(place);
                 }
             }
-            if author != me {
+            if owner != me {
                 continue;
             }
-            let whole = sides.iter().zip(portions).filter(|(_, p)| p.is_none());
-            let entries = whole.map(|(s, _)| s.before(row + 1) - s.before(row));
+            let whole_sides = sides.iter().zip(portions).filter(|(_, p)| p.is_none());
+            // A whole side costs its entries here; of a partitioned side only finished pieces are added.
+            let entries = whole_sides.map(|(s, _)| s.before(row + 1) - s.before(row));
             work += entries.sum::<usize>();
-            out.mine.push(row as u32);
+            out.owned.push(row as u32);
             for list in lists {
                 out.places.extend(list);
                 out.starts.push(out.places.len() as u32);
@@ -138,39 +142,39 @@ impl Lists {
 }
 
 impl<T: Real> Parts<T> {
-    /// Of sides that are whole still; none if all of them stay so.
+    /// Sets up the sums for sides that are still whole. `None` if no model is partitioned.
     pub(super) fn new(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Option<Self> {
         let portion: Arc<Portion> = (*portions.iter().flatten().next()?).clone();
         let me = portion.communicator().rank();
         let (rows, shared) = (sides[0].multipliers(), sides[0].shared());
-        let authors = authors(sides, portions);
-        // Own pieces of every side, and how many come from which rank.
-        let (mut counts, mut come) = (vec![0; sides.len()], BTreeMap::new());
+        let owners = block_owners(sides, portions);
+        // Pieces of this rank on every side, and how many arrive from each other rank.
+        let (mut counts, mut arriving) = (vec![0; sides.len()], BTreeMap::new());
         for row in 0..rows {
             for Piece { side, rank } in pieces_of(sides, portions, row) {
                 if rank == me {
                     counts[side] += 1;
-                } else if authors[row / BLOCK] as usize == me {
-                    *come.entry(rank).or_default() += 1;
+                } else if owners[row / BLOCK] as usize == me {
+                    *arriving.entry(rank).or_default() += 1;
                 }
             }
         }
         let mut end = 0;
-        let firsts: Vec<u32> = counts.iter().map(|n| passed(&mut end, *n)).collect();
-        let of = |m: usize| portions[m].map(|_| firsts[m] as usize..(firsts[m] + counts[m]) as usize);
-        let own = (0..sides.len()).map(of).collect();
+        let firsts: Vec<u32> = counts.iter().map(|n| advance(&mut end, *n)).collect();
+        let own_range = |m: usize| portions[m].map(|_| firsts[m] as usize..(firsts[m] + counts[m]) as usize);
+        let own_pieces = (0..sides.len()).map(own_range).collect();
         let receive = |(rank, n): (usize, u32)| {
-            let receive = passed(&mut end, n)..end;
+            let receive = advance(&mut end, n)..end;
             let send = Vec::new();
             (rank, Places { send, receive })
         };
-        let mut peers: BTreeMap<usize, Places> = come.into_iter().map(receive).collect();
-        let lists = Lists::new(sides, portions, (me, &authors), firsts, &mut peers);
+        let mut peers: BTreeMap<usize, Places> = arriving.into_iter().map(receive).collect();
+        let lists = Lists::new(sides, portions, (me, &owners), firsts, &mut peers);
         Some(Self {
-            sums: vec![T::zero(); shared * lists.mine.len()],
+            sums: vec![T::zero(); shared * lists.owned.len()],
             lists,
-            authors,
-            own,
+            owners,
+            own_pieces,
             pool: vec![T::zero(); shared * end as usize],
             shared,
             post: Post::new(portion, shared, peers.into_iter()),
@@ -178,23 +182,23 @@ impl<T: Real> Parts<T> {
         })
     }
 
-    /// Rows that are added up here, ascending.
-    pub(super) fn mine(&self) -> &[u32] {
-        &self.lists.mine
+    /// Returns the multipliers that this rank owns, ascending.
+    pub(super) fn owned(&self) -> &[u32] {
+        &self.lists.owned
     }
 
-    /// The rank that adds a row up.
-    pub(super) fn author(&self, row: usize) -> usize {
-        self.authors[row / BLOCK] as usize
+    /// Returns the rank that owns a multiplier.
+    pub(super) fn owner(&self, row: usize) -> usize {
+        self.owners[row / BLOCK] as usize
     }
 
-    /// One of the portions: all are of the same ranks.
+    /// Returns the part of one partitioned model; its communicator is that of all.
     pub(super) fn portion(&self) -> &Arc<Portion> {
         self.post.portion()
     }
 
-    /// [`Self::jump`] of what the sides hold, of the rows that are added up here.
-    pub(super) fn jump_here(&mut self, sides: &[Transfer<T>], out: &mut [T]) {
+    /// Writes the jump of what the sides hold, for the multipliers that this rank owns. Collective.
+    pub(super) fn owned_jump(&mut self, sides: &[Transfer<T>], out: &mut [T]) {
         match self.shared {
             1 => self.add_up::<1>(sides, None),
             2 => self.add_up::<2>(sides, None),
@@ -203,8 +207,8 @@ impl<T: Real> Parts<T> {
         out.copy_from_slice(&self.sums);
     }
 
-    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the
-    /// sides hold. Not numbers once ranks do not hear of each other any more.
+    /// Writes `out = B_0 x_0 − B_1 x_1 − …` on every rank, for unknowns `x` of the models or, if `None`, for
+    /// what the sides hold. All entries are NaN after a failure of the transport. Collective.
     pub(super) fn jump<const N: usize>(&mut self, sides: &[Transfer<T>], x: Option<&[&[T]]>, out: &mut [T]) {
         self.add_up::<N>(sides, x);
         let sums = std::mem::take(&mut self.sums);
@@ -212,44 +216,46 @@ impl<T: Real> Parts<T> {
         self.sums = sums;
     }
 
-    /// Finds the sums.
+    /// Computes the sums that this rank owns.
     fn add_up<const N: usize>(&mut self, sides: &[Transfer<T>], x: Option<&[&[T]]>) {
         let pool = self.pool.as_chunks_mut::<N>().0;
-        for (m, (side, own)) in sides.iter().zip(&self.own).enumerate() {
-            if let Some(own) = own {
-                side.pieces::<N>(x.map(|x| x[m]), &mut pool[own.clone()]);
+        for (m, (side, range)) in sides.iter().zip(&self.own_pieces).enumerate() {
+            if let Some(range) = range {
+                side.pieces::<N>(x.map(|x| x[m]), &mut pool[range.clone()]);
             }
         }
         if !self.post.exchange(pool) {
+            // A sum without some of its pieces would look like a result.
             return self.sums.fill(T::of(f64::NAN));
         }
         let Lists {
-            mine,
+            owned,
             before,
             places,
             starts,
         } = &self.lists;
-        let of = |k: usize, m: usize| {
+        let side_sum = |k: usize, m: usize| {
             let list = k * sides.len() + m;
             let places = &places[starts[list] as usize..starts[list + 1] as usize];
-            match self.own[m] {
+            match self.own_pieces[m] {
                 Some(_) => transfer::total(places.iter().map(|p| pool[*p as usize])),
-                None => sides[m].row(mine[k] as usize, x.map(|x| x[m])),
+                None => sides[m].row(owned[k] as usize, x.map(|x| x[m])),
             }
         };
         let sums = self.sums.as_chunks_mut::<N>().0;
-        transfer::each(0..sums.len(), sums, &|k| before[k], &|k| {
-            less((0..sides.len()).map(|m| of(k, m)))
+        transfer::fill_rows(0..sums.len(), sums, &|k| before[k], &|k| {
+            subtract_others((0..sides.len()).map(|m| side_sum(k, m)))
         });
     }
 
-    /// Tells all ranks what each has of its own rows.
-    pub(super) fn publish(&mut self, own: &[T], out: &mut [T]) {
+    /// Broadcasts each rank's multipliers, so that `out` holds all of them on every rank. Collective.
+    pub(super) fn publish(&mut self, owned: &[T], out: &mut [T]) {
         let d = self.shared;
         self.words.fill(0);
-        for (row, own) in self.lists.mine.iter().zip(own.chunks_exact(d)) {
+        for (row, values) in self.lists.owned.iter().zip(owned.chunks_exact(d)) {
+            // Bits as integers: the sum with the zeros of all other ranks gives the bits back unchanged.
             let words = &mut self.words[*row as usize * d..][..d];
-            for (word, x) in words.iter_mut().zip(own) {
+            for (word, x) in words.iter_mut().zip(values) {
                 *word = x.as_f64().to_bits().cast_signed();
             }
         }

@@ -1,63 +1,63 @@
-//! What is known of an interface before the first step.
+//! Report of an interface's set-up.
 
 use super::NullMode;
 
-/// What a Chebyshev iteration for multipliers damps.
+/// Eigenvalues and iterations of a Chebyshev solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damped {
-    /// Lowest and highest eigenvalue of the operator, scaled to a diagonal of ones: all but zeros lie
-    /// between them. Lower ones are only left out where the tolerance would take more iterations than are
-    /// allowed.
+    /// Lowest and highest damped eigenvalue of the operator scaled to a unit diagonal. All non-zero ones lie
+    /// between them, unless the tolerance would take more iterations than are allowed: then some are below.
     pub eigenvalues: [f64; 2],
-    /// Iterations per solution; more are made where the lowest was too high.
+    /// Iterations per solve; more are made if the lower eigenvalue was too high.
     pub iterations: usize,
 }
 
-/// What the set-up of an interface found.
+/// Results of an interface's set-up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InterfaceReport {
-    /// Name.
+    /// Name of the interface.
     pub name: String,
-    /// Junction.
+    /// Name of the junction.
     pub junction: &'static str,
-    /// Multiplier unknowns.
+    /// Number of multiplier unknowns.
     pub multipliers: usize,
-    /// Independent ones; all of them where it is not known (a warning says so).
+    /// Number of independent multipliers; all of them if the rank is not known (a warning says so).
     pub rank: usize,
-    /// How they are solved for: `factor`, `eigenvectors` (where multipliers are dependent), `conjugate
-    /// gradients`, `chebyshev`, `lumped`.
+    /// Solver in use: `factor`, `eigenvectors` (dependent multipliers), `conjugate gradients`, `chebyshev` or
+    /// `lumped`.
     pub solver: &'static str,
-    /// What a Chebyshev iteration damps; none of another solver.
+    /// Data of a Chebyshev solver; `None` for other solvers.
     pub damped: Option<Damped>,
-    /// Condition number of `A` (by power iteration; of the retained modes where some were dropped).
+    /// Condition number of the operator, by power iteration. Without a factor: that of the non-zero modes of
+    /// the operator scaled to a unit diagonal.
     pub condition: f64,
-    /// Whether the condition is at least that: of more than 2 000 dependent multipliers per component the
-    /// smallest eigenvalue is found from above only.
+    /// True if `condition` is a lower bound: beyond 2 000 dependent multipliers per component the smallest
+    /// eigenvalue is only known from above.
     pub condition_at_least: bool,
     /// Measure of the overlap \[m³\].
     pub measure: f64,
-    /// Nodes of the coarse and the fine model that the multipliers act on.
+    /// Numbers of nodes of the coarse and the fine model that multipliers act on.
     pub coupled_nodes: [usize; 2],
-    /// Relative difference of the mediator's zeroth and first moments as the two sides integrate them.
+    /// Relative difference between the sides in the zeroth and first moments of the mediator.
     pub momentum_defect: f64,
-    /// Stored entries of coupling matrices and factor.
+    /// Number of stored entries of coupling matrices and solver.
     pub nonzeros: usize,
-    /// Modes that were dropped.
+    /// Dropped combinations of multipliers.
     pub null_modes: Vec<NullMode>,
-    /// Degree up to which the junction integrals are exact on each piece; none where they are sums over
+    /// Degree up to which the junction integrals are exact on each cell intersection; `None` for sums over
     /// particles.
     pub degree: Option<usize>,
-    /// Share of the overlap that lies outside the mediator, at its surface.
+    /// Share of the overlap that lies outside of the mediator, at its surface.
     pub outside: f64,
-    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act: by their
-    /// volumes for particles, by their number otherwise. What sticks out of the other model is not tied.
+    /// Shares of the coarse and the fine model's overlap nodes on which multipliers act, by volume for
+    /// particles and by number otherwise. Nodes that stick out of the other model are not tied.
     pub tied: [f64; 2],
-    /// Jump of the initial displacements that was projected away \[m\], as the multipliers see it.
+    /// Largest jump of the initial displacements at a multiplier node that was projected away \[m\].
     pub start_jump: f64,
-    /// Largest change of an initial displacement by that \[m\].
+    /// Largest change of an initial displacement by that projection \[m\].
     pub start_moved: f64,
-    /// Interfaces that act on nodes of this one and are solved for together with it.
+    /// Names of interfaces that share nodes with this one and are solved together with it.
     pub together: Vec<String>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }

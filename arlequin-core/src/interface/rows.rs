@@ -1,8 +1,8 @@
 //! Sparse matrices summed row by row from dense blocks, in a fixed order.
 //!
-//! A task (a cell of the mediator, some particles) sums its products in one dense block over the nodes that
-//! take part, and hands over its rows. Rows are merged in the order of the tasks, each by itself: nothing
-//! is sorted but the few entries of a row, and results have the same bits for any number of threads.
+//! A task (a cell of the mediator, or some particles) sums its products in one dense block over its nodes and
+//! hands over the rows. Rows are merged in the order of the tasks, each row by itself. Only the few entries
+//! of a row are sorted, and results have the same bits for any number of threads.
 
 use crate::Real;
 use crate::adjacency::Adjacency;
@@ -12,18 +12,18 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use sprs::CsMat;
 
-/// Entries that wait before they are merged into their rows.
+/// Number of entries that wait before they are merged into their rows.
 const PENDING: usize = 1 << 22;
 
-/// What a task adds to one row: columns ascending, each once.
+/// Entries that a task adds to one row: columns ascending, each once.
 pub(super) struct Part<T> {
     row: u32,
     entries: Vec<(u32, T)>,
 }
 
-/// Dense numbers of the nodes a task has met, in the order in which it met them.
+/// Local numbers of the nodes that a task has met, in the order of meeting.
 struct Slots {
-    /// By node: the task that met it last, and its number there.
+    /// For each node: the task that met it last, and its local number there.
     known: Vec<(u32, u32)>,
     task: u32,
     nodes: Vec<u32>,
@@ -38,7 +38,7 @@ impl Slots {
         }
     }
 
-    fn of(&mut self, node: usize) -> usize {
+    fn slot(&mut self, node: usize) -> usize {
         let known = &mut self.known[node];
         if known.0 != self.task {
             *known = (self.task, self.nodes.len() as u32);
@@ -49,6 +49,7 @@ impl Slots {
 
     fn clear(&mut self) {
         self.nodes.clear();
+        // A new task number forgets all nodes at once, without clearing the table.
         self.task = self.task.wrapping_add(1);
         if self.task == 0 {
             self.known.fill((0, 0));
@@ -57,21 +58,22 @@ impl Slots {
     }
 }
 
-/// The products of one task, dense over the nodes that take part; a row is as long as the columns it has met.
+/// Products of one task, dense over its nodes. A row is as long as the columns it has met.
 pub(super) struct Block<T> {
-    /// Components that a block of two nodes mixes: 1 or all.
+    /// Components that the block of two nodes mixes: 1 or all.
     size: usize,
     rows: Slots,
     cols: Slots,
     values: Vec<Vec<T>>,
-    /// Nodes of the samples that are summed in `piece`, and their sum: over a piece of the overlap they
-    /// stay the same.
+    /// Nodes of the present samples and the sum over these samples. Samples of one cell intersection share
+    /// nodes.
     last: [Vec<usize>; 2],
     piece: Vec<T>,
 }
 
 impl<T: Real> Block<T> {
-    /// For matrices between so many nodes, with `size` components each.
+    /// Makes an empty block for matrices between `nodes` rows and columns of nodes, with `size` components
+    /// each.
     pub(super) fn new(nodes: [usize; 2], size: usize) -> Self {
         Self {
             size,
@@ -124,23 +126,23 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Moves the sum over the samples of a piece to where its nodes are.
+    /// Adds the sum over the present samples to the dense block.
     fn flush(&mut self) {
-        let each = self.size * self.size;
+        let block_size = self.size * self.size;
         let [rows, cols] = &self.last;
         if !cols.is_empty() {
-            for (&node, sums) in rows.iter().zip(self.piece.chunks_exact(cols.len() * each)) {
-                let row = self.rows.of(node);
+            for (&node, sums) in rows.iter().zip(self.piece.chunks_exact(cols.len() * block_size)) {
+                let row = self.rows.slot(node);
                 if self.values.len() <= row {
                     self.values.push(Vec::new());
                 }
                 let values = &mut self.values[row];
-                for (&node, sums) in cols.iter().zip(sums.chunks_exact(each)) {
-                    let at = self.cols.of(node) * each;
-                    if values.len() < at + each {
-                        values.resize(at + each, T::zero());
+                for (&node, sums) in cols.iter().zip(sums.chunks_exact(block_size)) {
+                    let first = self.cols.slot(node) * block_size;
+                    if values.len() < first + block_size {
+                        values.resize(first + block_size, T::zero());
                     }
-                    values[at..at + each]
+                    values[first..first + block_size]
                         .iter_mut()
                         .zip(sums)
                         .for_each(|(v, s)| *v += *s);
@@ -151,7 +153,7 @@ impl<T: Real> Block<T> {
         self.piece.clear();
     }
 
-    /// What was added since the last call, by rows.
+    /// Returns the rows added since the last call, and clears the block.
     pub(super) fn take(&mut self) -> Vec<Part<T>> {
         self.flush();
         let size = self.size;
@@ -160,10 +162,10 @@ impl<T: Real> Block<T> {
         let mut parts = Vec::with_capacity(self.rows.nodes.len() * size);
         for (node, values) in self.rows.nodes.iter().zip(&mut self.values) {
             for a in 0..size {
-                let at = |k: usize, b: usize| values.get((k * size + a) * size + b).copied();
+                let entry = |k: usize, b: usize| values.get((k * size + a) * size + b).copied();
                 let entries = order.iter().flat_map(|&k| {
                     let column = self.cols.nodes[k] * size as u32;
-                    (0..size).filter_map(move |b| Some((column + b as u32, at(k, b)?)))
+                    (0..size).filter_map(move |b| Some((column + b as u32, entry(k, b)?)))
                 });
                 parts.push(Part {
                     row: node * size as u32 + a as u32,
@@ -178,7 +180,7 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// `out_ij += f₀ N_i N_j + f₁ ∇N_i·∇N_j`.
+/// Adds `f₀ N_i N_j + f₁ ∇N_i·∇N_j` to every entry `ij`.
 fn add_scalar<T: Real>(out: &mut [T], [f0, f1]: [T; 2], rows: &ShapeRow<T>, cols: &ShapeRow<T>) {
     let width = cols.nodes.len();
     if width == 0 {
@@ -209,7 +211,7 @@ fn shape<T: Real>(row: &ShapeRow<T>, k: usize) -> ShapeFunction<T> {
     }
 }
 
-/// A sparse matrix that grows by the parts of one task after the other.
+/// Sparse matrix that grows by the rows of one task after another.
 pub(super) struct Rows<T> {
     rows: Vec<Vec<(u32, T)>>,
     pending: Vec<Part<T>>,
@@ -225,7 +227,7 @@ impl<T: Real> Rows<T> {
         }
     }
 
-    /// Adds the parts of the next task.
+    /// Adds the rows of the next task.
     pub(super) fn add(&mut self, parts: Vec<Part<T>>) {
         self.entries += parts.iter().map(|p| p.entries.len()).sum::<usize>();
         self.pending.extend(parts);
@@ -240,20 +242,21 @@ impl<T: Real> Rows<T> {
         let owners: Vec<u32> = parts.iter().map(|p| p.row).collect();
         let of_row = Adjacency::of_slots(self.rows.len(), &owners);
         self.rows.par_iter_mut().enumerate().for_each(|(i, row)| {
-            let mine = of_row.row(i);
-            if mine.is_empty() {
+            let parts_of_row = of_row.row(i);
+            if parts_of_row.is_empty() {
                 return;
             }
-            for &k in mine {
+            for &k in parts_of_row {
                 row.extend_from_slice(&parts[k as usize].entries);
             }
+            // The sort is stable: entries of one column stay in the order of tasks, and so do their sums.
             row.sort_by_key(|e| e.0);
-            row.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                if same {
-                    kept.1 += next.1;
+            row.dedup_by(|next, sum| {
+                let is_same_column = next.0 == sum.0;
+                if is_same_column {
+                    sum.1 += next.1;
                 }
-                same
+                is_same_column
             });
         });
     }
@@ -293,7 +296,7 @@ mod tests {
         }
     }
 
-    /// Samples with changing nodes, cut into tasks in any way, give the plain sum of the junction's blocks.
+    /// Samples with changing nodes, split into tasks in any way, give the plain sum of the junction's blocks.
     #[test]
     fn blocks_and_rows_give_the_sum_of_all_products() {
         let junctions: [(&dyn Junction<f64>, usize); 2] =
@@ -332,10 +335,10 @@ mod tests {
                     sum.add(block.take());
                     sum.merge();
                 }
-                let found = sum.into_matrix(5 * size);
+                let matrix = sum.into_matrix(5 * size);
                 for i in 0..4 * size {
                     for j in 0..5 * size {
-                        let v = found.get(i, j).copied().unwrap_or(0.0);
+                        let v = matrix.get(i, j).copied().unwrap_or(0.0);
                         assert!((v - expected[(i, j)]).abs() < 1e-14, "{i} {j}");
                     }
                 }

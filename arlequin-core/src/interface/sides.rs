@@ -1,4 +1,4 @@
-//! All sides of multipliers that are solved for together, and products with them.
+//! Sides of multipliers that are solved for together, and products with their matrices.
 
 use super::parts::Parts;
 use super::transfer::{self, Transfer};
@@ -7,70 +7,75 @@ use crate::ranks::Portion;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
-/// Sides of an interface or of several: the first less all others is the jump.
+/// Sides of one interface or of a joint system. The jump is the first side minus all others.
 #[derive(Debug)]
 pub(crate) struct Sides<T> {
-    all: Vec<Transfer<T>>,
-    /// Where models are in parts.
+    transfers: Vec<Transfer<T>>,
+    /// `None` if every model is whole on every rank.
     parts: Option<Parts<T>>,
 }
 
 impl<T> Deref for Sides<T> {
     type Target = [Transfer<T>];
     fn deref(&self) -> &[Transfer<T>] {
-        &self.all
+        &self.transfers
     }
 }
 
 impl<T> DerefMut for Sides<T> {
     fn deref_mut(&mut self) -> &mut [Transfer<T>] {
-        &mut self.all
+        &mut self.transfers
     }
 }
 
 impl<T: Real> Sides<T> {
-    pub(super) fn new(all: Vec<Transfer<T>>) -> Self {
-        Self { all, parts: None }
+    pub(super) fn new(transfers: Vec<Transfer<T>>) -> Self {
+        Self {
+            transfers,
+            parts: None,
+        }
     }
 
-    /// From now on models are in parts, by sides: of their columns those of the nodes here are kept.
+    /// Restricts each side to the nodes that this rank owns. `portions` has an entry per side, `None` for a
+    /// whole model.
     pub(super) fn share_out(&mut self, portions: &[Option<&Arc<Portion>>]) {
-        self.parts = Parts::new(&self.all, portions);
-        for (side, portion) in self.all.iter_mut().zip(portions) {
+        self.parts = Parts::new(&self.transfers, portions);
+        for (side, portion) in self.transfers.iter_mut().zip(portions) {
             if let Some(portion) = portion {
                 side.share_out(portion);
             }
         }
     }
 
-    /// Where models are in parts.
+    /// Returns the sums over partitioned models, if any model is partitioned.
     pub(super) fn parts(&self) -> Option<&Parts<T>> {
         self.parts.as_ref()
     }
 
-    /// Whether a model is in parts.
+    /// Returns whether any model is partitioned.
     pub(crate) fn in_parts(&self) -> bool {
         self.parts.is_some()
     }
 
-    /// Of models in parts [`Self::jump`] of what the sides hold, of the multipliers that are added up here.
-    pub(super) fn jump_here(&mut self, out: &mut [T]) {
+    /// Writes the jump for the multipliers that this rank owns. Does nothing if no model is partitioned.
+    /// Collective.
+    pub(super) fn owned_jump(&mut self, out: &mut [T]) {
         if let Some(parts) = &mut self.parts {
-            parts.jump_here(&self.all, out);
+            parts.owned_jump(&self.transfers, out);
         }
     }
 
-    /// Of models in parts what every rank has of the multipliers that it adds up, all of it to all.
-    pub(super) fn publish(&mut self, own: &[T], out: &mut [T]) {
+    /// Broadcasts each rank's multipliers, so that `out` holds all of them on every rank. Collective.
+    pub(super) fn publish(&mut self, owned: &[T], out: &mut [T]) {
         if let Some(parts) = &mut self.parts {
-            parts.publish(own, out);
+            parts.publish(owned, out);
         }
     }
 
-    /// `out = B_0 x_0 − B_1 x_1 − …` on all ranks, of numbers of the models, or without them of what the
-    /// sides hold.
+    /// Writes `out = B_0 x_0 − B_1 x_1 − …` on every rank, for unknowns `x` of the models or, if `None`, for
+    /// what the sides hold. Collective if a model is partitioned.
     pub(super) fn jump(&mut self, x: Option<&[&[T]]>, out: &mut [T]) {
-        match self.all.first().map(Transfer::shared) {
+        match self.transfers.first().map(Transfer::shared) {
             Some(1) => self.jump_of::<1>(x, out),
             Some(2) => self.jump_of::<2>(x, out),
             _ => self.jump_of::<3>(x, out),
@@ -79,45 +84,46 @@ impl<T: Real> Sides<T> {
 
     fn jump_of<const N: usize>(&mut self, x: Option<&[&[T]]>, out: &mut [T]) {
         if let Some(parts) = &mut self.parts {
-            return parts.jump::<N>(&self.all, x, out);
+            return parts.jump::<N>(&self.transfers, x, out);
         }
-        let of = |m: usize, row: usize| self.all[m].row::<N>(row, x.map(|x| x[m]));
-        // Cut by the side with most entries.
-        let longest = (0..self.all.len()).max_by_key(|m| self.all[*m].nonzeros());
-        let Some(longest) = longest.map(|m| &self.all[m]) else {
+        let side_sum = |m: usize, row: usize| self.transfers[m].row::<N>(row, x.map(|x| x[m]));
+        // Rows are split among threads by the side with the most entries.
+        let longest = (0..self.transfers.len()).max_by_key(|m| self.transfers[*m].nonzeros());
+        let Some(longest) = longest.map(|m| &self.transfers[m]) else {
             return;
         };
         let out = out.as_chunks_mut::<N>().0;
-        transfer::each(0..out.len(), out, &|row| longest.before(row), &|row| {
-            less((0..self.all.len()).map(|m| of(m, row)))
+        transfer::fill_rows(0..out.len(), out, &|row| longest.before(row), &|row| {
+            subtract_others((0..self.transfers.len()).map(|m| side_sum(m, row)))
         });
     }
 
-    /// `out = S p`; overwrites what the sides hold.
+    /// Computes `out = S p`. Overwrites what the sides hold.
     pub(super) fn operator(&mut self, p: &[T], out: &mut [T]) {
         self.spread(p);
-        // Kicks are opposed to the jump.
+        // `spread` gives δ = −M⁻¹ Bᵀ p on the first side and the opposite on all others: the jump of δ is −S
+        // p.
         self.jump(None, out);
         out.iter_mut().for_each(|x| *x = -*x);
     }
 
-    /// Keeps `δ = ∓M⁻¹ Bᵀ μ` of every side.
+    /// Computes and keeps `δ = ∓M⁻¹ Bᵀ μ` on every side.
     pub(super) fn spread(&mut self, multipliers: &[T]) {
-        self.all.iter_mut().for_each(|s| s.spread(multipliers));
+        self.transfers.iter_mut().for_each(|s| s.spread(multipliers));
     }
 
-    /// `δᵀ M δ` of all sides.
+    /// Returns `δᵀ M δ` summed over all sides.
     pub(super) fn twice_kinetic(&self) -> T {
-        self.all.iter().map(Transfer::twice_kinetic).sum()
+        self.transfers.iter().map(Transfer::twice_kinetic).sum()
     }
 }
 
-/// The first less all others.
+/// Returns the first item minus all others.
 #[inline]
-pub(super) fn less<T: Real, const N: usize>(mut sides: impl Iterator<Item = [T; N]>) -> [T; N] {
+pub(super) fn subtract_others<T: Real, const N: usize>(mut sides: impl Iterator<Item = [T; N]>) -> [T; N] {
     let first = sides.next().unwrap_or([T::zero(); N]);
-    sides.fold(first, |mut left, x| {
-        (0..N).for_each(|c| left[c] -= x[c]);
-        left
+    sides.fold(first, |mut jump, x| {
+        (0..N).for_each(|c| jump[c] -= x[c]);
+        jump
     })
 }

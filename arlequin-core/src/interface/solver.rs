@@ -1,43 +1,44 @@
-//! How the multipliers are solved for: what a user chooses.
+//! Choice of the solver for the multipliers.
 
 use crate::{Real, Result};
 
-/// Iterations after which conjugate gradients and the Chebyshev iteration end where nobody has chosen.
+/// Default limits of the iterations: conjugate gradients, Chebyshev.
 const MOST_ITERATIONS: [usize; 2] = [1000, 2000];
 
-/// How the multipliers are solved for.
+/// Solver for the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Solver<T> {
-    /// By a factor, unless conjugate gradients are expected to take less time or the factor takes too much
-    /// memory.
+    /// Cholesky factor, or conjugate gradients if they are expected to take less time or if the factor takes
+    /// too much memory.
     #[default]
     Auto,
-    /// By a Cholesky factor, exactly; where multipliers are dependent by the eigenvectors that act on
-    /// something, and beyond 2 000 of them per component by conjugate gradients.
+    /// Cholesky factor, exact. If multipliers are dependent: eigenvectors of the non-zero modes or, beyond 2
+    /// 000 multipliers per component, conjugate gradients.
     Factor,
-    /// By conjugate gradients from zero, whose result costs no energy wherever they end; the velocity jump
-    /// is then only as small as the tolerance.
+    /// Conjugate gradients from zero. The result costs no energy at any number of iterations; the velocity
+    /// jump is only as small as the tolerance.
     ConjugateGradients {
-        /// Residual, relative to the jump before, in the norm of the inverse diagonal of `S`.
+        /// Residual at which the iteration ends, relative to the initial jump, in the norm of the inverse
+        /// diagonal of `S`.
         tolerance: T,
-        /// Iterations at which they end anyway.
+        /// Largest number of iterations.
         max_iterations: usize,
     },
-    /// By a Chebyshev iteration from zero, whose number of iterations follows from bounds of the
-    /// eigenvalues that the set-up finds. Its result is scaled so that it costs no energy. It takes more
-    /// iterations than conjugate gradients, but no sum over all multipliers within them: on many ranks,
-    /// only messages between neighbours.
+    /// Chebyshev iteration from zero, with a number of iterations known from bounds of the eigenvalues. The
+    /// result is scaled so that it costs no energy. It takes more iterations than conjugate gradients, but no
+    /// global sum within them: on many ranks, an iteration needs messages between neighbours only.
     Chebyshev {
-        /// As that of conjugate gradients.
+        /// Residual at which the iteration ends, relative to the initial jump, in the norm of the inverse
+        /// diagonal of `S`.
         tolerance: T,
-        /// Iterations at which it ends anyway: with fewer than the tolerance asks for, the modes of the
-        /// smallest eigenvalues are left behind first. With a tolerance of zero as many are made.
+        /// Largest number of iterations. If the tolerance needs more, the modes of the smallest eigenvalues
+        /// are left undamped. With a tolerance of zero exactly this many are made.
         max_iterations: usize,
     },
 }
 
 impl<T: Real> Solver<T> {
-    /// Conjugate gradients to 1e-12 (single precision: 32 of its last digits), in 1000 iterations at most.
+    /// Returns conjugate gradients to 1e-12 (single precision: 32 ε) in at most 1000 iterations.
     pub fn conjugate_gradients() -> Self {
         Self::ConjugateGradients {
             tolerance: default_tolerance(),
@@ -45,7 +46,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// A Chebyshev iteration to 1e-12 (single precision: 32 of its last digits), in 2000 iterations at most.
+    /// Returns a Chebyshev iteration to 1e-12 (single precision: 32 ε) in at most 2000 iterations.
     pub fn chebyshev() -> Self {
         Self::Chebyshev {
             tolerance: default_tolerance(),
@@ -53,7 +54,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Tolerance and number of iterations.
+    /// Returns the tolerance and the largest number of iterations.
     pub(super) fn limits(self) -> (T, usize) {
         match self {
             Self::ConjugateGradients {
@@ -68,17 +69,18 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Whether an iteration was asked for.
+    /// Returns whether the user chose an iterative solver.
     pub(super) fn iterates(self) -> bool {
         matches!(self, Self::ConjugateGradients { .. } | Self::Chebyshev { .. })
     }
 
-    /// Whether it is an iteration with other limits than the usual ones.
+    /// Returns whether this is an iteration with other than the default limits.
     pub(super) fn is_cut_short(self) -> bool {
         self.iterates() && self != Self::conjugate_gradients() && self != Self::chebyshev()
     }
 
-    /// What does for both: iterations where either asks for them, to the tighter tolerance.
+    /// Returns the solver that serves both interfaces: iterations if either asks for them, to the tighter
+    /// tolerance.
     pub(super) fn with(self, other: Self) -> Self {
         let (tolerance, max_iterations) = match (self.iterates(), other.iterates()) {
             (true, true) => {
@@ -104,7 +106,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Refuses limits that make no sense, and iterations where the operator is lumped to its diagonal.
+    /// Refuses limits that make no sense, and a Chebyshev iteration for a lumped operator.
     pub(super) fn check(self, interface: &str, lumped: bool) -> Result<()> {
         let (tolerance, most) = self.limits();
         let invalid = |value: &str, rule| Err(crate::error::invalid_option(interface, "solver", value, rule));
@@ -155,8 +157,8 @@ mod tests {
             (gradients(1e-6, 5), chebyshev(1e-3, 7), chebyshev(1e-6, 7)),
             (chebyshev(1e-3, 5), chebyshev(1e-2, 7), chebyshev(1e-3, 7)),
         ];
-        for (a, b, both) in cases {
-            assert_eq!((a.with(b), b.with(a)), (both, both));
+        for (a, b, joint) in cases {
+            assert_eq!((a.with(b), b.with(a)), (joint, joint));
         }
     }
 
@@ -168,11 +170,11 @@ mod tests {
             (f64::NAN, 5, "tolerance NaN"),
             (1e-3, 0, "max_iterations 0"),
         ] {
-            let of = Chebyshev {
+            let solver = Chebyshev {
                 tolerance,
                 max_iterations,
             };
-            let e = of.check("tie", false).map_err(|e| e.to_string());
+            let e = solver.check("tie", false).map_err(|e| e.to_string());
             assert!(
                 e.as_ref().is_err_and(|e| e.contains(said) && e.contains("tie")),
                 "{e:?}"

@@ -1,4 +1,4 @@
-//! Sums of junction products over sampling points.
+//! Sums of junction products over sampling points: the coupling matrices.
 
 use super::assembly::{OVERHANG_LIMIT, PARTICLE_COVERAGE, Sampling};
 use super::rows::{Block, Part, Rows};
@@ -11,34 +11,35 @@ use crate::{Error, Real, Result};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// A sample whose cell is not known.
+/// Cell number of a sample whose cell is not known.
 pub(super) const NO_CELL: usize = usize::MAX;
-/// Samples per task where they come by themselves.
+/// Samples per task if the particles themselves are the samples.
 const SAMPLES: usize = 128;
-/// Tasks in flight; the rest waits, so that their parts stay few beside the matrices.
+/// Tasks in flight. A batch is merged before the next one starts, so that dense blocks stay small beside the
+/// matrices.
 const BATCH: usize = 1024;
 
-/// What the sums are over, the same for all tasks.
+/// Input of the sums, shared by all tasks.
 pub(super) struct Sampler<'a, T: Real> {
     spec: &'a InterfaceSpec<T>,
     sides: &'a [Side<'a, T>; 2],
-    /// Components of a multiplier that one coupling matrix mixes.
+    /// Components that one coupling matrix mixes: 1 or all.
     per_node: usize,
     shared: usize,
     gradient: bool,
     beyond: Option<Beyond<'a, T>>,
 }
 
-/// Mediator and the other model's field beyond their surfaces, for particles of the overlap that stick out
-/// of them.
+/// Fields of the mediator and the other model, continued beyond their surfaces for particles of the overlap
+/// that stick out.
 struct Beyond<'a, T: Real> {
-    /// The side whose particles sample the integrals.
+    /// Index of the side whose particles are the samples.
     particles: usize,
     mediator: Reach<'a, T, dyn Mediator<T>>,
     other: Reach<'a, T, dyn Interpolation<T> + 'a>,
 }
 
-/// One thread's working memory, and what its present task has found.
+/// Working buffers of one thread, and the sums of its present task.
 pub(super) struct Worker<T: Real> {
     pub(super) samples: Vec<Sample<T>>,
     rows: ShapeRow<T>,
@@ -48,10 +49,10 @@ pub(super) struct Worker<T: Real> {
     pub(super) tally: Tally<T>,
 }
 
-/// Measures of what was sampled \[m³\].
+/// Sampled measures \[m³\].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tally<T> {
-    /// Of the mediator that the coarse model, and both models, cover.
+    /// Measures of the mediator that the coarse model covers, and that both models cover.
     pub(super) covered: [T; 2],
     measure: T,
     reached: T,
@@ -77,13 +78,13 @@ impl<T: Real> Tally<T> {
     }
 }
 
-/// The coupling matrices, and what they were summed from.
+/// Coupling matrices and the measures they were summed over.
 pub(super) struct Summed<T> {
     pub(super) coupling: [Coupling<T>; 2],
     pub(super) covered: [T; 2],
     /// Measure that all three fields cover \[m³\].
     pub(super) measure: T,
-    /// That of what was reached beyond their surfaces \[m³\].
+    /// Measure that particles cover beyond a surface of the mediator or of the other model \[m³\].
     pub(super) reached: T,
 }
 
@@ -100,7 +101,7 @@ impl<'a, T: Real> Sampler<'a, T> {
         }
     }
 
-    /// Sums over the particles of one side, which may stick out of mediator and other model.
+    /// Sums over the particles of one side, which may stick out of the mediator and of the other model.
     pub(super) fn over_particles(
         mut self,
         side: usize,
@@ -118,20 +119,21 @@ impl<'a, T: Real> Sampler<'a, T> {
         })
     }
 
-    /// Runs all tasks and adds up what they find, in their order.
+    /// Runs all tasks in parallel and adds up their results in the order of tasks.
     pub(super) fn sum(
         &self,
         tasks: usize,
         warnings: &mut Vec<String>,
         task: &(dyn Fn(&mut Worker<T>, usize) -> Result<()> + Sync),
     ) -> Result<Summed<T>> {
+        // Results are collected by task number, so the order of addition does not depend on threads.
         type Done<T> = Result<([Vec<Part<T>>; 2], Tally<T>)>;
         let rows = self.spec.mediator.nodes().len() * self.per_node;
         let mut sums = [Rows::new(rows), Rows::new(rows)];
         let mut tally = Tally::zero();
         for first in (0..tasks).step_by(BATCH) {
             let batch = (first..(first + BATCH).min(tasks)).into_par_iter();
-            let done: Vec<Done<T>> = batch
+            let results: Vec<Done<T>> = batch
                 .map_init(
                     || self.worker(),
                     |worker, k| {
@@ -141,11 +143,11 @@ impl<'a, T: Real> Sampler<'a, T> {
                     },
                 )
                 .collect();
-            for one in done {
-                let ([coarse, fine], found) = one?;
+            for result in results {
+                let ([coarse, fine], task_tally) = result?;
                 sums[0].add(coarse);
                 sums[1].add(fine);
-                tally.add(&found);
+                tally.add(&task_tally);
             }
         }
         self.finish(sums, &tally, warnings)
@@ -165,47 +167,60 @@ impl<'a, T: Real> Sampler<'a, T> {
         }
     }
 
-    /// Whether both models share a point: a particle there may stick out of the mediator and the coarse
-    /// model.
+    /// Returns whether both models share the energy at a point, so that a particle there may stick out of the
+    /// mediator and of the other model.
     fn is_shared(&self, x: &Point3<T>) -> bool {
         let Some(beyond) = &self.beyond else {
             return false;
         };
         let w = self.sides[beyond.particles].weight.at(x);
+        // Weights within round-off of 0 or 1: one model is alone there.
         let floor = T::epsilon().max(T::of(1e-9));
         w > floor && w < T::one() - floor
     }
 
-    /// Adds samples that lie in one cell each of mediator, coarse and fine field, where known.
-    pub(super) fn add(&self, to: &mut Worker<T>, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
+    /// Adds samples to the sums. `cells`: cell of the mediator, coarse and fine field in which all of them
+    /// lie, or [`NO_CELL`].
+    pub(super) fn add(&self, worker: &mut Worker<T>, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
         let gradient = self.gradient;
         for s in samples {
             let shared = self.is_shared(&s.point);
-            let mut reached = false;
-            match evaluate(&*self.spec.mediator, cells[0], &s.point, gradient, &mut to.rows) {
+            let mut is_beyond = false;
+            match evaluate(
+                &*self.spec.mediator,
+                cells[0],
+                &s.point,
+                gradient,
+                &mut worker.rows,
+            ) {
                 Err(Error::OutsideDomain { .. }) => {
+                    // Only particles of the overlap are coupled beyond the mediator's surface; all others are
+                    // no sample.
                     let Some(beyond) = self.beyond.as_ref().filter(|_| shared) else {
                         continue;
                     };
-                    let found = (beyond.mediator).shape_at(&s.point, gradient, &mut to.rows, &mut to.reach);
-                    match found {
+                    let outcome =
+                        (beyond.mediator).shape_at(&s.point, gradient, &mut worker.rows, &mut worker.reach);
+                    match outcome {
                         Err(Error::OutsideDomain { .. }) => continue,
                         other => other?,
                     }
-                    reached = true;
+                    is_beyond = true;
                 }
                 other => other?,
             }
             let mut inside = true;
             for m in 0..2 {
                 let field = self.sides[m].field;
-                match evaluate(field, cells[m + 1], &s.point, gradient, &mut to.cols[m]) {
+                match evaluate(field, cells[m + 1], &s.point, gradient, &mut worker.cols[m]) {
                     Err(Error::OutsideDomain { .. }) => {
-                        reached = true;
+                        is_beyond = true;
                         let beyond = self.beyond.as_ref().filter(|b| shared && m != b.particles);
-                        let found = beyond
-                            .map(|b| (b.other).shape_at(&s.point, gradient, &mut to.cols[m], &mut to.reach));
-                        inside &= match found {
+                        let outcome = beyond.map(|b| {
+                            (b.other).shape_at(&s.point, gradient, &mut worker.cols[m], &mut worker.reach)
+                        });
+                        // Without a value of either model on this sample, both sides leave it out.
+                        inside &= match outcome {
                             None | Some(Err(Error::OutsideDomain { .. })) => false,
                             Some(other) => other.map(|()| true)?,
                         };
@@ -218,22 +233,25 @@ impl<'a, T: Real> Sampler<'a, T> {
                 }
             }
             if !inside {
-                to.tally.lost += s.measure;
+                worker.tally.lost += s.measure;
                 continue;
             }
-            if reached {
-                to.tally.reached += s.measure;
+            if is_beyond {
+                worker.tally.reached += s.measure;
             } else {
-                to.tally.measure += s.measure;
+                worker.tally.measure += s.measure;
             }
-            for (block, cols) in to.blocks.iter_mut().zip(&to.cols) {
-                block.add(&*self.spec.junction, (&s.point, s.measure), &to.rows, cols);
+            for (block, cols) in worker.blocks.iter_mut().zip(&worker.cols) {
+                block.add(&*self.spec.junction, (&s.point, s.measure), &worker.rows, cols);
             }
         }
         Ok(())
     }
 
-    /// The coupling matrices, unless too much of the overlap was lost.
+    /// Turns the sums into coupling matrices.
+    ///
+    /// # Errors
+    /// [`Error::OverhangingMediator`] if too much of the overlap lies outside of a model.
     fn finish(
         &self,
         [coarse, fine]: [Rows<T>; 2],

@@ -1,4 +1,4 @@
-//! One system of multipliers: of an interface, or of several that act on the same nodes.
+//! Solution of one system of multipliers: of one interface, or of several that act on the same nodes.
 
 use super::Coupling;
 use super::dots::Dots;
@@ -8,18 +8,18 @@ use super::sides::Sides;
 use super::transfer::Transfer;
 use crate::{Real, Result, parallel};
 
-/// The operator of multipliers that are solved for together, and what the last solution did.
+/// Operator of multipliers that are solved for together, and the results of the last solve.
 #[derive(Debug)]
 pub(super) struct System<T: Real> {
     pub(super) operator: Operator<T>,
-    /// `b = B v` before the last kick, here.
+    /// `b = B v` before the last kick, for the multipliers that this rank solves for.
     jump: Vec<T>,
     shared: usize,
     dots: Dots,
-    /// `μ` of the multipliers that this rank adds up, where each solves for its own.
-    own: Option<Vec<T>>,
-    /// `μᵀB v` after it.
-    left: T,
+    /// `μ` of the multipliers that this rank owns; `None` if every rank solves for all.
+    own_impulse: Option<Vec<T>>,
+    /// `μᵀB v` after the last kick.
+    residual_work: T,
 }
 
 impl<T: Real> System<T> {
@@ -35,22 +35,22 @@ impl<T: Real> System<T> {
             jump: vec![T::zero(); rows * shared],
             shared,
             dots: Dots::new(rows),
-            own: None,
-            left: T::zero(),
+            own_impulse: None,
+            residual_work: T::zero(),
         })
     }
 
-    /// From now on models are in parts.
+    /// Restricts the solution to this rank's multipliers if the solver can do so.
     pub(super) fn share_out(&mut self, parts: &Parts<T>) {
         if self.operator.share_out(parts) {
-            let zeros = vec![T::zero(); self.shared * parts.mine().len()];
-            (self.jump, self.own) = (zeros.clone(), Some(zeros));
+            let zeros = vec![T::zero(); self.shared * parts.owned().len()];
+            (self.jump, self.own_impulse) = (zeros.clone(), Some(zeros));
             self.dots = Dots::in_parts(parts);
         }
     }
 
-    /// Solves `S μ = B x` for the numbers that `load` puts into the sides, and keeps `scale μ` and, in the
-    /// sides, what it changes, `∓ scale M⁻¹ Bᵀ μ`.
+    /// Solves `S μ = B x` for the unknowns that `load` puts into the sides. Keeps `scale μ` in `impulse` and
+    /// the changes `∓ scale M⁻¹ Bᵀ μ` in the sides. Collective if a model is partitioned.
     pub(super) fn find(
         &mut self,
         sides: &mut Sides<T>,
@@ -59,14 +59,14 @@ impl<T: Real> System<T> {
         impulse: &mut [T],
     ) {
         if parallel::pays(sides.iter().map(Transfer::nonzeros).sum()) {
-            // One entry into the pool for all passes: each would cost a wake-up otherwise.
-            rayon::scope(|_| self.find_here(sides, load, scale, impulse));
+            // One entry into the thread pool for all passes: each entry costs a wake-up.
+            rayon::scope(|_| self.solve_and_spread(sides, load, scale, impulse));
         } else {
-            self.find_here(sides, load, scale, impulse);
+            self.solve_and_spread(sides, load, scale, impulse);
         }
     }
 
-    fn find_here(
+    fn solve_and_spread(
         &mut self,
         sides: &mut Sides<T>,
         load: &impl Fn(&mut [Transfer<T>]),
@@ -74,12 +74,12 @@ impl<T: Real> System<T> {
         impulse: &mut [T],
     ) {
         load(sides);
-        if let Some(own) = &mut self.own {
-            sides.jump_here(own);
-            self.jump.copy_from_slice(own);
-            self.operator.solve(own, sides);
-            own.iter_mut().for_each(|m| *m *= scale);
-            sides.publish(own, impulse);
+        if let Some(own_impulse) = &mut self.own_impulse {
+            sides.owned_jump(own_impulse);
+            self.jump.copy_from_slice(own_impulse);
+            self.operator.solve(own_impulse, sides);
+            own_impulse.iter_mut().for_each(|m| *m *= scale);
+            sides.publish(own_impulse, impulse);
         } else {
             sides.jump(None, impulse);
             self.jump.copy_from_slice(impulse);
@@ -87,14 +87,14 @@ impl<T: Real> System<T> {
             impulse.iter_mut().for_each(|m| *m *= scale);
         }
         sides.spread(impulse);
-        // μᵀ(b − S μ), as B v = b − S μ after the kick.
-        let own = self.own.as_deref().unwrap_or(impulse);
-        self.left = self.dots.all(self.shared, &self.jump, own) - sides.twice_kinetic();
+        // μᵀ(b − S μ), since B v = b − S μ after the kick.
+        let own_impulse = self.own_impulse.as_deref().unwrap_or(impulse);
+        self.residual_work = self.dots.total(self.shared, &self.jump, own_impulse) - sides.twice_kinetic();
     }
 
-    /// `μᵀB v` with the velocities that the last kick left: zero but for round-off where the multipliers
-    /// are solved for exactly or by Galerkin's condition.
-    pub(super) fn left(&self) -> T {
-        self.left
+    /// Returns `μᵀB v` with the velocities after the last kick. It is zero but for round-off if the
+    /// multipliers are solved for exactly or fulfil Galerkin's condition.
+    pub(super) fn residual_work(&self) -> T {
+        self.residual_work
     }
 }

@@ -1,11 +1,12 @@
 //! Both directions between one model's velocities and the multipliers.
 //!
-//! The coupling matrix is kept twice, by multipliers and by the nodes they act on, so that either direction
-//! only gathers: every result is one sum in a fixed order, whatever thread makes it. Columns have 32 bits,
-//! the components of a node are added together, nothing is allocated.
+//! The coupling matrix is kept twice, by multipliers and by coupled nodes, so that either direction only
+//! gathers: every result is one sum in a fixed order, whatever thread computes it. Columns have 32 bits, the
+//! components of a node are processed together, and a step allocates nothing.
 //!
-//! The sum of a multiplier is cut where the columns pass from one unit of 256 nodes to the next, and its
-//! pieces are added in that order: whoever holds which units, the bits are the same.
+//! The sum of a multiplier is cut where its columns pass from one unit of 256 nodes to the next, and these
+//! pieces are added in the order of units. The bits are therefore the same for any distribution of units
+//! among ranks.
 
 use super::Coupling;
 use crate::ranks::{Cuts, Portion, UNIT};
@@ -15,10 +16,10 @@ use sprs::TriMat;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Stored entries per unit of work.
+/// Stored entries per task.
 const GRAIN: usize = 4_096;
 
-/// Sparse rows that are only read along.
+/// Sparse matrix in compressed rows.
 #[derive(Debug, Clone)]
 pub(crate) struct Rows<T> {
     starts: Vec<usize>,
@@ -27,8 +28,8 @@ pub(crate) struct Rows<T> {
 }
 
 impl<T: Real> Rows<T> {
-    /// `count` rows of entries that come row by row.
-    pub(crate) fn of(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
+    /// Makes `count` rows from entries sorted by row.
+    pub(crate) fn from_entries(count: usize, entries: impl Iterator<Item = (usize, usize, T)>) -> Self {
         let (mut starts, mut columns, mut values) = (vec![0; count + 1], Vec::new(), Vec::new());
         for (row, column, value) in entries {
             starts[row + 1] += 1;
@@ -43,24 +44,24 @@ impl<T: Real> Rows<T> {
         }
     }
 
-    /// Stored entries.
+    /// Returns the number of stored entries.
     pub(super) fn nonzeros(&self) -> usize {
         self.values.len()
     }
 
-    /// `out = A x`, with `N` components each.
+    /// Computes `out = A x` with `N` interleaved components.
     pub(crate) fn product<const N: usize>(&self, x: &[T], out: &mut [T]) {
         let (x, out) = (nodes::<T, N>(x), out.as_chunks_mut::<N>().0);
-        self.each(0..out.len(), out, &|k| self.times(k, |j| x[j]));
+        self.fill_rows(0..out.len(), out, &|k| self.times(k, |j| x[j]));
     }
 
-    /// Columns and values of a row.
+    /// Returns the columns and values of a row.
     pub(super) fn row(&self, k: usize) -> (&[u32], &[T]) {
         let range = self.starts[k]..self.starts[k + 1];
         (&self.columns[range.clone()], &self.values[range])
     }
 
-    /// `Σ_j b_kj x_j`, in two interleaved sums: one would wait for each addition.
+    /// Returns `Σ_j b_kj x_j`. Two interleaved sums: in a single one each addition would wait for the last.
     #[inline]
     pub(crate) fn times<const N: usize>(&self, k: usize, x: impl Fn(usize) -> [T; N]) -> [T; N] {
         let (columns, values) = self.row(k);
@@ -82,82 +83,83 @@ impl<T: Real> Rows<T> {
         even
     }
 
-    /// `out_k = one(k)` for a range of rows, on several threads where that pays.
-    pub(crate) fn each<const N: usize>(
+    /// Writes `out_k = row(k)` for a range of rows, on several threads if that pays.
+    pub(crate) fn fill_rows<const N: usize>(
         &self,
         rows: Range<usize>,
         out: &mut [[T; N]],
-        one: &(impl Fn(usize) -> [T; N] + Sync),
+        row: &(impl Fn(usize) -> [T; N] + Sync),
     ) {
-        each(rows, out, &|k| self.starts[k], one);
+        fill_rows(rows, out, &|k| self.starts[k], row);
     }
 }
 
-/// `out_k = one(k)` for a range of rows, on several threads where that pays; `before`: entries of the rows
-/// before one.
-pub(super) fn each<T: Real, const N: usize>(
+/// Writes `out_k = row(k)` for a range of rows, on several threads if that pays. `before`: number of entries
+/// before a row.
+pub(super) fn fill_rows<T: Real, const N: usize>(
     rows: Range<usize>,
     out: &mut [[T; N]],
     before: &(impl Fn(usize) -> usize + Sync),
-    one: &(impl Fn(usize) -> [T; N] + Sync),
+    row: &(impl Fn(usize) -> [T; N] + Sync),
 ) {
     let entries = before(rows.end) - before(rows.start);
     if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
-        return rows.zip(out).for_each(|(k, out)| *out = one(k));
+        return rows.zip(out).for_each(|(k, out)| *out = row(k));
     }
     let half = rows.len() / 2;
     let middle = rows.start + half;
     let (low, high) = out.split_at_mut(half);
     rayon::join(
-        || each(rows.start..middle, low, before, one),
-        || each(middle..rows.end, high, before, one),
+        || fill_rows(rows.start..middle, low, before, row),
+        || fill_rows(middle..rows.end, high, before, row),
     );
 }
 
-/// One side of an interface as its steps use it. Of a model in parts it has the columns of the nodes here,
-/// and all multipliers.
+/// One side of an interface, in the form that steps use. For a partitioned model it has the columns of the
+/// nodes that this rank owns, and all multipliers.
 #[derive(Debug)]
 pub(crate) struct Transfer<T> {
-    /// Components that share the matrix.
+    /// Number of components that share the matrix.
     shared: usize,
-    /// Columns of the matrix, and of one node.
+    /// Number of columns of the matrix, and columns per node.
     columns: usize,
     per_node: usize,
-    /// `B`: pieces of multipliers, each in one unit of nodes, by places in `coupled`.
+    /// `B` by pieces of multipliers, each in one unit of nodes; columns are places in `coupled`.
     gather: Rows<T>,
-    /// First piece of every multiplier, and the number of all.
+    /// First piece of each multiplier, then the number of pieces.
     pieces: Vec<u32>,
     /// `Bᵀ`: places in `coupled` by multipliers.
     scatter: Rows<T>,
     /// Coupled columns of the model, ascending.
     coupled: Vec<u32>,
-    /// Where these pass from unit to unit.
+    /// Where `coupled` passes from one unit of nodes to the next.
     cuts: Cuts,
     /// `∓M⁻¹` of the coupled columns, components interleaved; zero where motion is prescribed.
     mobility: Vec<T>,
     /// `M` of the coupled columns; zero where motion is prescribed.
     inertia: Vec<T>,
-    /// Velocities of the coupled columns, then what multipliers change, `δ = ∓M⁻¹ Bᵀ μ`.
+    /// Velocities of the coupled columns, later the changes `δ = ∓M⁻¹ Bᵀ μ` by the multipliers.
     local: Vec<T>,
-    /// Of a model in parts: what this rank holds.
+    /// This rank's part of a partitioned model; `None` if it is whole.
     portion: Option<Arc<Portion>>,
 }
 
 impl<T: Real> Transfer<T> {
-    /// Both directions of a coupling matrix of a model with so many components; `sign`: that of the forces
-    /// which multipliers exert on this side.
-    pub(super) fn new(of: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
-        let (matrix, shared) = (&of.matrix, of.shared);
+    /// Stores both directions of a coupling matrix. `sign`: sign of the forces that multipliers exert on this
+    /// side.
+    pub(super) fn new(coupling: &Coupling<T>, components: usize, sign: T, inverse_inertia: &[T]) -> Self {
+        let (matrix, shared) = (&coupling.matrix, coupling.shared);
         let entries = matrix.iter().filter(|(v, _)| **v != T::zero());
         let entries: Vec<_> = entries.map(|(v, (i, j))| (i, j, *v)).collect();
         let weights = |j: usize| &inverse_inertia[j * shared..(j + 1) * shared];
         let size = [matrix.rows(), matrix.cols()];
         let mobility = |j: usize| weights(j).iter().map(|w| sign * *w).collect();
-        Self::of(size, [shared, components / shared], entries, &mobility)
+        Self::from_entries(size, [shared, components / shared], entries, &mobility)
     }
 
-    /// From entries by multipliers and columns, of `[multipliers, columns]`; `mobility`: of a column.
-    fn of(
+    /// Stores entries (multiplier, column, value) of a matrix of size `[multipliers, columns]`. `mobility`:
+    /// `∓M⁻¹` of a column.
+    fn from_entries(
         [rows, columns]: [usize; 2],
         [shared, per_node]: [usize; 2],
         mut entries: Vec<(usize, usize, T)>,
@@ -171,6 +173,7 @@ impl<T: Real> Transfer<T> {
         let mut last = None;
         let mut count = 0;
         let cut = |(i, j, v): &(usize, usize, T)| {
+            // Columns ascend within a row: a new row or unit begins a new piece.
             let unit = (*i, j / (per_node * UNIT));
             if last.replace(unit) != Some(unit) {
                 count += 1;
@@ -179,8 +182,9 @@ impl<T: Real> Transfer<T> {
             (count as usize - 1, place[*j], *v)
         };
         let cut: Vec<_> = entries.iter().map(cut).collect();
+        // Rows without entries have no piece.
         (0..rows).for_each(|i| pieces[i + 1] = pieces[i + 1].max(pieces[i]));
-        let gather = Rows::of(count as usize, cut.into_iter());
+        let gather = Rows::from_entries(count as usize, cut.into_iter());
         entries.iter_mut().for_each(|e| e.1 = place[e.1]);
         entries.sort_by_key(|e| (e.1, e.0));
         let mobility: Vec<T> = coupled.iter().flat_map(|j| mobility(*j)).collect();
@@ -197,8 +201,8 @@ impl<T: Real> Transfer<T> {
             per_node,
             gather,
             pieces,
-            scatter: Rows::of(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
-            cuts: Cuts::of(coupled.iter().map(|j| j / per_node)),
+            scatter: Rows::from_entries(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
+            cuts: Cuts::at_units(coupled.iter().map(|j| j / per_node)),
             inertia: mobility.iter().map(mass).collect(),
             mobility,
             local: vec![T::zero(); coupled.len() * shared],
@@ -207,28 +211,30 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// From now on the model is in parts: keeps what acts on the nodes here.
+    /// Restricts the side to the nodes that this rank owns.
     pub(super) fn share_out(&mut self, portion: &Arc<Portion>) {
         let n = self.per_node;
-        let here = |j: usize| Some(portion.local(j / n)? * n + j % n);
-        let entries = self.entries().filter_map(|(i, j, v)| Some((i, here(j)?, v)));
+        let local_column = |j: usize| Some(portion.local(j / n)? * n + j % n);
+        let entries = self
+            .entries()
+            .filter_map(|(i, j, v)| Some((i, local_column(j)?, v)));
         let size = [self.multipliers(), portion.nodes() * n];
         let mobility = |j: usize| {
-            let all = (portion.global(j / n) * n + j % n) as u32;
-            let place = self.coupled.partition_point(|c| *c < all) * self.shared;
+            let global_column = (portion.global(j / n) * n + j % n) as u32;
+            let place = self.coupled.partition_point(|c| *c < global_column) * self.shared;
             self.mobility[place..place + self.shared].to_vec()
         };
-        let own = Self::of(size, [self.shared, n], entries.collect(), &mobility);
-        *self = own;
+        let restricted = Self::from_entries(size, [self.shared, n], entries.collect(), &mobility);
+        *self = restricted;
         self.portion = Some(portion.clone());
     }
 
-    /// Multiplier rows.
+    /// Returns the number of multiplier rows.
     pub(super) fn multipliers(&self) -> usize {
         self.pieces.len() - 1
     }
 
-    /// A node of every piece of a multiplier, by units.
+    /// Returns one node of each piece of a multiplier, in the order of units.
     pub(super) fn units(&self, row: usize) -> impl Iterator<Item = usize> {
         self.pieces_of(row).map(|p| {
             let place = self.gather.row(p).0[0];
@@ -240,52 +246,52 @@ impl<T: Real> Transfer<T> {
         self.pieces[row] as usize..self.pieces[row + 1] as usize
     }
 
-    /// Entries of the multipliers before one.
+    /// Returns the number of entries before a multiplier.
     pub(super) fn before(&self, row: usize) -> usize {
         self.gather.starts[self.pieces[row] as usize]
     }
 
-    /// Components that share the matrix; 1 if it holds all of them.
+    /// Returns the number of components that share the matrix; 1 if the matrix holds all of them.
     pub(crate) fn shared(&self) -> usize {
         self.shared
     }
 
-    /// Unknowns of the model that it has columns for.
+    /// Returns the number of unknowns of the model that the matrix has columns for.
     pub(crate) fn size(&self) -> usize {
         self.columns * self.shared
     }
 
-    /// Entries of `B` as row, column, value, row by row.
+    /// Returns the entries of `B` as row, column, value, row by row.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (usize, usize, T)> {
         let pieces = (0..self.multipliers()).flat_map(|i| self.pieces_of(i).map(move |p| (i, p)));
         pieces.flat_map(move |(i, p)| {
             let (columns, values) = self.gather.row(p);
-            let all = columns.iter().zip(values);
-            all.map(move |(j, v)| (i, self.coupled[*j as usize] as usize, *v))
+            let entries = columns.iter().zip(values);
+            entries.map(move |(j, v)| (i, self.coupled[*j as usize] as usize, *v))
         })
     }
 
-    /// Stored entries of one direction.
+    /// Returns the number of stored entries of one direction.
     pub(super) fn nonzeros(&self) -> usize {
         self.gather.nonzeros()
     }
 
-    /// Coupled columns, ascending.
+    /// Returns the coupled columns, ascending.
     pub(super) fn coupled(&self) -> &[u32] {
         &self.coupled
     }
 
-    /// The matrix.
+    /// Returns the coupling matrix in its assembled form.
     pub(super) fn matrix(&self) -> Coupling<T> {
-        let mut all = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
-        self.entries().for_each(|(i, j, v)| all.add_triplet(i, j, v));
+        let mut triplets = TriMat::with_capacity((self.multipliers(), self.columns), self.nonzeros());
+        self.entries().for_each(|(i, j, v)| triplets.add_triplet(i, j, v));
         Coupling {
-            matrix: all.to_csr(),
+            matrix: triplets.to_csr(),
             shared: self.shared,
         }
     }
 
-    /// Takes the values of the coupled columns.
+    /// Loads the values of the coupled columns from the model's unknowns.
     pub(super) fn load(&mut self, x: &[T]) {
         match self.shared {
             1 => copy_at::<T, 1>(&self.coupled, x.as_chunks().0, self.local.as_chunks_mut().0),
@@ -294,7 +300,8 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `B x` in one piece, of numbers of the model, or without them of what the coupled columns hold.
+    /// Returns one piece of `B x`, for unknowns `x` of the model or, if `None`, for what the coupled columns
+    /// hold.
     #[inline]
     pub(super) fn piece<const N: usize>(&self, piece: usize, x: Option<&[T]>) -> [T; N] {
         match x.map(nodes::<T, N>) {
@@ -306,18 +313,18 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// All pieces of a multiplier here, in their order.
+    /// Returns the sum of a multiplier over the pieces on this rank, in their order.
     #[inline]
     pub(super) fn row<const N: usize>(&self, row: usize, x: Option<&[T]>) -> [T; N] {
         total(self.pieces_of(row).map(|p| self.piece(p, x)))
     }
 
-    /// All pieces into `out`.
+    /// Writes all pieces of this rank into `out`.
     pub(super) fn pieces<const N: usize>(&self, x: Option<&[T]>, out: &mut [[T; N]]) {
-        self.gather.each(0..out.len(), out, &|p| self.piece(p, x));
+        self.gather.fill_rows(0..out.len(), out, &|p| self.piece(p, x));
     }
 
-    /// Keeps `δ = ∓M⁻¹ Bᵀ μ`.
+    /// Computes and keeps `δ = ∓M⁻¹ Bᵀ μ`.
     pub(super) fn spread(&mut self, multipliers: &[T]) {
         match self.shared {
             1 => self.spread_of::<1>(multipliers),
@@ -330,14 +337,14 @@ impl<T: Real> Transfer<T> {
         let ([multipliers, mobility], rows) =
             ([multipliers, &self.mobility].map(nodes::<T, N>), &self.scatter);
         let change = self.local.as_chunks_mut::<N>().0;
-        rows.each(0..change.len(), change, &|k| {
+        rows.fill_rows(0..change.len(), change, &|k| {
             let mut sum = rows.times(k, |i| multipliers[i]);
             (0..N).for_each(|c| sum[c] *= mobility[k][c]);
             sum
         });
     }
 
-    /// `δᵀ M δ`, on all ranks.
+    /// Returns `δᵀ M δ` over all ranks. Collective for a partitioned model.
     pub(super) fn twice_kinetic(&self) -> T {
         let d = self.shared;
         let part = |places: Range<usize>| {
@@ -350,7 +357,7 @@ impl<T: Real> Transfer<T> {
         self.cuts.sum(self.portion.as_deref(), d, &part)[0]
     }
 
-    /// `x += δ`.
+    /// Adds `δ` to `x`.
     pub(crate) fn kick(&self, x: &mut [T]) {
         let change = &self.local;
         match self.shared {
@@ -360,20 +367,20 @@ impl<T: Real> Transfer<T> {
         }
     }
 
-    /// `f += scale Bᵀ λ`; for set-up and the few steps that need the force itself.
+    /// Adds `scale Bᵀ λ` to `f`; for set-up and the few steps that need the force itself.
     pub(crate) fn add_force(&self, scale: T, multipliers: &[T], f: &mut [T]) {
         let d = self.shared;
         let mut add = |k: usize, j: usize| {
             let (rows, values) = self.scatter.row(k);
             for (i, v) in rows.iter().zip(values) {
-                let (from, to) = (*i as usize * d, j * d);
-                (0..d).for_each(|c| f[to + c] += scale * *v * multipliers[from + c]);
+                let (source, target) = (*i as usize * d, j * d);
+                (0..d).for_each(|c| f[target + c] += scale * *v * multipliers[source + c]);
             }
         };
         (self.coupled.iter().enumerate()).for_each(|(k, j)| add(k, *j as usize));
     }
 
-    /// `B x`; for checks.
+    /// Computes `B x`; for checks.
     pub(crate) fn times(&self, x: &[T], out: &mut [T]) {
         let d = self.shared;
         out.fill(T::zero());
@@ -383,12 +390,12 @@ impl<T: Real> Transfer<T> {
     }
 }
 
-/// Numbers by nodes.
+/// Groups numbers by nodes.
 pub(super) fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
     x.as_chunks().0
 }
 
-/// The sum of pieces in their order.
+/// Returns the sum of pieces in their order.
 #[inline]
 pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T; N]>) -> [T; N] {
     let first = pieces.next().unwrap_or([T::zero(); N]);
@@ -398,37 +405,43 @@ pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T
     })
 }
 
-/// Values of the given nodes.
-fn copy_at<T: Real, const N: usize>(at: &[u32], x: &[[T; N]], out: &mut [[T; N]]) {
-    let part = |at: &[u32], out: &mut [[T; N]]| {
-        at.iter().zip(out).for_each(|(j, out)| *out = x[*j as usize]);
+/// Copies the values of the given nodes.
+fn copy_at<T: Real, const N: usize>(nodes: &[u32], x: &[[T; N]], out: &mut [[T; N]]) {
+    let part = |nodes: &[u32], out: &mut [[T; N]]| {
+        nodes.iter().zip(out).for_each(|(j, out)| *out = x[*j as usize]);
     };
-    if !parallel::pays(N * at.len()) {
-        return part(at, out);
+    if !parallel::pays(N * nodes.len()) {
+        return part(nodes, out);
     }
-    let chunks = at.par_chunks(GRAIN).zip(out.par_chunks_mut(GRAIN));
-    chunks.for_each(|(at, out)| part(at, out));
+    let chunks = nodes.par_chunks(GRAIN).zip(out.par_chunks_mut(GRAIN));
+    chunks.for_each(|(nodes, out)| part(nodes, out));
 }
 
-/// Adds what belongs to the given nodes to `x`, which begins at node `first`.
-pub(crate) fn add_at<T: Real, const N: usize>(at: &[u32], change: &[[T; N]], first: usize, x: &mut [[T; N]]) {
-    if at.len() <= GRAIN || !parallel::pays(N * at.len()) {
-        for (k, d) in at.iter().zip(change) {
+/// Adds the changes of the given nodes to `x`, which begins at node `first`.
+pub(crate) fn add_at<T: Real, const N: usize>(
+    nodes: &[u32],
+    change: &[[T; N]],
+    first: usize,
+    x: &mut [[T; N]],
+) {
+    if nodes.len() <= GRAIN || !parallel::pays(N * nodes.len()) {
+        for (k, d) in nodes.iter().zip(change) {
             let x = &mut x[*k as usize - first];
             (0..N).for_each(|c| x[c] += d[c]);
         }
         return;
     }
-    let half = at.len() / 2;
-    let middle = at[half] as usize;
+    // Nodes ascend: halves of the list write to separate halves of `x`.
+    let half = nodes.len() / 2;
+    let middle = nodes[half] as usize;
     let (low, high) = x.split_at_mut(middle - first);
     rayon::join(
-        || add_at(&at[..half], &change[..half], first, low),
-        || add_at(&at[half..], &change[half..], middle, high),
+        || add_at(&nodes[..half], &change[..half], first, low),
+        || add_at(&nodes[half..], &change[half..], middle, high),
     );
 }
 
-/// Nodes a coupling matrix touches, ascending.
+/// Returns the nodes that a coupling matrix acts on, ascending.
 pub(crate) fn coupled_nodes<T: Real>(coupling: &Transfer<T>, components: usize) -> Vec<usize> {
     let per_column = components / coupling.shared();
     let mut nodes: Vec<usize> = (coupling.coupled().iter().map(|j| *j as usize / per_column)).collect();

@@ -1,25 +1,25 @@
-//! Sums over some nodes of a model, cut where these pass from unit to unit.
+//! Sums over some nodes of a model, split where these pass from unit to unit.
 
-use super::portion::{everywhere, pieces};
+use super::portion::{exact_sums, sum_over_ranks};
 use super::{Portion, UNIT};
 use crate::{Real, parallel};
 use std::ops::Range;
 
-/// Where an ascending list of nodes passes from one unit to the next.
+/// Places at which an ascending list of nodes passes from one unit to the next, and its end.
 #[derive(Debug, Clone)]
 pub(crate) struct Cuts(Vec<usize>);
 
 impl Cuts {
-    /// Of nodes by their numbers here or in the whole model: units are the same.
-    pub(crate) fn of(nodes: impl Iterator<Item = usize>) -> Self {
-        Self::every(UNIT, nodes)
+    /// Splits a list of nodes at units. Local and global numbers give the same units.
+    pub(crate) fn at_units(nodes: impl Iterator<Item = usize>) -> Self {
+        Self::at_blocks(UNIT, nodes)
     }
 
-    /// The same for other things that come in blocks of so many.
-    pub(crate) fn every(size: usize, all: impl Iterator<Item = usize>) -> Self {
+    /// Splits a list of any numbers at blocks of `size`.
+    pub(crate) fn at_blocks(size: usize, items: impl Iterator<Item = usize>) -> Self {
         let (mut cuts, mut last, mut count) = (Vec::new(), None, 0);
-        for one in all {
-            let unit = one / size;
+        for item in items {
+            let unit = item / size;
             if last.replace(unit) != Some(unit) {
                 cuts.push(count);
             }
@@ -29,18 +29,18 @@ impl Cuts {
         Self(cuts)
     }
 
-    /// Sums over the list, on whatever ranks its nodes are: `part` sums over a range of the places here, of
-    /// so many `numbers` each. The same bits for any number of threads and ranks, all of which must ask.
-    /// Not numbers once ranks do not hear of each other any more.
+    /// Sums over the whole list on all ranks; `part` sums over a range of this rank's places, with `numbers`
+    /// numbers each. The result has the same bits for any number of threads and ranks. NaN after a failure of
+    /// the transport. Collective for a partitioned model.
     pub(crate) fn sum<T: Real, const N: usize>(
         &self,
         portion: Option<&Portion>,
         numbers: usize,
         part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
     ) -> [T; N] {
-        let all = self.0.last().copied().unwrap_or_default();
-        let of = |k: usize| part(self.0[k]..self.0[k + 1]);
-        let own = pieces(0..self.0.len() - 1, &of, parallel::pays(all * numbers));
-        everywhere(portion, own)
+        let count = self.0.last().copied().unwrap_or_default();
+        let block_sum = |k: usize| part(self.0[k]..self.0[k + 1]);
+        let local_sums = exact_sums(0..self.0.len() - 1, &block_sum, parallel::pays(count * numbers));
+        sum_over_ranks(portion, local_sums)
     }
 }

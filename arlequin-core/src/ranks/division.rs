@@ -1,22 +1,21 @@
-//! Who holds what: recursive bisection of the units of a model.
+//! Distribution of a model's units among ranks, by recursive bisection.
 
 use super::{RankError, UNIT};
 use crate::Real;
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 
-/// A unit of a model as the division sees it.
+/// Unit of a model: position and work.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
-    /// Its middle \[m\].
+    /// Mean position of its nodes \[m\].
     pub centre: Point3<f64>,
-    /// What a step of it costs, in any measure.
+    /// Cost of a step of the unit, in any measure.
     pub work: f64,
 }
 
 impl Unit {
-    /// Those of a model with such nodes \[m\]: the mean of their places, and what `work` says of a range of
-    /// them.
+    /// Returns the units of a model with these nodes \[m\]. `work`: cost of a range of nodes.
     #[must_use]
     pub fn all<T: Real>(nodes: &[Point3<T>], work: impl Fn(Range<usize>) -> f64) -> Vec<Self> {
         let unit = |first: usize| {
@@ -31,19 +30,19 @@ impl Unit {
     }
 }
 
-/// Which rank holds which unit of [`UNIT`] nodes.
+/// Owner of each unit of [`UNIT`] nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Division {
     nodes: usize,
     ranks: usize,
     owners: Vec<u32>,
-    /// Of every rank.
+    /// Work of each rank.
     work: Vec<f64>,
 }
 
 impl Division {
-    /// Cuts the units of `nodes` nodes into parts of equal work, each cut across the longest extent of what
-    /// it cuts. The same on every rank. Ranks beyond the number of units get nothing.
+    /// Splits the units of `nodes` nodes into parts of equal work, each time across the longest extent. The
+    /// result is the same on every rank. Ranks beyond the number of units get no unit.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -56,8 +55,8 @@ impl Division {
     /// ```
     ///
     /// # Errors
-    /// [`RankError::TooMany`] for more ranks than nodes, or none; [`RankError::Length`] unless `units` are
-    /// those of so many nodes.
+    /// [`RankError::TooMany`] for no ranks or more ranks than nodes; [`RankError::Length`] if the number of
+    /// `units` does not fit `nodes`.
     pub fn bisect(nodes: usize, units: &[Unit], ranks: usize) -> Result<Self, RankError> {
         let count = nodes.div_ceil(UNIT);
         if ranks == 0 || ranks > nodes {
@@ -81,79 +80,82 @@ impl Division {
             owners: vec![0; count],
             work: vec![0.0; ranks],
         };
-        let mut all: Vec<u32> = (0..count as u32).collect();
-        out.cut(&mut all, units, 0, ranks);
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        out.cut(&mut order, units, 0, ranks);
         Ok(out)
     }
 
-    /// Shares units out among ranks from `first` on.
-    fn cut(&mut self, these: &mut [u32], units: &[Unit], first: usize, ranks: usize) {
+    /// Distributes the units `these` among `ranks` ranks from `first` on.
+    fn cut(&mut self, part: &mut [u32], units: &[Unit], first: usize, ranks: usize) {
         if ranks == 1 {
-            for k in these.iter() {
+            for k in part.iter() {
                 self.owners[*k as usize] = first as u32;
                 self.work[first] += units[*k as usize].work;
             }
             return;
         }
-        let at = |k: &u32| units[*k as usize].centre;
-        let corner = |all: &[u32], extreme: fn(f64, f64) -> f64, from: f64| {
-            let mut out = [from; 3];
-            for x in all.iter().map(at) {
+        let centre = |k: &u32| units[*k as usize].centre;
+        let corner = |numbers: &[u32], extreme: fn(f64, f64) -> f64, start: f64| {
+            let mut out = [start; 3];
+            for x in numbers.iter().map(centre) {
                 (0..3).for_each(|c| out[c] = extreme(out[c], x[c]));
             }
             out
         };
-        let low = corner(these, f64::min, f64::INFINITY);
-        let high = corner(these, f64::max, f64::NEG_INFINITY);
+        let low = corner(part, f64::min, f64::INFINITY);
+        let high = corner(part, f64::max, f64::NEG_INFINITY);
         let extent = |c: usize| high[c] - low[c];
         let axis = (1..3).fold(0, |best, c| if extent(c) > extent(best) { c } else { best });
-        these.sort_unstable_by(|a, b| at(a)[axis].total_cmp(&at(b)[axis]).then(a.cmp(b)));
-        let left = ranks / 2;
-        let all: f64 = these.iter().map(|k| units[*k as usize].work).sum();
-        let middle = nearest_cut(these, units, all * left as f64 / ranks as f64);
-        // A unit at least for everyone, as long as there are enough.
-        let enough = these.len() >= ranks;
+        // The number of a unit breaks ties, so that every rank finds the same order.
+        part.sort_unstable_by(|a, b| centre(a)[axis].total_cmp(&centre(b)[axis]).then(a.cmp(b)));
+        // For any number of ranks: each side gets work in proportion to its ranks.
+        let lower_ranks = ranks / 2;
+        let total: f64 = part.iter().map(|k| units[*k as usize].work).sum();
+        let middle = nearest_cut(part, units, total * lower_ranks as f64 / ranks as f64);
+        // Each rank gets at least one unit while there are enough.
+        let enough = part.len() >= ranks;
         let middle = if enough {
-            middle.clamp(left, these.len() - (ranks - left))
+            middle.clamp(lower_ranks, part.len() - (ranks - lower_ranks))
         } else {
             middle
         };
-        let (a, b) = these.split_at_mut(middle);
-        self.cut(a, units, first, left);
-        self.cut(b, units, first + left, ranks - left);
+        let (a, b) = part.split_at_mut(middle);
+        self.cut(a, units, first, lower_ranks);
+        self.cut(b, units, first + lower_ranks, ranks - lower_ranks);
     }
 
-    /// Nodes of the whole model.
+    /// Returns the number of nodes of the whole model.
     #[must_use]
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
-    /// Ranks it is made for.
+    /// Returns the number of ranks.
     #[must_use]
     pub fn ranks(&self) -> usize {
         self.ranks
     }
 
-    /// The rank that holds a node.
+    /// Returns the rank that owns a node.
     ///
     /// # Panics
-    /// For a node that is not there.
+    /// If there is no such node.
     #[must_use]
     pub fn owner(&self, node: usize) -> usize {
         self.owners[node / UNIT] as usize
     }
 
-    /// Units of a rank, ascending.
+    /// Returns the units of a rank, ascending.
     #[must_use]
     pub fn units_of(&self, rank: usize) -> Vec<u32> {
-        let all = (0..).zip(&self.owners);
-        all.filter(|(_, o)| **o as usize == rank)
+        let owned = (0..).zip(&self.owners);
+        owned
+            .filter(|(_, o)| **o as usize == rank)
             .map(|(k, _)| k)
             .collect()
     }
 
-    /// Ranks without a unit.
+    /// Returns the number of ranks without a unit.
     #[must_use]
     pub fn idle(&self) -> usize {
         let mut works = vec![false; self.ranks];
@@ -161,30 +163,30 @@ impl Division {
         works.iter().filter(|w| !**w).count()
     }
 
-    /// Most work of a rank over the mean, less one.
+    /// Returns the largest work of a rank over the mean, minus one.
     #[must_use]
     pub fn imbalance(&self) -> f64 {
         let most = self.work.iter().fold(0.0, |a: f64, b| a.max(*b));
-        let all: f64 = self.work.iter().sum();
-        if all > 0.0 {
-            most * self.ranks as f64 / all - 1.0
+        let total: f64 = self.work.iter().sum();
+        if total > 0.0 {
+            most * self.ranks as f64 / total - 1.0
         } else {
             0.0
         }
     }
 }
 
-/// How many of the first units have work that is nearest to `wanted`.
-fn nearest_cut(these: &[u32], units: &[Unit], wanted: f64) -> usize {
+/// Returns how many of the first units have a total work closest to `wanted`.
+fn nearest_cut(part: &[u32], units: &[Unit], wanted: f64) -> usize {
     let mut sum = 0.0;
-    for (k, u) in these.iter().enumerate() {
+    for (k, u) in part.iter().enumerate() {
         let next = sum + units[*u as usize].work;
         if next >= wanted {
             return if next - wanted <= wanted - sum { k + 1 } else { k };
         }
         sum = next;
     }
-    these.len()
+    part.len()
 }
 
 #[cfg(test)]
@@ -195,9 +197,9 @@ mod tests {
     /// A block of units, `n` along x.
     fn block(n: [usize; 3], work: impl Fn(usize) -> f64) -> Vec<Unit> {
         let count = n[0] * n[1] * n[2];
-        let at = |k: usize| Point3::new(k % n[0], k / n[0] % n[1], k / n[0] / n[1]);
+        let point = |k: usize| Point3::new(k % n[0], k / n[0] % n[1], k / n[0] / n[1]);
         let unit = |k: usize| Unit {
-            centre: at(k).map(|c| c as f64),
+            centre: point(k).map(|c| c as f64),
             work: work(k),
         };
         (0..count).map(unit).collect()

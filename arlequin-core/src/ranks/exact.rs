@@ -1,24 +1,24 @@
-//! Sums without round-off, so that no order and no cut changes them.
+//! Sums without round-off, which no order and no split changes.
 //!
-//! A finite number of 64 bits is an integer of 53 bits times a power of two. An accumulator is one long
-//! integer in digits of 32 bits, from the smallest power to the largest (Kulisch); digits are kept in 64
-//! bits, so that carries can wait and ranks can add theirs up one by one.
+//! A finite 64-bit number is an integer of 53 bits times a power of two. The accumulator is one long integer
+//! in digits of 32 bits, from the smallest power to the largest (Kulisch). Digits are stored in 64 bits:
+//! carries can wait, and ranks can add their digits one by one.
 
 use std::ops::AddAssign;
 
-/// Digits: from 2⁻¹⁰⁷⁴ to 2⁹⁷¹ and 53 bits more.
+/// Number of digits: they cover 2⁻¹⁰⁷⁴ to 2⁹⁷¹ and 53 bits more.
 const DIGITS: usize = 66;
 
-/// Numbers to send: the digits, and how many terms were not finite.
+/// Number of words to send: the digits, and the count of terms that were not finite.
 pub const WORDS: usize = DIGITS + 1;
 
-/// Terms after which carries are taken.
+/// Number of terms after which carries are propagated, long before 64 bits overflow.
 const OFTEN: u32 = 1 << 20;
 
-/// Power of two of the lowest bit.
+/// Exponent of the lowest bit.
 const LOWEST: i32 = -1074;
 
-/// An exact sum of numbers.
+/// Exact sum of numbers.
 ///
 /// ```
 /// use arlequin_core::ranks::Exact;
@@ -33,7 +33,7 @@ pub struct Exact {
 }
 
 impl Exact {
-    /// Nothing.
+    /// Returns a sum of zero.
     #[must_use]
     pub fn zero() -> Self {
         Self {
@@ -51,15 +51,16 @@ impl Exact {
         let bits = x.to_bits();
         let exponent = (bits >> 52) & 0x7ff;
         let fraction = bits & 0x000f_ffff_ffff_ffff;
-        // Power of two of the last bit, counted from the lowest one.
+        // Exponent of the last bit, counted from the lowest one.
         let (mantissa, shift) = match exponent {
             0 => (fraction, 0),
             e => (fraction | 1 << 52, e - 1),
         };
-        let (digit, by) = ((shift / 32) as usize, shift % 32);
-        let wide = u128::from(mantissa) << by;
+        let (digit, offset) = ((shift / 32) as usize, shift % 32);
+        let wide = u128::from(mantissa) << offset;
         let part = |k: u32| ((wide >> (32 * k)) & 0xffff_ffff) as i64;
         let sign = if x.is_sign_negative() { -1 } else { 1 };
+        // 53 bits, shifted by up to 31, reach into three digits.
         for (k, word) in (0..).zip(&mut self.words[digit..(digit + 3).min(DIGITS)]) {
             *word += sign * part(k);
         }
@@ -69,7 +70,7 @@ impl Exact {
         }
     }
 
-    /// Takes carries: all digits but the last are then below 2³² and not negative.
+    /// Propagates carries: all digits but the last are then below 2³² and not negative.
     fn carry(&mut self) {
         let mut carry = 0;
         for word in &mut self.words[..DIGITS - 1] {
@@ -81,14 +82,14 @@ impl Exact {
         self.since = 0;
     }
 
-    /// What may be added up over ranks, word by word: up to 2³⁰ of them.
+    /// Returns words that may be added up over ranks, word by word, for up to 2³⁰ ranks.
     #[must_use]
     pub fn words(mut self) -> [i64; WORDS] {
         self.carry();
         self.words
     }
 
-    /// Undoes [`Self::words`], after such sums.
+    /// Makes a sum from [`Self::words`], or from added-up words of several sums.
     #[must_use]
     pub fn from_words(words: [i64; WORDS]) -> Self {
         let mut out = Self { words, since: 0 };
@@ -96,13 +97,14 @@ impl Exact {
         out
     }
 
-    /// The sum, rounded once (twice below 2⁻¹⁰²²); not a number if a term was not finite.
+    /// Returns the sum, rounded once (twice below 2⁻¹⁰²²); NaN if a term was not finite.
     #[must_use]
     pub fn value(mut self) -> f64 {
         if self.words[DIGITS] != 0 {
             return f64::NAN;
         }
         self.carry();
+        // After a carry only the last digit has a sign: it is that of the sum.
         let negative = self.words[DIGITS - 1] < 0;
         if negative {
             self.words.iter_mut().for_each(|w| *w = -*w);
@@ -114,17 +116,17 @@ impl Exact {
         };
         let low = top.saturating_sub(2);
         let leading = digits[low..=top].iter().rev();
-        let leading = leading.fold(0_u128, |all, w| (all << 32) + u128::from(w.unsigned_abs()));
-        // What lies below decides only on which side of a half it is.
-        let rest = u128::from(digits[..low].iter().any(|w| *w != 0));
+        let leading = leading.fold(0_u128, |value, w| (value << 32) + u128::from(w.unsigned_abs()));
+        // Lower digits only decide on which side of a half the sum lies: one sticky bit keeps that.
+        let sticky = u128::from(digits[..low].iter().any(|w| *w != 0));
         let exponent = 32 * low as i32 + LOWEST;
-        // In two factors: each is a number, whatever their product.
-        let size = (leading | rest) as f64 * power(exponent / 2) * power(exponent - exponent / 2);
+        // The power is split into two factors, as one alone may be out of range.
+        let size = (leading | sticky) as f64 * power(exponent / 2) * power(exponent - exponent / 2);
         if negative { -size } else { size }
     }
 }
 
-/// `2^k` for `k` between -1022 and 1023.
+/// Returns `2^k` for `k` between -1022 and 1023.
 fn power(k: i32) -> f64 {
     f64::from_bits(((k + 1023) as u64) << 52)
 }
@@ -135,6 +137,7 @@ impl AddAssign for Exact {
         for (a, b) in self.words.iter_mut().zip(other.words()) {
             *a += b;
         }
+        // Both operands are carried: the sum has waited for one term.
         self.since = 1;
     }
 }
@@ -144,9 +147,9 @@ mod tests {
     use super::Exact;
 
     fn sum(x: impl Iterator<Item = f64>) -> f64 {
-        let mut all = Exact::zero();
-        x.for_each(|x| all.add(x));
-        all.value()
+        let mut total = Exact::zero();
+        x.for_each(|x| total.add(x));
+        total.value()
     }
 
     #[test]
@@ -171,7 +174,7 @@ mod tests {
         assert!(sum([f64::MAX, f64::MAX].into_iter()).is_infinite());
     }
 
-    /// Against integers of 128 bits: terms are multiples of 2⁻⁴⁰ below 2⁴⁰.
+    /// Compares with 128-bit integers: terms are multiples of 2⁻⁴⁰ below 2⁴⁰.
     #[test]
     fn sums_are_rounded_once_whatever_their_order_and_cuts() {
         let step = (-40.0_f64).exp2();
@@ -183,13 +186,13 @@ mod tests {
         assert_eq!(sum(x.iter().copied()).to_bits(), wanted.to_bits());
         assert_eq!(sum(x.iter().rev().copied()).to_bits(), wanted.to_bits());
         for cuts in [1, 2, 7, 300] {
-            let mut all = Exact::zero();
+            let mut total = Exact::zero();
             for part in x.chunks(x.len().div_ceil(cuts)) {
-                let mut own = Exact::zero();
-                part.iter().for_each(|x| own.add(*x));
-                all += Exact::from_words(own.words());
+                let mut local = Exact::zero();
+                part.iter().for_each(|x| local.add(*x));
+                total += Exact::from_words(local.words());
             }
-            assert_eq!(all.value().to_bits(), wanted.to_bits(), "{cuts} cuts");
+            assert_eq!(total.value().to_bits(), wanted.to_bits(), "{cuts} cuts");
         }
         let tie = [1.0, f64::EPSILON / 2.0];
         assert_eq!(sum(tie.into_iter()).to_bits(), 1.0_f64.to_bits());

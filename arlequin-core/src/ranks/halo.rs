@@ -1,22 +1,22 @@
-//! Nodes of other ranks that the nodes of this one are linked with.
+//! Ghosts: nodes of other ranks that are linked with nodes of this rank.
 
 use super::{Message, Portion, RankError, UNIT};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What a rank tells one other.
+/// Nodes exchanged with one other rank.
 #[derive(Debug, Clone)]
 pub(super) struct Peer {
     pub(super) rank: usize,
-    /// Own nodes that it needs.
+    /// Local numbers of the owned nodes that the other rank needs.
     pub(super) send: Vec<u32>,
-    /// Those of its nodes that are needed here, among all such.
+    /// Range of the ghosts that the other rank owns, among all ghosts.
     pub(super) receive: Range<usize>,
 }
 
-/// Ghosts: nodes of other ranks that are linked with own ones, by rank and then by number.
+/// Ghosts of a rank, sorted by owner and then by number.
 ///
-/// Both ends of a link know of it, so that each rank finds what the other will ask for without asking.
+/// Both owners know of a link between them, so that each rank finds the nodes to send without a request.
 #[derive(Debug, Clone)]
 pub struct Halo {
     pub(super) portion: Arc<Portion>,
@@ -25,40 +25,40 @@ pub struct Halo {
 }
 
 impl Halo {
-    /// The ghosts of this rank's nodes for links between nodes of the whole model, each given at least
-    /// where one of its ends is.
+    /// Finds the ghosts of this rank from links between nodes of the whole model. A rank has to be given at
+    /// least all links with an end that it owns.
     ///
     /// # Panics
-    /// For links of nodes that are not there.
+    /// If a link names a node that does not exist.
     #[must_use]
     pub fn of_links(portion: Arc<Portion>, links: impl Iterator<Item = [u32; 2]>) -> Self {
-        let mine = portion.communicator().rank();
+        let own_rank = portion.communicator().rank();
         let owner = |node: u32| portion.division().owner(node as usize);
-        // Rank, node that is needed: there, and here.
+        // Pairs of a rank and a node: ghosts that this rank needs, and owned nodes that the other one needs.
         let (mut theirs, mut ours) = (Vec::new(), Vec::new());
         for [i, j] in links {
-            for [here, there] in [[i, j], [j, i]] {
-                let rank = owner(there);
-                if owner(here) == mine && rank != mine {
-                    theirs.push((rank as u32, there));
-                    ours.push((rank as u32, here));
+            for [end, other_end] in [[i, j], [j, i]] {
+                let rank = owner(other_end);
+                if owner(end) == own_rank && rank != own_rank {
+                    theirs.push((rank as u32, other_end));
+                    ours.push((rank as u32, end));
                 }
             }
         }
-        for all in [&mut theirs, &mut ours] {
-            all.sort_unstable();
-            all.dedup();
+        for list in [&mut theirs, &mut ours] {
+            list.sort_unstable();
+            list.dedup();
         }
         let mut peers = Vec::new();
         let mut ghosts = 0..0;
-        let same = |a: &(u32, u32), b: &(u32, u32)| a.0 == b.0;
-        // A link has two ends: both lists name the same ranks.
-        for (of, from) in ours.chunk_by(same).zip(theirs.chunk_by(same)) {
-            ghosts = ghosts.end..ghosts.end + from.len();
+        let same_rank = |a: &(u32, u32), b: &(u32, u32)| a.0 == b.0;
+        // A link has two ends, so that both lists name the same ranks.
+        for (sent, received) in ours.chunk_by(same_rank).zip(theirs.chunk_by(same_rank)) {
+            ghosts = ghosts.end..ghosts.end + received.len();
             let local = |node: u32| portion.local(node as usize).unwrap_or_default() as u32;
             peers.push(Peer {
-                rank: of[0].0 as usize,
-                send: of.iter().map(|(_, node)| local(*node)).collect(),
+                rank: sent[0].0 as usize,
+                send: sent.iter().map(|(_, node)| local(*node)).collect(),
                 receive: ghosts.clone(),
             });
         }
@@ -69,53 +69,53 @@ impl Halo {
         }
     }
 
-    /// The portion whose ghosts they are.
+    /// Returns this rank's part of the partitioned model.
     #[must_use]
     pub fn portion(&self) -> &Arc<Portion> {
         &self.portion
     }
 
-    /// Numbers of the ghosts in the whole model.
+    /// Returns the numbers of the ghosts in the whole model.
     #[must_use]
     pub fn ghosts(&self) -> &[u32] {
         &self.ghosts
     }
 
-    /// Own nodes that are sent, one message after the other.
+    /// Returns the number of nodes sent, over all messages.
     #[must_use]
     pub fn sent(&self) -> usize {
         self.peers.iter().map(|p| p.send.len()).sum()
     }
 
-    /// Which units here have a node that is linked with a ghost; all others can be worked on before ghosts
-    /// are known.
+    /// Returns for each unit of this rank whether a node of it is linked with a ghost. All other units can be
+    /// worked on before ghosts arrive.
     #[must_use]
     pub fn borders(&self) -> Vec<bool> {
         let mut out = vec![false; self.portion.nodes().div_ceil(UNIT)];
-        // Links have two ends: what is linked with a ghost is told to its rank.
+        // A node that is linked with a ghost is sent to the ghost's owner.
         let linked = self.peers.iter().flat_map(|p| &p.send);
         linked.for_each(|node| out[*node as usize / UNIT] = true);
         out
     }
 
-    /// Ranks that it hears of.
+    /// Returns the number of ranks that this one exchanges messages with.
     #[must_use]
     pub fn peers(&self) -> usize {
         self.peers.len()
     }
 
-    /// Messages of so many numbers per node, to be used again and again.
+    /// Returns message buffers for `numbers` numbers per node, to be used again and again.
     #[must_use]
     pub fn messages(&self, numbers: usize) -> Vec<Message> {
         let message = |p: &Peer| Message::zeros(p.rank, numbers * p.send.len(), numbers * p.receive.len());
         self.peers.iter().map(message).collect()
     }
 
-    /// Tells others of own nodes by `read`, and hands what they tell of ghosts to `write`; `messages` are
-    /// those of `N` numbers. Nothing is allocated.
+    /// Sends the numbers that `read` gives for owned nodes and passes those of ghosts to `write` (halo
+    /// exchange). `messages`: buffers for `N` numbers per node. Allocates nothing.
     ///
     /// # Errors
-    /// Those of the transport, which [`Portion::failure`] remembers.
+    /// Errors of the transport, which [`Portion::failure`] remembers.
     pub fn exchange<const N: usize>(
         &self,
         messages: &mut [Message],
@@ -127,12 +127,12 @@ impl Halo {
         Ok(())
     }
 
-    /// The first half of [`Self::exchange`]: tells, and waits for what others tell. Until that is there,
-    /// `meanwhile` does pieces of work that needs no ghosts, and says whether there is more; all of it is
-    /// done in the end.
+    /// First half of [`Self::exchange`]: sends, and waits for what other ranks send. Until it arrives
+    /// `meanwhile` does pieces of work that need no ghosts, and returns whether more is left. All of that
+    /// work is done on return.
     ///
     /// # Errors
-    /// Those of [`Self::exchange`]; no ghosts are then known.
+    /// Errors of [`Self::exchange`]; ghosts are then unknown.
     pub fn tell<const N: usize>(
         &self,
         messages: &mut [Message],
@@ -141,8 +141,8 @@ impl Halo {
     ) -> Result<(), RankError> {
         for (peer, message) in self.peers.iter().zip(&mut *messages) {
             let places = message.out.as_chunks_mut::<N>().0;
-            for (to, node) in places.iter_mut().zip(&peer.send) {
-                *to = read(*node as usize);
+            for (slot, node) in places.iter_mut().zip(&peer.send) {
+                *slot = read(*node as usize);
             }
         }
         let mut more = true;
@@ -152,16 +152,16 @@ impl Halo {
         };
         let communicator = self.portion.communicator();
         self.portion.keep(communicator.exchange(messages, &mut work))?;
-        // Whatever a transport does: unfinished work would be a wrong answer without a word.
+        // A transport may stop asking too early, and unfinished work would be a silent error.
         while work() {}
         Ok(())
     }
 
-    /// The second half of [`Self::exchange`]: hands what others told of ghosts to `write`.
+    /// Second half of [`Self::exchange`]: passes the received numbers of ghosts to `write`.
     pub fn told<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
         for (peer, message) in self.peers.iter().zip(messages) {
-            let told = message.into.as_chunks::<N>().0;
-            for (ghost, x) in peer.receive.clone().zip(told) {
+            let numbers = message.into.as_chunks::<N>().0;
+            for (ghost, x) in peer.receive.clone().zip(numbers) {
                 write(ghost, *x);
             }
         }

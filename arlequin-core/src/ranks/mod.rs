@@ -1,14 +1,13 @@
-//! One run on several ranks: processes, or threads in tests, each of which holds a part of a model and
-//! steps it.
+//! Runs on several ranks: processes, or threads in tests, each of which owns and steps a part of a model.
 //!
-//! Nodes are shared out in units of [`UNIT`] consecutive ones ([`Division`]). A rank has a [`Portion`]: its
-//! units, whole, in the order of the model, so that whatever is found per node has the bits of the whole
-//! model. What nodes of other ranks must tell comes through a [`Halo`]. Sums are formed per unit in the
-//! order of its nodes, and over units exactly ([`Exact`]): they do not depend on who holds which unit, nor
-//! on the order in which ranks are heard. A model that is a portion says so ([`crate::Model::portion`]);
-//! one that is not is the same on every rank.
+//! Nodes are partitioned in units of [`UNIT`] consecutive nodes ([`Division`]). A rank has a [`Portion`]:
+//! whole units, in the order of the model, so that results per node have the bits of the whole model. Values
+//! of nodes that other ranks own arrive by a halo exchange ([`Halo`]). Sums are formed per unit in the order
+//! of its nodes, and over units exactly ([`Exact`]). They depend neither on the distribution of units nor on
+//! the order in which messages arrive. A partitioned model returns its [`crate::Model::portion`]; any other
+//! model is the same on every rank.
 //!
-//! The core knows a transport by [`Communicator`] alone.
+//! The core uses a transport only through [`Communicator`].
 
 mod collect;
 mod cuts;
@@ -31,22 +30,22 @@ pub use portion::{Portion, add_products, sum};
 pub(crate) use post::{Places, Post};
 pub use reach::Reach;
 
-/// Nodes in a unit: what a rank holds at least, and what sums are formed over first.
+/// Number of nodes in a unit: the smallest part a rank can own, and the range of the inner sums.
 pub const UNIT: usize = 256;
 
-/// What one rank sends to another and gets in return.
+/// Numbers for another rank, and a buffer for the numbers that it sends back.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Message {
     /// The other rank.
     pub peer: usize,
-    /// What it is sent.
+    /// Numbers to send.
     pub out: Vec<f64>,
-    /// Room for what it sends: as many numbers as come.
+    /// Buffer of the numbers to receive; its length is the number expected.
     pub into: Vec<f64>,
 }
 
 impl Message {
-    /// Of zeros, so many to and from a rank.
+    /// Returns a message of zeros with buffers of `out` numbers to send and `into` numbers to receive.
     #[must_use]
     pub fn zeros(peer: usize, out: usize, into: usize) -> Self {
         Self {
@@ -57,51 +56,51 @@ impl Message {
     }
 }
 
-/// How integers of several ranks are put together; no order of ranks changes the result.
+/// Way in which integers of several ranks are combined. The order of ranks does not matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reduction {
-    /// Added up.
+    /// Their sum.
     Sum,
     /// The largest.
     Largest,
 }
 
-/// How ranks hear of each other. All calls but [`Communicator::exchange`] are made by all ranks, in the
-/// same order; none waits for ever.
+/// Transport between ranks. [`Communicator::reduce`] is collective: all ranks call it in the same order. No
+/// call waits for ever.
 pub trait Communicator: std::fmt::Debug + Send + Sync {
-    /// Number of this rank, from zero.
+    /// Returns the number of this rank, from zero.
     fn rank(&self) -> usize;
 
-    /// How many there are.
+    /// Returns the number of ranks.
     fn ranks(&self) -> usize;
 
-    /// Sends and receives all messages, whose peers do the same. While they are on their way `meanwhile`
-    /// does a piece of other work and says whether there is more of it: it is called until there is none,
-    /// and messages are looked after in between.
+    /// Sends and receives all messages; every peer makes the matching call. Until they have arrived, it calls
+    /// `meanwhile`, which does a piece of other work and returns whether more is left, and attends to the
+    /// messages in between.
     ///
     /// # Errors
-    /// A peer that is silent, lost or gave up; a message of another length.
+    /// [`RankError`] for a peer that is silent, lost or gave up, or that sends a message of another length.
     fn exchange(
         &self,
         messages: &mut [Message],
         meanwhile: &mut dyn FnMut() -> bool,
     ) -> Result<(), RankError>;
 
-    /// Puts the words of all ranks together, entry by entry; all get the result.
+    /// Replaces `words` by their reduction over all ranks, entry by entry (all-reduce). Collective.
     ///
     /// # Errors
-    /// Those of [`Self::exchange`].
+    /// Errors of [`Self::exchange`].
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError>;
 
-    /// Tells all others that this rank goes on no more, and why: they must not wait for it.
+    /// Informs all other ranks that this one stops, and why, so that they do not wait for it.
     fn abandon(&self, why: &str);
 }
 
-/// What can go wrong between ranks.
+/// Error of communication between ranks.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RankError {
-    /// Another rank does not answer.
+    /// A rank that does not answer.
     #[error(
         "rank {rank} has waited {seconds} s for {peer} ({what}): it hangs, or works much longer; look at what that rank said last, \
          or allow a longer wait"
@@ -109,32 +108,32 @@ pub enum RankError {
     Silent {
         /// The rank that waited.
         rank: usize,
-        /// For whom.
+        /// Rank or ranks that it waited for.
         peer: String,
-        /// For what.
+        /// Operation that it waited for.
         what: &'static str,
-        /// How long \[s\].
+        /// Duration of the wait \[s\].
         seconds: f64,
     },
-    /// Another rank met an error.
+    /// A rank that stopped with an error.
     #[error("rank {rank} stops because rank {by} gave up: {why}")]
     GaveUp {
         /// This rank.
         rank: usize,
-        /// The one that gave up.
+        /// The rank that gave up.
         by: usize,
-        /// Its error.
+        /// Its error message.
         why: String,
     },
-    /// Another rank ended without a word.
+    /// A rank that ended without a message.
     #[error("rank {rank} stops because rank {peer} is gone: it was ended, or ran out of memory")]
     Lost {
         /// This rank.
         rank: usize,
-        /// The one that is gone.
+        /// The rank that ended.
         peer: usize,
     },
-    /// Two ranks do not speak of the same.
+    /// A message of unexpected length.
     #[error(
         "rank {rank} expects {expected} numbers from rank {peer} and gets {found}: the two have different models or do not make the \
          same steps; give every rank the same input"
@@ -142,50 +141,51 @@ pub enum RankError {
     Length {
         /// This rank.
         rank: usize,
-        /// The other one.
+        /// The rank that sent it.
         peer: usize,
         /// Numbers expected.
         expected: usize,
-        /// Numbers that came.
+        /// Numbers received.
         found: usize,
     },
-    /// Ranks were given different input.
+    /// Different input on different ranks.
     #[error("rank {rank}: ranks differ in {what}; give every rank the same input and the same program")]
     Differ {
         /// This rank.
         rank: usize,
-        /// In what.
+        /// Description of the input that differs.
         what: String,
     },
-    /// There is not even a node for every rank.
+    /// More ranks than nodes, or no rank.
     #[error("{ranks} ranks for {nodes} nodes: take at most {units}, one per {UNIT} nodes")]
     TooMany {
-        /// Ranks.
+        /// Number of ranks.
         ranks: usize,
-        /// Nodes.
+        /// Number of nodes.
         nodes: usize,
-        /// Units: ranks that can have work.
+        /// Number of units: the most ranks that can have work.
         units: usize,
     },
-    /// The transport failed.
+    /// Failure of the transport.
     #[error("rank {rank}: {what}")]
     Transport {
         /// This rank.
         rank: usize,
-        /// What it said.
+        /// Message of the transport.
         what: String,
     },
 }
 
-/// Whether all ranks say the same number: a digest of their input.
+/// Checks that all ranks have the same digest of their input. Collective.
 ///
 /// # Errors
-/// [`RankError::Differ`] on every rank, with `what` differs; those of [`Communicator::reduce`].
+/// [`RankError::Differ`] on every rank, with `what` in its message, if they differ; errors of
+/// [`Communicator::reduce`].
 pub fn agree(communicator: &dyn Communicator, what: &str, digest: u64) -> Result<(), RankError> {
     let digest = digest.cast_signed();
     let mut words = [digest, !digest];
     communicator.reduce(&mut words, Reduction::Largest)?;
-    // `!x` falls as `x` rises: the second is the smallest of all.
+    // `!x` falls as `x` rises, so that the second word is the smallest digest, inverted.
     if words[0] == !words[1] {
         return Ok(());
     }

@@ -1,10 +1,10 @@
-//! Nodes of other ranks that are near own ones, wherever these are now.
+//! Halo of nodes that are near this rank's nodes at their present positions.
 
 use super::halo::Peer;
 use super::{Halo, Message, Portion, RankError};
 use std::sync::Arc;
 
-/// Lower corner, then upper one; of nothing from infinity to minus infinity.
+/// Lower corner, then upper one. An empty box runs from infinity to minus infinity.
 type Corners = [f64; 6];
 
 fn corners(points: &[[f64; 3]]) -> Corners {
@@ -14,23 +14,24 @@ fn corners(points: &[[f64; 3]]) -> Corners {
 }
 
 impl Halo {
-    /// All nodes of other ranks that may be within `reach` \[m\] of an own one, of nodes that are at
-    /// `points` now, those of this rank: those within it of the box around its own. All ranks must ask.
+    /// Finds all ghosts that may lie within `reach` \[m\] of a node of this rank: those within `reach` of the
+    /// box around its nodes. `points`: present positions of this rank's nodes \[m\]. Collective.
     ///
     /// # Errors
-    /// Those of the transport, which [`Portion::failure`] remembers.
+    /// Errors of the transport, which [`Portion::failure`] remembers.
     pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
-        let mine = portion.communicator().rank();
-        let own = corners(points);
-        let boxes = portion.listed(&own.map(|x| x.to_bits().cast_signed()))?;
+        let own_rank = portion.communicator().rank();
+        let own_box = corners(points);
+        let boxes = portion.listed(&own_box.map(|x| x.to_bits().cast_signed()))?;
         let boxes = boxes.as_chunks::<6>().0.iter();
         let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
-        // The same two comparisons on both ranks: they agree that they are neighbours.
-        let meet = |b: &Corners| (0..3).all(|c| own[c] - reach <= b[3 + c] && b[c] - reach <= own[3 + c]);
+        // Both ranks make the same two comparisons, so that they agree on being neighbours.
+        let meet =
+            |b: &Corners| (0..3).all(|c| own_box[c] - reach <= b[3 + c] && b[c] - reach <= own_box[3 + c]);
         let inside =
             |b: &Corners, x: &[f64; 3]| (0..3).all(|c| x[c] >= b[c] - reach && x[c] <= b[3 + c] + reach);
         let mut peers = Vec::new();
-        for (rank, b) in boxes.enumerate().filter(|(r, b)| *r != mine && meet(b)) {
+        for (rank, b) in boxes.enumerate().filter(|(r, b)| *r != own_rank && meet(b)) {
             let send = (0..).zip(points).filter(|(_, x)| inside(&b, x));
             peers.push(Peer {
                 rank,
@@ -43,8 +44,9 @@ impl Halo {
             out,
             into: vec![0.0; count],
         };
+        // A receiver has to know the length of a message beforehand.
         let counts = peers.iter().map(|p| message(p, vec![p.send.len() as f64], 1));
-        let counts: Vec<usize> = told(&portion, counts.collect())?
+        let counts: Vec<usize> = exchange(&portion, counts.collect())?
             .map(|m| m.into[0] as usize)
             .collect();
         let global = |p: &Peer| {
@@ -54,12 +56,13 @@ impl Halo {
                 .collect()
         };
         let numbers = peers.iter().zip(&counts).map(|(p, n)| message(p, global(p), *n));
-        let numbers = told(&portion, numbers.collect())?;
+        let numbers = exchange(&portion, numbers.collect())?;
         let mut ghosts = Vec::with_capacity(counts.iter().sum());
         for (p, m) in peers.iter_mut().zip(numbers) {
             p.receive = ghosts.len()..ghosts.len() + m.into.len();
             ghosts.extend(m.into.iter().map(|x| *x as u32));
         }
+        // Boxes may be near each other although no nodes are; both ranks then drop the pair.
         peers.retain(|p| !(p.send.is_empty() && p.receive.is_empty()));
         Ok(Self {
             portion,
@@ -69,7 +72,7 @@ impl Halo {
     }
 }
 
-fn told(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
+fn exchange(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
     portion.keep(portion.communicator().exchange(&mut messages, &mut || false))?;
     Ok(messages.into_iter())
 }

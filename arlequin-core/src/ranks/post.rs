@@ -1,20 +1,20 @@
-//! Numbers that ranks tell each other again and again, from and to places of a list.
+//! Repeated exchange of numbers between ranks, from and to places of a list.
 
 use super::{Message, Portion};
 use crate::Real;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What goes to one other rank, and comes from it.
+/// Places of a list that are sent to another rank and received from it.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Places {
-    /// Places of what is sent.
+    /// Places to send.
     pub(crate) send: Vec<u32>,
-    /// Places of what comes.
+    /// Places to receive.
     pub(crate) receive: Range<u32>,
 }
 
-/// The post of one list.
+/// Exchange for one list: its peers and message buffers.
 #[derive(Debug)]
 pub(crate) struct Post {
     portion: Arc<Portion>,
@@ -23,8 +23,8 @@ pub(crate) struct Post {
 }
 
 impl Post {
-    /// Between the ranks of a portion: other ranks, and what they are sent and send, so many numbers at
-    /// each place. Both of two ranks name each other.
+    /// Prepares the exchange of `numbers` numbers per place with each peer. Of two ranks either both name
+    /// each other or neither does.
     pub(crate) fn new(
         portion: Arc<Portion>,
         numbers: usize,
@@ -41,33 +41,33 @@ impl Post {
         }
     }
 
-    /// The portion.
+    /// Returns the part of the model to whose ranks the exchange belongs.
     pub(crate) fn portion(&self) -> &Arc<Portion> {
         &self.portion
     }
 
-    /// Sends and receives; whether ranks still hear of each other, see [`Portion::failure`].
+    /// Sends and receives. Returns whether communication works ([`Portion::failure`]).
     pub(crate) fn exchange<T: Real, const N: usize>(&mut self, list: &mut [[T; N]]) -> bool {
         if self.messages.is_empty() {
             return self.portion.failure().is_none();
         }
         for (peer, message) in self.peers.iter().zip(&mut self.messages) {
-            let told = message.out.as_chunks_mut::<N>().0;
-            for (to, place) in told.iter_mut().zip(&peer.send) {
-                *to = list[*place as usize].map(|x| x.as_f64());
+            let numbers = message.out.as_chunks_mut::<N>().0;
+            for (slot, place) in numbers.iter_mut().zip(&peer.send) {
+                *slot = list[*place as usize].map(|x| x.as_f64());
             }
         }
-        let told = self
+        let outcome = self
             .portion
             .communicator()
             .exchange(&mut self.messages, &mut || false);
-        if self.portion.keep(told).is_err() {
+        if self.portion.keep(outcome).is_err() {
             return false;
         }
         for (peer, message) in self.peers.iter().zip(&self.messages) {
             let places = &mut list[peer.receive.start as usize..peer.receive.end as usize];
-            for (to, told) in places.iter_mut().zip(message.into.as_chunks::<N>().0) {
-                *to = told.map(T::of);
+            for (slot, numbers) in places.iter_mut().zip(message.into.as_chunks::<N>().0) {
+                *slot = numbers.map(T::of);
             }
         }
         true

@@ -1,11 +1,10 @@
-//! Numbers of own nodes and of ghosts, written to where they stand in a list of nodes.
+//! Scatter of owned and ghost values into the node list of an evaluation.
 
 use super::{Halo, Message, RankError};
 use crate::error::invalid;
 use crate::{Real, Result};
 
-/// The nodes that an evaluation names, in an order of its own: where the own ones and the ghosts are among
-/// them.
+/// Where owned nodes and ghosts stand in the node list that a force evaluation reads.
 #[derive(Debug, Clone)]
 pub struct Reach {
     halo: Halo,
@@ -14,34 +13,34 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// By the `place` of a node of the whole model in the list.
+    /// Finds the places of owned nodes and ghosts. `place`: place in the list of a node of the whole model.
     #[must_use]
     pub fn new(halo: Halo, place: impl Fn(u32) -> u32) -> Self {
         let portion = halo.portion();
-        let own = 0..portion.nodes();
+        let owned = 0..portion.nodes();
         Self {
-            own: own.map(|i| place(portion.global(i) as u32)).collect(),
+            own: owned.map(|i| place(portion.global(i) as u32)).collect(),
             ghosts: halo.ghosts().iter().map(|k| place(*k)).collect(),
             halo,
         }
     }
 
-    /// The ghosts.
+    /// Returns the halo.
     #[must_use]
     pub fn halo(&self) -> &Halo {
         &self.halo
     }
 
-    /// Places of own nodes.
+    /// Returns the places of the owned nodes.
     #[must_use]
     pub fn own(&self) -> &[u32] {
         &self.own
     }
 
-    /// Places of some own nodes of `model`.
+    /// Returns the places of some owned nodes of `model`, given by their local numbers.
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] for a node that is not here.
+    /// [`crate::Error::InvalidParameter`] for a number that this rank does not have.
     pub fn places(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
         let place = |k: &usize| {
             let rule = || format!("the part of '{model}' here has {} nodes", self.own.len());
@@ -53,11 +52,11 @@ impl Reach {
         nodes.iter().map(place).collect()
     }
 
-    /// Writes numbers `q` of own nodes, `N` each, and those that other ranks tell of ghosts, to their
-    /// places; `messages` are those of `N` numbers ([`Halo::messages`]). Nothing is allocated.
+    /// Writes the numbers `q` of owned nodes (`N` each) and the received numbers of ghosts to their places in
+    /// `x`. `messages`: buffers for `N` numbers ([`Halo::messages`]). Allocates nothing.
     ///
     /// # Errors
-    /// Those of [`Halo::exchange`].
+    /// Errors of [`Halo::exchange`].
     pub fn spread<T: Real, const N: usize>(
         &self,
         messages: &mut [Message],
@@ -67,11 +66,11 @@ impl Reach {
         self.spread_meanwhile::<T, N>(messages, q, x, &mut |_| false)
     }
 
-    /// The same; until ghosts are there, `meanwhile` does pieces of work with what is known of own nodes,
-    /// and says whether there is more ([`Halo::tell`]).
+    /// Does the work of [`Self::spread`]. Until the ghosts arrive it calls `meanwhile` with `x`, whose owned
+    /// places are filled; `meanwhile` does a piece of work and returns whether more is left ([`Halo::tell`]).
     ///
     /// # Errors
-    /// Those of [`Halo::exchange`].
+    /// Errors of [`Halo::exchange`].
     pub fn spread_meanwhile<T: Real, const N: usize>(
         &self,
         messages: &mut [Message],
@@ -86,8 +85,8 @@ impl Reach {
         let read = |i: usize| q[i].map(|x| x.as_f64());
         self.halo.tell(messages, read, &mut || meanwhile(x))?;
         let places = x.as_chunks_mut::<N>().0;
-        self.halo.told(messages, |ghost, told| {
-            places[self.ghosts[ghost] as usize] = told.map(T::of);
+        self.halo.told(messages, |ghost, numbers| {
+            places[self.ghosts[ghost] as usize] = numbers.map(T::of);
         });
         Ok(())
     }

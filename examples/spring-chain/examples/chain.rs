@@ -8,10 +8,14 @@ use spring_chain::Chain;
 
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
 fn main() -> Result<()> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     // The bar fills (-800, 0), the chain (-40, 600); they share (-40, 0), where the chain's share grows
     // from 0 to 1.
-    let ramp = Ramp::new(Arc::new(Slab::between(at(0.0), at(-40.0))?), Profile::Cubic, 1e-3)?;
+    let ramp = Ramp::new(
+        Arc::new(Slab::between(point(0.0), point(-40.0))?),
+        Profile::Cubic,
+        1e-3,
+    )?;
     let coarse = Weights::same(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(

@@ -1,8 +1,8 @@
-//! A harmonic chain written against the traits as any third party would: masses, springs, nothing else.
+//! Harmonic chain written against the traits as any third party would: masses, springs, nothing else.
 //!
-//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted
-//! by the mean of the weight over the bond. That is all there is to a model of one's own: copy this crate
-//! and change the law. `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
+//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`. Each bond carries half of a particle's mass at either end. Energy
+//! and mass of a bond are weighted by the mean of the weight over the bond. To write a model of your own,
+//! copy this crate and change the law; `tests/conformance.rs` checks what the coupling relies on.
 
 mod solver;
 
@@ -13,10 +13,10 @@ use arlequin::core::invalid;
 use arlequin::core::sprs::{CsMat, TriMat};
 use arlequin::prelude::*;
 
-/// Most springs of a chain.
+/// Largest number of springs.
 const MOST_BONDS: usize = 1 << 24;
 
-/// Equal masses joined by equal springs along x.
+/// Chain of equal masses and springs along x.
 #[derive(Debug, Clone)]
 pub struct Chain {
     name: String,
@@ -28,8 +28,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass`
-    /// \[kg\] per particle (half at the ends).
+    /// Makes a chain of `bonds` springs of stiffness `stiffness` \[N/m\] from `x0` \[m\] with spacing `r`
+    /// \[m\]. `mass`: mass of a particle \[kg\]; the two end particles have half of it.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for a value that is not positive and finite, or too many bonds.
@@ -43,7 +43,7 @@ impl Chain {
                 return Err(invalid(what, value, "must be positive and finite"));
             }
         }
-        // More would not fit into memory; a mistyped spacing asks for them easily.
+        // More would not fit into memory, and a mistyped spacing easily asks for them.
         if bonds == 0 || bonds > MOST_BONDS {
             let rule = format!("must be between 1 and {MOST_BONDS}");
             return Err(invalid("chain bonds", bonds, &rule));
@@ -51,7 +51,7 @@ impl Chain {
         let nodes: Vec<_> = (0..=bonds)
             .map(|k| Point3::new(x0 + r * k as f64, 0.0, 0.0))
             .collect();
-        // Between two masses the field is linear: the natural neighbours of a point on a line.
+        // The field is linear between two masses, as natural neighbours on a line would make it.
         let field = Arc::new(FemField::on_line(nodes.clone(), 1.0)?);
         let (stiffness, bond_weight) = (vec![stiffness; bonds], vec![1.0; bonds]);
         Ok(Self {
@@ -64,8 +64,8 @@ impl Chain {
         })
     }
 
-    /// The same chain as a bar of some section \[m²\], which is 1 m² unless it is said: a bar beside it must
-    /// have the same section or the same mass per length.
+    /// Sets the cross-section of the chain as a bar \[m²\]; 1 m² by default. A bar coupled with it must have
+    /// the same section or the same mass per length.
     ///
     /// # Errors
     /// [`Error::Model`] for a section that is not positive and finite.
@@ -74,7 +74,7 @@ impl Chain {
         Ok(self)
     }
 
-    /// The same chain with a stiffness \[N/m\] of its own for every bond.
+    /// Sets the stiffness of each bond \[N/m\].
     #[must_use]
     pub fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
         self.stiffness = (0..self.stiffness.len()).map(of_bond).collect();
@@ -88,7 +88,7 @@ impl Chain {
         }
     }
 
-    /// Weighted stiffness of each bond.
+    /// Returns the weighted stiffness of each bond \[N/m\].
     fn bonds(&self) -> impl Iterator<Item = f64> + '_ {
         self.bond_weight.iter().zip(&self.stiffness).map(|(w, k)| w * k)
     }

@@ -1,12 +1,11 @@
-//! The same chain as a whole solver that steps itself: what an existing program offers in the place of a
-//! [`Model`].
+//! The chain as a solver that steps itself: how to couple an existing program instead of a [`Model`].
 
 use crate::Chain;
 use arlequin::core::Participant;
 use arlequin::core::snapshot::Record;
 use arlequin::prelude::*;
 
-/// A [`Chain`] with velocity Verlet of its own.
+/// [`Chain`] with its own velocity Verlet scheme.
 #[derive(Debug, Clone)]
 pub struct ChainSolver {
     chain: Chain,
@@ -14,12 +13,12 @@ pub struct ChainSolver {
     q: Vec<f64>,
     v: Vec<f64>,
     force: Vec<f64>,
-    /// Length of the last step \[s\].
+    /// Duration of the last step \[s\].
     step: f64,
 }
 
 impl ChainSolver {
-    /// A chain in the state given, displacements \[m\] and velocities \[m/s\].
+    /// Makes a solver from a chain with displacements \[m\] and velocities \[m/s\].
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] unless there is one of each per particle.
@@ -98,14 +97,14 @@ impl Participant<f64> for ChainSolver {
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let all = self.force.iter().zip(&self.inertia);
-        out.iter_mut().zip(all).for_each(|(a, (f, m))| *a = f / m);
+        let nodes = self.force.iter().zip(&self.inertia);
+        out.iter_mut().zip(nodes).for_each(|(a, (f, m))| *a = f / m);
         true
     }
 
     fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        let all = impulse.iter().zip(&self.inertia);
-        self.v.iter_mut().zip(all).for_each(|(v, (p, m))| *v += p / m);
+        let nodes = impulse.iter().zip(&self.inertia);
+        self.v.iter_mut().zip(nodes).for_each(|(v, (p, m))| *v += p / m);
         Ok(())
     }
 
@@ -114,19 +113,19 @@ impl Participant<f64> for ChainSolver {
         self.chain.clone().critical_step(&inverse).ok()
     }
 
-    /// `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`: what velocity Verlet keeps at whole steps.
+    /// Returns `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`, which velocity Verlet keeps constant at whole steps.
     fn invariant(&self) -> Option<f64> {
-        let all = self.v.iter().zip(&self.force).zip(&self.inertia);
-        let nodes: f64 = all
+        let unknowns = self.v.iter().zip(&self.force).zip(&self.inertia);
+        let unknowns: f64 = unknowns
             .map(|((v, f), m)| 0.5 * m * v * v - 0.125 * self.step.powi(2) * f * f / m)
             .sum();
-        Some(nodes + self.chain.internal_energy(&self.q))
+        Some(unknowns + self.chain.internal_energy(&self.q))
     }
 
     fn save(&self) -> Result<Record<f64>> {
-        let all = [&self.q, &self.v, &self.force].into_iter().flatten();
+        let vectors = [&self.q, &self.v, &self.force].into_iter().flatten();
         Ok(Record {
-            numbers: all.chain([&self.step]).copied().collect(),
+            numbers: vectors.chain([&self.step]).copied().collect(),
             integers: Vec::new(),
         })
     }
@@ -134,12 +133,12 @@ impl Participant<f64> for ChainSolver {
     fn restore(&mut self, from: &Record<f64>) -> Result<()> {
         let n = self.q.len();
         from.expect(self.chain.name(), 3 * n + 1, 0)?;
-        let (q, rest) = from.numbers.split_at(n);
-        let (v, rest) = rest.split_at(n);
+        let (q, tail) = from.numbers.split_at(n);
+        let (v, tail) = tail.split_at(n);
         self.q.copy_from_slice(q);
         self.v.copy_from_slice(v);
-        self.force.copy_from_slice(&rest[..n]);
-        self.step = rest[n];
+        self.force.copy_from_slice(&tail[..n]);
+        self.step = tail[n];
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! What the coupling relies on, for the chain as for any copy of it.
+//! Checks what the coupling relies on, for the chain or any copy of it.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -18,9 +18,9 @@ fn the_chain_keeps_what_the_coupling_relies_on_with_and_without_weights() {
         shapes.unity < 1e-15 && shapes.linear < 1e-15 && shapes.gradient < 1e-14,
         "{shapes:?}"
     );
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
-        Arc::new(Slab::between(at(-0.5), at(0.8)).unwrap()),
+        Arc::new(Slab::between(point(-0.5), point(0.8)).unwrap()),
         Profile::Cubic,
         0.05,
     )

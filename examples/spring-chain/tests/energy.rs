@@ -1,5 +1,5 @@
-//! Whatever loses, creates or hides energy is told, and ended by name where it is much; solvers with faults
-//! and sound ones.
+//! Solvers that lose, create or hide energy are warned of, and end the run if the amount is large; sound ones
+//! are not.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -17,21 +17,21 @@ fn chain(mass: f64) -> Chain {
     Chain::new("chain", -20.0, 1.0, BONDS, mass, 1.0).unwrap()
 }
 
-/// What is wrong with a solver.
+/// Fault of a solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Sound,
-    /// Takes this share of each impulse.
+    /// The solver takes this share of each impulse.
     Takes(f64),
-    /// Nodes move by this share of the change of velocity.
+    /// Nodes move by this share of the velocity change.
     Moves(f64),
-    /// Velocities from the mean grow by this share in each step.
+    /// Velocities relative to the mean grow by this share in each step.
     Heats(f64),
-    /// Forgets to go back.
+    /// The solver ignores a restored state.
     Forgets,
 }
 
-/// The chain as a solver with a fault, which may keep its energy to itself.
+/// The chain as a solver with a fault. `tells`: whether it reports its energy.
 struct Faulty {
     solver: ChainSolver,
     inertia: Vec<f64>,
@@ -74,10 +74,10 @@ impl Participant<f64> for Faulty {
         self.solver.advance(from, step)?;
         if let Fault::Heats(share) = self.fault {
             self.solver.velocities(&mut self.heat);
-            let all = self.heat.iter().zip(&self.inertia);
-            let [p, m] = all.fold([0.0; 2], |[p, m], (v, w)| [p + v * w, m + w]);
-            let all = self.heat.iter_mut().zip(&self.inertia);
-            all.for_each(|(v, w)| *v = share * w * (*v - p / m));
+            let nodes = self.heat.iter().zip(&self.inertia);
+            let [p, m] = nodes.fold([0.0; 2], |[p, m], (v, w)| [p + v * w, m + w]);
+            let nodes = self.heat.iter_mut().zip(&self.inertia);
+            nodes.for_each(|(v, w)| *v = share * w * (*v - p / m));
             self.solver.kick(&self.heat)?;
         }
         Ok(())
@@ -122,12 +122,12 @@ impl Participant<f64> for Faulty {
     }
 }
 
-/// A bar from −100 to 0 and the solver from −20 on in motion.
+/// Returns a bar from −100 to 0 coupled with a moving solver that begins at −20.
 fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
-    let left = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
-    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(point(0.0), point(-20.0))?);
+    let coarse = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
         "bar",
         generate::bar(-100.0, 0.0, 10, 1.0)?,
@@ -135,15 +135,15 @@ fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
     )?;
     let field = chain(1.0).fine_field();
     let solver = Faulty::new(mass, fault, tells);
-    let solver = Subdomain::participant(Box::new(solver), field, right)?;
+    let solver = Subdomain::participant(Box::new(solver), field, fine)?;
     let solver = solver.with_partition(Partition::Unchecked);
-    let bar = Subdomain::coarse(bar, left).with_partition(Partition::Unchecked);
+    let bar = Subdomain::coarse(bar, coarse).with_partition(Partition::Unchecked);
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     Coupled::new(vec![bar, solver], vec![tie], TimeStep::Seconds(0.5), None)
 }
 
-/// Hears warnings, each with the step after which it was told.
+/// Observer that keeps each warning with the step after which it came.
 #[derive(Default)]
 struct Listener {
     heard: Vec<(usize, Warning)>,
@@ -160,7 +160,7 @@ impl Observer<f64> for Listener {
     }
 }
 
-/// Warnings reach an observer once each, those of the set-up before the first step.
+/// Warnings reach an observer once each; those of the set-up come before the first step.
 #[test]
 fn observers_hear_each_warning_once_the_moment_it_happens() {
     let mut listener = Listener::default();
@@ -170,16 +170,16 @@ fn observers_hear_each_warning_once_the_moment_it_happens() {
     assert!(matches!(&listener.heard[0], (0, Warning::EnergyUnknown { model }) if model == "chain"));
     let first = |w: &&(usize, Warning)| matches!(w.1, Warning::ImpulseMissed { .. });
     assert_eq!(listener.heard.iter().find(first).map(|w| w.0), Some(0));
-    // A run that is restored says nothing twice.
+    // A restored run repeats no warning.
     let saved = run.snapshot().unwrap();
     let mut again = Listener::default();
-    let mut other = coupled(1.0, Fault::Takes(0.99), false).unwrap();
-    other.restore(&saved).unwrap();
-    other.run(100, &mut again).unwrap();
-    assert!(again.heard.is_empty() && other.warnings().len() == run.warnings().len());
+    let mut restored = coupled(1.0, Fault::Takes(0.99), false).unwrap();
+    restored.restore(&saved).unwrap();
+    restored.run(100, &mut again).unwrap();
+    assert!(again.heard.is_empty() && restored.warnings().len() == run.warnings().len());
 }
 
-/// E.1: a run that loses energy ends by name, one that loses little is warned of, and a sound one has no
+/// E.1: a run that loses much energy ends by name, one that loses little is warned of, and a sound one has no
 /// warning.
 #[test]
 fn lossy_solvers_are_warned_of_and_ended_by_name_and_sound_ones_are_not() {
@@ -245,8 +245,8 @@ fn a_solver_that_cools_down_ends_as_a_loss_of_energy() {
     );
 }
 
-/// E.2: of a solver without invariant the report says that its energy is not known, and its impulses are
-/// looked at.
+/// E.2: the report of a solver without an invariant says that its energy is unknown, and its impulses are
+/// checked.
 #[test]
 fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     let mut sound = coupled(1.0, Fault::Sound, false).unwrap();
@@ -261,7 +261,7 @@ fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
             .to_string()
             .starts_with("the energy of 'chain' is not known")
     );
-    // Energy out of nothing within its steps cannot be seen; that nothing is known of it is said.
+    // Energy created within its steps cannot be seen; the warning that its energy is unknown remains.
     let mut hot = coupled(1.0, Fault::Heats(1e-3), false).unwrap();
     hot.run(1_000, &mut Silent).unwrap();
     assert!(hot.warnings().contains(&unknown));
@@ -290,25 +290,25 @@ fn a_solver_that_tells_no_energy_is_named_and_held_to_its_impulses() {
     );
 }
 
-/// E.3: a run goes on with the solver that was saved, and with no other.
+/// E.3: a run resumes with the solver that was saved, and with no other.
 #[test]
 fn another_solver_than_the_one_of_the_checkpoint_is_refused_by_name() {
     let mut first = coupled(1.0, Fault::Sound, true).unwrap();
     first.run(50, &mut Silent).unwrap();
     let saved = first.snapshot().unwrap();
-    let mut same = coupled(1.0, Fault::Sound, true).unwrap();
-    same.restore(&saved).unwrap();
-    for run in [&mut first, &mut same] {
+    let mut restored = coupled(1.0, Fault::Sound, true).unwrap();
+    restored.restore(&saved).unwrap();
+    for run in [&mut first, &mut restored] {
         run.run(50, &mut Silent).unwrap();
     }
     let state = |c: &Coupled<f64>| c.subdomains()[1].state().q.clone();
-    assert_eq!(state(&first), state(&same));
+    assert_eq!(state(&first), state(&restored));
     for (mass, fault, words) in [
         (2.0, Fault::Sound, "'chain': its inertia of unknown"),
         (1.0, Fault::Forgets, "'chain': its displacement of unknown"),
     ] {
-        let mut other = coupled(mass, fault, true).unwrap();
-        let refused = other.restore(&saved).unwrap_err();
+        let mut refusing = coupled(mass, fault, true).unwrap();
+        let refused = refusing.restore(&saved).unwrap_err();
         assert!(matches!(refused, Error::NotRestored { .. }), "{refused}");
         let text = refused.to_string();
         assert!(text.contains(words) && text.contains("another solver"), "{text}");

@@ -1,4 +1,4 @@
-//! The chain as a whole solver gives what the chain as a model gives.
+//! The chain as a solver gives the same results as the chain as a model.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -14,7 +14,7 @@ fn chain() -> Chain {
     Chain::new("chain", -20.0, 1.0, BONDS, 1.0, 1.0).unwrap()
 }
 
-/// The chain as a solver that knows no energy of its own.
+/// The chain as a solver that does not report its energy.
 struct Mute(ChainSolver);
 
 impl Participant<f64> for Mute {
@@ -56,7 +56,7 @@ impl Participant<f64> for Mute {
     }
 }
 
-/// The chain as a solver that makes other steps than it is told to, or tells other accelerations than it has.
+/// The chain as a solver that makes other steps than requested, or reports wrong accelerations.
 struct Changed {
     solver: ChainSolver,
     steps: &'static [f64],
@@ -90,16 +90,16 @@ impl Participant<f64> for Changed {
         self.solver.kick(impulse)
     }
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let told = self.solver.accelerations(out);
+        let known = self.solver.accelerations(out);
         out.iter_mut().for_each(|a| *a *= self.force);
-        told
+        known
     }
     fn invariant(&self) -> Option<f64> {
         self.solver.invariant()
     }
 }
 
-/// What the chain is to the coupling.
+/// Role of the chain in the coupling.
 #[derive(Debug, Clone, Copy)]
 enum Part {
     Model,
@@ -107,48 +107,49 @@ enum Part {
     Mute,
 }
 
-/// A bar from −100 to 0 and a chain from −20 on in motion.
-fn coupled(part: Part, own: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
-    // A solver that cannot weight itself takes nearly all.
-    let left: Weights<f64> = if weight {
+/// Returns a bar from −100 to 0 coupled with a moving chain that begins at −20. `weight`: whether the weights
+/// vary across the overlap.
+fn coupled(part: Part, step: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>> {
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(point(0.0), point(-20.0))?);
+    // A solver that cannot weight itself gets nearly the whole weight in the overlap.
+    let coarse: Weights<f64> = if weight {
         Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?))
     } else {
         Weights::same(Arc::new(Ramp::new(slab, Profile::Constant(1e-6), 1e-6)?))
     };
-    let right = Weights::complement_of(std::slice::from_ref(&left));
+    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
         "bar",
         generate::bar(-100.0, 0.0, 10, 1.0)?,
         Elastic::new(1.0, 0.0, 1.0)?,
     )?;
-    let bar = Subdomain::coarse(bar, left);
+    let bar = Subdomain::coarse(bar, coarse);
     let v: Vec<f64> = (0..=BONDS)
         .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
         .collect();
     let q = vec![0.0; v.len()];
     let field = chain().fine_field();
     let chain = match part {
-        Part::Model => Subdomain::fine(chain(), right).with_initial(q, v)?,
-        Part::Solver => Subdomain::participant(Box::new(ChainSolver::new(chain(), q, v)?), field, right)?,
-        Part::Mute => Subdomain::participant(Box::new(Mute(ChainSolver::new(chain(), q, v)?)), field, right)?,
+        Part::Model => Subdomain::fine(chain(), fine).with_initial(q, v)?,
+        Part::Solver => Subdomain::participant(Box::new(ChainSolver::new(chain(), q, v)?), field, fine)?,
+        Part::Mute => Subdomain::participant(Box::new(Mute(ChainSolver::new(chain(), q, v)?)), field, fine)?,
     };
     let mediator = Arc::new(FemField::new(generate::bar(-20.0, 0.0, 2, 1.0)?));
     let tie = InterfaceSpec::new("overlap", 0, 1, mediator, L2);
     let steps = TimeStep::Seconds(2.4);
-    Coupled::new(vec![bar, chain.with_step(own)], vec![tie], steps, None)
+    Coupled::new(vec![bar, chain.with_step(step)], vec![tie], steps, None)
 }
 
 fn states(c: &Coupled<f64>) -> Vec<f64> {
-    let all = c.subdomains().iter().map(|s| s.state());
-    all.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+    let states = c.subdomains().iter().map(|s| s.state());
+    states.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
 }
 
 #[test]
 fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() {
-    let own = OwnStep::Ratio(3);
-    let [mut model, mut solver] = [Part::Model, Part::Solver].map(|p| coupled(p, own, true).unwrap());
+    let step = OwnStep::Ratio(3);
+    let [mut model, mut solver] = [Part::Model, Part::Solver].map(|p| coupled(p, step, true).unwrap());
     for run in [&mut model, &mut solver] {
         run.run(1000, &mut Silent).unwrap();
         assert!(run.drift() < 1e-13, "{:e}", run.drift());
@@ -161,12 +162,12 @@ fn a_solver_in_the_place_of_a_model_gives_the_same_motion_and_the_same_ledger() 
     assert!((energy(&model) / energy(&solver) - 1.0).abs() < 1e-12);
 }
 
-/// The chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are solved
-/// for together.
+/// Returns the chain between two bars whose overlaps meet in one of its nodes, so that their multipliers are
+/// solved for together.
 fn between(solver: bool) -> Coupled<f64> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let share = |end: f64| {
-        let slab = Arc::new(Slab::between(at(0.0), at(end)).unwrap());
+        let slab = Arc::new(Slab::between(point(0.0), point(end)).unwrap());
         Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6).unwrap()))
     };
     let shares = [-20.0, 20.0].map(share);
@@ -223,7 +224,7 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     let mut run = coupled(Part::Solver, OwnStep::Ratio(3), false).unwrap();
     run.run(1000, &mut Silent).unwrap();
     assert!(run.drift() < 1e-12, "{:e}", run.drift());
-    // Masses under a multiplier differ by 1e6 here, and with them the digits it has.
+    // Masses under a multiplier differ by 1e6 here, which costs the multiplier as many digits.
     assert!(
         run.constraint_residual() < 1e-10,
         "{:e}",
@@ -231,24 +232,24 @@ fn a_solver_without_weights_of_its_own_is_coupled_as_well() {
     );
 }
 
-/// The bar is at rest at first, so that impulses bring it all it has. Of a solver that does not know its
-/// energy they tell as much.
+/// The bar is at rest at first: impulses bring it all its energy. The energy of a solver that does not report
+/// it follows from the same impulses.
 #[test]
 fn impulses_tell_the_energy_of_a_solver_that_does_not_know_it() {
-    let own = OwnStep::Ratio(3);
-    let [mut known, mut mute] = [Part::Solver, Part::Mute].map(|p| coupled(p, own, true).unwrap());
+    let step = OwnStep::Ratio(3);
+    let [mut reporting, mut mute] = [Part::Solver, Part::Mute].map(|p| coupled(p, step, true).unwrap());
     for _ in 0..10 {
-        for run in [&mut known, &mut mute] {
+        for run in [&mut reporting, &mut mute] {
             run.run(100, &mut Silent).unwrap();
             assert!(run.drift() < 1e-12, "{:e}", run.drift());
         }
-        let [a, b] = [&known, &mute].map(|c| c.last_energy().unwrap());
+        let [a, b] = [&reporting, &mute].map(|c| c.last_energy().unwrap());
         assert!((a.invariant / b.invariant - 1.0).abs() < 1e-12);
         let held = |c: &Coupled<f64>| c.subdomains()[1].internal_energy();
-        let gap = (held(&known) - held(&mute)).abs() / a.invariant;
+        let gap = (held(&reporting) - held(&mute)).abs() / a.invariant;
         assert!(gap < 1e-12, "{gap:e}");
     }
-    assert_eq!(states(&known), states(&mute));
+    assert_eq!(states(&reporting), states(&mute));
     let bar = mute.subdomains()[0].kinetic_energy() + mute.subdomains()[0].internal_energy();
     let share = bar / mute.last_energy().unwrap().invariant;
     assert!(share > 1e-3, "{share} went over");
@@ -260,17 +261,17 @@ fn a_run_with_a_solver_goes_on_with_the_same_bits() {
         let build = || coupled(part, OwnStep::Ratio(3), true).unwrap();
         let mut whole = build();
         whole.run(40, &mut Silent).unwrap();
-        let kept = whole.snapshot().unwrap();
+        let snapshot = whole.snapshot().unwrap();
         whole.run(40, &mut Silent).unwrap();
         let mut second = build();
         second.run(3, &mut Silent).unwrap();
-        second.restore(&kept).unwrap();
+        second.restore(&snapshot).unwrap();
         second.run(40, &mut Silent).unwrap();
         let bits = |c: &Coupled<f64>| {
             let energy = c.last_energy().unwrap();
             let energies = [energy.invariant, energy.drift, energy.internal];
-            let all = states(c).into_iter().chain(energies);
-            all.map(f64::to_bits).collect::<Vec<_>>()
+            let numbers = states(c).into_iter().chain(energies);
+            numbers.map(f64::to_bits).collect::<Vec<_>>()
         };
         assert_eq!(bits(&whole), bits(&second), "{part:?}");
         assert!(second.drift() < 1e-12, "{part:?}: {:e}", second.drift());
@@ -281,7 +282,7 @@ fn a_run_with_a_solver_goes_on_with_the_same_bits() {
 fn the_solver_keeps_what_the_coupling_relies_on() {
     let v: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
     let mut solver = ChainSolver::new(chain(), vec![0.0; v.len()], v).unwrap();
-    // 1 is the critical step.
+    // The critical step is 1.
     for step in [0.8, 0.999] {
         let d = conformance::participant(&mut solver, step, 200).unwrap();
         assert!(
@@ -309,10 +310,10 @@ fn steps_that_are_not_made_made_by_half_or_made_twice_are_seen() {
         )
         .unwrap();
         assert!((d.travelled - travelled).abs() < 0.03, "{steps:?}: {d:?}");
-        // What is kept is kept, and shows nothing.
+        // Wrong steps conserve energy too: neither drift nor kicks show them.
         assert!(d.drift < 1e-13 && d.kick < 1e-15, "{steps:?}: {d:?}");
     }
-    // Accelerations that are none: a force, or of the other sign.
+    // Wrong accelerations: scaled like a force, or of the opposite sign.
     for (force, gained) in [(2.0, 0.5), (-1.0, 2.0)] {
         let solver = ChainSolver::new(chain(), vec![0.0; v.len()], v.clone()).unwrap();
         let d = conformance::participant(
@@ -331,8 +332,8 @@ fn steps_that_are_not_made_made_by_half_or_made_twice_are_seen() {
 
 #[test]
 fn what_a_solver_cannot_have_of_the_core_and_a_step_above_its_own_are_refused_by_name() {
-    let build = |own| {
-        coupled(Part::Solver, own, true)
+    let build = |step| {
+        coupled(Part::Solver, step, true)
             .map(|_| ())
             .unwrap_err()
             .to_string()

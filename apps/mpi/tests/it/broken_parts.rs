@@ -1,7 +1,7 @@
-//! Bonds that break in a body on several ranks: the breaks of one, with their bits.
+//! Breaking bonds in a body on several ranks: the same breaks as on one rank, bit by bit.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::support::{Told, WAIT, bar, bits, first, same_on, shared, unknowns};
+use crate::support::{Results, WAIT, bar, bits, first, same_on, shared, unknowns};
 use arlequin_core::effect::StiffnessDamping;
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::ranks::{Communicator, Division};
@@ -12,7 +12,7 @@ use arlequin_mpi::threads;
 use dem_beam::fracture::{Criterion, Fracture, Scatter, SharedLog};
 use std::sync::Arc;
 
-/// One up to two thirds of the body, then down to 0.2.
+/// Weight of one up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
 struct Ending;
 
@@ -22,14 +22,14 @@ impl Weight<f64> for Ending {
     }
 }
 
-/// A way in which bonds break.
+/// Case of breaking bonds.
 #[derive(Debug, Clone, Copy)]
 struct Case {
     spec: Fracture,
     finite: bool,
-    /// Bonds compared one by one.
+    /// True if bonds are compared with their strengths one by one, not within the force kernel.
     plainly: bool,
-    /// Whether its end lies in an overlap.
+    /// True if the end of the body lies in an overlap.
     weighted: bool,
 }
 
@@ -66,12 +66,12 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
     )
 }
 
-/// State, ledger and all breaks, in their order.
-fn told(run: (Coupled<f64>, SharedLog)) -> Told {
-    told_after(run, 30)
+/// Returns state, ledger and all breaks in their order.
+fn results(run: (Coupled<f64>, SharedLog)) -> Results {
+    results_after(run, 30)
 }
 
-fn told_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Told {
+fn results_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Results {
     run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![e.invariant, e.internal, e.work, e.drift, run.energy()];
@@ -128,12 +128,12 @@ fn cases() -> [Case; 4] {
 fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
     for case in cases() {
         let (run, log) = broken(case, None);
-        let whole = told((run, log.clone()));
+        let whole = results((run, log.clone()));
         let log = log.read().unwrap();
         let bonds = bar(false).body().pairs().len();
         let count = log.events().len();
         assert!((10..bonds / 2).contains(&count), "{count} of {bonds}: {case:?}");
-        // Between ranks too, whichever of the two ends is loaded more.
+        // Some breaks are between ranks, whichever of the two ends carries the larger load.
         let m = bar(false);
         let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
         let apart = |p: &[u32; 2]| halves.owner(p[0] as usize) != halves.owner(p[1] as usize);
@@ -142,16 +142,18 @@ fn breaks_are_those_of_one_rank_in_the_same_step_and_order() {
             between > 0,
             "{count} of {bonds}, none between two ranks: {case:?}"
         );
-        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| told(broken(case, Some(c))));
+        same_on(&[1, 2, 3, 4, 8], &case, &whole, |c| {
+            results(broken(case, Some(c)))
+        });
     }
 }
 
-/// Saved on three ranks in the middle of all breaks.
+/// Saves on three ranks in the middle of all breaks.
 #[test]
 fn what_broke_on_three_ranks_stays_broken_on_others() {
     for case in cases() {
         let (run, log) = broken(case, None);
-        let whole = told((run, log.clone()));
+        let whole = results((run, log.clone()));
         let before = log.read().unwrap().events().len();
         let (saved, count) = first(3, |c| {
             let (mut run, log) = broken(case, Some(c));
@@ -163,23 +165,23 @@ fn what_broke_on_three_ranks_stays_broken_on_others() {
         same_on(&[1, 2, 4], &case, &whole, |c| {
             let (mut run, log) = broken(case, Some(c));
             run.restore(&saved).unwrap();
-            told_after((run, log), 18)
+            results_after((run, log), 18)
         });
     }
 }
 
-/// The balance of energy closes to round-off in spite of breaks on any rank.
+/// Closes the energy balance to round-off in spite of breaks on any rank.
 #[test]
 fn what_breaks_takes_its_energy_out_of_the_balance_of_all_ranks() {
     let case = cases()[0];
-    let kept = threads::run(3, 1, WAIT, |c| {
+    let energies = threads::run(3, 1, WAIT, |c| {
         let (mut run, log) = broken(case, Some(c));
         run.run(30, &mut Silent).unwrap();
         let e = run.last_energy().unwrap().clone();
         let released = log.read().unwrap().released();
         (e.drift, e.invariant, released)
     });
-    for k in kept {
+    for k in energies {
         let (drift, invariant, released) = k.unwrap();
         assert!(released > 1e-4 * invariant, "{released:e} of {invariant:e}");
         assert!(drift.abs() < 1e-12 * invariant, "{drift:e} of {invariant:e}");

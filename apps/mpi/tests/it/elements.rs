@@ -1,8 +1,8 @@
-//! Bodies of finite elements on several ranks: the bits of one, whatever the division.
+//! Bodies of finite elements on several ranks: the bits of one rank, for any division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use crate::support::continua::{Falling, bits, evaluated, unknowns};
-use crate::support::{Told, WAIT, first, same_on, shared};
+use crate::support::{Results, WAIT, first, same_on, shared};
 use arlequin_core::effect::{
     BodyForce, EffectSpec, Load, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
@@ -17,7 +17,8 @@ use fem_ref::{ElementKind, FemModel, generate, gmsh};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Bodies some 6 mm long: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh, bars.
+/// Bodies of some 6 mm length: a box, tetrahedra of two materials, an L of warped hexahedra, a mesh of Gmsh,
+/// bars.
 const BODIES: [&str; 5] = ["box", "tets", "ell", "gmsh", "bars"];
 
 fn body(kind: &str) -> FemModel<f64> {
@@ -45,8 +46,8 @@ fn body(kind: &str) -> FemModel<f64> {
     let count = mesh.element_count();
     let material = match kind {
         "tets" => {
-            let of = (0..count as u32).map(|e| u32::from(e % 7 == 3 || e > 3000));
-            Materials::of_elements(vec![stone, rubber], of.collect()).unwrap()
+            let materials = (0..count as u32).map(|e| u32::from(e % 7 == 3 || e > 3000));
+            Materials::of_elements(vec![stone, rubber], materials.collect()).unwrap()
         }
         _ => stone.into(),
     };
@@ -73,15 +74,15 @@ fn forces_masses_stresses_and_critical_steps_have_the_bits_of_one_rank() {
     }
 }
 
-/// A run under all effects that elements have, its ends held and moved.
+/// Returns a run with all effects that elements have, its ends held and moved.
 fn loaded(kind: &str, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = body(kind);
     let c = model.layout().components;
     let end = model.nodes().iter().fold(0.0, |m: f64, x| m.max(x.x));
-    let nodes = |from: f64, to: f64| -> Vec<usize> {
-        let within = |x: &Point3<f64>| (from * end - 1e-9..=to * end + 1e-9).contains(&x.x);
-        let all = model.nodes().iter().enumerate();
-        all.filter(|n| within(n.1)).map(|n| n.0).collect()
+    let nodes = |start_share: f64, end_share: f64| -> Vec<usize> {
+        let within = |x: &Point3<f64>| (start_share * end - 1e-9..=end_share * end + 1e-9).contains(&x.x);
+        let numbered = model.nodes().iter().enumerate();
+        numbered.filter(|n| within(n.1)).map(|n| n.0).collect()
     };
     let dofs = |nodes: Vec<usize>| nodes.into_iter().flat_map(move |k| c * k..c * k + c);
     let held = PrescribedMotion::fixed(dofs(nodes(0.0, 0.0)).collect());
@@ -120,7 +121,7 @@ fn loaded(kind: &str, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn told(mut run: Coupled<f64>, steps: usize) -> Told {
+fn results(mut run: Coupled<f64>, steps: usize) -> Results {
     run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![run.dt(), run.energy(), e.invariant, e.kinetic, e.internal];
@@ -143,19 +144,19 @@ fn told(mut run: Coupled<f64>, steps: usize) -> Told {
 #[test]
 fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
     for kind in ["ell", "gmsh", "bars"] {
-        let whole = told(loaded(kind, None), 30);
+        let whole = results(loaded(kind, None), 30);
         assert!(whole.1.iter().all(|x| x.is_finite()), "{:?}", whole.1);
-        // Every effect and support but the prestress did work, and the balance is that of round-off.
+        // Every effect and support but the prestress did work, and the balance closes to round-off.
         assert!(whole.1[8..13].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(whole.1[6].abs() < 1e-12 * whole.1[2], "{:?}", whole.1);
-        same_on(&[2, 3, 8], &kind, &whole, |c| told(loaded(kind, Some(c)), 30));
+        same_on(&[2, 3, 8], &kind, &whole, |c| results(loaded(kind, Some(c)), 30));
     }
 }
 
-/// Half of the steps on two ranks, the other half on others.
+/// Runs half of the steps on two ranks and the other half on other numbers of ranks.
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
-    let whole = told(loaded("tets", None), 24);
+    let whole = results(loaded("tets", None), 24);
     let saved = first(2, |c| {
         let mut run = loaded("tets", Some(c));
         run.run(12, &mut Silent).unwrap();
@@ -165,15 +166,15 @@ fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     alone.run(12, &mut Silent).unwrap();
     assert!(alone.snapshot().unwrap() == saved);
     alone.restore(&saved).unwrap();
-    assert!(told(alone, 12).0 == whole.0);
+    assert!(results(alone, 12).0 == whole.0);
     same_on(&[1, 3, 4], &"", &whole, |c| {
         let mut run = loaded("tets", Some(c));
         run.restore(&saved).unwrap();
-        told(run, 12)
+        results(run, 12)
     });
 }
 
-/// Single precision: what is sent has more digits than what is kept.
+/// Single precision: messages have more digits than the state.
 #[test]
 fn single_precision_has_the_bits_of_one_rank() {
     let model = || {
@@ -198,18 +199,18 @@ fn single_precision_has_the_bits_of_one_rank() {
         m.share_out(&c).unwrap();
         forces(m)
     });
-    let mut all = Vec::new();
+    let mut bits_of_ranks = Vec::new();
     for p in parts {
         let (bits, energy) = p.unwrap();
         assert_eq!(energy, whole.1);
-        all.extend(bits);
+        bits_of_ranks.extend(bits);
     }
-    all.sort_unstable();
-    assert!(all == whole.0);
+    bits_of_ranks.sort_unstable();
+    assert!(bits_of_ranks == whole.0);
 }
 
-/// A rank hears of those nodes alone that share an element with its own, once each, and has the field of
-/// its elements.
+/// A rank receives only nodes that share an element with its own, once each, and has the field of its
+/// elements.
 #[test]
 fn halos_are_what_elements_ask_for() {
     for kind in ["ell", "gmsh"] {
@@ -217,7 +218,7 @@ fn halos_are_what_elements_ask_for() {
         let shared = threads::run(3, 1, WAIT, |c| {
             let m = part(kind, &c);
             let p = m.portion().unwrap();
-            let own: BTreeSet<u32> = (0..p.nodes()).map(|i| p.global(i) as u32).collect();
+            let owned: BTreeSet<u32> = (0..p.nodes()).map(|i| p.global(i) as u32).collect();
             let halo = m.halo().unwrap();
             let mut ghosts = halo.ghosts().to_vec();
             ghosts.sort_unstable();
@@ -234,22 +235,26 @@ fn halos_are_what_elements_ask_for() {
                 defect.unity < 1e-13 && defect.linear < 1e-13 && defect.gradient < 1e-9,
                 "{defect:?}"
             );
-            (own, ghosts, halo.sent(), field.mesh().element_count())
+            (owned, ghosts, halo.sent(), field.mesh().element_count())
         });
         let shared: Vec<_> = shared.into_iter().map(Result::unwrap).collect();
-        let (mut held, mut sent, mut heard) = (0, 0, 0);
-        for (own, ghosts, out, inner) in &shared {
+        let (mut held, mut sent, mut received) = (0, 0, 0);
+        for (owned, ghosts, out, inner) in &shared {
             let elements = || (0..mesh.element_count()).map(|e| mesh.element(e));
-            let touching = elements().filter(|e| e.iter().any(|k| own.contains(k)));
-            let asked: BTreeSet<u32> = touching.flatten().copied().filter(|k| !own.contains(k)).collect();
+            let touching = elements().filter(|e| e.iter().any(|k| owned.contains(k)));
+            let asked: BTreeSet<u32> = touching
+                .flatten()
+                .copied()
+                .filter(|k| !owned.contains(k))
+                .collect();
             assert!(ghosts.iter().eq(&asked), "{kind}");
-            let within = elements().filter(|e| e.iter().all(|k| own.contains(k)));
+            let within = elements().filter(|e| e.iter().all(|k| owned.contains(k)));
             assert_eq!(within.count(), *inner);
-            held += own.len();
+            held += owned.len();
             sent += out;
-            heard += ghosts.len();
+            received += ghosts.len();
         }
-        assert_eq!((held, sent), (mesh.nodes().len(), heard));
+        assert_eq!((held, sent), (mesh.nodes().len(), received));
     }
 }
 
@@ -257,8 +262,8 @@ fn halos_are_what_elements_ask_for() {
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let error = |e: Result<String, RankError>| e.unwrap();
     let refused = threads::run(2, 1, WAIT, |c| {
-        let mut other = body(if c.rank() == 0 { "tets" } else { "box" });
-        other.share_out(&c).unwrap_err().to_string()
+        let mut differing = body(if c.rank() == 0 { "tets" } else { "box" });
+        differing.share_out(&c).unwrap_err().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(

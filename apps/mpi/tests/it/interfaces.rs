@@ -1,5 +1,5 @@
-//! A body of particles in parts between two whole bars of finite elements: the bits of one rank, whatever
-//! the division.
+//! A partitioned body of particles between two whole bars of finite elements: the bits of one rank, for any
+//! division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::nalgebra::Point3;
@@ -18,26 +18,26 @@ use std::time::Duration;
 
 const WAIT: Duration = Duration::from_secs(20);
 
-/// What differs from case to case.
+/// Case of a coupled run.
 #[derive(Debug, Clone, Copy)]
 struct Case {
     finite: bool,
-    /// Where the left bar ends, and where the right one begins; particles fill -0.05 to 3.95.
+    /// End of the left bar, and start of the right one; particles fill -0.05 to 3.95.
     ends: [f64; 2],
-    /// Own steps of the particles.
+    /// Own steps of the particles per macro step.
     steps: usize,
-    /// Whether both sides of the left overlap are held there, and whether they are moved.
+    /// True if both sides of the left overlap are held there, and true if they are moved.
     held: bool,
     moved: bool,
     sort: Sort,
-    /// Particles along a radius of the plain case, and elements of a mediator along 0.5.
+    /// Particles along a radius over those of the plain case, and mediator elements along 0.5.
     finer: usize,
     elements: usize,
-    /// Whether there are interfaces at all.
+    /// True if the bodies are coupled.
     tied: bool,
 }
 
-/// Junction and solver.
+/// Junction and solver of a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Sort {
     Values,
@@ -60,20 +60,20 @@ const PLAIN: Case = Case {
     tied: true,
 };
 
-fn at(x: f64) -> Point3<f64> {
+fn point(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)
 }
 
-fn bar(name: &str, from: f64, to: f64) -> FemModel<f64> {
+fn bar(name: &str, start: f64, end: f64) -> FemModel<f64> {
     let corner = |x: f64, y: f64| Point3::new(x, y, y);
-    let counts = [((to - from) / 0.25).round() as usize, 2, 2];
-    let mesh = generate::block(ElementKind::Hex8, corner(from, -0.05), corner(to, 0.55), counts).unwrap();
+    let counts = [((end - start) / 0.25).round() as usize, 2, 2];
+    let mesh = generate::block(ElementKind::Hex8, corner(start, -0.05), corner(end, 0.55), counts).unwrap();
     FemModel::new(name, mesh, Elastic::new(1.0, 0.2, 1.0).unwrap()).unwrap()
 }
 
-/// Weights of a bar: one at the border where it is alone.
+/// Weights of a bar: one at `alone`, falling towards `border`.
 fn fading(alone: f64, border: f64) -> Weights<f64> {
-    let slab = Slab::between(at(border), at(alone)).unwrap();
+    let slab = Slab::between(point(border), point(alone)).unwrap();
     Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
 }
 
@@ -109,7 +109,7 @@ fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> Interfac
     }
 }
 
-/// A smooth displacement of both models, and velocities of which each has its own.
+/// Gives both models the same smooth displacement, and each its own velocities.
 fn moving(s: Subdomain<f64>, held: &[usize]) -> Subdomain<f64> {
     let layout = s.model().layout();
     let mut q = vec![0.0; layout.dofs()];
@@ -123,7 +123,7 @@ fn moving(s: Subdomain<f64>, held: &[usize]) -> Subdomain<f64> {
     s.with_initial(q, v).unwrap()
 }
 
-/// Unknowns of the displacements of nodes near the lower face of the left overlap.
+/// Returns the displacement unknowns of nodes near the lower face of the left overlap.
 fn lower(model: &dyn Model<f64>, held: bool) -> Vec<usize> {
     let near = |x: &Point3<f64>| held && x.y < 0.02 && (0.0..0.5).contains(&x.x);
     let nodes = model.nodes().iter().enumerate().filter(|n| near(n.1));
@@ -149,17 +149,17 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
     };
     let [end, begin] = case.ends;
     let weights = [fading(-0.05, end), fading(3.95, begin)];
-    let rest = Weights::complement_of(&weights);
+    let middle = Weights::complement_of(&weights);
     let [left, right] = weights;
-    let all = [
+    let bodies = [
         Subdomain::coarse(bar("left", -1.05, end), left),
-        Subdomain::fine(particles, rest).with_step(OwnStep::Ratio(case.steps)),
+        Subdomain::fine(particles, middle).with_step(OwnStep::Ratio(case.steps)),
         Subdomain::coarse(bar("right", begin, 4.95), right),
     ];
-    let all = all.into_iter().map(|s| {
+    let bodies = bodies.into_iter().map(|s| {
         let held = lower(s.model(), case.held);
         let s = moving(s.with_partition(Partition::Unchecked), &held);
-        // In the overlap, where multipliers do work on it.
+        // The motion lies in the overlap, where multipliers do work on it.
         let motion = PrescribedMotion {
             amplitude: if case.moved { 1e-3 } else { 0.0 },
             time: TimeFunction::Ramp { duration: 10.0 },
@@ -167,29 +167,29 @@ fn run(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Coupled<f64> 
         };
         s.with_support(motion)
     });
-    let mut all: Vec<_> = all.collect();
+    let mut bodies: Vec<_> = bodies.collect();
     if let Some(c) = communicator {
-        let particles = all.remove(1).shared(c);
-        all.insert(1, particles);
+        let particles = bodies.remove(1).shared(c);
+        bodies.insert(1, particles);
     }
     let mut interfaces = vec![
         spec("left", 0, [-0.05, end], case),
         spec("right", 2, [begin, 3.95], case),
     ];
     interfaces.retain(|_| case.tied);
-    Coupled::new(all, interfaces, TimeStep::Fraction(0.4), None).unwrap()
+    Coupled::new(bodies, interfaces, TimeStep::Fraction(0.4), None).unwrap()
 }
 
-/// Bits of the particles by their numbers in the whole body, then what is the same on every rank.
-type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+/// Bits of the particles by their numbers in the whole body, then numbers that are the same on every rank.
+type Results = (Vec<(usize, Vec<u64>)>, Vec<f64>);
 
-fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
+fn results(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Results {
     let mut run = run(case, communicator);
-    let mut same: Vec<f64> = run.critical_steps().to_vec();
-    same.extend([run.dt(), run.start_loss()]);
+    let mut shared: Vec<f64> = run.critical_steps().to_vec();
+    shared.extend([run.dt(), run.start_loss()]);
     run.run(25, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
-    same.extend([
+    shared.extend([
         e.invariant,
         e.kinetic,
         e.internal,
@@ -197,36 +197,36 @@ fn told(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Told {
         e.drift,
         e.constraint_residual,
     ]);
-    same.extend([run.energy(), run.drift(), run.constraint_residual()]);
-    same.extend(run.works().iter().map(|w| w.work));
-    same.extend(
+    shared.extend([run.energy(), run.drift(), run.constraint_residual()]);
+    shared.extend(run.works().iter().map(|w| w.work));
+    shared.extend(
         run.displacement_jumps()
             .iter()
             .flat_map(|j| [j.largest, j.amplitude]),
     );
-    same.extend((0..2).flat_map(|k| run.jumps(k)));
-    same.extend(
+    shared.extend((0..2).flat_map(|k| run.jumps(k)));
+    shared.extend(
         run.momentum()
             .iter()
             .flat_map(|p| p.iter().copied().collect::<Vec<_>>()),
     );
     for i in run.interfaces() {
-        same.extend(i.multipliers());
-        same.push(i.report().start_jump);
-        same.push(i.report().start_moved);
+        shared.extend(i.multipliers());
+        shared.push(i.report().start_jump);
+        shared.push(i.report().start_moved);
     }
     for s in [0, 2].map(|k| &run.subdomains()[k]) {
-        same.extend(s.state().q.iter().chain(&s.state().v));
+        shared.extend(s.state().q.iter().chain(&s.state().v));
     }
     let s = &run.subdomains()[1];
     let n = s.model().layout().nodes;
-    let of = |i: usize| {
+    let particle_bits = |i: usize| {
         let six = |x: &Vec<f64>| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
-        let all = [&s.state().q, &s.state().v, &s.state().a];
-        let bits = all.into_iter().flat_map(six).map(f64::to_bits);
+        let vectors = [&s.state().q, &s.state().v, &s.state().a];
+        let bits = vectors.into_iter().flat_map(six).map(f64::to_bits);
         (s.portion().map_or(i, |p| p.global(i)), bits.collect())
     };
-    ((0..n).map(of).collect(), same)
+    ((0..n).map(particle_bits).collect(), shared)
 }
 
 fn bits(x: &[f64]) -> Vec<u64> {
@@ -234,17 +234,17 @@ fn bits(x: &[f64]) -> Vec<u64> {
 }
 
 fn check(case: Case, ranks: &[usize]) {
-    let whole = told(case, None);
+    let whole = results(case, None);
     assert!(whole.1.iter().all(|x| x.is_finite()));
     for &ranks in ranks {
         let mut particles = Vec::new();
-        for (rank, one) in threads::run(ranks, 1, WAIT, |c| told(case, Some(c)))
+        for (rank, outcome) in threads::run(ranks, 1, WAIT, |c| results(case, Some(c)))
             .into_iter()
             .enumerate()
         {
-            let (own, same): Told = one.unwrap();
+            let (owned, same): Results = outcome.unwrap();
             assert_eq!(bits(&same), bits(&whole.1), "rank {rank} of {ranks}, {case:?}");
-            particles.extend(own);
+            particles.extend(owned);
         }
         particles.sort();
         assert!(particles == whole.0, "{ranks} ranks, {case:?}");
@@ -261,7 +261,7 @@ fn coupled_steps_have_the_bits_of_one_rank() {
     check(finite, &[3]);
 }
 
-/// Strains act between components; forty iterations do not get to the end.
+/// Strains couple components, and forty iterations do not reach the tolerance.
 #[test]
 fn junctions_and_solvers_have_the_bits_of_one_rank() {
     for sort in [
@@ -273,7 +273,7 @@ fn junctions_and_solvers_have_the_bits_of_one_rank() {
     ] {
         check(Case { sort, ..PLAIN }, &[3]);
     }
-    // Rows of the operator are longer than those of both sides: it is applied by these, on all ranks
+    // Rows of the operator are longer here than those of both sides: it is applied by the sides, on all ranks
     // together.
     let fine = Case {
         sort: Sort::Iterated,
@@ -312,51 +312,50 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     }
 }
 
-/// Bytes that interfaces have a rank send in a step, in messages and for reductions, the most of four
-/// ranks; multiplier unknowns; coupled particles.
-fn told_in_a_step(case: Case) -> ([f64; 2], f64, f64) {
+/// Returns the bytes per step that interfaces add on a rank, in messages and in reductions (the most of four
+/// ranks); the multiplier unknowns; and the coupled particles.
+fn bytes_of_a_step(case: Case) -> ([f64; 2], f64, f64) {
     let steps = 8;
     let count = |tied: bool| {
-        let all = threads::run(4, 1, WAIT, |c| {
+        let counts = threads::run(4, 1, WAIT, |c| {
             let counted = crate::support::Counted::new(c);
             let mut run = run(Case { tied, ..case }, Some(counted.clone()));
-            // The first step draws the ledger, and the tenth.
+            // The ledger is drawn in the first step and in the tenth.
             run.run(1, &mut Silent).unwrap();
             counted.take();
             run.run(steps, &mut Silent).unwrap();
-            let of = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
-                let all = run.interfaces().iter().map(|i| n(i.report()));
-                all.sum::<usize>() as f64
+            let total = |n: &dyn Fn(&arlequin_core::InterfaceReport) -> usize| {
+                let counts = run.interfaces().iter().map(|i| n(i.report()));
+                counts.sum::<usize>() as f64
             };
-            let told = counted.take().map(|b| b / steps as f64);
-            (told, of(&|r| r.multipliers), of(&|r| r.coupled_nodes[1]))
+            let bytes = counted.take().map(|b| b / steps as f64);
+            (bytes, total(&|r| r.multipliers), total(&|r| r.coupled_nodes[1]))
         });
-        all.into_iter().map(Result::unwrap).collect::<Vec<_>>()
+        counts.into_iter().map(Result::unwrap).collect::<Vec<_>>()
     };
     let (with, without) = (count(true), count(false));
-    let of = |k: usize| {
-        let both = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
-        both.fold(0.0, f64::max)
+    let most_added = |k: usize| {
+        let differences = with.iter().zip(&without).map(|(a, b)| a.0[k] - b.0[k]);
+        differences.fold(0.0, f64::max)
     };
-    ([of(0), of(1)], with[0].1, with[0].2)
+    ([most_added(0), most_added(1)], with[0].1, with[0].2)
 }
 
 #[test]
 fn interfaces_tell_of_multipliers_and_not_of_particles() {
     let [plain, small, fine] = [(1, 1), (2, 1), (1, 2)].map(|(finer, elements)| {
-        told_in_a_step(Case {
+        bytes_of_a_step(Case {
             finer,
             elements,
             ..PLAIN
         })
     });
-    for (told, multipliers, _) in [plain, small, fine] {
-        // Sums of multipliers, and of two interfaces an exact sum of what the kick changes.
-        assert!(told[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
+    for (bytes, multipliers, _) in [plain, small, fine] {
+        // Sums of multipliers and, for each of two interfaces, an exact sum of the kick's kinetic energy.
+        assert!(bytes[1].to_bits() == (8.0 * (multipliers + 2.0 * 67.0)).to_bits());
     }
-    let bytes = |of: &([f64; 2], f64, f64)| of.0[0] + of.0[1];
-    // Pieces are as many as units of 256 particles. To tell one other rank of all particles took 24 bytes
-    // each.
+    let bytes = |case: &([f64; 2], f64, f64)| case.0[0] + case.0[1];
+    // Pieces are as many as units of 256 particles. Sending all particles to another rank took 24 bytes each.
     let growth = [bytes(&small) / bytes(&plain), small.2 / plain.2];
     assert!(
         growth[1] > 8.0 && growth[0] < 0.5 * growth[1],
@@ -367,14 +366,13 @@ fn interfaces_tell_of_multipliers_and_not_of_particles() {
     assert!(growth[0] < growth[1], "{plain:?} {fine:?}");
 }
 
-/// Narrow overlaps at the ends of six units.
+/// Case of narrow overlaps at the ends of six units.
 const NARROW: Case = Case {
     ends: [0.55, 3.35],
     ..PLAIN
 };
 
-/// Of six ranks some hold no particle of either overlap, some one overlap alone; of eight two hold nothing
-/// at all.
+/// On six ranks some own particles of neither overlap, and some of one only; on eight two own nothing at all.
 #[test]
 fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_one_rank() {
     let coupled = threads::run(8, 1, WAIT, |c| {
@@ -391,13 +389,13 @@ fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_
     );
     assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
     check(NARROW, &[6, 8]);
-    // Of few blocks of multipliers most ranks have none.
+    // With few blocks of multipliers most ranks own none.
     for sort in [Sort::Iterated, Sort::Damped] {
         check(Case { sort, ..NARROW }, &[8]);
     }
 }
 
-/// Saved on three ranks, gone on with on one, two and four: as if it had never stopped.
+/// A run saved on three ranks resumes on one, two and four as if it had never stopped.
 #[test]
 fn a_run_goes_on_from_its_snapshot_on_another_number_of_ranks() {
     for finite in [false, true] {

@@ -1,7 +1,7 @@
-//! Loads, dampings and supports of a body of particles on several ranks: the bits of one.
+//! Loads, dampings and supports of a body of particles on several ranks: the bits of one rank.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::support::{Along, Told, WAIT, bar, bits, first, same_on, shared, unknowns};
+use crate::support::{Along, Results, WAIT, bar, bits, first, same_on, shared, unknowns};
 use arlequin_core::effect::{
     BodyForce, Effect, EffectSpec, ForceLaw, Host, Instant, Load, LocalDamping, MassDamping, Prestress,
     StiffnessDamping,
@@ -15,8 +15,8 @@ use arlequin_mpi::threads;
 use dem_beam::LoadShare;
 use std::sync::Arc;
 
-/// A bar under all effects that particles have, its ends held and moved; no rank but the outer ones has any
-/// node of these.
+/// Returns a bar with all effects that particles have, its ends held and moved. Only the outer ranks own
+/// nodes of the ends.
 fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = bar(finite);
     let start = model.select(|x| x.x < 4e-4);
@@ -67,11 +67,11 @@ fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn told(run: Coupled<f64>) -> Told {
-    told_after(run, 40)
+fn results(run: Coupled<f64>) -> Results {
+    results_after(run, 40)
 }
 
-fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
+fn results_after(mut run: Coupled<f64>, steps: usize) -> Results {
     run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![run.dt(), e.invariant, e.work, e.drift, run.top_created()];
@@ -96,21 +96,21 @@ fn told_after(mut run: Coupled<f64>, steps: usize) -> Told {
 #[test]
 fn effects_and_moving_supports_have_the_bits_of_one_rank() {
     for finite in [false, true] {
-        let whole = told(loaded(finite, None));
-        // Every effect and support did something, and the balance is that of round-off where the law is
-        // linear.
+        let whole = results(loaded(finite, None));
+        // Every effect and support did something, and the balance closes to round-off if the law is linear.
         assert!(whole.1[5..14].iter().all(|w| w.abs() > 1e-15), "{:?}", whole.1);
         assert!(finite || whole.1[3].abs() < 1e-12 * whole.1[1], "{:?}", whole.1);
         same_on(&[1, 2, 3, 4, 8], &finite, &whole, |c| {
-            told(loaded(finite, Some(c)))
+            results(loaded(finite, Some(c)))
         });
     }
 }
 
-/// Half of the steps on two ranks, the other half on others, with what effects remember.
+/// Runs half of the steps on two ranks and the other half on other numbers of ranks, with the effects'
+/// records.
 #[test]
 fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
-    let whole = told(loaded(true, None));
+    let whole = results(loaded(true, None));
     let saved = first(2, |c| {
         let mut run = loaded(true, Some(c));
         run.run(20, &mut Silent).unwrap();
@@ -122,14 +122,14 @@ fn a_snapshot_of_two_ranks_goes_on_on_any_number_of_them() {
     same_on(&[1, 3, 4], &"", &whole, |c| {
         let mut run = loaded(true, Some(c));
         run.restore(&saved).unwrap();
-        told_after(run, 20)
+        results_after(run, 20)
     });
 }
 
-/// Moments on particles of either end of the bar make the twist that was asked for, weights aside.
+/// Moments on particles of either end of the bar give the requested twist but for the weights.
 #[test]
 fn loads_name_unknowns_of_the_whole_body() {
-    let known = threads::run(3, 1, WAIT, |c| {
+    let resultants = threads::run(3, 1, WAIT, |c| {
         let mut run = loaded(false, Some(c));
         run.run(1, &mut Silent).unwrap();
         run.effect_resultant(0, "twist", &Point3::origin()).unwrap()
@@ -146,7 +146,7 @@ fn loads_name_unknowns_of_the_whole_body() {
             model.nodes()[d / 3].coords.cross(&force)
         })
         .sum();
-    for r in known {
+    for r in resultants {
         let r = r.unwrap();
         assert!(
             (r.moment - moment).norm() < 1e-12 * moment.norm(),
@@ -155,13 +155,13 @@ fn loads_name_unknowns_of_the_whole_body() {
     }
 }
 
-/// A spring from every particle to the next one: needs what other ranks hold.
+/// Effect of springs from every particle to the next one, which needs nodes of other ranks.
 struct Chain;
 
 impl EffectSpec<f64> for Chain {
-    fn attach(self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let law = |_: &Instant<'_, f64>, _: &mut [f64], _: &mut [f64]| {};
-        Ok(Box::new(ForceLaw::new("chain", to.inertia.len(), law)))
+        Ok(Box::new(ForceLaw::new("chain", host.inertia.len(), law)))
     }
 }
 

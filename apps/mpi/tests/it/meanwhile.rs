@@ -1,4 +1,4 @@
-//! What ranks do while messages are on their way: forces that need no node of another rank.
+//! Work of ranks while messages are on their way: forces that need no node of another rank.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use crate::support::{WAIT, global};
@@ -13,17 +13,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::SeqCst};
 use std::time::{Duration, Instant};
 
-/// What happens to messages.
+/// Treatment of messages.
 #[derive(Debug, Default)]
 struct Way {
-    /// They get lost, once what can be done meanwhile is done.
+    /// If true, messages get lost once the work that can be done meanwhile is done.
     lost: AtomicBool,
-    /// Messages of all ranks but the first set off only once that has done so much, exchange by exchange.
+    /// If true, the messages of all ranks but the first leave only after that one has done its work for the
+    /// exchange.
     late: AtomicBool,
     done: AtomicUsize,
 }
 
-/// A transport on such a way.
+/// Transport that treats messages like that.
 #[derive(Debug)]
 struct Slow {
     inner: Arc<dyn Communicator>,
@@ -46,7 +47,7 @@ impl Slow {
         RankError::Lost { rank, peer: 1 - rank }
     }
 
-    /// Waits until the first rank has done what it can of an exchange.
+    /// Waits until the first rank has done its work for an exchange.
     fn dawdle(&self, exchange: usize) -> Result<(), RankError> {
         let until = Instant::now() + Duration::from_secs(10);
         while self.way.done.load(SeqCst) <= exchange {
@@ -99,22 +100,22 @@ impl Communicator for Slow {
     }
 }
 
-/// Something for every unknown, by its place in the whole body.
+/// Returns a displacement for every unknown, by its place in the whole body.
 fn displacements(model: &dyn Model<f64>) -> Vec<f64> {
     let n = model.layout().nodes;
-    let of = |k: usize| {
+    let displacement = |k: usize| {
         let (sort, i, c) = (k / (3 * n), k / 3 % n, k % 3);
         1e-7 * (1.7 * (6 * global(model, i) + 3 * sort + c) as f64).sin()
     };
-    (0..model.layout().dofs()).map(of).collect()
+    (0..model.layout().dofs()).map(displacement).collect()
 }
 
-/// Forces on a node, and torques where it turns.
+/// Returns the bits of the forces on a node, and of the torques if it turns.
 fn on_node(model: &dyn Model<f64>, f: &[f64], node: usize) -> Vec<u64> {
     let n = model.layout().nodes;
     let sorts = f.len() / (3 * n);
-    let of = |sort: usize| &f[3 * (sort * n + node)..][..3];
-    (0..sorts).flat_map(of).map(|x| x.to_bits()).collect()
+    let components = |sort: usize| &f[3 * (sort * n + node)..][..3];
+    (0..sorts).flat_map(components).map(|x| x.to_bits()).collect()
 }
 
 fn forces(model: &mut dyn Model<f64>) -> (Result<(), Error>, Vec<f64>) {
@@ -123,29 +124,29 @@ fn forces(model: &mut dyn Model<f64>) -> (Result<(), Error>, Vec<f64>) {
     (model.add_internal_forces(&q, &mut f), f)
 }
 
-/// Name of a whole body and the forces on each of its nodes.
+/// Returns the name of a whole body and the forces on each of its nodes.
 fn of_one_rank(mut model: Box<dyn Model<f64>>) -> (String, Vec<Vec<u64>>) {
-    let (found, f) = forces(&mut *model);
-    found.unwrap();
+    let (outcome, f) = forces(&mut *model);
+    outcome.unwrap();
     let nodes = 0..model.layout().nodes;
-    let all = nodes.map(|i| on_node(&*model, &f, i)).collect();
-    (model.name().to_owned(), all)
+    let bits_of_nodes = nodes.map(|i| on_node(&*model, &f, i)).collect();
+    (model.name().to_owned(), bits_of_nodes)
 }
 
-/// Forces on the nodes here are those of the whole body.
+/// Asserts that forces on this rank's nodes are those of the whole body.
 fn assert_forces(model: &mut dyn Model<f64>, expected: &[Vec<u64>], what: &str) {
-    let (found, f) = forces(model);
-    found.unwrap();
+    let (outcome, f) = forces(model);
+    outcome.unwrap();
     for i in 0..model.layout().nodes {
-        let there = &expected[global(model, i)];
-        assert_eq!(&on_node(model, &f, i), there, "{i} of {}, {what}", model.name());
+        let bits = &expected[global(model, i)];
+        assert_eq!(&on_node(model, &f, i), bits, "{i} of {}, {what}", model.name());
     }
 }
 
-/// How a body is made.
+/// Function that makes a body.
 type Body = Box<dyn Fn() -> Box<dyn Model<f64>> + Sync>;
 
-/// A column of so many layers of elements, and a lattice of so many cells under both laws.
+/// Returns a lattice of `cells` under both laws and a column of `layers` of elements.
 fn bodies(layers: usize, cells: [usize; 3]) -> [Body; 3] {
     let elements = move || {
         let far = Point3::new(1e-3, 1e-3, 0.25e-3 * layers as f64);
@@ -164,47 +165,47 @@ fn bodies(layers: usize, cells: [usize; 3]) -> [Body; 3] {
     ]
 }
 
-/// Bodies of whose units some name nodes of the other of two ranks.
+/// Returns bodies in which, on two ranks, some units read nodes of the other rank.
 fn small_bodies() -> [Body; 3] {
     bodies(60, [60, 5, 5])
 }
 
-/// Bodies of which each of two ranks has more than one piece of work.
+/// Returns bodies of which each of two ranks has more than one piece of work.
 fn large_bodies() -> [Body; 3] {
     bodies(100, [70, 8, 8])
 }
 
-/// Where messages get lost, forces of units within a rank are there all the same, with the bits of the
-/// whole body; those of units at the border are not begun, and the loss is told.
+/// If messages get lost, forces of units within a rank are complete, with the bits of the whole body. Those
+/// of units at the border are not begun, and the loss is reported.
 #[test]
 fn forces_within_a_rank_are_final_before_messages_come() {
     for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
-        let both = std::sync::Barrier::new(2);
+        let barrier = std::sync::Barrier::new(2);
         let counts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
                 .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
-            both.wait();
+            barrier.wait();
             way.lost.store(true, SeqCst);
-            let (found, f) = forces(&mut *model);
+            let (outcome, f) = forces(&mut *model);
             assert!(
-                matches!(found, Err(Error::Rank(RankError::Lost { .. }))),
-                "{found:?}"
+                matches!(outcome, Err(Error::Rank(RankError::Lost { .. }))),
+                "{outcome:?}"
             );
             let n = model.layout().nodes;
             let mut counts = [0, 0];
             for unit in 0..n.div_ceil(UNIT) {
                 let nodes = unit * UNIT..n.min((unit + 1) * UNIT);
-                let all = |is: &dyn Fn(usize) -> bool| nodes.clone().all(is);
+                let all_nodes = |is: &dyn Fn(usize) -> bool| nodes.clone().all(is);
                 let is = |i: usize| on_node(&*model, &f, i) == expected[global(&*model, i)];
                 let begun = |i: usize| on_node(&*model, &f, i).iter().any(|x| *x != 0);
-                if all(&is) {
+                if all_nodes(&is) {
                     counts[0] += 1;
                 } else {
-                    assert!(all(&|i| !begun(i)), "unit {unit} of {}", model.name());
+                    assert!(all_nodes(&|i| !begun(i)), "unit {unit} of {}", model.name());
                     counts[1] += 1;
                 }
             }
@@ -217,19 +218,19 @@ fn forces_within_a_rank_are_final_before_messages_come() {
     }
 }
 
-/// Ranks whose messages set off late hold nothing up but what needs them.
+/// Messages that leave late delay only the work that needs them.
 #[test]
 fn a_late_rank_does_not_delay_work_within_others() {
     for body in small_bodies() {
         let (name, expected) = of_one_rank(body());
         let way = Arc::new(Way::default());
-        let both = std::sync::Barrier::new(2);
+        let barrier = std::sync::Barrier::new(2);
         let parts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
                 .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
-            both.wait();
+            barrier.wait();
             way.late.store(true, SeqCst);
             for _ in 0..3 {
                 assert_forces(&mut *model, &expected, "late");
@@ -240,12 +241,12 @@ fn a_late_rank_does_not_delay_work_within_others() {
     }
 }
 
-/// A transport that asks for so many pieces of work, whatever is said of more, and leaves the rest of it.
+/// Transport that asks for a fixed number of pieces of work, whatever the answer, and leaves the rest undone.
 #[derive(Debug)]
 struct Asking {
     inner: Arc<dyn Communicator>,
     pieces: usize,
-    /// Those after which there was more to do.
+    /// Number of pieces after which there was more to do.
     more: AtomicUsize,
 }
 
@@ -273,7 +274,7 @@ impl Communicator for Asking {
     }
 }
 
-/// As often as transports find time for it: never, for a part of it, or once it is long done.
+/// Transports may find time for no work, for a part of it, or for more than all.
 #[test]
 fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
     for body in large_bodies() {

@@ -1,9 +1,9 @@
-//! Bodies of natural elements on several ranks, their geometry whole on all of them: the bits of one,
-//! whatever the division.
+//! Bodies of natural elements on several ranks, with the whole geometry on each: the bits of one rank, for
+//! any division.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use crate::support::continua::{Falling, bits, evaluated, unknowns};
-use crate::support::{Told, WAIT, same_on, shared};
+use crate::support::{Results, WAIT, same_on, shared};
 use arlequin_core::effect::{BodyForce, EffectSpec, StiffnessDamping};
 use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::Communicator;
@@ -16,12 +16,12 @@ use cnem::natural::Interpolant;
 use cnem::{CnemModel, Domain, Inertia, Options, Stabilisation, Surface};
 use std::sync::{Arc, LazyLock};
 
-/// 1 050 nodes of a bar, in five units, none of them at its place in a grid; or with the mass of cells
-/// around their centroids, and without stabilisation.
+/// Returns a bar of 1 050 nodes in five units, none of them at its place in a grid. `plain`: with the mass of
+/// cells around their centroids and without stabilisation.
 fn body(plain: bool) -> CnemModel {
     static BODIES: LazyLock<[CnemModel; 2]> = LazyLock::new(|| {
         let inner = |k: usize, n: usize| f64::from(u8::from(k > 0 && k + 1 < n));
-        let at = |k: usize| {
+        let point = |k: usize| {
             let (i, [j, l]) = (k / 42, [k / 6 % 7, k % 6]);
             let off = |c: f64| 0.06e-3 * (c + 1.3 * k as f64).sin();
             Point3::new(
@@ -30,7 +30,7 @@ fn body(plain: bool) -> CnemModel {
                 0.24e-3 * l as f64 + inner(l, 6) * off(2.0),
             )
         };
-        let nodes: Vec<Point3<f64>> = (0..1050).map(at).collect();
+        let nodes: Vec<Point3<f64>> = (0..1050).map(point).collect();
         let stone = Elastic::new(75e9, 0.17, 2200.0).unwrap();
         [true, false].map(|plain| {
             let options = Options {
@@ -68,7 +68,7 @@ fn forces_masses_stresses_and_critical_steps_have_the_bits_of_one_rank() {
     }
 }
 
-fn stepped(ranks: Option<Arc<dyn Communicator>>) -> Told {
+fn stepped(ranks: Option<Arc<dyn Communicator>>) -> Results {
     let model = body(true);
     let face = model.select_nodes(|x| x.x < 1e-9).unwrap();
     let held = PrescribedMotion::fixed(face.iter().flat_map(|k| 3 * k..3 * k + 3).collect());
@@ -101,22 +101,22 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
     same_on(&[2, 3, 5], &"", &whole, |c| stepped(Some(c)));
 }
 
-/// A field of a part speaks of own nodes, or says that a point is outside.
+/// The field of a part names owned nodes only, or reports that a point is outside.
 #[test]
 fn fields_of_parts_know_their_own_nodes() {
-    let told = threads::run(2, 1, WAIT, |c| {
+    let counts = threads::run(2, 1, WAIT, |c| {
         let mut m = part(true, &c);
         let p = m.portion().unwrap();
         let shared = Model::nodes(&m).len();
         assert_eq!((shared, p.nodes()), (shared, shared));
         let (whole, field) = (m.field(), arlequin_core::CoarseModel::coarse_field(&m));
-        let [mut all, mut row] = [ShapeRow::default(), ShapeRow::default()];
+        let [mut expected, mut row] = [ShapeRow::default(), ShapeRow::default()];
         let mut inside = 0;
         for k in 0..60 {
             let x = Point3::new(0.09e-3 * f64::from(k), 0.7e-3, 0.5e-3);
-            whole.shape_at(&x, false, &mut all).unwrap();
+            whole.shape_at(&x, false, &mut expected).unwrap();
             if field.shape_at(&x, false, &mut row).is_err() {
-                assert!(all.nodes.iter().any(|n| p.local(*n).is_none()));
+                assert!(expected.nodes.iter().any(|n| p.local(*n).is_none()));
                 continue;
             }
             inside += 1;
@@ -124,14 +124,14 @@ fn fields_of_parts_know_their_own_nodes() {
                 row.nodes
                     .iter()
                     .map(|n| p.global(*n))
-                    .eq(all.nodes.iter().copied())
+                    .eq(expected.nodes.iter().copied())
             );
-            assert_eq!(row.values, all.values);
+            assert_eq!(row.values, expected.values);
         }
         let again = m.share_out(&c).map(|_| ()).unwrap_err().to_string();
         assert!(again.contains("is a part of a body already"), "{again}");
         inside
     });
-    let inside: Vec<usize> = told.into_iter().map(Result::unwrap).collect();
+    let inside: Vec<usize> = counts.into_iter().map(Result::unwrap).collect();
     assert!(inside.iter().all(|n| (15..35).contains(n)), "{inside:?}");
 }

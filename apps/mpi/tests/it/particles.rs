@@ -1,8 +1,8 @@
-//! A body of particles on several ranks: the bits of one, whatever the division.
+//! A body of particles on several ranks: the bits of one rank, for any division.
 #![allow(clippy::float_cmp, reason = "works are whole numbers")]
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::support::{Along, Told, WAIT, bar, bits, part, same_on, unknowns};
+use crate::support::{Along, Results, WAIT, bar, bits, part, same_on, unknowns};
 use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::{Communicator, Division, RankError};
 use arlequin_core::{
@@ -14,8 +14,8 @@ use dem_beam::{DemModel, LoadShare};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Energy and critical step, then forces on two ways, at large displacements.
-fn evaluated(mut model: DemModel) -> Told {
+/// Returns energy and critical step, and forces computed in two ways, at large displacements.
+fn evaluated(mut model: DemModel) -> Results {
     model.set_internal_weight(&Along).unwrap();
     let n = model.layout().dofs();
     let mut inertia = vec![0.0; n];
@@ -23,11 +23,11 @@ fn evaluated(mut model: DemModel) -> Told {
     let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
     let mut sums = vec![model.critical_step(&inverse).unwrap()];
     let [q, later] = [1e-6, 2e-6].map(|s| unknowns(&model, [s, 3e4 * s]));
-    let [mut tried, mut reached] = [vec![0.0; n], vec![0.0; n]];
-    sums.push(model.advance_with_energy(&q, &mut reached).unwrap());
-    model.add_internal_forces(&later, &mut tried).unwrap();
+    let [mut forces_later, mut forces] = [vec![0.0; n], vec![0.0; n]];
+    sums.push(model.advance_with_energy(&q, &mut forces).unwrap());
+    model.add_internal_forces(&later, &mut forces_later).unwrap();
     sums.extend([model.internal_energy(&q), model.internal_energy(&later)]);
-    (bits(&model, &[&inertia, &tried, &reached]), sums)
+    (bits(&model, &[&inertia, &forces_later, &forces]), sums)
 }
 
 #[test]
@@ -41,7 +41,8 @@ fn forces_energies_and_critical_steps_have_the_bits_of_one_rank() {
     }
 }
 
-/// A run with everything in motion, a face of it held if wanted, the ledger drawn every 7 steps.
+/// Returns a run with everything in motion and the ledger drawn every 7 steps. `held`: whether a face is
+/// held.
 fn run(model: DemModel, held: bool) -> Coupled<f64> {
     let n = model.layout().dofs();
     let face = if held {
@@ -64,7 +65,7 @@ fn run(model: DemModel, held: bool) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn stepped(model: DemModel, held: bool) -> Told {
+fn stepped(model: DemModel, held: bool) -> Results {
     let mut run = run(model, held);
     run.run(50, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
@@ -97,14 +98,15 @@ fn steps_and_the_ledger_have_the_bits_of_one_rank() {
 #[test]
 fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
     for finite in [false, true] {
-        let kept = threads::run(3, 1, WAIT, |c| {
+        let drifts = threads::run(3, 1, WAIT, |c| {
             let mut run = run(part(bar(finite), c), false);
             run.run(400, &mut Silent).unwrap();
             (run.drift(), run.bodies()[0].drift)
         });
-        for k in kept {
+        for k in drifts {
             let (invariant, [linear, angular]) = k.unwrap();
-            // Exact for the linear law alone; of the other it swings with the square of the step.
+            // Exact for the linear law only; with the other one the energy swings with the square of the
+            // step.
             let limit = if finite { 1e-6 } else { 1e-12 };
             assert!(invariant < limit, "{invariant:e}");
             assert!(linear < 1e-12 && angular < 1e-12, "{linear:e} {angular:e}");
@@ -112,48 +114,48 @@ fn a_free_body_on_three_ranks_keeps_its_momenta_and_its_invariant() {
     }
 }
 
-/// A rank hears of those particles alone that are bonded with its own, once each.
+/// A rank receives only particles that are bonded with its own, once each.
 #[test]
 fn halos_are_what_bonds_ask_for() {
     let bonds = bar(false).body().pairs().to_vec();
     let count = bar(false).nodes().len();
-    let told = threads::run(3, 1, WAIT, |c| {
+    let parts = threads::run(3, 1, WAIT, |c| {
         let m = part(bar(false), c);
         let p = m.portion().unwrap();
-        let own: Vec<usize> = (0..p.nodes()).map(|i| p.global(i)).collect();
-        assert!(own.iter().enumerate().all(|(i, g)| p.local(*g) == Some(i)));
+        let owned: Vec<usize> = (0..p.nodes()).map(|i| p.global(i)).collect();
+        assert!(owned.iter().enumerate().all(|(i, g)| p.local(*g) == Some(i)));
         (
-            own,
+            owned,
             m.halo().unwrap().ghosts().to_vec(),
             m.halo().unwrap().sent(),
             m.body().len(),
         )
     });
-    let told: Vec<_> = told.into_iter().map(Result::unwrap).collect();
-    let (mut held, mut sent, mut heard) = (0, 0, 0);
-    for (own, ghosts, out, body) in &told {
-        let mine = |i: u32| own.binary_search(&(i as usize)).is_ok();
+    let parts: Vec<_> = parts.into_iter().map(Result::unwrap).collect();
+    let (mut held, mut sent, mut received) = (0, 0, 0);
+    for (owned, ghosts, out, body) in &parts {
+        let is_owned = |i: u32| owned.binary_search(&(i as usize)).is_ok();
         let mut asked: Vec<u32> = bonds
             .iter()
-            .filter(|p| mine(p[0]) != mine(p[1]))
+            .filter(|p| is_owned(p[0]) != is_owned(p[1]))
             .flatten()
             .copied()
-            .filter(|i| !mine(*i))
+            .filter(|i| !is_owned(*i))
             .collect();
         asked.sort_unstable();
         asked.dedup();
         let mut ghosts = ghosts.clone();
         ghosts.sort_unstable();
         assert_eq!(ghosts, asked);
-        assert_eq!(*body, own.len() + ghosts.len());
-        held += own.len();
+        assert_eq!(*body, owned.len() + ghosts.len());
+        held += owned.len();
         sent += out;
-        heard += ghosts.len();
+        received += ghosts.len();
     }
-    assert_eq!((held, sent), (count, heard));
+    assert_eq!((held, sent), (count, received));
 }
 
-/// One up to two thirds of the body, then down to 0.2.
+/// Weight of one up to two thirds of the body, then down to 0.2.
 #[derive(Debug)]
 struct Ending;
 
@@ -177,13 +179,13 @@ fn particles_of_an_overlap_count_for_more_work() {
     let count = coupled.iter().filter(|c| **c).count();
     assert!((400..600).contains(&count), "{count}");
     assert_eq!(work(&m) - alone, 7.0 * count as f64);
-    // Fewer particles where they are coupled.
+    // Coupled particles take more work, so their rank gets fewer particles.
     let halves = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
     assert!(halves.imbalance() < 0.2, "{}", halves.imbalance());
 }
 
-fn error<R>(of: &Result<Result<R, Error>, RankError>) -> String {
-    match of {
+fn error<R>(outcome: &Result<Result<R, Error>, RankError>) -> String {
+    match outcome {
         Ok(Err(e)) => e.to_string(),
         Ok(Ok(_)) => "none".to_owned(),
         Err(e) => e.to_string(),
@@ -192,17 +194,17 @@ fn error<R>(of: &Result<Result<R, Error>, RankError>) -> String {
 
 #[test]
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
-    // Other bodies.
+    // The ranks have different bodies.
     let differ = threads::run(2, 1, WAIT, |c| {
         let m = bar(c.rank() == 1);
         let division = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
         Ok(m.share_out(&division, c).map(|_| ())?)
     });
-    for (rank, of) in differ.iter().enumerate() {
+    for (rank, outcome) in differ.iter().enumerate() {
         assert!(
-            error(of).starts_with(&format!("rank {rank}: ranks differ in the bodies of particles")),
+            error(outcome).starts_with(&format!("rank {rank}: ranks differ in the bodies of particles")),
             "{}",
-            error(of)
+            error(outcome)
         );
     }
     let n = bar(false).nodes().len();
@@ -239,24 +241,24 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
 
 #[test]
 fn what_parts_cannot_do_in_a_run_is_refused_by_name() {
-    let told = threads::run(2, 1, WAIT, |c| {
-        // Snapshots are those of the whole body: tests/it/interfaces.rs goes on from them.
+    let outcomes = threads::run(2, 1, WAIT, |c| {
+        // Snapshots are those of the whole body: tests/it/interfaces.rs resumes from them.
         let mut still = run(part(bar(false), c), false);
-        let rest = still.settle(0.0, 1.0, &Relaxation::default());
-        let rest = rest.unwrap_err().to_string();
+        let refusal = still.settle(0.0, 1.0, &Relaxation::default());
+        let refusal = refusal.unwrap_err().to_string();
         assert!(
-            rest.contains("cannot be brought to rest while it is in parts on several ranks"),
-            "{rest}"
+            refusal.contains("cannot be brought to rest while it is in parts on several ranks"),
+            "{refusal}"
         );
     });
-    told.into_iter().for_each(|t| t.unwrap());
+    outcomes.into_iter().for_each(|t| t.unwrap());
 }
 
-/// One rank stops before its steps: the others say who and why, within the wait.
+/// One rank stops before its steps: the others report which rank and why, within the time limit.
 #[test]
 fn a_rank_that_gives_up_hangs_or_is_gone_ends_the_others_by_name() {
     let stopped = |how: &(dyn Fn(Arc<dyn Communicator>) + Sync), wait: f64| {
-        let told = threads::run(3, 1, Duration::from_secs_f64(wait), |c| {
+        let outcomes = threads::run(3, 1, Duration::from_secs_f64(wait), |c| {
             let mut run = run(part(bar(false), c.clone()), false);
             if c.rank() == 1 {
                 run.run(3, &mut Silent)?;
@@ -265,7 +267,7 @@ fn a_rank_that_gives_up_hangs_or_is_gone_ends_the_others_by_name() {
             }
             run.run(1000, &mut Silent).map(|_| ())
         });
-        [error(&told[0]), error(&told[2])]
+        [error(&outcomes[0]), error(&outcomes[2])]
     };
     let gave_up = stopped(&|c| c.abandon("the disk is full"), 20.0);
     assert_eq!(

@@ -1,7 +1,7 @@
-//! Bodies that no rank has the whole of: the bits of the whole, and what is refused by name.
+//! Bodies that are whole on no rank: the bits of the whole, and errors that name what is wrong.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::support::{Along, Told, WAIT, bar, bits, same, same_on, together, unknowns};
+use crate::support::{Along, Results, WAIT, bar, bits, same_bits, same_on, together, unknowns};
 use arlequin_core::effect::StiffnessDamping;
 use arlequin_core::nalgebra::{Point3, Rotation3, Vector3};
 use arlequin_core::ranks::{Communicator, Division};
@@ -16,7 +16,7 @@ use dem_beam::{BeamMaterial, DemModel, Matter, Piece};
 use fem_ref::{ElementKind, FemField, FemModel, generate};
 use std::sync::Arc;
 
-/// The bar of the other tests, turned and far from the origin if wanted.
+/// Returns the bar of the other tests; `moved`: turned and far from the origin.
 fn body(moved: bool) -> DemModel {
     let home = bar(false);
     if !moved {
@@ -40,27 +40,32 @@ fn body(moved: bool) -> DemModel {
     .unwrap()
 }
 
-/// What a rank would know of a body if it had never been whole, in an order and with ends of bonds that
-/// nothing depends on.
+/// Returns what a rank would know of a body that was never whole. The orders of bonds, of their ends and of
+/// ghosts are reversed: nothing may depend on them.
 fn piece(whole: &DemModel, division: &Division, rank: usize) -> Piece {
-    let mine = |i: u32| division.owner(i as usize) == rank;
-    let all = whole.body().pairs().iter().rev();
-    let pairs: Vec<[u32; 2]> = all
-        .filter(|p| p.iter().any(|i| mine(*i)))
+    let is_owned = |i: u32| division.owner(i as usize) == rank;
+    let reversed = whole.body().pairs().iter().rev();
+    let pairs: Vec<[u32; 2]> = reversed
+        .filter(|p| p.iter().any(|i| is_owned(*i)))
         .map(|[i, j]| [*j, *i])
         .collect();
-    let mut others: Vec<u32> = pairs.iter().flatten().copied().filter(|i| !mine(*i)).collect();
-    others.sort_unstable();
-    others.dedup();
-    others.reverse();
-    let mut numbers: Vec<u32> = (0..whole.nodes().len() as u32).filter(|i| mine(*i)).collect();
-    numbers.extend(others);
+    let mut ghosts: Vec<u32> = pairs
+        .iter()
+        .flatten()
+        .copied()
+        .filter(|i| !is_owned(*i))
+        .collect();
+    ghosts.sort_unstable();
+    ghosts.dedup();
+    ghosts.reverse();
+    let mut numbers: Vec<u32> = (0..whole.nodes().len() as u32).filter(|i| is_owned(*i)).collect();
+    numbers.extend(ghosts);
     let volumes = whole.particles().unwrap();
-    let of = || numbers.iter().map(|i| *i as usize);
+    let indices = || numbers.iter().map(|i| *i as usize);
     Piece {
-        positions: of().map(|i| whole.body().positions()[i]).collect(),
-        radii: of().map(|i| whole.body().radii()[i]).collect(),
-        volumes: of().map(|i| volumes[i].measure).collect(),
+        positions: indices().map(|i| whole.body().positions()[i]).collect(),
+        radii: indices().map(|i| whole.body().radii()[i]).collect(),
+        volumes: indices().map(|i| volumes[i].measure).collect(),
         pairs,
         mean_radius: whole.body().mean_radius(),
         beam: BeamMaterial::SILICA,
@@ -78,8 +83,8 @@ fn part(whole: &DemModel, c: Arc<dyn Communicator>) -> DemModel {
     DemModel::of_piece("bar", piece(whole, &division, c.rank()), &division, c).unwrap()
 }
 
-/// State, ledger, critical step and breaks after some steps, with everything in motion and damped.
-fn stepped(model: DemModel, finite: bool, fracture: Option<Fracture>) -> Told {
+/// Returns state, ledger, critical step and breaks after some steps, with everything in motion and damped.
+fn stepped(model: DemModel, finite: bool, fracture: Option<Fracture>) -> Results {
     let model = if finite {
         model.with_finite_rotations()
     } else {
@@ -169,40 +174,48 @@ fn parts_from_the_beginning_have_the_bits_of_the_whole() {
             "{}",
             whole.1.len()
         );
-        // Six units: of eight ranks two are idle.
+        // The body has six units: of eight ranks two are idle.
         for ranks in [1, 2, 3, 4, 8] {
-            let all = together(threads::run(ranks, 1, WAIT, |c| {
+            let joined = together(threads::run(ranks, 1, WAIT, |c| {
                 stepped(part(&body(moved), c), finite, fracture)
             }));
-            assert!(same(&all.1, &whole.1), "{ranks} ranks: {:?} {:?}", all.1, whole.1);
-            assert!(all.0 == whole.0, "{ranks} ranks, finite {finite}, moved {moved}");
+            assert!(
+                same_bits(&joined.1, &whole.1),
+                "{ranks} ranks: {:?} {:?}",
+                joined.1,
+                whole.1
+            );
+            assert!(
+                joined.0 == whole.0,
+                "{ranks} ranks, finite {finite}, moved {moved}"
+            );
         }
     }
 }
 
-/// What is held is what [`DemModel::share_out`] leaves, and the halo is the same.
+/// A rank holds the particles and the halo that [`DemModel::share_out`] leaves.
 #[test]
 fn a_part_holds_what_sharing_out_leaves() {
     let whole = body(true);
-    let told = threads::run(3, 1, WAIT, |c| {
-        let mine = part(&whole, c.clone());
+    let outcomes = threads::run(3, 1, WAIT, |c| {
+        let own_part = part(&whole, c.clone());
         let shared = body(true).share_out(&halves(&whole, 3), c).unwrap();
-        for m in [&mine, &shared] {
+        for m in [&own_part, &shared] {
             assert!(m.places().is_empty());
         }
-        assert_eq!(mine.halo().unwrap().ghosts(), shared.halo().unwrap().ghosts());
-        assert_eq!(mine.body().pairs(), shared.body().pairs());
-        assert_eq!(mine.body().positions(), shared.body().positions());
-        assert_eq!(mine.masses(), shared.masses());
-        assert_eq!(mine.inertias(), shared.inertias());
-        assert!(mine.body().bonds().eq(shared.body().bonds()));
+        assert_eq!(own_part.halo().unwrap().ghosts(), shared.halo().unwrap().ghosts());
+        assert_eq!(own_part.body().pairs(), shared.body().pairs());
+        assert_eq!(own_part.body().positions(), shared.body().positions());
+        assert_eq!(own_part.masses(), shared.masses());
+        assert_eq!(own_part.inertias(), shared.inertias());
+        assert!(own_part.body().bonds().eq(shared.body().bonds()));
         let volume: f64 = whole.particles().unwrap().iter().map(|s| s.measure).sum();
-        assert!((mine.report().volume / volume - 1.0).abs() < 1e-13);
+        assert!((own_part.report().volume / volume - 1.0).abs() < 1e-13);
     });
-    told.into_iter().for_each(|t| t.unwrap());
+    outcomes.into_iter().for_each(|t| t.unwrap());
 }
 
-fn run_of(bricks: &Bricks, c: Arc<dyn Communicator>) -> Told {
+fn run_of(bricks: &Bricks, c: Arc<dyn Communicator>) -> Results {
     let division = Division::bisect(bricks.particles(), &bricks.units(), c.ranks()).unwrap();
     let piece = bricks
         .piece(&division, c.rank(), BeamMaterial::SILICA, 2200.0)
@@ -216,49 +229,53 @@ fn run_of(bricks: &Bricks, c: Arc<dyn Communicator>) -> Told {
 
 #[test]
 fn lattices_in_bricks_have_the_same_bits_on_any_number_of_ranks() {
-    // Bricks that are not full, units across them.
+    // Bricks that are not full, with units that cross them.
     let bricks = Bricks::new(Lattice::BodyCentred, [11, 9, 7], 3e-4).unwrap();
-    let one = together(threads::run(1, 1, WAIT, |c| run_of(&bricks, c)));
-    assert_eq!(one.0.len(), 2 * 11 * 9 * 7);
+    let reference = together(threads::run(1, 1, WAIT, |c| run_of(&bricks, c)));
+    assert_eq!(reference.0.len(), 2 * 11 * 9 * 7);
     for ranks in [2, 3, 4, 8] {
-        let all = together(threads::run(ranks, 1, WAIT, |c| run_of(&bricks, c)));
-        assert!(same(&all.1, &one.1) && all.0 == one.0, "{ranks} ranks");
+        let joined = together(threads::run(ranks, 1, WAIT, |c| run_of(&bricks, c)));
+        assert!(
+            same_bits(&joined.1, &reference.1) && joined.0 == reference.0,
+            "{ranks} ranks"
+        );
     }
 }
 
-/// What two ranks say of a body that one of them changes.
+/// Returns the errors of two ranks for a body that `change` has changed.
 fn refused(change: impl Fn(usize, &mut Piece) + Sync) -> [String; 2] {
     let whole = body(false);
-    let told = threads::run(2, 1, WAIT, |c| {
+    let errors = threads::run(2, 1, WAIT, |c| {
         let division = halves(&whole, 2);
-        let mut mine = piece(&whole, &division, c.rank());
-        change(c.rank(), &mut mine);
-        DemModel::of_piece("bar", mine, &division, c)
+        let mut piece_of_rank = piece(&whole, &division, c.rank());
+        change(c.rank(), &mut piece_of_rank);
+        DemModel::of_piece("bar", piece_of_rank, &division, c)
             .map(|_| ())
             .unwrap_err()
             .to_string()
     });
-    let all: Vec<String> = told.into_iter().map(|t| t.unwrap()).collect();
-    all.try_into().unwrap()
+    let texts: Vec<String> = errors.into_iter().map(|t| t.unwrap()).collect();
+    texts.try_into().unwrap()
 }
 
 #[test]
 fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
     let foreign = |p: &Piece| p.numbers.len() - 1;
-    let both = |of: [String; 2], what: &str| of.iter().for_each(|e| assert!(e.contains(what), "{e}"));
+    let assert_both =
+        |errors: [String; 2], what: &str| errors.iter().for_each(|e| assert!(e.contains(what), "{e}"));
     let bonds = "ranks differ in the bonds between particles of different ranks";
-    both(
+    assert_both(
         refused(|rank, p| {
-            // Another ghost has it still.
+            // The particle remains a ghost through another bond.
             let far = p.numbers[foreign(p)];
-            let at = p.pairs.iter().position(|pair| pair.contains(&far)).unwrap();
+            let bond = p.pairs.iter().position(|pair| pair.contains(&far)).unwrap();
             if rank == 1 {
-                p.pairs.remove(at);
+                p.pairs.remove(bond);
             }
         }),
         bonds,
     );
-    both(
+    assert_both(
         refused(|rank, p| {
             let k = foreign(p);
             if rank == 0 {
@@ -275,7 +292,7 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
         |p| p.beam.radius_ratio *= 1.0 + 1e-12,
     ];
     for change in bodies {
-        both(
+        assert_both(
             refused(|rank, p| {
                 if rank == 1 {
                     change(p);
@@ -288,7 +305,7 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
         |p: &mut Piece, k| p.radii[k] *= 1.001,
         |p: &mut Piece, k| p.volumes[k] *= 1.001,
     ] {
-        both(
+        assert_both(
             refused(|rank, p| {
                 let k = foreign(p);
                 if rank == 0 {
@@ -303,19 +320,19 @@ fn ranks_that_differ_in_what_they_say_of_a_body_are_told_so() {
 #[test]
 fn ranks_with_other_divisions_of_a_body_are_told_so() {
     let whole = body(false);
-    let told = threads::run(2, 1, WAIT, |c| {
+    let errors = threads::run(2, 1, WAIT, |c| {
         let mut units = whole.units();
         if c.rank() == 1 {
             units.iter_mut().for_each(|u| u.centre.x *= -1.0);
         }
         let division = Division::bisect(whole.nodes().len(), &units, 2).unwrap();
-        let mine = piece(&whole, &division, c.rank());
-        DemModel::of_piece("bar", mine, &division, c)
+        let piece_of_rank = piece(&whole, &division, c.rank());
+        DemModel::of_piece("bar", piece_of_rank, &division, c)
             .map(|_| ())
             .unwrap_err()
             .to_string()
     });
-    for error in told {
+    for error in errors {
         let error = error.unwrap();
         assert!(
             error.contains("ranks differ in the body of particles that they make parts of"),
@@ -329,38 +346,38 @@ type Change<'a> = &'a (dyn Fn(&mut Piece) + Sync);
 #[test]
 fn a_part_that_makes_no_sense_is_refused_with_the_numbers_of_the_whole() {
     let first = |change: Change<'_>| {
-        let [error, other] = refused(|rank, p| {
+        let [error, second_error] = refused(|rank, p| {
             if rank == 0 {
                 change(p);
             }
         });
         assert!(
-            other.contains("rank 0 is gone") || other.contains("rank 0"),
-            "{other}"
+            second_error.contains("rank 0 is gone") || second_error.contains("rank 0"),
+            "{second_error}"
         );
         error
     };
     let whole = body(false);
-    let mine = piece(&whole, &halves(&whole, 2), 0);
-    let (own, far) = (mine.numbers[5], *mine.numbers.last().unwrap());
+    let first_piece = piece(&whole, &halves(&whole, 2), 0);
+    let (owned, far) = (first_piece.numbers[5], *first_piece.numbers.last().unwrap());
     let cases: [(Change<'_>, String); 9] = [
         (
             &|p| p.numbers.swap(3, 4),
             "own particles of a part, in the order of its units has 3 entries".into(),
         ),
         (
-            &|p| p.pairs.retain(|pair| !pair.contains(&own)),
-            format!("particle {own} has no bond (1 such"),
+            &|p| p.pairs.retain(|pair| !pair.contains(&owned)),
+            format!("particle {owned} has no bond (1 such"),
         ),
-        (&|p| p.pairs.push([own, 9999]), "names particle 9999".into()),
-        (&|p| p.radii[5] = -1.0, format!("particle {own} has radius -1")),
+        (&|p| p.pairs.push([owned, 9999]), "names particle 9999".into()),
+        (&|p| p.radii[5] = -1.0, format!("particle {owned} has radius -1")),
         (
             &|p| p.positions[5].x = f64::NAN,
-            format!("coordinate of particle {own} is NaN"),
+            format!("coordinate of particle {owned} is NaN"),
         ),
         (
-            &|p| *p.numbers.last_mut().unwrap() = own,
-            format!("number of a particle of a part = {own} is outside once"),
+            &|p| *p.numbers.last_mut().unwrap() = owned,
+            format!("number of a particle of a part = {owned} is outside once"),
         ),
         (
             &|p| p.mean_radius = 0.0,
@@ -381,24 +398,27 @@ fn a_part_that_makes_no_sense_is_refused_with_the_numbers_of_the_whole() {
     }
 }
 
-/// Interfaces look at the whole of a body before it is shared out.
+/// Interfaces look at the whole of a body before it is partitioned.
 #[test]
 fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
     let whole = body(false);
-    let told = threads::run(2, 1, WAIT, |c| {
+    let outcomes = threads::run(2, 1, WAIT, |c| {
         let model = part(&whole, c);
         let block = || {
             let far = Point3::new(1e-3, 1e-3, 1e-3);
             generate::block(ElementKind::Hex8, -far, far, [1, 1, 1])
         };
         let elements = FemModel::new("block", block()?, Elastic::new(72e9, 0.17, 2200.0)?)?;
-        let one = || Weights::same(Arc::new(Uniform(1.0)));
-        let bodies = vec![Subdomain::coarse(elements, one()), Subdomain::fine(model, one())];
+        let uniform = || Weights::same(Arc::new(Uniform(1.0)));
+        let bodies = vec![
+            Subdomain::coarse(elements, uniform()),
+            Subdomain::fine(model, uniform()),
+        ];
         let mut spec = InterfaceSpec::new("tie", 0, 1, Arc::new(FemField::new(block()?)), L2);
         spec.options.sampling = Sampling::Particles;
         Coupled::new(bodies, vec![spec], TimeStep::Fraction(0.5), None).map(|_| ())
     });
-    for error in told {
+    for error in outcomes {
         let error: Error = error.unwrap().unwrap_err();
         let text = error.to_string();
         assert!(
@@ -408,18 +428,18 @@ fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
     }
 }
 
-/// Those of the second rank, whose own numbers are others.
+/// The error of the second rank is examined: its local numbers differ from those of the whole body.
 #[test]
 fn bonds_without_length_are_told_with_the_numbers_of_the_whole() {
     let whole = body(false);
-    let (division, all) = (halves(&whole, 2), whole.body().pairs());
+    let (division, pairs) = (halves(&whole, 2), whole.body().pairs());
     let foreign = |i: u32| division.owner(i as usize) == 0;
     let inner = |i: &u32| {
-        let mut around = all.iter().filter(|p| p.contains(i)).flatten();
+        let mut around = pairs.iter().filter(|p| p.contains(i)).flatten();
         around.all(|k| !foreign(*k))
     };
-    let [i, j] = *all.iter().find(|p| p.iter().all(inner)).unwrap();
-    let told = |change: &(dyn Fn(&mut Piece) + Sync)| {
+    let [i, j] = *pairs.iter().find(|p| p.iter().all(inner)).unwrap();
+    let error_of = |change: &(dyn Fn(&mut Piece) + Sync)| {
         let [_, error] = refused(|rank, p| {
             if rank == 1 {
                 change(p);
@@ -427,49 +447,49 @@ fn bonds_without_length_are_told_with_the_numbers_of_the_whole() {
         });
         error
     };
-    let error = told(&|p| {
-        let at = |of: u32| p.numbers.iter().position(|n| *n == of).unwrap();
-        p.positions[at(j)] = p.positions[at(i)];
+    let error = error_of(&|p| {
+        let index = |number: u32| p.numbers.iter().position(|n| *n == number).unwrap();
+        p.positions[index(j)] = p.positions[index(i)];
     });
     assert!(
         error.contains(&format!("particles {i} and {j} are 0e0 m apart")),
         "{error}"
     );
-    let error = told(&|p| p.pairs.push([j, j]));
-    let bond = all.partition_point(|p| *p < [j, j]);
+    let error = error_of(&|p| p.pairs.push([j, j]));
+    let bond = pairs.partition_point(|p| *p < [j, j]);
     assert!(
         error.contains(&format!("bond {bond} between particles {j} and {j} has length")),
         "{error}"
     );
 }
 
-/// The grid of centres follows from the longest bond of all ranks, and some of them have no such.
+/// The grid of centres follows from the longest bond of all ranks; some ranks have no bond of that length.
 #[test]
 fn a_bond_that_is_much_longer_than_those_of_other_ranks_leaves_the_bits_of_the_whole() {
     let home = body(false);
     let x = home.body().positions();
     let far = (0..x.len()).min_by(|i, j| x[*i].x.total_cmp(&x[*j].x)).unwrap();
     let off = |i: &usize| ((x[*i] - x[far]).norm() - 1.5e-3).abs();
-    let other = (0..x.len()).min_by(|i, j| off(i).total_cmp(&off(j))).unwrap();
+    let partner = (0..x.len()).min_by(|i, j| off(i).total_cmp(&off(j))).unwrap();
     let mut pairs = home.body().pairs().to_vec();
-    pairs.push([far as u32, other as u32]);
+    pairs.push([far as u32, partner as u32]);
     let matter = Matter {
         beam: BeamMaterial::SILICA,
         density: 2200.0,
         volume: 1.9e-8,
     };
     let long = || DemModel::from_spheres("bar", x, home.body().radii(), &pairs, &matter).unwrap();
-    // As they were before the whole body put them on its grid.
+    // Positions as they were before the whole body rounded them to its grid.
     let part = |c: Arc<dyn Communicator>| {
         let whole = long();
         let division = halves(&whole, c.ranks());
-        let mut mine = piece(&whole, &division, c.rank());
-        for (from, to) in x.iter().zip(whole.places()) {
-            if let Some(k) = mine.numbers.iter().position(|n| n == to) {
-                mine.positions[k] = *from;
+        let mut piece_of_rank = piece(&whole, &division, c.rank());
+        for (position, number) in x.iter().zip(whole.places()) {
+            if let Some(k) = piece_of_rank.numbers.iter().position(|n| n == number) {
+                piece_of_rank.positions[k] = *position;
             }
         }
-        DemModel::of_piece("bar", mine, &division, c).unwrap()
+        DemModel::of_piece("bar", piece_of_rank, &division, c).unwrap()
     };
     let whole = stepped(long(), true, None);
     same_on(&[3], &"", &whole, |c| stepped(part(c), true, None));
@@ -478,7 +498,7 @@ fn a_bond_that_is_much_longer_than_those_of_other_ranks_leaves_the_bits_of_the_w
 #[test]
 fn bonds_that_are_named_twice_count_once() {
     let whole = body(false);
-    let told = threads::run(2, 1, WAIT, |c| {
+    let counts = threads::run(2, 1, WAIT, |c| {
         let division = halves(&whole, 2);
         let mut twice = piece(&whole, &division, c.rank());
         twice
@@ -488,5 +508,5 @@ fn bonds_that_are_named_twice_count_once() {
         assert_eq!(twice.body().pairs(), part(&whole, c).body().pairs());
         twice.body().pairs().len()
     });
-    told.into_iter().for_each(|t| assert!(t.unwrap() > 100));
+    counts.into_iter().for_each(|t| assert!(t.unwrap() > 100));
 }

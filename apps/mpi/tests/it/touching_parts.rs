@@ -1,8 +1,8 @@
-//! Contact and obstacles of a body of particles on several ranks: the bits of one, and checkpoints for any
-//! number of them.
+//! Contact and obstacles of a body of particles on several ranks: the bits of one rank, and checkpoints for
+//! any number of ranks.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::support::{Told, WAIT, bar, bits, first, part, same_on, shared};
+use crate::support::{Results, WAIT, bar, bits, first, part, same_on, shared};
 use arlequin_core::effect::Absorber;
 use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::Communicator;
@@ -13,8 +13,8 @@ use dem_beam::{BeamMaterial, Contact, ContactLaw, DemModel, Matter, Motion, Obst
 use fem_ref::{ElementKind, FemField, generate};
 use std::sync::Arc;
 
-/// A block of `n` spheres along each edge, bonded in twos, apart from each other by a twentieth of their
-/// size: turned, and shifted far.
+/// Returns a block of `n` spheres along each edge, bonded in pairs, with gaps of a twentieth of their size,
+/// turned and shifted far.
 fn dumbbells(n: usize) -> DemModel {
     let radius = 1e-4;
     let turn = arlequin_core::nalgebra::Rotation3::from_euler_angles(0.3, -0.5, 1.1);
@@ -43,12 +43,13 @@ fn collapse(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     collapse_of(10, ranks)
 }
 
-/// They fly through each other's places, onto a wall that comes to meet them; a heavy ball follows.
+/// Returns a run in which spheres fly through each other's places and onto a wall that moves towards them; a
+/// heavy ball follows.
 fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let model = dumbbells(edge).with_finite_rotations();
     let n = model.body().len();
-    let all = model.body().positions();
-    let middle = all.iter().sum::<Vector3<f64>>() / n as f64;
+    let positions = model.body().positions();
+    let middle = positions.iter().sum::<Vector3<f64>>() / n as f64;
     let law = ContactLaw {
         restitution: 0.6,
         friction: 0.4,
@@ -58,9 +59,9 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
     let contact = Contact::new(&model, law).unwrap();
     let law = ContactLaw { rolling: 0.0, ..law };
     let down = Vector3::new(0.3, -0.2, -1.0).normalize();
-    // Both begin a little off the spheres next to them.
+    // Wall and ball begin a little off the nearest spheres.
     let (gap, round) = (3e-6, 1.5e-3);
-    let spheres = || all.iter().map(|x| x - middle).zip(model.body().radii());
+    let spheres = || positions.iter().map(|x| x - middle).zip(model.body().radii());
     let below = spheres().map(|(x, r)| x.dot(&down) + r).fold(0.0, f64::max);
     let above = spheres().filter_map(|(x, r)| {
         let t = x.dot(&down);
@@ -83,9 +84,9 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
     };
     let ball = Obstacle::new("ball", &model, ball, motion, law).unwrap();
     let ball = ball.with_spin(Vector3::new(1e4, 0.0, 2e4)).unwrap();
-    // Towards the middle.
+    // Velocities point towards the middle.
     let speed = |k: usize| match k < 3 * n {
-        true => -2e4 * (all[k / 3][k % 3] - middle[k % 3]) + 30.0 * down[k % 3],
+        true => -2e4 * (positions[k / 3][k % 3] - middle[k % 3]) + 30.0 * down[k % 3],
         false => 1e3 * (0.9 * k as f64).sin(),
     };
     let v = (0..6 * n).map(speed).collect();
@@ -104,11 +105,11 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), Some(guard)).unwrap()
 }
 
-fn told_after(run: Coupled<f64>, steps: usize) -> Told {
-    told_with(run, steps, &["contact", "wall", "ball"])
+fn results_after(run: Coupled<f64>, steps: usize) -> Results {
+    results_with(run, steps, &["contact", "wall", "ball"])
 }
 
-fn told_with(mut run: Coupled<f64>, steps: usize, resultants: &[&str]) -> Told {
+fn results_with(mut run: Coupled<f64>, steps: usize, resultants: &[&str]) -> Results {
     run.run(steps, &mut Silent).unwrap();
     let e = run.last_energy().unwrap().clone();
     let mut sums = vec![e.invariant, e.work, e.drift, run.energy()];
@@ -131,55 +132,55 @@ const STEPS: usize = 240;
 #[test]
 fn contacts_and_obstacles_have_the_bits_of_one_rank() {
     let run = collapse(None);
-    let mut seen = collapse(None);
-    seen.run(STEPS, &mut Silent).unwrap();
+    let mut probe = collapse(None);
+    probe.run(STEPS, &mut Silent).unwrap();
     let fact = |effect: &str, fact: &str| {
-        let lines = seen.effects();
+        let lines = probe.effects();
         let line = lines.iter().find(|l| l.name.ends_with(effect)).unwrap();
         line.facts.iter().find(|f| f.0 == fact).unwrap().1
     };
-    assert!(fact("contact", "most contacts") > 150.0, "{:?}", seen.effects());
+    assert!(fact("contact", "most contacts") > 150.0, "{:?}", probe.effects());
     assert!(
         fact("contact", "neighbour searches") > 1.0,
         "{:?}",
-        seen.effects()
+        probe.effects()
     );
     for obstacle in ["wall", "ball"] {
-        assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", seen.effects());
+        assert!(fact(obstacle, "largest force [N]") > 0.5, "{:?}", probe.effects());
     }
-    let whole = told_after(run, STEPS);
-    // Of eight ranks four have none of the four units.
+    let whole = results_after(run, STEPS);
+    // The body has four units: four of eight ranks have none.
     same_on(&[1, 2, 3, 4, 8], &"", &whole, |c| {
-        told_after(collapse(Some(c)), STEPS)
+        results_after(collapse(Some(c)), STEPS)
     });
 }
 
 #[test]
 fn contacts_of_three_ranks_go_on_on_others() {
-    let whole = told_after(collapse(None), STEPS);
+    let whole = results_after(collapse(None), STEPS);
     let half = STEPS / 2;
-    let mut one = collapse(None);
-    one.run(half, &mut Silent).unwrap();
-    let one = one.snapshot().unwrap();
+    let mut single = collapse(None);
+    single.run(half, &mut Silent).unwrap();
+    let single = single.snapshot().unwrap();
     let saved = first(3, |c| {
         let mut run = collapse(Some(c));
         run.run(half, &mut Silent).unwrap();
         run.snapshot().unwrap()
     });
     assert!(
-        saved.subdomains[0].effects == one.subdomains[0].effects,
+        saved.subdomains[0].effects == single.subdomains[0].effects,
         "records differ"
     );
     same_on(&[1, 2, 4, 8], &"", &whole, |c| {
         let mut run = collapse(Some(c));
         run.restore(&saved).unwrap();
-        told_after(run, STEPS - half)
+        results_after(run, STEPS - half)
     });
-    // A record of another body.
-    let mut other = saved;
-    other.subdomains[0].effects[0].numbers.pop();
+    // The record is that of another body.
+    let mut foreign = saved;
+    foreign.subdomains[0].effects[0].numbers.pop();
     let refused = threads::run(2, 1, WAIT, |c| {
-        collapse(Some(c)).restore(&other).unwrap_err().to_string()
+        collapse(Some(c)).restore(&foreign).unwrap_err().to_string()
     });
     for e in refused {
         let e = e.unwrap();
@@ -187,8 +188,8 @@ fn contacts_of_three_ranks_go_on_on_others() {
     }
 }
 
-/// A bonded bar whose end a wall hits, so that it breaks there and its pieces touch, while the other end is
-/// absorbed: particles of most ranks touch nothing.
+/// Returns a bonded bar whose end a wall hits, so that it breaks there and its fragments touch, while the
+/// other end is absorbed. Particles of most ranks touch nothing.
 fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let spec = Fracture {
         scatter: Scatter::Weibull { modulus: 5.0 },
@@ -229,46 +230,47 @@ fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
 
 #[test]
 fn what_breaks_touches_and_is_absorbed_has_the_bits_of_one_rank_with_idle_ranks_as_well() {
-    let mut seen = struck(None);
-    seen.run(STRUCK, &mut Silent).unwrap();
-    let lines = seen.effects();
+    let mut probe = struck(None);
+    probe.run(STRUCK, &mut Silent).unwrap();
+    let lines = probe.effects();
     let line = |name: &str| lines.iter().find(|l| l.name.ends_with(name)).unwrap();
     let fact = |effect: &str, fact: &str| line(effect).facts.iter().find(|f| f.0 == fact).unwrap().1;
     assert!(fact("fracture", "broken bonds") > 20.0, "{lines:?}");
     assert!(fact("contact", "most contacts") > 10.0, "{lines:?}");
     assert!(line("absorber").work.unwrap() < 0.0, "{lines:?}");
     let about = ["contact", "wall"];
-    let whole = told_with(struck(None), STRUCK, &about);
-    // Six units: two of eight ranks are idle. Those in the middle have neither pairs, nor wall, nor absorber.
+    let whole = results_with(struck(None), STRUCK, &about);
+    // The body has six units: two of eight ranks are idle. Ranks in the middle have neither pairs nor wall
+    // nor absorber.
     same_on(&[2, 3, 8], &"", &whole, |c| {
-        told_with(struck(Some(c)), STRUCK, &about)
+        results_with(struck(Some(c)), STRUCK, &about)
     });
 }
 
 const STRUCK: usize = 200;
 
-/// One unit on three ranks: the first, which writes snapshots, is idle.
+/// The body has one unit on three ranks: the first rank, which writes snapshots, is idle.
 #[test]
 fn a_first_rank_without_particles_takes_part_and_saves_the_whole() {
-    let whole = told_after(collapse_of(6, None), STEPS);
+    let whole = results_after(collapse_of(6, None), STEPS);
     let half = STEPS / 2;
-    let mut one = collapse_of(6, None);
-    one.run(half, &mut Silent).unwrap();
-    let one = one.snapshot().unwrap();
+    let mut single = collapse_of(6, None);
+    single.run(half, &mut Silent).unwrap();
+    let single = single.snapshot().unwrap();
     let saved = threads::run(3, 1, WAIT, |c| {
         let mut run = collapse_of(6, Some(c));
-        let here = run.subdomains()[0].model().nodes().len();
+        let count = run.subdomains()[0].model().nodes().len();
         run.run(half, &mut Silent).unwrap();
-        (here, run.snapshot().unwrap())
+        (count, run.snapshot().unwrap())
     });
     let saved: Vec<_> = saved.into_iter().map(Result::unwrap).collect();
     assert_eq!(saved.iter().map(|s| s.0).sum::<usize>(), 216);
     assert_eq!(saved[0].0, 0, "the first rank has particles");
-    assert!(saved[0].1 == one, "snapshots differ");
+    assert!(saved[0].1 == single, "snapshots differ");
     same_on(&[2, 3], &"", &whole, |c| {
         let mut run = collapse_of(6, Some(c));
         run.restore(&saved[0].1).unwrap();
-        told_after(run, STEPS - half)
+        results_after(run, STEPS - half)
     });
 }
 

@@ -1,4 +1,4 @@
-//! What the tests of models in parts have in common.
+//! Helpers for tests of partitioned models.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(dead_code, reason = "not every target uses all of it")]
 
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 pub(crate) const WAIT: Duration = Duration::from_secs(20);
 
-/// From 1 to 0.2 along the body.
+/// Weight that falls from 1 to 0.2 along the body.
 #[derive(Debug)]
 pub(crate) struct Along;
 
@@ -25,7 +25,7 @@ impl Weight<f64> for Along {
     }
 }
 
-/// Six units, the last of them not full.
+/// Returns a bar of six units, the last of them not full.
 pub(crate) fn bar(finite: bool) -> DemModel {
     static BAR: LazyLock<Packing> = LazyLock::new(|| {
         PackingSpec::quench(Container::cylinder(6e-3, 1e-3).unwrap(), 1450, 3)
@@ -36,84 +36,85 @@ pub(crate) fn bar(finite: bool) -> DemModel {
     if finite { m.with_finite_rotations() } else { m }
 }
 
-/// The part of a body that a rank holds.
+/// Returns this rank's part of a body.
 pub(crate) fn part(model: DemModel, communicator: Arc<dyn Communicator>) -> DemModel {
     let ranks = communicator.ranks();
     let division = Division::bisect(model.nodes().len(), &model.units(), ranks).unwrap();
     model.share_out(&division, communicator).unwrap()
 }
 
-/// Number in the whole body.
+/// Returns the number of a particle in the whole body.
 pub(crate) fn global(model: &dyn Model<f64>, particle: usize) -> usize {
     model.portion().map_or(particle, |p| p.global(particle))
 }
 
-/// Something for every unknown, by its place in the whole body: displacements, then rotations.
+/// Returns a number for every unknown, by its place in the whole body: displacements, then rotations.
 pub(crate) fn unknowns(model: &dyn Model<f64>, size: [f64; 2]) -> Vec<f64> {
     let n = model.layout().nodes;
-    let of = |k: usize| {
+    let number = |k: usize| {
         let (sort, i, c) = (k / (3 * n), k / 3 % n, k % 3);
         let i = global(model, i);
         size[sort] * (1.7 * (6 * i + 3 * sort + c) as f64).sin()
     };
-    (0..6 * n).map(of).collect()
+    (0..6 * n).map(number).collect()
 }
 
-/// Bits of unknowns by particle of the whole body.
-pub(crate) fn bits(model: &dyn Model<f64>, all: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
+/// Returns the bits of unknowns with the number of their particle in the whole body.
+pub(crate) fn bits(model: &dyn Model<f64>, vectors: &[&[f64]]) -> Vec<(usize, Vec<u64>)> {
     let n = model.layout().nodes;
-    let of = |i: usize| {
+    let particle_bits = |i: usize| {
         let six = |x: &&[f64]| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
-        let bits = all.iter().flat_map(six).map(f64::to_bits);
+        let bits = vectors.iter().flat_map(six).map(f64::to_bits);
         (global(model, i), bits.collect())
     };
-    (0..n).map(of).collect()
+    (0..n).map(particle_bits).collect()
 }
 
-/// What ranks say together; sums must be the same on all.
-pub(crate) type Told = (Vec<(usize, Vec<u64>)>, Vec<f64>);
-pub(crate) fn together(parts: Vec<Result<Told, RankError>>) -> Told {
-    let mut all: Told = Default::default();
-    for (rank, told) in parts.into_iter().enumerate() {
-        let (unknowns, sums) = told.unwrap();
+/// Results of ranks: bits by node, and sums, which must be the same on all ranks.
+pub(crate) type Results = (Vec<(usize, Vec<u64>)>, Vec<f64>);
+pub(crate) fn together(parts: Vec<Result<Results, RankError>>) -> Results {
+    let mut joined: Results = Default::default();
+    for (rank, results) in parts.into_iter().enumerate() {
+        let (unknowns, sums) = results.unwrap();
         assert!(
-            rank == 0 || same(&sums, &all.1),
+            rank == 0 || same_bits(&sums, &joined.1),
             "rank {rank}: {sums:?} {:?}",
-            all.1
+            joined.1
         );
-        all.0.extend(unknowns);
-        all.1 = sums;
+        joined.0.extend(unknowns);
+        joined.1 = sums;
     }
-    all.0.sort();
-    all
+    joined.0.sort();
+    joined
 }
 
-/// What `of` tells on so many ranks, threads of this test, is what one rank told.
+/// Asserts that `work` gives the results of one rank on each of these numbers of ranks, as threads of this
+/// test.
 pub(crate) fn same_on(
     ranks: &[usize],
     what: &dyn std::fmt::Debug,
-    whole: &Told,
-    of: impl Fn(Arc<dyn Communicator>) -> Told + Sync,
+    whole: &Results,
+    work: impl Fn(Arc<dyn Communicator>) -> Results + Sync,
 ) {
     for &ranks in ranks {
-        let all = together(threads::run(ranks, 1, WAIT, &of));
+        let joined = together(threads::run(ranks, 1, WAIT, &work));
         assert!(
-            same(&all.1, &whole.1),
+            same_bits(&joined.1, &whole.1),
             "{ranks} ranks, {what:?}: {:?} {:?}",
-            all.1,
+            joined.1,
             whole.1
         );
-        assert!(all.0 == whole.0, "{ranks} ranks, {what:?}");
+        assert!(joined.0 == whole.0, "{ranks} ranks, {what:?}");
     }
 }
 
-/// What the first of so many ranks has.
-pub(crate) fn first<R: Send>(ranks: usize, of: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
-    let all = threads::run(ranks, 1, WAIT, of);
-    all.into_iter().next().unwrap().unwrap()
+/// Returns the result of the first of `ranks` ranks.
+pub(crate) fn first<R: Send>(ranks: usize, work: impl Fn(Arc<dyn Communicator>) -> R + Sync) -> R {
+    let results = threads::run(ranks, 1, WAIT, work);
+    results.into_iter().next().unwrap().unwrap()
 }
 
-/// A subdomain on several ranks, or on one alone.
+/// Partitions a subdomain, or leaves it whole without ranks.
 pub(crate) fn shared(side: Subdomain<f64>, ranks: Option<Arc<dyn Communicator>>) -> Subdomain<f64> {
     match ranks {
         Some(c) => side.shared(c),
@@ -121,11 +122,11 @@ pub(crate) fn shared(side: Subdomain<f64>, ranks: Option<Arc<dyn Communicator>>)
     }
 }
 
-pub(crate) fn same(a: &[f64], b: &[f64]) -> bool {
+pub(crate) fn same_bits(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// A transport that counts the bytes which this rank sends: in messages, and gives to reductions.
+/// Transport that counts the bytes that this rank sends in messages and passes to reductions.
 #[derive(Debug)]
 pub(crate) struct Counted {
     inner: Arc<dyn Communicator>,
@@ -138,7 +139,7 @@ impl Counted {
         Arc::new(Self { inner, bytes })
     }
 
-    /// Bytes since the last call.
+    /// Returns the bytes since the last call.
     pub(crate) fn take(&self) -> [f64; 2] {
         self.bytes.each_ref().map(|b| b.swap(0, Relaxed) as f64)
     }
