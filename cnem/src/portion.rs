@@ -1,9 +1,10 @@
-//! A body in parts on several ranks, its geometry whole on all of them.
+//! A body partitioned among ranks. Its geometry is complete on every rank.
 //!
-//! A rank has whole units of nodes in their order. It finds the stresses of all cells that its nodes gather
-//! from, those of nodes of other ranks as well: they cost less than a second round of messages.
-//! Displacements of the nodes that these cells name come from their ranks, once per evaluation. What is
-//! gathered is in the order of the whole body, so that forces have its bits.
+//! A rank owns whole units of nodes, in their order. It computes the stresses of all cells that its nodes
+//! gather from, also of cells that belong to nodes of other ranks: this costs less than a second round of
+//! messages. The displacements of ghosts (nodes that these cells name and other ranks own) are received once
+//! per evaluation. Sums run in the order of the whole body, so that forces have the same bits on any number
+//! of ranks.
 
 use crate::field::NaturalField;
 use crate::model::CnemModel;
@@ -14,36 +15,38 @@ use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// Entries of rows that take as long as moving a node.
+/// Cost of moving one node, as a number of row entries that take the same time.
 const MOVING: usize = 10;
 
-/// Cells per thread between two looks at messages that are on their way: fractions of a millisecond.
+/// Cells per thread between two checks for arrived messages: fractions of a millisecond of work.
 const PIECE: usize = 1_024;
 
-/// What a rank holds of a body.
+/// This rank's part of a partitioned body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part {
-    /// Own nodes \[m\].
+    /// Reference positions of the owned nodes \[m\].
     pub(crate) nodes: Vec<Point3<f64>>,
     pub(crate) field: Arc<PartField>,
-    /// Cells that own nodes gather from, and own ones, ascending.
+    /// Cells that the owned nodes gather from, and the owned nodes' cells, ascending.
     pub(crate) cells: Vec<u32>,
-    /// Numbers in the whole body of the nodes whose displacements the forces name, ascending.
+    /// Global numbers of the nodes whose displacements the force evaluation reads, ascending.
     pub(crate) named: Vec<u32>,
-    /// Those of own nodes.
+    /// Global numbers of the owned nodes, ascending.
     pub(crate) own: Vec<u32>,
-    /// Weights \[–\] of all cells of the body.
+    /// Weights \[–\] of all cells of the whole body.
     pub(crate) alpha: Vec<f64>,
-    /// Among the named ones.
+    /// Where owned nodes and ghosts stand in `named`.
     reach: Reach,
-    /// Of recovered stresses among all nodes, once they are asked for.
+    /// Where owned nodes and ghosts stand among all nodes of the body, for the recovery of stresses; built
+    /// when first needed.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
-    /// Displacements of the named nodes.
+    /// Displacements \[m\] of the nodes `named`, as last received.
     x: Vec<f64>,
 }
 
-/// The field of a body where all nodes that it names are here.
+/// The field of a partitioned body, with local node numbers. Points whose shape functions name a node that
+/// this rank does not own count as outside.
 #[derive(Debug)]
 pub(crate) struct PartField {
     whole: Arc<NaturalField>,
@@ -77,8 +80,8 @@ impl Part {
         self.reach.halo().portion()
     }
 
-    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others
-    /// are found while displacements of these are on their way.
+    /// Subtracts the internal forces at displacements `q` of the owned nodes from `f`. While ghost
+    /// displacements are on their way, the stresses of cells that name owned nodes only are computed.
     pub(crate) fn subtract_product(
         &mut self,
         forces: &mut MatrixFree,
@@ -96,12 +99,12 @@ impl Part {
         Ok(())
     }
 
-    /// What was heard last.
+    /// Displacements of the nodes `named` from the last force evaluation.
     pub(crate) fn heard(&self) -> &[f64] {
         &self.x
     }
 
-    /// As [`Self::hear`], kept apart.
+    /// Returns the displacements of the nodes `named` for `q`, in a new vector. Collective.
     pub(crate) fn heard_at(&self, q: &[f64]) -> Result<Vec<f64>> {
         let mut x = vec![0.0; self.x.len()];
         self.reach
@@ -109,8 +112,8 @@ impl Part {
         Ok(x)
     }
 
-    /// Displacements of the whole body's nodes, those that own patches name, and the numbers there of some
-    /// own `nodes`.
+    /// Returns a displacement vector of the whole body, filled at the nodes that the owned nodes' recovery
+    /// patches name, and the global numbers of the local `nodes`. Collective.
     pub(crate) fn heard_around(
         &self,
         model: &CnemModel,
@@ -125,7 +128,7 @@ impl Part {
     }
 }
 
-/// Links between nodes and those that the cells of their patches name.
+/// Builds the halo of the stress recovery: links each node to the nodes that the cells of its patch name.
 fn patched(model: &CnemModel, portion: &Arc<Portion>) -> Halo {
     let patches = model.patches();
     let mut links = Vec::new();
@@ -142,7 +145,7 @@ fn patched(model: &CnemModel, portion: &Arc<Portion>) -> Halo {
     Halo::of_links(portion.clone(), links.into_iter())
 }
 
-/// Nodes whose displacements a rank needs, ascending, and its own linked with those of others.
+/// Nodes whose displacements a rank reads, ascending, and the links from its owned nodes to ghosts.
 struct Named {
     nodes: Vec<u32>,
     links: Vec<[u32; 2]>,
@@ -169,22 +172,23 @@ impl Named {
 }
 
 impl CnemModel {
-    /// The units of the body: middle \[m\], and entries of the rows that the forces are gathered from, the
-    /// motion of nodes included.
+    /// Returns the units into which the body can be partitioned: middle \[m\], and work counted in row
+    /// entries of the force evaluation, plus the motion of the nodes.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let entries = |i: usize| self.forces.entries(i) + MOVING;
         Unit::all(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
-    /// other side. None for a whole body.
+    /// Returns the halo of this rank: ghosts to receive, owned nodes to send, and the ranks to exchange with.
+    /// `None` for a body that is not partitioned.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Reduces this model to the part of the rank of `communicator`. The body is bisected by the work of its
+    /// units.
     pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
         let name = self.name().to_owned();
         if self.part.is_some() {
@@ -206,6 +210,7 @@ impl CnemModel {
             portion: portion.clone(),
             nodes: nodes.clone(),
         });
+        // Kept for the assembled stiffness, which stays that of the whole body.
         let alpha = self.forces.weights().to_vec();
         self.forces = self.forces.part(&own, &cells, &named);
         let reach = Reach::new(halo, |k| named.partition_point(|n| *n < k) as u32);
@@ -224,7 +229,7 @@ impl CnemModel {
         Ok(Shared { portion, field })
     }
 
-    /// A number that tells bodies apart.
+    /// Hash of cells, material and weights: equal on ranks that hold the same body.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());

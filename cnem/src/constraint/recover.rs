@@ -8,7 +8,8 @@ use crate::domain::{ON_BOUNDARY, largest_coordinate};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 
-/// Makes every constrained face a face of the complex; returns the faces and what was done.
+/// Makes every constrained face a face of the complex. Returns the faces and a record of the steps taken. At
+/// most `limit` points are inserted.
 pub(crate) fn recover(
     delaunay: &mut Delaunay,
     surface: &Surface,
@@ -24,6 +25,7 @@ pub(crate) fn recover(
     if work.missing_faces().is_empty() {
         return Ok((work.mesh, work.done));
     }
+    // Checked only if a face is missing: crossing faces cannot all be faces of the complex.
     surface.check_intersections(&work.delaunay.points)?;
     work.swap_diagonals();
     work.split_at_nodes();
@@ -69,7 +71,8 @@ impl Work<'_> {
             .collect()
     }
 
-    /// Constrained edges that are not in the complex, sorted (so results do not depend on hashing).
+    /// Returns the edges of `faces` that are not in the complex, sorted (so that results do not depend on
+    /// hashing).
     fn missing_edges(&mut self, faces: &[u32]) -> Vec<(u32, u32)> {
         let mut edges: Vec<_> = faces
             .iter()
@@ -84,9 +87,9 @@ impl Work<'_> {
         edges
     }
 
-    /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction
-    /// of the sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if
-    /// it has one.
+    /// Swaps diagonals (Lawson) in the flat patches around missing faces. The perturbed circle test is the
+    /// restriction of the sphere test to the plane, so a flat patch ends in the triangulation that the
+    /// complex has on it, if there is one.
     fn swap_diagonals(&mut self) {
         let missing = self.missing_faces();
         self.done.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
@@ -95,6 +98,7 @@ impl Work<'_> {
             let v = self.mesh.faces[f as usize].v;
             queue.extend([key(v[0], v[1]), key(v[1], v[2]), key(v[2], v[0])]);
         }
+        // Bounded: on patches that are flat up to round-off only, swaps need not come to an end.
         let mut allowed = 100 * (queue.len() + 10);
         while let Some(edge) = queue.pop() {
             let Some(pair) = self.mesh.flat_pair(&self.delaunay.points, edge) else {
@@ -120,9 +124,9 @@ impl Work<'_> {
         }
     }
 
-    /// Splits missing faces and edges at given nodes that lie on them, and faces that are there only because
-    /// the round-off of coordinates has put nodes of their plane behind them: a flat patch can take over the
-    /// triangles of the complex only if it has all its nodes.
+    /// Splits missing faces and edges at given nodes that lie on them. Also splits faces that are in the
+    /// complex only because round-off of the coordinates puts nodes of their plane behind them: a flat patch
+    /// can adopt the triangles of the complex only if it has all nodes of that plane.
     fn split_at_nodes(&mut self) {
         let round_off = ON_BOUNDARY * largest_coordinate(&self.delaunay.points);
         let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
@@ -148,7 +152,7 @@ impl Work<'_> {
                 .iter()
                 .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
             let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
-            // The node nearest to the middle keeps the pieces well shaped.
+            // The node nearest to the middle gives well-shaped pieces.
             let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
             let off = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
             let best = hit
@@ -170,7 +174,7 @@ impl Work<'_> {
         }
     }
 
-    /// Inserts points on missing edges that no swap can bring back. False if there is none.
+    /// Inserts points on missing edges that no swap can recover. Returns false if there are no such edges.
     fn insert_on_edges(&mut self) -> Result<bool> {
         let faces = self.missing_faces();
         let mut any = false;
@@ -186,8 +190,9 @@ impl Work<'_> {
         Ok(any)
     }
 
-    /// Splits at the middle, or, next to one given node, at a power of two from it, so that edges that meet
-    /// there at a small angle are cut at equal distances and stop encroaching on each other.
+    /// Splits an edge at its middle. Next to one given node the edge is split at a distance that is a power
+    /// of two: edges that meet there at a small angle are then cut at equal distances and stop encroaching on
+    /// each other.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
         let first_new = self.done.inserted.first().map_or(usize::MAX, |i| i.node);
@@ -212,8 +217,9 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Divides the tetrahedra that missing faces cut. Points can be inserted in a Delaunay complex only:
-    /// unless all faces are recovered, the complex stays as it is, and those that are not are returned.
+    /// Divides the tetrahedra that missing faces cut. Later points can only be inserted in a Delaunay
+    /// complex: unless all faces are recovered, the complex is restored, and the faces that could not be
+    /// recovered are returned.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
         let whole = self.delaunay.clone();
@@ -230,8 +236,8 @@ impl Work<'_> {
         left
     }
 
-    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else the
-    /// middle of the longest edge.
+    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else a point on
+    /// the longest edge.
     fn insert_on_faces(&mut self, faces: &[u32]) -> Result<()> {
         for &f in faces {
             let face = self.mesh.faces[f as usize];
@@ -243,10 +249,11 @@ impl Work<'_> {
             let longest = (0..3)
                 .max_by(|&i, &j| square(i).total_cmp(&square(j)))
                 .unwrap_or(0);
-            // Barycentric coordinates of the circumcentre.
+            // Barycentric coordinates of the circumcentre, times a common factor.
             let l = [square(1), square(2), square(0)];
             let w = [0, 1, 2].map(|k: usize| l[k] * (l[(k + 1) % 3] + l[(k + 2) % 3] - l[k]));
             let sum = w[0] + w[1] + w[2];
+            // Closer to an edge than this the three pieces would be slivers.
             if w.iter().all(|x| *x > 0.1 * sum) {
                 let centre = (p[0].coords * w[0] + p[1].coords * w[1] + p[2].coords * w[2]) / sum;
                 let m = self.insert(centre.into(), face.origin, face.v[0])?;
@@ -299,7 +306,8 @@ enum Place {
     Edge(usize),
 }
 
-/// Whether a point lies on a face within a distance, away from its corners.
+/// Returns where a point lies on a face (its interior or edge `k`), within a distance; `None` off the face or
+/// at a corner.
 fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, tolerance: f64) -> Option<Place> {
     let [a, b, c] = corners;
     let n = (b - a).cross(&(c - a));

@@ -1,4 +1,4 @@
-//! Shape functions against clipping: an independent route that uses neither the cavity nor circumcentres.
+//! Compares shape functions with clipping: an independent method without cavities or circumcentres.
 
 use super::*;
 use crate::clip::Polyhedron;
@@ -39,7 +39,7 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Values by clipping with the bisectors of `nodes` only.
+/// Returns the values by clipping with the bisectors of `nodes` only.
 fn by_clipping(kind: Interpolant, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
     let rel: Vec<_> = nodes.iter().map(|p| p - x).collect();
     let mut order: Vec<usize> = (0..rel.len()).collect();
@@ -72,7 +72,7 @@ fn by_clipping(kind: Interpolant, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec
     values.iter().map(|v| v / total).collect()
 }
 
-/// Unity, linear precision, sign; returns the largest defect.
+/// Checks partition of unity, linear precision and sign; returns the largest defect.
 pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64 {
     let mut sum = -1.0;
     let mut moment: Vector3<f64> = Vector3::zeros();
@@ -95,7 +95,7 @@ fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64
     sum.amax().max(moment.amax())
 }
 
-/// Largest difference to clipping with all nodes (convex domains).
+/// Returns the largest difference to clipping with all nodes (convex domains).
 fn difference(domain: &Domain, kind: Interpolant, x: &Point3<f64>, s: &mut Scratch) -> f64 {
     let row = domain.shape(kind, x, s).expect("inside").clone();
     assert!(defect(domain, x, &row) < 1e-12, "{:?}", defect(domain, x, &row));
@@ -261,7 +261,7 @@ fn close_to_the_boundary_unity_and_linear_precision_hold() {
     }
 }
 
-/// Cubes `[0, n]^3` of a grid kept by `keep`, as elements on grid nodes; only nodes in use.
+/// Builds the cubes of a grid in `[0, n]^3` that `keep` selects, as elements on the grid nodes in use.
 pub(crate) fn blocks(
     n: usize,
     jitter: f64,
@@ -388,8 +388,8 @@ fn crack_is_not_seen_through() {
     }
 }
 
-/// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep`
-/// selects.
+/// Returns the largest difference between the constrained functions at `x` and clipping with the nodes that
+/// `keep` selects.
 fn against_part(
     domain: &Domain,
     kind: Interpolant,
@@ -413,8 +413,8 @@ fn against_part(
     dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()))
 }
 
-/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: the
-/// nodes of the other leg, closer through the notch, are not seen.
+/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: nodes
+/// of the other leg, closer through the notch, are hidden.
 #[test]
 fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
     for jitter in [0.0, 0.3] {
@@ -433,7 +433,7 @@ fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
     }
 }
 
-/// A crack through the whole section: each side is a body of its own.
+/// A crack through the whole section makes each side a body of its own.
 #[test]
 fn a_full_crack_separates() {
     for jitter in [0.0, 1e-13, 0.3] {

@@ -1,4 +1,4 @@
-//! The cell of one node: read off the circumcentres, or clipped tetrahedron by tetrahedron.
+//! Voronoi cell of one node: read off the circumcentres, or clipped tetrahedron by tetrahedron.
 
 use super::gaps::Regions;
 use super::{Facet, Side};
@@ -8,35 +8,40 @@ use crate::domain::Domain;
 use crate::tet::{INF, NONE};
 use nalgebra::{Point3, Vector3};
 
-/// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
+/// Area of a facet, relative to the largest facet of the cell, below which it is round-off and left out.
 const TINY_FACET: f64 = 1e-13;
 
-/// Distance from the middle plane of two nodes, relative to their distance, at which a corner lies on it.
+/// Distance from the bisector of two nodes, relative to their distance, up to which a corner lies on the
+/// bisector. A facet may coincide with a tetrahedron face, always where nodes are cospherical; round-off must
+/// not decide which side owns this face.
 const SNAP: f64 = 1e-12;
 
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
 const KIND: u64 = 3 << 40;
-/// Marks the side of a constrained face its normal points to: a cell at a crack may have facets on both.
+/// Marks the side of a constrained face that its normal points to: a cell at a crack may have facets on both
+/// sides.
 const LIP: u64 = 1 << 39;
 
-/// Sum over the pieces of one facet: area vector, and centroid times area, relative to the node.
+/// Sums over the parts of one facet: area vector, and centroid times area, relative to the node.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     tag: u64,
-    /// Zero, or the face of two tetrahedra that this part of the border with another copy of the node lies
-    /// on: several of them are not plane, and only a plane facet integrates linear fields with one point.
+    /// Zero, or the face between two tetrahedra that this part lies on, for the border with another copy of
+    /// the node. Several such faces are not plane, and only a plane facet integrates linear fields with one
+    /// point.
     face: u64,
     area: Vector3<f64>,
     moment: Vector3<f64>,
     weight: f64,
-    /// Tetrahedron with the largest part, and that part.
+    /// Tetrahedron that holds the largest part.
     tet: u32,
+    /// Area of the largest part \[m²\].
     largest: f64,
 }
 
-/// Working memory and result of one cell.
+/// Working buffers and result of one cell.
 #[derive(Debug, Default)]
 pub(super) struct Work {
     star: Vec<u32>,
@@ -46,15 +51,15 @@ pub(super) struct Work {
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
     piece: Polyhedron,
-    /// Volume in every tetrahedron, if the cell was clipped.
+    /// Volume in every tetrahedron \[m³\], if the cell was clipped.
     pub(super) parts: Vec<(u32, f64)>,
-    /// Tetrahedra that the cell borders on, where another copy of the node rules.
+    /// Tetrahedra that border on the cell and belong to another copy of the node.
     pub(super) beside: Vec<u32>,
-    /// The convex parts themselves, relative to the node, if asked for.
+    /// The convex pieces relative to the node, if they are to be kept.
     pub(super) keep: Option<Vec<Polyhedron>>,
     pub(super) volume: f64,
     pub(super) facets: Vec<Facet>,
-    /// A tetrahedron in which most of each facet lies, `NONE` where no wall is near.
+    /// For each facet the tetrahedron that holds its largest part; `NONE` where no constrained face is near.
     pub(super) tets: Vec<u32>,
     reached: Vec<u32>,
 }
@@ -70,7 +75,7 @@ impl Work {
         domain.delaunay.star(node, &mut self.star);
     }
 
-    /// The cell, by the quicker way where no constrained face is near.
+    /// Computes the cell, by the quicker way where no constrained face is near.
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
@@ -84,7 +89,8 @@ impl Work {
             .map(|&t| domain.centre[t as usize].norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
-        // Spheres of a constrained complex are empty only where no wall reaches into them.
+        // After faces were recovered by division, spheres are empty of visible nodes only, and circumcentres
+        // are valid only where no constrained face reaches into the spheres: the search radius is doubled.
         let reach = if domain.delaunay.before.is_some() {
             2.0 * reach
         } else {
@@ -98,7 +104,7 @@ impl Work {
         self.finish(seed);
     }
 
-    /// The cell by clipping, with its share of the regions that were handed over.
+    /// Computes the cell by clipping, with its share of the `regions` that are divided again.
     pub(super) fn clipped(&mut self, domain: &Domain, regions: &Regions, node: u32) {
         self.start(domain, node);
         self.by_clipping(domain, regions, node);
@@ -138,8 +144,8 @@ impl Work {
         }
     }
 
-    /// Lists the neighbours in the Delaunay complex, hidden ones too: the cell ends where another node is
-    /// closer, whether it can be seen or not, so that cells never overlap.
+    /// Lists the neighbours in the Delaunay complex, hidden ones included: the cell ends where another node
+    /// is closer, visible or not, so that cells never overlap.
     fn list_near(&mut self, domain: &Domain, node: u32) {
         let original = domain.copies.original(node);
         if let Some(neighbours) = domain.delaunay.before.as_ref() {
@@ -165,7 +171,7 @@ impl Work {
         }
     }
 
-    /// Lists a neighbour once, whatever its copies.
+    /// Adds a neighbour to the list, once for all of its copies.
     fn add_near(&mut self, domain: &Domain, node: u32, v: u32) {
         let v = domain.copies.original(v);
         if v != domain.copies.original(node) && !self.near.iter().any(|n| n.1 == v) {
@@ -175,7 +181,8 @@ impl Work {
         }
     }
 
-    /// Every face at the node has a dual segment, which bounds the facets of its two other vertices.
+    /// Sums the facets from circumcentres. Each tetrahedron face at the node has a dual segment, which bounds
+    /// the facets towards the two other vertices of the face.
     fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         let centre = |t: u32| {
@@ -190,6 +197,7 @@ impl Work {
                 let Some(at) = face.iter().position(|&v| v == node) else {
                     continue;
                 };
+                // Each face belongs to two tetrahedra; the one with the smaller index counts it.
                 if tet > n >> 2 {
                     continue;
                 }
@@ -250,8 +258,8 @@ impl Work {
         }
     }
 
-    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron where another copy of the
-    /// node rules is a facet between the two.
+    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron of another copy of the node
+    /// becomes a facet between the two copies.
     fn take_piece(&mut self, domain: &Domain, tet: u32, node: u32) {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {
@@ -294,7 +302,7 @@ impl Work {
         self.piece = piece;
     }
 
-    /// The part of one tetrahedron that is closest to the node.
+    /// Clips one tetrahedron to the part that is closest to the node.
     fn clip_one(&mut self, domain: &Domain, tet: u32, seed: &Point3<f64>) {
         let t = &domain.delaunay.tets[tet as usize];
         let walls = domain.walls[tet as usize];
@@ -311,6 +319,8 @@ impl Work {
             .set_tetrahedron(domain.delaunay.corners(t).map(|p| p - seed), tags);
         let mut reach = self.piece.reach();
         for (square, v, r) in &self.near {
+            // Neighbours are sorted by distance. Beyond twice the farthest corner no bisector meets the
+            // piece.
             if *square > 4.0 * reach {
                 break;
             }
@@ -349,7 +359,7 @@ impl Work {
     }
 }
 
-/// True if an area vector points along the normal of a constrained face.
+/// Returns whether an area vector points along the normal of a constrained face.
 fn along(domain: &Domain, face: u64, area: &Vector3<f64>) -> bool {
     let v = domain.mesh.faces[face as usize].v;
     let [a, b, c] = v.map(|v| &domain.delaunay.points[v as usize]);

@@ -1,4 +1,4 @@
-//! Parts of the domain whose closest node is behind a constrained face, and who gets them.
+//! Parts of the domain whose closest node is behind a constrained face, and the nodes that receive them.
 
 use super::cell::Work;
 use crate::delaunay::volume;
@@ -6,16 +6,16 @@ use crate::domain::Domain;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before it is divided anew;
-/// dividing without need is harmless.
+/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before the tetrahedron is divided
+/// again; dividing without need is harmless.
 const UNCOVERED: f64 = 1e-10;
 
-/// What was handed over to other nodes because its closest node is behind a constrained face.
+/// Volume that was reassigned because its closest node is behind a constrained face.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Gaps {
-    /// Tetrahedra divided anew.
+    /// Tetrahedra that were divided again.
     pub tetrahedra: usize,
-    /// Connected regions they form.
+    /// Connected regions that these tetrahedra form.
     pub regions: usize,
     /// Volume whose closest node is hidden \[m³\].
     pub volume: f64,
@@ -28,11 +28,11 @@ pub(crate) struct Region {
     pub(crate) nodes: Vec<u32>,
 }
 
-/// Where one cell is before anything is handed over.
+/// Extent of one cell before any volume is reassigned.
 struct Reached {
-    /// Its volume in every tetrahedron \[m³\].
+    /// Volume of the cell in every tetrahedron \[m³\].
     parts: Vec<(u32, f64)>,
-    /// Tetrahedra it borders on, where another copy of its node rules.
+    /// Tetrahedra that border on the cell and belong to another copy of its node.
     beside: Vec<u32>,
 }
 
@@ -55,7 +55,7 @@ impl Regions {
         list.iter().map(|&r| &self.regions[r as usize])
     }
 
-    /// Clips all cells and looks for tetrahedra that are not filled.
+    /// Clips all cells and finds the tetrahedra that they do not fill exactly once.
     pub(super) fn find(domain: &Domain) -> Self {
         let reached: Vec<Reached> = (0..domain.nodes().len() as u32)
             .into_par_iter()
@@ -89,8 +89,9 @@ impl Regions {
         out
     }
 
-    /// Joins tetrahedra over free faces.
+    /// Joins the tetrahedra into regions over free faces.
     fn connect(&mut self, domain: &Domain) {
+        // Sorted, so that the numbers of the regions do not depend on hashing.
         let mut all: Vec<u32> = self.of_tet.keys().copied().collect();
         all.sort_unstable();
         for start in all {
@@ -127,9 +128,9 @@ impl Regions {
         }
     }
 
-    /// Nodes whose cells reach a region or border on it, and the corners of its tetrahedra. Without those
-    /// that border on it the region's side of that border would go to others, and the facets there would not
-    /// match.
+    /// Gives each region its nodes: those whose cells reach the region or border on it, and the corners of
+    /// its tetrahedra. Nodes of bordering cells are needed: without them the strip inside the region that is
+    /// closest to them would go to other nodes, and the facets on the border would not match.
     fn share(&mut self, domain: &Domain, reached: &[Reached]) {
         for (node, reached) in reached.iter().enumerate() {
             let tets = reached
@@ -147,7 +148,7 @@ impl Regions {
             for &t in &region.tets {
                 region.nodes.extend(domain.delaunay.tets[t as usize].v);
             }
-            // Which copy of a node gets its part is a matter of the tetrahedron.
+            // The tetrahedron decides later which copy of a node gets the volume.
             for i in 0..region.nodes.len() {
                 let original = domain.copies.original(region.nodes[i]);
                 region.nodes.extend(domain.copies.of(original));

@@ -83,7 +83,7 @@ fn cells_fill_a_cracked_cube() {
     assert!(lips(at(1, 1)) > 0 && lips(at(3, 2)) == 0);
 }
 
-/// The part of the domain closest to a node behind the crack goes to nodes on its own side.
+/// Volume that is closest to a node behind the crack goes to nodes on its own side.
 #[test]
 fn a_node_close_to_a_coarse_crack() {
     let mut points = grid(3, 0.0, 0);
@@ -131,11 +131,11 @@ fn cells_fill_the_surroundings_of_a_coarse_hole() {
         let domain = Domain::new(&points, &surface).expect("cube with a hole");
         handed_over += usize::from(assert_closed(&domain).gaps().tetrahedra > 0);
     }
-    // Of these sets 6 had gaps while points were inserted on the faces of the hole.
+    // 6 of these sets had gaps when points were inserted on the faces of the hole.
     assert_eq!(handed_over, 0);
 }
 
-/// The bodies that weights are integrated over have the volume and the place of the cells.
+/// The bodies over which weights are integrated have the volume of the cells.
 #[test]
 fn bodies_make_up_the_cells() {
     use arlequin_core::geometry::Cell;
@@ -158,7 +158,7 @@ fn bodies_make_up_the_cells() {
     }
 }
 
-/// Cells whose facets do not close are refused by the node they belong to.
+/// Cells whose facets do not close are refused with the index of their node.
 #[test]
 fn open_cells_are_named() {
     let domain = Domain::new(&grid(4, 0.2, 1), &Surface::convex_hull()).expect("grid");
