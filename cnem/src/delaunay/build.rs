@@ -1,4 +1,4 @@
-//! Construction from a set of points.
+//! Construction of the complex from a set of points.
 
 use super::Delaunay;
 use super::insert::Inserted;
@@ -9,7 +9,7 @@ use crate::tet::{INF, NONE, Tet};
 use nalgebra::Point3;
 use std::cmp::Ordering;
 
-/// Tetrahedra are numbered with 30 bits, and there may be about eight per node.
+/// Tetrahedra are numbered with 30 bits (two bits are for the slot), and there may be about eight per node.
 const MAX_NODES: usize = 100_000_000;
 
 pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
@@ -52,7 +52,7 @@ fn check(points: &[Point3<f64>]) -> Result<()> {
     }
 }
 
-/// Four affinely independent points, positively oriented.
+/// Returns four affinely independent points, positively oriented.
 fn first_simplex(points: &[Point3<f64>]) -> Result<[u32; 4]> {
     let nodes = points.len();
     let a = points.first().ok_or(Error::TooFewNodes { found: 0 })?;
@@ -68,7 +68,7 @@ fn first_simplex(points: &[Point3<f64>]) -> Result<[u32; 4]> {
     Ok(if positive { [0, b, c, d] } else { [0, c, b, d] })
 }
 
-/// The given error, or `TooFewNodes` if fewer than four points are distinct.
+/// Returns the given error, or `TooFewNodes` if fewer than four points are distinct.
 fn few_or(points: &[Point3<f64>], error: Error) -> Error {
     let mut distinct: Vec<Point3<f64>> = Vec::with_capacity(4);
     for p in points {
@@ -85,7 +85,7 @@ fn few_or(points: &[Point3<f64>], error: Error) -> Error {
 }
 
 impl Delaunay {
-    /// One finite tetrahedron and its four ghosts.
+    /// Creates one finite tetrahedron and its four ghosts.
     fn start(&mut self, v: [u32; 4]) {
         let mut tets = vec![Tet { v, n: [NONE; 4] }];
         for slot in 0..4 {
@@ -111,7 +111,7 @@ impl Delaunay {
         self.work.grow_marks(self.tets.len());
     }
 
-    /// Back to the caller's numbering; drops unused slots.
+    /// Returns to the caller's numbering; drops unused slots.
     fn finish(&mut self, points: &[Point3<f64>]) {
         self.compact();
         let order = std::mem::take(&mut self.rank);

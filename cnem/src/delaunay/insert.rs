@@ -1,14 +1,14 @@
-//! Insertion of one point: cavity, star, gluing.
+//! Insertion of one point: find the cavity, build the star, join its tetrahedra.
 
 use super::Delaunay;
 use crate::tet::{EdgeTable, FACES, INF, NONE, Tet};
 use nalgebra::Point3;
 
-/// Buffers of the insertion, kept between points.
+/// Working buffers of the insertion, kept between points.
 #[derive(Debug, Clone)]
 pub(super) struct Work {
     table: EdgeTable,
-    /// Per tetrahedron `2 * stamp + in_cavity` of its last visit.
+    /// For each tetrahedron `2 * stamp + in_cavity` of its last visit.
     mark: Vec<u32>,
     stamp: u32,
     cavity: Vec<u32>,
@@ -17,19 +17,19 @@ pub(super) struct Work {
     created: Vec<u32>,
 }
 
-/// A face of the cavity seen from inside, and the tetrahedron behind it.
+/// Face of the cavity seen from inside, and the tetrahedron behind it.
 #[derive(Debug, Clone, Copy)]
 struct Border {
     face: [u32; 3],
     behind: u32,
 }
 
-/// Outcome of an insertion.
+/// Result of an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Inserted {
-    /// One of the new tetrahedra.
+    /// Index of one of the new tetrahedra.
     At(u32),
-    /// The vertex that is already there.
+    /// Index of the vertex that is already at this position.
     Duplicate(u32),
 }
 
@@ -53,7 +53,7 @@ impl Work {
         }
     }
 
-    /// Forgets everything that belongs to one numbering of the tetrahedra.
+    /// Clears the buffers that depend on the numbering of the tetrahedra.
     fn reset(&mut self) {
         self.mark.clear();
         self.stamp = 0;
@@ -71,7 +71,8 @@ impl Work {
 }
 
 impl Delaunay {
-    /// Adds a point with the highest rank; returns its index, or that of the vertex already there.
+    /// Adds a point with the highest rank. Returns its index, or the index of the vertex already at this
+    /// position.
     pub(crate) fn insert(&mut self, p: Point3<f64>, hint: u32) -> (u32, Inserted) {
         let v = self.points.len() as u32;
         self.points.push(p);
@@ -114,6 +115,7 @@ impl Delaunay {
     fn find_cavity(&mut self, start: u32, q: &Point3<f64>, rank: u64) {
         let mut work = std::mem::replace(&mut self.work, Work::new(EdgeTable::default()));
         let stamp = work.next_stamp();
+        // Marks of earlier points are smaller than `out`: they need not be cleared.
         let (out, inside) = (2 * stamp, 2 * stamp + 1);
         work.cavity.clear();
         work.border.clear();
@@ -202,13 +204,13 @@ impl Delaunay {
         Inserted::At(last)
     }
 
-    /// Leaves tetrahedra that nothing refers to any more to later insertions.
+    /// Frees tetrahedra that nothing refers to any more, for later insertions.
     pub(super) fn release(&mut self, tets: &[u32]) {
         self.work.free.extend(tets);
         self.work.grow_marks(self.tets.len());
     }
 
-    /// Removes the free slots left over by insertions.
+    /// Removes the free slots that insertions have left.
     pub(super) fn compact(&mut self) {
         let free = std::mem::take(&mut self.work.free);
         if !free.is_empty() {
@@ -231,7 +233,8 @@ impl Delaunay {
     }
 }
 
-/// Even permutation that brings infinity to slot 3; also the slot where the vertex of slot 3 went.
+/// Moves infinity to slot 3 by an even permutation, which keeps the orientation. Also returns the slot to
+/// which the vertex of slot 3 went.
 fn with_infinity_last(mut v: [u32; 4]) -> ([u32; 4], usize) {
     match v[..3].iter().position(|&w| w == INF) {
         None => (v, 3),
