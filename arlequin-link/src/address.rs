@@ -1,4 +1,4 @@
-//! Where two processes meet, and the streams between them.
+//! Addresses at which two processes meet, and the streams between them.
 
 use crate::error::{Error, Result};
 use std::io::{Read, Write};
@@ -8,18 +8,18 @@ use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Environment variable in which a command that a run starts finds the address.
+/// Environment variable that passes the address to a command that a run starts.
 pub const VARIABLE: &str = "ARLEQUIN_LINK";
 
 /// An address: `unix:PATH`, `tcp:127.0.0.1:PORT`, or `tcp-open:IP:PORT`.
 ///
-/// `tcp` takes addresses of this machine alone. The protocol has no password and no cipher: whoever wants
-/// it on a network that is closed to strangers says so with `tcp-open`.
+/// `tcp` accepts addresses of this machine only. The protocol has no password and no encryption; `tcp-open`
+/// allows it on a network that is closed to strangers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
-    /// A socket in the file system: who may open the file may speak.
+    /// A socket in the file system: whoever may open the file may connect.
     Unix(PathBuf),
-    /// A port.
+    /// An IP address and a port.
     Tcp(SocketAddr),
 }
 
@@ -69,7 +69,7 @@ impl std::fmt::Display for Address {
     }
 }
 
-/// What a process that a run started is told, if it was.
+/// Returns the address in [`VARIABLE`], which a run sets for the command it starts.
 pub fn given() -> Option<String> {
     std::env::var(VARIABLE).ok()
 }
@@ -82,7 +82,7 @@ fn system(what: &str, address: &Address) -> impl Fn(std::io::Error) -> Error {
     }
 }
 
-/// A stream of either kind.
+/// A stream over either kind of socket.
 #[derive(Debug)]
 pub(crate) enum Stream {
     #[cfg(unix)]
@@ -91,7 +91,7 @@ pub(crate) enum Stream {
 }
 
 impl Stream {
-    /// Connects to a run that waits.
+    /// Connects to a waiting run.
     pub(crate) fn connect(address: &Address) -> Result<Self> {
         let failed = system("connecting to", address);
         match address {
@@ -106,7 +106,7 @@ impl Stream {
         }
     }
 
-    /// How long a read may take from now on.
+    /// Limits the time of the next reads.
     pub(crate) fn read_within(&self, limit: Duration) -> std::io::Result<()> {
         match self {
             #[cfg(unix)]
@@ -115,7 +115,7 @@ impl Stream {
         }
     }
 
-    /// How long a write may take from now on.
+    /// Limits the time of the next writes.
     pub(crate) fn write_within(&self, limit: Duration) -> std::io::Result<()> {
         match self {
             #[cfg(unix)]
@@ -148,7 +148,7 @@ impl Write for Stream {
     }
 }
 
-/// Listens at a path, also where the socket of a run lies that was killed: nobody listens at it any more.
+/// Listens at a path. A socket that a killed run has left there, and at which nobody listens, is replaced.
 #[cfg(unix)]
 fn bind(path: &Path) -> std::io::Result<UnixListener> {
     use std::io::ErrorKind::{AddrInUse, ConnectionRefused};
@@ -158,7 +158,8 @@ fn bind(path: &Path) -> std::io::Result<UnixListener> {
         other => return other,
     };
     let is_socket = std::fs::symlink_metadata(path).is_ok_and(|m| m.file_type().is_socket());
-    // Of another type than what listens there, which so does not hear of it.
+    // A datagram socket is of another type than the listener: its attempt to connect shows whether somebody
+    // listens, and the listener never sees it.
     match UnixDatagram::unbound()?.connect(path) {
         Err(e) if is_socket && e.kind() == ConnectionRefused => {
             std::fs::remove_file(path)?;
@@ -175,24 +176,26 @@ enum Door {
     Tcp(TcpListener),
 }
 
-/// An address at which a run waits for the other side. What it left in the file system goes with it.
+/// An address at which a run waits for the other side. Its socket file and private folder are removed with
+/// it.
 #[derive(Debug)]
 pub struct Listener {
     door: Door,
     address: Address,
-    /// File, and folder of its own, to be removed.
+    /// Socket file to remove.
     left: Option<PathBuf>,
+    /// Private folder to remove.
     folder: Option<PathBuf>,
 }
 
-/// Pause between two looks at the door.
+/// Pause between two checks for a connection.
 const GLANCE: Duration = Duration::from_millis(1);
 
 impl Listener {
-    /// Waits at an address.
+    /// Starts listening at an address.
     ///
     /// # Errors
-    /// [`Error::System`], such as an address that is in use.
+    /// [`Error::System`], for example if the address is in use.
     pub fn at(address: &Address) -> Result<Self> {
         let failed = system("waiting at", address);
         let mut left = None;
@@ -223,8 +226,8 @@ impl Listener {
         })
     }
 
-    /// Waits at an address that nobody else knows: a socket in a new folder that only this user may enter;
-    /// a free port of the loopback where there are no such sockets.
+    /// Starts listening at an address that nobody else knows: a socket in a new folder that only this user
+    /// may enter. On systems without such sockets it is a free port of the loopback interface.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -239,7 +242,7 @@ impl Listener {
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let folder = base.join(format!("arlequin-{}-{number}", std::process::id()));
                 match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
-                    // Left by a process of the same number that was killed.
+                    // A killed process with the same number has left this folder.
                     Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
                     Err(e) => {
                         return Err(Error::System {
@@ -264,12 +267,13 @@ impl Listener {
         Self::at(&Address::Tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, 0))))
     }
 
-    /// The address, with the port that was chosen where it was left open.
+    /// Returns the address, with the port that the system has chosen if none was given.
     pub fn address(&self) -> &Address {
         &self.address
     }
 
-    /// Takes the first who comes, until `until`; `watch` is asked meanwhile whether it is worth waiting.
+    /// Accepts the first connection, until the deadline `until`. Between the checks `watch` may end the wait
+    /// by an error.
     pub(crate) fn accept(
         &self,
         until: Instant,

@@ -1,4 +1,4 @@
-//! Whole messages over a stream: limits on their length, limits on the time they take.
+//! Complete messages over a stream, with limits on their length and on the time they take.
 
 use crate::address::Stream;
 use crate::error::{Error, Result};
@@ -8,30 +8,31 @@ use arlequin_core::interrupt;
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 
-/// Most that memory grows by before the bytes for it have come.
+/// Largest step by which the buffer grows \[bytes\]. A peer that announces much and sends little so costs
+/// little memory.
 const PIECE: usize = 1 << 20;
-/// Time between two looks for Ctrl-C.
+/// Time between two checks for Ctrl-C.
 const GLANCE: Duration = Duration::from_millis(50);
-/// How long the other side may still take for its answer after Ctrl-C: with it the run ends at a whole step.
+/// Time the other side has for its answer after Ctrl-C: an answer lets the run end at a whole step.
 const GRACE: Duration = Duration::from_secs(1);
 
-/// A stream of messages.
+/// A channel that sends and receives complete messages.
 #[derive(Debug)]
 pub(crate) struct Channel {
     stream: Stream,
-    /// The other side, for messages.
+    /// Name of the other side, for error messages.
     pub(crate) peer: String,
-    /// How long one message may take; `None` for ever.
+    /// Time that one message may take; `None` for no limit.
     timeout: Option<Duration>,
-    /// Longest message that is taken.
+    /// Longest message accepted \[bytes\].
     limit: u64,
-    /// Longest that the other side takes.
+    /// Longest message that the other side accepts \[bytes\].
     pub(crate) peer_limit: u64,
-    /// The message that is written.
+    /// The message being written.
     pub(crate) out: Message,
-    /// What was read last; only ever grows.
+    /// Content read last; the buffer never shrinks.
     buffer: Vec<u8>,
-    /// When Ctrl-C was noticed.
+    /// Time at which Ctrl-C was noticed.
     interrupted: Option<Instant>,
 }
 
@@ -49,16 +50,16 @@ impl Channel {
         }
     }
 
-    /// When a message that begins now must be through.
+    /// Returns the deadline of a message that begins now.
     fn until(&self) -> Option<Instant> {
         self.timeout.map(|t| Instant::now() + t)
     }
 
-    /// How long to wait now: what is left of the time, at most until the next look for Ctrl-C. None if it
-    /// may last for ever.
+    /// Returns how long to wait now: until the deadline, but at most until the next check for Ctrl-C. `None`
+    /// if there is no deadline.
     ///
     /// # Errors
-    /// [`Error::Silent`] if no time is left, [`Error::Interrupted`].
+    /// [`Error::Silent`] if no time is left; [`Error::Interrupted`].
     fn left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
         let Some(until) = until else { return Ok(None) };
         let now = Instant::now();
@@ -100,7 +101,7 @@ impl Channel {
         }
     }
 
-    /// Sends what stands in [`Self::out`].
+    /// Sends the message in [`Self::out`].
     pub(crate) fn send(&mut self) -> Result<()> {
         let (kind, length) = (self.out.kind(), self.out.length());
         if length > self.peer_limit {
@@ -157,8 +158,9 @@ impl Channel {
         Ok(())
     }
 
-    /// Receives one of these kinds, of which the first is named in messages, with `lengths` in bytes that
-    /// it may have; [`Kind::Failed`] becomes the error it tells. What came lies in [`Self::content`].
+    /// Receives a message of one of the kinds `due`; error messages name the first of them. `lengths` are the
+    /// lengths \[bytes\] that it may have. [`Kind::Failed`] is returned as the error it reports, and
+    /// [`Kind::Working`] restarts the wait. [`Self::content`] reads the message.
     pub(crate) fn receive(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
         let expected = due.first().map_or(String::new(), Kind::to_string);
         loop {
@@ -202,13 +204,13 @@ impl Channel {
         }
     }
 
-    /// What was received last.
+    /// Returns the content of the message received last.
     pub(crate) fn content(&self, header: Header) -> Content<'_> {
         Content::new(&self.peer, header.kind, &self.buffer[..header.length as usize])
     }
 }
 
-/// Whether to try again: reads that timed out do so, and find that their time is over.
+/// Returns whether to try again. A read that timed out is tried again; [`Self::left`] then ends the wait.
 fn passing(e: &std::io::Error) -> bool {
     matches!(
         e.kind(),

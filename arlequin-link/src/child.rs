@@ -1,4 +1,4 @@
-//! A solver that a run starts, and ends on every path.
+//! A solver that a run starts, and that is ended on every path.
 
 use crate::address::{Address, VARIABLE};
 use crate::error::{Error, Result};
@@ -6,23 +6,23 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a solver may take to leave by itself, and after it was asked to.
+/// Time a solver has to leave by itself, and again after SIGTERM.
 const GRACE: Duration = Duration::from_secs(1);
-/// Pause between two looks at it.
+/// Pause between two checks of the process.
 const GLANCE: Duration = Duration::from_millis(2);
 
-/// A process with all that it started itself.
+/// A started process, together with all processes that it has started.
 #[derive(Debug)]
 pub(crate) struct Started {
     child: Child,
     command: String,
-    /// Whether it was told to leave, and may take a moment for it.
+    /// True if the solver has confirmed the end, and so may take a moment to leave.
     pub(crate) told: bool,
-    /// How it ended. Its number may be another process's from then on.
+    /// Exit status. Once it is known, the process number may belong to another process.
     over: Option<ExitStatus>,
 }
 
-/// A command as a user would type it.
+/// Returns a command as a user would type it in a shell.
 pub fn shown(command: &[String]) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+:,@%".contains(c);
     let word = |w: &String| {
@@ -36,8 +36,8 @@ pub fn shown(command: &[String]) -> String {
 }
 
 impl Started {
-    /// Starts a command in a folder; it finds the address in its environment. What it prints goes to where
-    /// this process prints its errors.
+    /// Starts a command in a folder. The command finds the address in its environment; its output goes to the
+    /// error output of this process.
     pub(crate) fn new(command: &[String], folder: &Path, address: &Address) -> Result<Self> {
         let text = shown(command);
         let Some((program, arguments)) = command.split_first() else {
@@ -52,15 +52,15 @@ impl Started {
             .env(VARIABLE, address.to_string())
             .stdin(Stdio::null())
             .stdout(std::io::stderr());
-        // Of an empty one the present folder is meant.
+        // An empty path means the present folder.
         if !folder.as_os_str().is_empty() {
             start.current_dir(folder);
         }
         #[cfg(unix)]
         {
             use std::os::unix::process::CommandExt;
-            // A group of its own: all that it starts can be ended, and Ctrl-C reaches the run alone, which
-            // ends it in order.
+            // With its own process group everything that the command starts can be ended, and Ctrl-C reaches
+            // the run alone, which then ends the command in order.
             start.process_group(0);
         }
         let child = start.spawn().map_err(|e| Error::Command {
@@ -75,12 +75,12 @@ impl Started {
         })
     }
 
-    /// How it ended, if it did so within a time.
+    /// Returns how the process ended, in words, if it ends within a time.
     pub(crate) fn ended(&mut self, within: Duration) -> Option<String> {
         self.wait(within).map(|status| format!("ended with {status}"))
     }
 
-    /// The error that it ended too early.
+    /// Creates the error of a process that ended too early.
     pub(crate) fn early(&self, ended: &str, due: &str) -> Error {
         Error::Command {
             command: self.command.clone(),
@@ -100,7 +100,8 @@ impl Started {
         use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
         let until = Instant::now() + within;
         let pid = Pid::from_child(&self.child);
-        // It is looked at without being reaped: as long as its number is taken, so is that of its group.
+        // The process is watched without being reaped: as long as its number is taken, the number of its
+        // group cannot be used again.
         let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         while let Ok(None) = waitid(WaitId::Pid(pid), look) {
             if Instant::now() >= until {
@@ -108,6 +109,7 @@ impl Started {
             }
             std::thread::sleep(GLANCE);
         }
+        // The leader has ended; what it has started and left behind ends here.
         let _ = kill_process_group(pid, Signal::KILL);
         self.child.wait().ok()
     }

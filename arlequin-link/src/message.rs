@@ -1,4 +1,4 @@
-//! Messages with more than numbers in them, and how they are written and read.
+//! Messages with structured content, and how they are written and read.
 
 use crate::error::{Error, Result};
 use crate::wire::{Content, Kind, Message, NAME};
@@ -7,7 +7,7 @@ use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Share, Weight, Weights};
 
-/// What the solver can tell beside velocities and displacements, and what a message asks for or has: bits.
+/// Set of quantities as bits: what a solver offers, what a message requests, or what a message contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Fields(pub u32);
 
@@ -18,32 +18,32 @@ impl Fields {
     pub const DISPLACEMENTS: Self = Self(2);
     /// Accelerations.
     pub const ACCELERATIONS: Self = Self(4);
-    /// The energy that its stepping keeps.
+    /// Energy that the solver's own time stepping conserves.
     pub const INVARIANT: Self = Self(8);
-    /// That it can be saved and restored; of an offer only.
+    /// The solver can be saved and restored; used in offers only.
     pub const MEMORY: Self = Self(16);
-    /// What every solver offers.
+    /// Velocities and displacements, which every solver must offer.
     pub const MOTION: Self = Self(3);
 
-    /// Whether these are among them.
+    /// Returns whether all fields of `which` are in this set.
     pub fn has(self, which: Self) -> bool {
         self.0 & which.0 == which.0
     }
 
-    /// These and those.
+    /// Returns the union of both sets.
     #[must_use]
     pub fn and(self, others: Self) -> Self {
         Self(self.0 | others.0)
     }
 
-    /// These, if they are among those.
+    /// Returns the intersection of both sets.
     #[must_use]
     pub fn among(self, others: Self) -> Self {
         Self(self.0 & others.0)
     }
 }
 
-/// Elements of the mesh of a solver, in the order of nodes that Gmsh and VTK have.
+/// Kind of element in a solver's mesh, with nodes in the order of Gmsh and VTK.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Element {
     /// Lines of two nodes.
@@ -55,7 +55,7 @@ pub enum Element {
 }
 
 impl Element {
-    /// Nodes of an element.
+    /// Returns the number of nodes of an element.
     pub fn nodes(self) -> usize {
         match self {
             Self::Line => 2,
@@ -65,20 +65,19 @@ impl Element {
     }
 }
 
-/// What interfaces see of a solver: where it is, and its shape functions.
+/// Geometry of a solver as an interface uses it: positions and shape functions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// It exists at its nodes only (spheres): the volume that each stands for \[m³\], and pairs of
-    /// neighbours, from which gradients come; none if it has none.
+    /// Particles: values exist at the nodes only. Gradients come from pairs of neighbours.
     Particles {
-        /// Volume of every node \[m³\].
+        /// Volume that each node represents \[m³\].
         volumes: Vec<f64>,
-        /// Neighbours.
+        /// Pairs of neighbours; empty if there are no gradients.
         pairs: Vec<[u32; 2]>,
     },
     /// Linear elements.
     Mesh {
-        /// Which.
+        /// Kind of all elements.
         element: Element,
         /// Nodes of the elements, one element after another.
         connectivity: Vec<u32>,
@@ -87,31 +86,31 @@ pub enum Shape {
     },
 }
 
-/// What a solver says of itself when it is greeted.
+/// Description that a solver sends in answer to the greeting.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
-    /// Longest message it takes, in bytes.
+    /// Longest message it accepts \[bytes\].
     pub limit: u64,
-    /// What it can tell.
+    /// Quantities it offers.
     pub offers: Fields,
-    /// Its name, for messages.
+    /// Name of the solver, for error messages.
     pub name: String,
-    /// What it is, for reports.
+    /// Kind of the solver, for reports.
     pub kind: String,
     /// Arrangement of its unknowns.
     pub layout: DofLayout,
     /// Reference positions \[m\].
     pub nodes: Vec<Point3<f64>>,
-    /// Its field.
+    /// Shape functions, or particles.
     pub shape: Shape,
     /// Lumped inertia of every unknown without weights \[kg, kg m²\].
     pub inertia: Vec<f64>,
-    /// Largest stable step without weights \[s\]; infinite if it takes any.
+    /// Critical step without weights \[s\]; infinite if every step is stable.
     pub critical_step: f64,
 }
 
 impl Description {
-    /// Writes it.
+    /// Writes the description to a message.
     pub fn write(&self, to: &mut Message) {
         to.begin(Kind::Description).u64(self.limit).u32(self.offers.0);
         let (number, section, parts) = match &self.shape {
@@ -151,7 +150,7 @@ impl Description {
         }
     }
 
-    /// Reads one.
+    /// Reads a description.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
@@ -257,25 +256,25 @@ pub(crate) fn check_inertia(from: &Content<'_>, inertia: &[f64]) -> Result<()> {
     }
 }
 
-/// What the solver asks a weight for.
+/// Places at which a solver requests a weight.
 #[derive(Debug, Clone)]
 pub enum Places {
-    /// Values at points.
+    /// Requests the value at each point.
     Points(Vec<Point3<f64>>),
-    /// Means over cells.
+    /// Requests the mean over each cell.
     Cells(Vec<Cell<f64>>),
 }
 
-/// A question for weights.
+/// Request for weights.
 #[derive(Debug, Clone)]
 pub struct Ask {
-    /// Of which energy.
+    /// The energy whose weight is requested.
     pub share: Share,
-    /// Where.
+    /// Points or cells.
     pub places: Places,
 }
 
-/// Numbers of the kinds of places.
+/// Codes of the kinds of places.
 const POINTS: u8 = 0;
 const SEGMENTS: u8 = 1;
 const TETRAHEDRA: u8 = 2;
@@ -283,13 +282,13 @@ const HEXAHEDRA: u8 = 3;
 const POLYHEDRA: u8 = 4;
 
 impl Ask {
-    /// Writes the question for the value at a point.
+    /// Writes a request for the value at a point.
     pub fn write_point(to: &mut Message, share: Share, x: &Point3<f64>) {
         begin_ask(to, share, POINTS, 1.0);
         to.numbers(x.coords.as_slice());
     }
 
-    /// Writes the question for the mean over a cell.
+    /// Writes a request for the mean over a cell.
     pub fn write_cell(to: &mut Message, share: Share, cell: &Cell<f64>) {
         match cell {
             Cell::Segment { ends, section } => {
@@ -311,7 +310,7 @@ impl Ask {
         }
     }
 
-    /// Reads one.
+    /// Reads a request.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
@@ -360,7 +359,7 @@ impl Ask {
         Ok(Self { share, places })
     }
 
-    /// How many places it names.
+    /// Returns the number of places.
     pub fn count(&self) -> usize {
         match &self.places {
             Places::Points(p) => p.len(),
@@ -368,7 +367,7 @@ impl Ask {
         }
     }
 
-    /// Writes the answer.
+    /// Writes the answer to this request.
     pub fn answer(&self, weights: &Weights<f64>, to: &mut Message) {
         let weight: &dyn Weight<f64> = match self.share {
             Share::Internal => &*weights.internal,
@@ -401,7 +400,8 @@ fn points(from: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
     Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
 }
 
-/// Cells are at most what the message has bytes for: each takes four at least, and so does each face.
+/// Reads polyhedra. The announced counts allocate nothing: each cell and each face takes at least four bytes
+/// of the message, so that a wrong count ends the reading.
 fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
     let mut out = Vec::new();
     for _ in 0..count {
@@ -422,7 +422,7 @@ fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
     Ok(out)
 }
 
-/// Writes what a solver must remember, as [`Kind::Record`] or [`Kind::Restore`].
+/// Writes the state that a solver saves, as [`Kind::Record`] or [`Kind::Restore`].
 pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
     to.begin(kind)
         .u64(record.numbers.len() as u64)
@@ -433,7 +433,7 @@ pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
     });
 }
 
-/// Reads it; numbers may be any, they are the solver's own.
+/// Reads a saved state. The numbers may have any value, also NaN: they are the solver's own.
 ///
 /// # Errors
 /// [`Error::Length`], [`Error::Content`].
@@ -452,7 +452,7 @@ pub fn read_record(mut from: Content<'_>) -> Result<Record<f64>> {
     Ok(record)
 }
 
-/// Reads the words of [`Kind::Failed`] as the error that they are.
+/// Reads the text of [`Kind::Failed`] as an error.
 pub(crate) fn read_failure(mut from: Content<'_>, peer: &str) -> Result<Error> {
     let most = crate::wire::SMALL as usize;
     let text = from.text("the reason", most)?;

@@ -14,28 +14,29 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Difference of weighted from unweighted inertia that is round-off, of a solver in single precision as well.
+/// Relative excess of weighted over unweighted inertia that is round-off, also for a solver in single
+/// precision.
 const WEIGHED: f64 = ROUNDED;
-/// Questions for weights that a solver may ask before it answers, beside some for each of its nodes.
+/// Number of requests for weights that a solver may send before its answer, in addition to
+/// [`QUESTIONS_PER_NODE`] for each node: a solver that asks for ever must not hold the run.
 const QUESTIONS: usize = 10_000;
-/// The same per node: elements and bonds, for each of three weights.
+/// Number of requests per node: elements and bonds, for each of three weights.
 const QUESTIONS_PER_NODE: usize = 200;
 
-/// What a run allows the other side.
+/// Limits that a run sets for the other side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// How long it may take to start and to connect: an interpreter with its packages takes seconds on a
-    /// busy machine.
+    /// Time to start and to connect: an interpreter with its packages takes seconds on a busy machine.
     pub start: Duration,
-    /// How long it may take to answer once it is connected; a solver that needs longer sends
-    /// [`Kind::Working`] meanwhile.
+    /// Time to answer once it is connected; a solver that needs longer sends [`Kind::Working`] meanwhile.
     pub timeout: Duration,
-    /// Longest message in bytes.
+    /// Longest message accepted \[bytes\].
     pub limit: u64,
 }
 
 impl Default for Options {
-    /// 30 s to start, 4 s to answer and 1 GiB. A command that ends before it connects is noticed at once.
+    /// Returns 30 s to start, 4 s to answer and 1 GiB. A command that ends before it connects is noticed at
+    /// once.
     fn default() -> Self {
         Self {
             start: Duration::from_secs(30),
@@ -45,7 +46,7 @@ impl Default for Options {
     }
 }
 
-/// A solver in another process, as a run sees it. When it goes, so does the process, if the run started it.
+/// A solver in another process, as a run uses it. Dropping it ends the process if the run started it.
 ///
 /// ```no_run
 /// use arlequin_link::{Options, Remote};
@@ -63,12 +64,12 @@ pub struct Remote {
 }
 
 impl Remote {
-    /// Starts a command in a folder and waits for it to connect. It finds the address in the environment
-    /// variable [`crate::VARIABLE`]. `name` is that of the model in the run.
+    /// Starts a command in a folder and waits for it to connect. The command finds the address in the
+    /// environment variable [`crate::VARIABLE`]. `name` is the model's name in the run.
     ///
     /// # Errors
-    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and everything that may be wrong with
-    /// what it says of itself.
+    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and any error in the description that
+    /// the solver sends.
     pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
         let listener = Listener::private()?;
         let child = Started::new(command, folder, listener.address())?;
@@ -76,18 +77,18 @@ impl Remote {
         Self::meet(name, peer, &listener, Some(child), options)
     }
 
-    /// Waits at an address for a solver that somebody else starts.
+    /// Waits at an address for a solver that is started by somebody else.
     ///
     /// # Errors
-    /// [`Error::System`] for an address that is in use; else as [`Self::start`].
+    /// [`Error::System`] for an address that is in use; else those of [`Self::start`].
     pub fn await_at(name: &str, address: &Address, options: Options) -> Result<Self> {
         Self::accept(name, &Listener::at(address)?, options)
     }
 
-    /// The same with a door that is open already.
+    /// Waits for a solver at a listener that is already open.
     ///
     /// # Errors
-    /// As [`Self::await_at`].
+    /// Those of [`Self::await_at`].
     pub fn accept(name: &str, listener: &Listener, options: Options) -> Result<Self> {
         let peer = format!("'{name}' ({})", listener.address());
         Self::meet(name, peer, listener, None, options)
@@ -139,12 +140,12 @@ impl Remote {
         })
     }
 
-    /// What the other side said of itself.
+    /// Returns the description that the solver has sent.
     pub fn description(&self) -> &Description {
         &self.description
     }
 
-    /// Its field, of which the junction is made.
+    /// Returns the solver's geometry, from which the junction is built.
     pub fn shape(&self) -> &Shape {
         &self.description.shape
     }
@@ -231,7 +232,7 @@ impl Participant<f64> for Remote {
         self.of_model(outcome)
     }
 
-    /// Numbers that are none where the other side does not answer; the next step says why.
+    /// Writes NaN if the other side does not answer; the next step returns the error.
     fn velocities(&self, out: &mut [f64]) {
         let mut link = self.link.borrow_mut();
         match link.know(Fields::VELOCITIES) {
@@ -240,7 +241,7 @@ impl Participant<f64> for Remote {
         }
     }
 
-    /// As [`Self::velocities`].
+    /// Writes NaN if the other side does not answer, like [`Self::velocities`].
     fn displacements(&self, out: &mut [f64]) {
         let mut link = self.link.borrow_mut();
         match link.know(Fields::DISPLACEMENTS) {

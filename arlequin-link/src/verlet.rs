@@ -1,10 +1,10 @@
-//! Any model as a solver that steps itself: what a server of models needs.
+//! Velocity Verlet for any model: makes it a solver that a link can serve.
 
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Error, Model, Participant, Result, Weighting, Weights};
 
-/// A [`Model`] with velocity Verlet of its own, and with the supports and loads of nobody.
+/// A [`Model`] that steps itself by velocity Verlet, without supports and loads.
 pub struct Verlet {
     model: Box<dyn Model<f64>>,
     inertia: Vec<f64>,
@@ -12,7 +12,7 @@ pub struct Verlet {
     q: Vec<f64>,
     v: Vec<f64>,
     force: Vec<f64>,
-    /// Length of the last step \[s\].
+    /// Length of the last step \[s\], for the invariant.
     step: f64,
     critical: Option<f64>,
 }
@@ -24,11 +24,11 @@ impl std::fmt::Debug for Verlet {
 }
 
 impl Verlet {
-    /// A model in the state given, displacements \[m, rad\] and velocities \[m/s, rad/s\].
+    /// Creates the solver in a given state: displacements \[m, rad\] and velocities \[m/s, rad/s\].
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] unless there is one of each per unknown; [`Error::Unsupported`] for a model
-    /// that changes itself, such as one whose bonds break.
+    /// that changes as it moves, such as one whose bonds break.
     pub fn new(mut model: Box<dyn Model<f64>>, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         arlequin_core::check_size(&*model, "displacements", q.len())?;
         arlequin_core::check_size(&*model, "velocities", v.len())?;
@@ -78,7 +78,7 @@ impl Participant<f64> for Verlet {
     }
 
     /// # Errors
-    /// [`Error::Unsupported`] for weights at the nodes; [`Error::InvalidParameter`] for an unknown without
+    /// [`Error::Unsupported`] for nodal weighting; [`Error::InvalidParameter`] for an unknown without
     /// inertia.
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         if weights.weighting == Weighting::Nodal {
@@ -136,7 +136,8 @@ impl Participant<f64> for Verlet {
         self.critical
     }
 
-    /// `½vᵀMv + U(q) − ⅛Δt² fᵀM⁻¹f`: what velocity Verlet keeps of a linear model at whole steps.
+    /// Returns `½vᵀMv + U(q) − ⅛Δt² fᵀM⁻¹f` \[J\]: velocity Verlet conserves this energy of a linear model at
+    /// whole steps.
     fn invariant(&self) -> Option<f64> {
         let all = self
             .v
