@@ -284,11 +284,14 @@ impl Listener {
             let came = match &self.door {
                 #[cfg(unix)]
                 Door::Unix(l) => l.accept().and_then(|(s, _)| {
+                    // Some systems pass the listener's mode on to the stream.
                     s.set_nonblocking(false)?;
                     Ok(Stream::Unix(s))
                 }),
                 Door::Tcp(l) => l.accept().and_then(|(s, _)| {
                     s.set_nonblocking(false)?;
+                    // Messages are small and each waits for its answer: without this TCP would hold them
+                    // back.
                     s.set_nodelay(true)?;
                     Ok(Stream::Tcp(s))
                 }),

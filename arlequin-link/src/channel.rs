@@ -172,6 +172,7 @@ impl Channel {
             let due = due.contains(&header.kind);
             let lengths = match header.kind {
                 Kind::Working => 0..=0,
+                // A text: its length in four bytes, and at most `SMALL` bytes.
                 Kind::Failed => 4..=SMALL + 4,
                 _ if due => *lengths.start()..=self.limit.min(*lengths.end()),
                 found => {

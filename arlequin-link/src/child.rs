@@ -155,6 +155,7 @@ impl Drop for Started {
         {
             return;
         }
+        // SIGTERM before SIGKILL: killed at once, an MPI job would leave its ranks to their daemon.
         self.ask_to_leave();
         if self.wait(GRACE).is_none() {
             self.kill();

@@ -15,7 +15,7 @@ pub enum Error {
         /// Rule that the address must satisfy.
         rule: String,
     },
-    /// The operating system refused something.
+    /// The operating system refused an operation.
     #[error("{what}: {reason}")]
     System {
         /// Operation that was tried.
@@ -101,7 +101,7 @@ pub enum Error {
         /// Rule that the length must satisfy.
         rule: String,
     },
-    /// A message whose content makes no sense.
+    /// A message whose content breaks a rule.
     #[error("{peer} sent {kind} in which {rule}")]
     Content {
         /// The other side.
@@ -160,5 +160,5 @@ pub enum Error {
     },
 }
 
-/// Result of the operations of a link.
+/// Result of an operation on a link.
 pub type Result<V, E = Error> = std::result::Result<V, E>;

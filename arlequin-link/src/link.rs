@@ -200,6 +200,7 @@ impl Link {
         let largest = |x: &mut dyn Iterator<Item = f64>| x.fold(0.0_f64, |m, x| m.max(x.abs()));
         let top = largest(&mut (0..impulse.len()).map(wanted));
         let fast = largest(&mut before.iter().chain(&self.v).copied());
+        // Round-off of a difference is relative to the velocities, not to their change.
         let allowed = ROUNDED * (top + fast);
         let off = |i: &usize| (self.v[*i] - before[*i] - wanted(*i)).abs() > allowed;
         match (0..impulse.len()).find(off) {

@@ -97,7 +97,7 @@ pub struct Description {
     pub name: String,
     /// Kind of the solver, for reports.
     pub kind: String,
-    /// Arrangement of its unknowns.
+    /// Numbers of nodes, displacements and rotations.
     pub layout: DofLayout,
     /// Reference positions \[m\].
     pub nodes: Vec<Point3<f64>>,

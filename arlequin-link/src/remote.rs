@@ -188,6 +188,7 @@ impl Remote {
                     whole: whole[unknown],
                 });
             }
+            // The new inertia must prove itself by an impulse, too.
             link.inertia.copy_from_slice(inertia);
             link.known = Fields::default();
             link.trusted = false;

@@ -22,7 +22,7 @@ fn overlap(a: &Aabb, b: &Aabb) -> bool {
     (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
 }
 
-/// Compressed bins of box indices.
+/// Bins of box indices in compressed storage: the indices of bin `i` are `items[start[i]..start[i + 1]]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Bins {
     boxes: Vec<Aabb>,
@@ -104,7 +104,7 @@ impl Bins {
         out.dedup();
     }
 
-    /// True if any box overlaps `query`.
+    /// Returns whether any box overlaps `query`.
     pub(crate) fn any(&self, query: &Aabb) -> bool {
         let mut found = false;
         self.visit(query, |bin| {

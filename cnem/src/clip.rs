@@ -148,6 +148,7 @@ impl Polyhedron {
         self.push_cap(normal, tag);
         std::mem::swap(&mut self.points, &mut self.spare);
         std::mem::swap(&mut self.faces, &mut self.spare_faces);
+        // Fewer than four faces bound no volume.
         if self.faces.len() < 4 {
             self.points.clear();
             self.faces.clear();
@@ -178,6 +179,7 @@ impl Polyhedron {
         self.angles.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let first = self.spare.len();
         for (_, p) in &self.angles {
+            // Two faces meet at each corner of the cut and contribute it with the same bits; it counts once.
             if self.spare.len() == first || self.spare.last() != Some(p) {
                 self.spare.push(*p);
             }

@@ -218,6 +218,7 @@ impl Domain {
                 if seen[other] {
                     continue;
                 }
+                // Crack faces do not separate inside from outside.
                 let boundary = self
                     .face_at
                     .get(&n)

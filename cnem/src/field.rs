@@ -110,7 +110,7 @@ impl NaturalField {
         &self.domain
     }
 
-    /// The kind of shape functions.
+    /// Returns the kind of shape functions.
     pub fn interpolant(&self) -> Interpolant {
         self.kind
     }

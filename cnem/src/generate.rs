@@ -22,7 +22,7 @@ pub struct Cylinder {
     /// Random displacement of the nodes \[spacings\]: free inside, along the surface for nodes on it, none on
     /// edges.
     pub jitter: f64,
-    /// Start of the random sequence.
+    /// Seed of the random sequence.
     pub seed: u64,
 }
 

@@ -1,12 +1,12 @@
 //! The natural element model: weighted stiffness by nodal integration and lumped mass. It can be the coarse
 //! or the fine model of a coupling.
 //!
-//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and `M_β,I = β_I
-//! ρ V_I`, where `V_I` is the volume of the constrained Voronoi cell of node `I` and `α_I`, `β_I` are the
-//! means of the weights over it. The mass of a cell can go to the nodes around its centroid instead
-//! ([`Inertia`]). With nodal weighting, kept for comparison with the literature, the unweighted force and
-//! mass of node `I` are multiplied by `α(x_I)` and `β(x_I)`; such a model has no symmetric stiffness and is
-//! not offered as a linear one.
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and
+//! `M_β,I = β_I ρ V_I`. Here `V_I` is the volume of the constrained Voronoi cell of node `I`, and `α_I`,
+//! `β_I` are the means of the weights over this cell. The mass of a cell can go to the nodes around its
+//! centroid instead ([`Inertia`]). Nodal weighting ([`arlequin_core::NodallyWeighted`]), kept for comparison
+//! with the literature, multiplies the unweighted force and mass of node `I` by `α(x_I)` and `β(x_I)`. It
+//! leaves no symmetric stiffness, so a model weighted in this way is not offered as a linear one.
 //!
 //! By default a node carries the mass of its own cell alone, but its stiffness comes from the surrounding
 //! cells as well: a weight that falls to zero within one spacing leaves light nodes on stiff neighbours. The
@@ -357,7 +357,7 @@ impl Model<f64> for CnemModel {
         })
     }
 
-    /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
+    /// Returns `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let Some(part) = &self.part else {
             return self.forces.energy(q, q, None);

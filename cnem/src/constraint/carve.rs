@@ -34,6 +34,7 @@ struct Region {
 
 /// Recovers every missing region it can. Returns the faces that are still missing.
 pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -> Vec<u32> {
+    // Faces in the complex, which no cavity may swallow; a recovered face becomes one of them.
     let mut walls: HashSet<[u32; 3]> = mesh.faces.iter().map(|f| face_key(f.v)).collect();
     missing.iter().for_each(|&f| {
         walls.remove(&face_key(mesh.faces[f as usize].v));

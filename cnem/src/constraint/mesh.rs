@@ -81,6 +81,7 @@ impl FaceMesh {
     pub(crate) fn flat_pair(&self, points: &[Point3<f64>], edge: (u32, u32)) -> Option<[u32; 4]> {
         let list = self.edges.get(&edge)?;
         let &[f, g] = list.as_slice() else { return None };
+        // A swap must not make a boundary face of a crack face.
         if self.faces[f as usize].crack != self.faces[g as usize].crack {
             return None;
         }
@@ -113,7 +114,7 @@ impl FaceMesh {
     pub(crate) fn swap(&mut self, edge: (u32, u32), [f, g, c, d]: [u32; 4]) {
         let old = self.faces[f as usize].v;
         let with_edge = (0..3).any(|k| old[k] == edge.0 && old[(k + 1) % 3] == edge.1);
-        // Seen from where `old` runs counter-clockwise, so do the new faces.
+        // The new faces run counter-clockwise as seen from where `old` does.
         let (c, d) = if with_edge { (c, d) } else { (d, c) };
         self.unlink(f);
         self.unlink(g);
@@ -123,7 +124,7 @@ impl FaceMesh {
         self.link(g);
     }
 
-    /// Splits every face at an edge at the node `m`.
+    /// Splits an edge at the node `m`, and with it every face at the edge.
     pub(crate) fn split_edge(&mut self, edge: (u32, u32), m: u32) {
         let Some(list) = self.edges.get(&edge).cloned() else {
             return;

@@ -115,6 +115,7 @@ impl Patch {
             area += twice_area(points, *v).norm() * 0.5;
             (0..3).for_each(|k| toggle(&mut border, key(v[k], v[(k + 1) % 3])));
         }
+        // The same border alone could be that of a folded set of triangles.
         triangles.len() == self.faces.len()
             && border == self.border
             && (area - self.area).abs() <= 1e-9 * self.area
@@ -149,6 +150,7 @@ impl Patch {
             bins.overlapping(&around([&middle], ON_FACE * self.area.sqrt()), &mut near);
             let depth = |k: &u32| depth(corners[*k as usize].map(|v| &points[v as usize]), &middle);
             let holds = near.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
+            // The new corners keep the orientation of the face that they replace.
             let turn = if twice_area(points, *v).dot(&twice_area(points, mesh.faces[id as usize].v)) < 0.0 {
                 [v[0], v[2], v[1]]
             } else {

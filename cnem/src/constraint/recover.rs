@@ -34,6 +34,7 @@ pub(crate) fn recover(
         if work.missing_faces().is_empty() {
             return Ok((work.mesh, work.done));
         }
+        // Edges before faces: a region can be divided only if all of its edges are in the complex.
         if work.insert_on_edges()? {
             continue;
         }

@@ -17,6 +17,7 @@ pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
     let order = insertion_order(points);
     let sorted: Vec<Point3<f64>> = order.iter().map(|&i| points[i as usize]).collect();
     let first = first_simplex(&sorted)?;
+    // The rank is the caller's index: ties do not depend on the order of insertion.
     let mut delaunay = Delaunay::empty(sorted, order);
     delaunay.start(first);
     let mut hint = 0;
@@ -129,7 +130,7 @@ impl Delaunay {
         self.refresh_at_vertex(0);
     }
 
-    /// Records a tetrahedron at the vertices of all tetrahedra from `first` on.
+    /// Records one tetrahedron for each vertex of the tetrahedra from `first` on.
     pub(super) fn refresh_at_vertex(&mut self, first: usize) {
         for (i, t) in self.tets.iter().enumerate().skip(first) {
             for &v in &t.v {

@@ -71,7 +71,7 @@ impl Delaunay {
     /// Like [`Delaunay::new`], but leaves out points that repeat another; see [`Delaunay::duplicates`].
     ///
     /// # Errors
-    /// As [`Delaunay::new`], without `DuplicateNodes`.
+    /// Those of [`Delaunay::new`] except `DuplicateNodes`.
     pub fn merging_duplicates(points: &[Point3<f64>]) -> Result<Self> {
         build::build(points)
     }

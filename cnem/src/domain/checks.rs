@@ -50,6 +50,7 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     let nodes = points.len();
     let limit = ON_BOUNDARY * largest_coordinate(points);
     let Some(a) = points.first() else { return Ok(()) };
+    // `Delaunay::new` reports these cases.
     if nodes < 4 || !limit.is_finite() {
         return Ok(());
     }

@@ -217,6 +217,7 @@ impl Domain {
             return None;
         }
         let inward = (self.starts.middle - x).try_normalize(0.0)?;
+        // From 4 to some 8e6 tolerances: the smallest shift that leads into the hull is taken.
         let shifts = (0..8).map(|k| 4.0 * tolerance * 8.0_f64.powi(k));
         shifts
             .map(|shift| (self.delaunay.walk(&(x + inward * shift), start), 2.0 * shift))

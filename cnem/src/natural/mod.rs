@@ -13,9 +13,6 @@
 //! Sibson functions, for Sibson the moments `integral of |y - n_i|^2 - |y - x|^2` over the 2D stolen areas
 //! (the C2 coordinate of Hiyoshi and Sugihara). Gradients there are evaluated 1e-6 of an element inside; at
 //! nodes they are one of the one-sided limits.
-//! - x|^2` over the 2D stolen areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of
-//! the patch alone. Gradients there are taken 1e-6 of an element inside; at nodes they are one of the
-//! one-sided limits.
 //!
 //! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front. One rule
 //! holds everywhere: the functions are those of the nodes in reach that `x` sees in a straight line, with the
@@ -70,7 +67,7 @@ pub struct Counters {
     pub reentrant: usize,
     /// Evaluations that used the linear functions of one tetrahedron (or one triangle of a patch) instead.
     pub linear: usize,
-    /// Rows whose linear residual exceeded 1e-12 of the neighbourhood's size before it was removed.
+    /// Rows whose linear residual exceeded 1e-12 of the neighbourhood's size before its removal.
     pub polished: usize,
 }
 
@@ -218,6 +215,7 @@ impl Domain {
         if count == 0 {
             return Place::Free;
         }
+        // Nodes before edges before faces: a point on a node is on its edges and faces, too.
         if let Some(&v) =
             t.v.iter()
                 .find(|&&v| (self.delaunay.points[v as usize] - x).norm() <= tolerance)

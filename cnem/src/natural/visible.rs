@@ -26,6 +26,7 @@ impl Domain {
     ) -> bool {
         let mut seen: Vec<u32> = s.cavity.nodes.clone();
         seen.retain(|&v| self.sees(x, v, s));
+        // Copies of a node have its position, and a complex needs distinct points.
         seen.sort_unstable_by_key(|&v| (self.copies.original(v), v));
         seen.dedup_by_key(|v| self.copies.original(*v));
         let points: Vec<Point3<f64>> = seen.iter().map(|&v| self.delaunay.points[v as usize]).collect();

@@ -74,6 +74,7 @@ pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f6
 fn orient3d_exact(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>) -> Ordering {
     let [p, q, r, s] = [a, b, c, d].map(|x| [x.x, x.y, x.z]);
     let small = Differences::new([q, r, s], p).orientation();
+    // `robust` has the opposite sign convention, here and for the sphere.
     small.unwrap_or_else(|| sign(-robust::orient3d(coord(a), coord(b), coord(c), coord(d))))
 }
 
@@ -147,6 +148,7 @@ fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     order.sort_unstable_by_key(|&i: &usize| std::cmp::Reverse(ranks[i]));
     for i in order {
         if i == 4 {
+            // The point `q` itself is lifted, and so leaves the sphere.
             return false;
         }
         let mut s = t;

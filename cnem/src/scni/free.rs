@@ -253,6 +253,7 @@ struct Cells<'a> {
     only: Option<bool>,
 }
 
+// Everything that `call` uses is `inline(always)`: `pulp` compiles for the vector unit only what is inlined.
 impl NullaryFnOnce for Cells<'_> {
     type Output = ();
 

@@ -138,6 +138,7 @@ fn shape_on<'s>(
 ) -> Result<&'s ShapeRow<f64>> {
     let x = &facet.centroid;
     if tet != NONE {
+        // A facet across several tetrahedra may have its centroid outside the one with its largest part.
         let distance = domain
             .plane_distances(tet, x)
             .into_iter()

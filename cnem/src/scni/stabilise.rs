@@ -65,6 +65,8 @@ impl SubCells {
                 }
                 let ratio = (height / (edge * FLAT)).min(1.0);
                 let weight = amount * ratio * ratio * volume * 0.25;
+                // Tetrahedra without a weight are left out: every other term still vanishes for linear
+                // fields.
                 if weight.is_finite() && weight > 0.0 {
                     out.tets.push(t.map(|v| v as u32));
                     out.gradients.push(gradients);

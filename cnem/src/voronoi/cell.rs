@@ -16,6 +16,7 @@ const TINY_FACET: f64 = 1e-13;
 /// not decide which side owns this face.
 const SNAP: f64 = 1e-12;
 
+/// Tags of faces: their kind in bits 40 and 41, an index below.
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
@@ -89,13 +90,14 @@ impl Work {
             .map(|&t| domain.centre[t as usize].norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
-        // After faces were recovered by division, spheres are empty of visible nodes only, and circumcentres
-        // are valid only where no constrained face reaches into the spheres: the search radius is doubled.
+        // After faces were recovered by division a sphere is sure to be empty only if no constrained face
+        // reaches into it: the search covers the whole spheres, not only their centres.
         let reach = if domain.delaunay.before.is_some() {
             2.0 * reach
         } else {
             reach
         };
+        // The margin covers the round-off of the centres.
         if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
             self.read_circumcentres(domain, node);
         } else {
@@ -208,6 +210,7 @@ impl Work {
                     let twice = (from - m).cross(&(to - m)).dot(&r);
                     let weight = 0.5 * twice / r.norm();
                     let area = r * (0.5 * twice / r.norm_squared());
+                    // The pyramid from the node over this triangle: its height is half of `r`.
                     self.volume += twice / 12.0;
                     self.add(Piece {
                         tag: NODE | u64::from(other),

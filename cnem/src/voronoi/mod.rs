@@ -219,6 +219,7 @@ impl Domain {
         };
         let body = &mut work.body;
         let [low, high] = around(self.nodes(), 0.0);
+        // A cube larger than the whole body, so that no side of it is left when the facets have cut.
         body.set_cube((high - low).norm(), 0);
         let volume = cells.volumes()[node];
         for f in cells.facets(node) {
