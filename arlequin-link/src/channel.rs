@@ -113,6 +113,7 @@ impl Channel {
             });
         }
         let until = self.until();
+        // Taken out, since writing borrows the channel; it comes back with its buffer.
         let mut message = std::mem::take(&mut self.out);
         let outcome = self.write(message.finish(), until, kind);
         self.out = message;

@@ -176,6 +176,7 @@ impl Description {
             _ => return Err(from.wrong(format!("the shape is {number}; 0 to 3 there are"))),
         };
         let per_node = 8 * (3 + usize::from(components) + usize::from(rotations));
+        // Counts are checked against the bytes that each node or element needs, before anything is allocated.
         let nodes = from.count("nodes", per_node)?;
         if nodes == 0 {
             return Err(from.wrong("there is no node"));

@@ -101,6 +101,7 @@ impl Participant<f64> for Verlet {
         }
         self.inertia.copy_from_slice(inertia);
         self.critical = Some(self.model.critical_step(&self.inverse)?);
+        // The first half step needs the forces under the new weights.
         self.find_forces()
     }
 

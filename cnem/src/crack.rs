@@ -163,6 +163,7 @@ impl Domain {
                 }
             }
             next += 1;
+            // All tetrahedra at one distance are seen before the choice, so that their order does not matter.
             if next == level {
                 if let Some(copy) = found {
                     return copy;
@@ -193,6 +194,7 @@ impl Domain {
                 continue;
             };
             self.take_group(node, start, &mut star, &mut group);
+            // Stars of the node start in the group that keeps it.
             self.delaunay.at_vertex[node as usize] = start;
             while let Some(&start) = star.first() {
                 self.take_group(node, start, &mut star, &mut group);
@@ -215,6 +217,7 @@ impl Domain {
             let t = &self.delaunay.tets[tet as usize];
             for slot in 0..4 {
                 let other = t.n[slot] >> 2;
+                // Only faces that contain the node join tetrahedra around it.
                 let free = self.walls[tet as usize] >> slot & 1 == 0;
                 if free && t.v[slot] != node && star.contains(&other) {
                     star.retain(|&t| t != other);

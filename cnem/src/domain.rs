@@ -188,6 +188,7 @@ impl Domain {
             let other = self.delaunay.tets[tet as usize].n[slot];
             for side in [one, other] {
                 let wall = 1 << (side & 3);
+                // Two constrained faces at one place are an error: the map has room for one.
                 let repeated = self.face_at.insert(side, i as u32);
                 if let Some(first) = repeated {
                     let [first, second] =

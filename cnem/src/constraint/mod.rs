@@ -191,6 +191,7 @@ impl Surface {
             }
         }
         let mut open: Vec<_> = edges.into_iter().filter(|e| e.1 % 2 == 1).collect();
+        // Sorted, so that the edge in the error does not depend on hashing.
         open.sort_unstable();
         match open.first() {
             None => Ok(()),

@@ -115,7 +115,8 @@ impl Patch {
             area += twice_area(points, *v).norm() * 0.5;
             (0..3).for_each(|k| toggle(&mut border, key(v[k], v[(k + 1) % 3])));
         }
-        // The same border alone could be that of a folded set of triangles.
+        // The same border alone could be that of a folded set of triangles. The limit is above the 1e-10 to
+        // which patches are flat.
         triangles.len() == self.faces.len()
             && border == self.border
             && (area - self.area).abs() <= 1e-9 * self.area

@@ -152,6 +152,7 @@ impl Delaunay {
     /// Replaces the cavity by the star of `v`.
     fn fill_cavity(&mut self, v: u32) -> Inserted {
         let mut work = std::mem::replace(&mut self.work, Work::new(EdgeTable::default()));
+        // The border holds copies, so the slots of the cavity can be reused at once.
         work.free.append(&mut work.cavity);
         work.created.clear();
         let mut last = 0;
@@ -170,6 +171,7 @@ impl Delaunay {
             };
             last = id;
             work.created.push(id);
+            // Ghosts must have infinity in slot 3, see `Tet::is_ghost`.
             let (corners, apex) = with_infinity_last([face[0], face[1], face[2], v]);
             let mut t = Tet {
                 v: corners,
@@ -177,6 +179,8 @@ impl Delaunay {
             };
             t.n[apex] = behind;
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = id << 2 | apex as u32;
+            // Two new tetrahedra meet over each edge of the cavity's border: its two vertices identify the
+            // pair.
             let local = corners.map(|w| if w == v { NONE } else { work.table.local(w) });
             for (slot, face) in FACES.iter().enumerate() {
                 if slot == apex {

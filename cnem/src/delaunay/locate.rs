@@ -66,6 +66,7 @@ impl Delaunay {
         'step: loop {
             let mut exit = NONE;
             steps += 1;
+            // A hash of the step count: varied, and the same in every run.
             let turn = if steps > ORDERLY {
                 steps.wrapping_mul(0x9e37_79b9) >> 7
             } else {

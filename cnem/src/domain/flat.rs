@@ -82,6 +82,7 @@ impl Domain {
         for (inside, flat) in self.inside.iter_mut().zip(&self.flat) {
             *inside &= !flat;
         }
+        // A tetrahedron that gets a wall later is queued again by `take_out`.
         let mut queue: Vec<u32> = (0..self.glued.len() as u32)
             .filter(|&t| self.glued[t as usize])
             .collect();
@@ -114,6 +115,7 @@ impl Domain {
                 continue;
             };
             let face = self.mesh.faces[id as usize];
+            // Boundary before crack: the new faces bound the domain.
             if template.is_none_or(|f| f.crack) {
                 template = Some(face);
             }

@@ -224,6 +224,7 @@ impl Planar {
         let total: f64 = self.weights.iter().sum();
         for w in &mut self.weights {
             *w /= total;
+            // The same limit as `NEGATIVE` for points inside.
             if w.is_nan() || *w < -1e-9 {
                 return false;
             }

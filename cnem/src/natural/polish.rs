@@ -77,6 +77,7 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
         }
         r = left.1;
     }
+    // Linear precision to 1e-12 of the neighbourhood's size is what every row promises.
     let usable = values.iter().all(|w| *w >= 0.0) && residual(values, rel, size).0 <= 1e-12;
     usable.then_some(found)
 }

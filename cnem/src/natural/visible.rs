@@ -43,6 +43,7 @@ impl Domain {
         s.row.nodes.extend(row.nodes.iter().map(|&k| seen[k] as usize));
         s.row.values.extend(&row.values);
         s.row.gradients.extend(&row.gradients);
+        // A fallback inside the hull is not the rule that callers rely on.
         alone.counters.linear == 0
     }
 
@@ -51,6 +52,7 @@ impl Domain {
     fn sees(&self, x: &Point3<f64>, node: u32, s: &Scratch) -> bool {
         let p = &self.delaunay.points[node as usize];
         let hidden = s.cavity.walls().any(|face| {
+            // A wall does not hide its own corners.
             if face
                 .iter()
                 .any(|&v| self.copies.original(v) == self.copies.original(node))

@@ -85,6 +85,7 @@ impl Weights {
             *a *= 0.5 / r.norm_squared();
         }
         if kind == Interpolant::Sibson {
+            // After the scaling: the pyramids over the facets need the final alpha.
             self.volumes(cavity);
         }
     }

@@ -150,6 +150,7 @@ impl Rows {
         for i in rows {
             let row = self.row(*i as usize);
             out.columns.extend(row.columns.iter().map(&column));
+            // Without the extra number at the end, which belongs to the next row.
             out.b.extend(&row.b[..row.b.len() - 1]);
             out.c.extend(&row.c[..row.c.len() - 1]);
             out.starts.push(out.columns.len());

@@ -50,6 +50,7 @@ impl<'a> Parts<'a> {
     /// Returns the columns of a row, ascending, and writes their positions to `slot`.
     fn columns(&self, node: usize, slot: &mut [u32]) -> Vec<u32> {
         let mut out = Vec::new();
+        // `slot` first marks a column as seen; the sorted columns then get their positions.
         let cells = self.entries.row(node).iter().map(|&at| self.owner[at as usize]);
         let in_cells = cells.flat_map(|c| self.smoothing.row(c as usize).0);
         for &k in in_cells {
@@ -86,6 +87,7 @@ impl<'a> Parts<'a> {
             }
         }
         add_tetrahedra(self.sub, &self.tet_weights, self.corners.row(node), slot, &mut p);
+        // Only the used slots: there is one per node of the body.
         columns.iter().for_each(|&k| slot[k as usize] = NONE);
         (columns, p)
     }

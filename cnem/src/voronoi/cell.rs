@@ -114,6 +114,7 @@ impl Work {
         for region in regions.of_node(node) {
             self.near.clear();
             let seed = domain.delaunay.points[node as usize];
+            // In a region any of its nodes may be the closest, not only neighbours in the complex.
             for &v in &region.nodes {
                 self.add_near(domain, node, v);
             }
@@ -255,6 +256,7 @@ impl Work {
                     }
                 }
             }
+            // Tetrahedra of a region are divided among all of its nodes, in `clipped`.
             if !regions.holds(tet) {
                 self.take_piece(domain, tet, node);
             }
@@ -341,6 +343,7 @@ impl Work {
     }
 
     fn finish(&mut self, seed: &Point3<f64>) {
+        // Tags put neighbours before constrained faces, both in ascending order.
         self.pieces.sort_unstable_by_key(|p| (p.tag, p.face));
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
