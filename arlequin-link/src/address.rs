@@ -32,27 +32,27 @@ impl std::str::FromStr for Address {
             rule: rule.to_owned(),
         };
         let form = "must be unix:PATH or tcp:127.0.0.1:PORT";
-        let (scheme, rest) = text.split_once(':').ok_or_else(|| wrong(form))?;
+        let (scheme, location) = text.split_once(':').ok_or_else(|| wrong(form))?;
         match scheme {
-            "unix" if rest.is_empty() => Err(wrong("has no path; write unix:PATH")),
-            "unix" if cfg!(unix) => Ok(Self::Unix(PathBuf::from(rest))),
+            "unix" if location.is_empty() => Err(wrong("has no path; write unix:PATH")),
+            "unix" if cfg!(unix) => Ok(Self::Unix(PathBuf::from(location))),
             "unix" => Err(wrong("this system has no such sockets; write tcp:127.0.0.1:PORT")),
             "tcp" | "tcp-open" => {
-                let named = rest
+                let localhost = location
                     .strip_prefix("localhost:")
                     .map(|port| format!("{}:{port}", Ipv4Addr::LOCALHOST));
-                let at: SocketAddr = named
+                let socket: SocketAddr = localhost
                     .as_deref()
-                    .unwrap_or(rest)
+                    .unwrap_or(location)
                     .parse()
                     .map_err(|_| wrong("needs an IP address and a port, as in tcp:127.0.0.1:7007"))?;
-                if scheme == "tcp" && !at.ip().is_loopback() {
+                if scheme == "tcp" && !socket.ip().is_loopback() {
                     return Err(wrong(
                         "is not of this machine, and the protocol has no password; on a network that is closed to strangers, \
                          write tcp-open in place of tcp",
                     ));
                 }
-                Ok(Self::Tcp(at))
+                Ok(Self::Tcp(socket))
             }
             _ => Err(wrong(form)),
         }
@@ -183,7 +183,7 @@ pub struct Listener {
     door: Door,
     address: Address,
     /// Socket file to remove.
-    left: Option<PathBuf>,
+    socket_file: Option<PathBuf>,
     /// Private folder to remove.
     folder: Option<PathBuf>,
 }
@@ -198,13 +198,13 @@ impl Listener {
     /// [`Error::System`], for example if the address is in use.
     pub fn at(address: &Address) -> Result<Self> {
         let failed = system("waiting at", address);
-        let mut left = None;
-        let mut at = address.clone();
+        let mut socket_file = None;
+        let mut bound = address.clone();
         let door = match address {
             #[cfg(unix)]
             Address::Unix(path) => {
                 let listener = bind(path).map_err(&failed)?;
-                left = Some(path.clone());
+                socket_file = Some(path.clone());
                 listener.set_nonblocking(true).map_err(&failed)?;
                 Door::Unix(listener)
             }
@@ -213,15 +213,15 @@ impl Listener {
             Address::Tcp(socket) => {
                 let listener = TcpListener::bind(socket).map_err(&failed)?;
                 listener.set_nonblocking(true).map_err(&failed)?;
-                at = Address::Tcp(listener.local_addr().map_err(&failed)?);
+                bound = Address::Tcp(listener.local_addr().map_err(&failed)?);
                 Door::Tcp(listener)
             }
         };
-        let (address, folder) = (at, None);
+        let (address, folder) = (bound, None);
         Ok(Self {
             door,
             address,
-            left,
+            socket_file,
             folder,
         })
     }
@@ -281,7 +281,7 @@ impl Listener {
     ) -> Result<Option<Stream>> {
         let failed = system("waiting at", &self.address);
         loop {
-            let came = match &self.door {
+            let attempt = match &self.door {
                 #[cfg(unix)]
                 Door::Unix(l) => l.accept().and_then(|(s, _)| {
                     // Some systems pass the listener's mode on to the stream.
@@ -296,7 +296,7 @@ impl Listener {
                     Ok(Stream::Tcp(s))
                 }),
             };
-            match came {
+            match attempt {
                 Ok(stream) => return Ok(Some(stream)),
                 Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {}
                 Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
@@ -313,7 +313,7 @@ impl Listener {
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        if let Some(path) = &self.left {
+        if let Some(path) = &self.socket_file {
             let _ = std::fs::remove_file(path);
         }
         if let Some(path) = &self.folder {

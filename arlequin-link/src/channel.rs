@@ -60,11 +60,11 @@ impl Channel {
     ///
     /// # Errors
     /// [`Error::Silent`] if no time is left; [`Error::Interrupted`].
-    fn left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
+    fn time_left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
         let Some(until) = until else { return Ok(None) };
         let now = Instant::now();
-        let left = until.saturating_duration_since(now);
-        if left.is_zero() {
+        let remaining = until.saturating_duration_since(now);
+        if remaining.is_zero() {
             return Err(self.silent(waited));
         }
         self.interrupted = interrupt::is_requested().then(|| self.interrupted.unwrap_or(now));
@@ -74,7 +74,7 @@ impl Channel {
                 waited: waited.to_owned(),
             });
         }
-        Ok(Some(left.min(GLANCE)))
+        Ok(Some(remaining.min(GLANCE)))
     }
 
     fn silent(&self, waited: &str) -> Error {
@@ -120,16 +120,16 @@ impl Channel {
         outcome
     }
 
-    fn write(&mut self, mut rest: &[u8], until: Option<Instant>, kind: Kind) -> Result<()> {
+    fn write(&mut self, mut bytes: &[u8], until: Option<Instant>, kind: Kind) -> Result<()> {
         let what = || format!("the reading of {kind}");
-        while !rest.is_empty() {
-            if let Some(left) = self.left(until, &what())? {
-                let set = self.stream.write_within(left);
+        while !bytes.is_empty() {
+            if let Some(remaining) = self.time_left(until, &what())? {
+                let set = self.stream.write_within(remaining);
                 set.map_err(|e| self.failed(&e, &what()))?;
             }
-            match self.stream.write(rest) {
+            match self.stream.write(bytes) {
                 Ok(0) => return Err(self.failed(&ErrorKind::BrokenPipe.into(), &what())),
-                Ok(n) => rest = &rest[n..],
+                Ok(n) => bytes = &bytes[n..],
                 Err(e) if passing(&e) => {}
                 Err(e) => return Err(self.failed(&e, &what())),
             }
@@ -138,20 +138,20 @@ impl Channel {
     }
 
     /// Reads until `buffer[..to]` is full.
-    fn fill(&mut self, to: usize, until: Option<Instant>, what: &str) -> Result<()> {
-        let mut have = 0;
-        while have < to {
-            let room = to.min(have + PIECE);
+    fn fill(&mut self, end: usize, until: Option<Instant>, what: &str) -> Result<()> {
+        let mut filled = 0;
+        while filled < end {
+            let room = end.min(filled + PIECE);
             if self.buffer.len() < room {
                 self.buffer.resize(room, 0);
             }
-            if let Some(left) = self.left(until, what)? {
-                let set = self.stream.read_within(left);
+            if let Some(remaining) = self.time_left(until, what)? {
+                let set = self.stream.read_within(remaining);
                 set.map_err(|e| self.failed(&e, what))?;
             }
-            match self.stream.read(&mut self.buffer[have..room]) {
+            match self.stream.read(&mut self.buffer[filled..room]) {
                 Ok(0) => return Err(self.failed(&ErrorKind::UnexpectedEof.into(), what)),
-                Ok(n) => have += n,
+                Ok(n) => filled += n,
                 Err(e) if passing(&e) => {}
                 Err(e) => return Err(self.failed(&e, what)),
             }
@@ -170,12 +170,12 @@ impl Channel {
             let mut bytes = [0; HEADER];
             bytes.copy_from_slice(&self.buffer[..HEADER]);
             let header = Header::read(&bytes, &self.peer)?;
-            let due = due.contains(&header.kind);
+            let is_due = due.contains(&header.kind);
             let lengths = match header.kind {
                 Kind::Working => 0..=0,
                 // A text: its length in four bytes, and at most `SMALL` bytes.
                 Kind::Failed => 4..=SMALL + 4,
-                _ if due => *lengths.start()..=self.limit.min(*lengths.end()),
+                _ if is_due => *lengths.start()..=self.limit.min(*lengths.end()),
                 found => {
                     return Err(Error::Unexpected {
                         peer: self.peer.clone(),
@@ -200,7 +200,7 @@ impl Channel {
             self.fill(header.length as usize, until, &header.kind.to_string())?;
             match header.kind {
                 Kind::Working => {}
-                Kind::Failed if !due => return Err(read_failure(self.content(header), &self.peer)?),
+                Kind::Failed if !is_due => return Err(read_failure(self.content(header), &self.peer)?),
                 _ => return Ok(header),
             }
         }
@@ -212,7 +212,7 @@ impl Channel {
     }
 }
 
-/// Returns whether to try again. A read that timed out is tried again; [`Self::left`] then ends the wait.
+/// Returns whether to try again. A read that timed out is tried again; [`Self::time_left`] then ends the wait.
 fn passing(e: &std::io::Error) -> bool {
     matches!(
         e.kind(),

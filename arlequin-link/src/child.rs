@@ -17,9 +17,9 @@ pub(crate) struct Started {
     child: Child,
     command: String,
     /// True if the solver has confirmed the end, and so may take a moment to leave.
-    pub(crate) told: bool,
+    pub(crate) confirmed: bool,
     /// Exit status. Once it is known, the process number may belong to another process.
-    over: Option<ExitStatus>,
+    status: Option<ExitStatus>,
 }
 
 /// Returns a command as a user would type it in a shell.
@@ -70,8 +70,8 @@ impl Started {
         Ok(Self {
             child,
             command: text,
-            told: false,
-            over: None,
+            confirmed: false,
+            status: None,
         })
     }
 
@@ -81,7 +81,7 @@ impl Started {
     }
 
     /// Creates the error of a process that ended too early.
-    pub(crate) fn early(&self, ended: &str, due: &str) -> Error {
+    pub(crate) fn ended_early(&self, ended: &str, due: &str) -> Error {
         Error::Command {
             command: self.command.clone(),
             what: format!("{ended} before {due}"),
@@ -89,10 +89,10 @@ impl Started {
     }
 
     fn wait(&mut self, within: Duration) -> Option<ExitStatus> {
-        if self.over.is_none() {
-            self.over = self.look(within);
+        if self.status.is_none() {
+            self.status = self.look(within);
         }
-        self.over
+        self.status
     }
 
     #[cfg(unix)]
@@ -150,7 +150,7 @@ impl Started {
 impl Drop for Started {
     fn drop(&mut self) {
         if self
-            .wait(if self.told { GRACE } else { Duration::ZERO })
+            .wait(if self.confirmed { GRACE } else { Duration::ZERO })
             .is_some()
         {
             return;

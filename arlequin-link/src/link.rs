@@ -51,12 +51,12 @@ impl Link {
     }
 
     /// Stores the description of the solver.
-    pub(crate) fn know_of(&mut self, it: &Description) {
-        self.channel.peer_limit = it.limit;
-        self.offers = it.offers;
-        self.inertia.clone_from(&it.inertia);
+    pub(crate) fn store_description(&mut self, description: &Description) {
+        self.channel.peer_limit = description.limit;
+        self.offers = description.offers;
+        self.inertia.clone_from(&description.inertia);
         for x in [&mut self.v, &mut self.q, &mut self.a] {
-            x.resize(it.layout.dofs(), 0.0);
+            x.resize(description.layout.dofs(), 0.0);
         }
     }
 
@@ -83,7 +83,7 @@ impl Link {
         // The stream closes a moment before the process has ended.
         match child.ended(Duration::from_millis(200)) {
             // "the reading of …", or the message that was due.
-            Some(how) => child.early(&how, &format!("its {}", expected.trim_start_matches("the "))),
+            Some(how) => child.ended_early(&how, &format!("its {}", expected.trim_start_matches("the "))),
             None => e,
         }
     }
@@ -102,7 +102,7 @@ impl Link {
         self.channel.receive(due, lengths)
     }
 
-    pub(crate) fn done(&mut self) -> Result<()> {
+    pub(crate) fn expect_done(&mut self) -> Result<()> {
         self.exchange(Kind::Done, 0..=0).map(|_| ())
     }
 
@@ -121,19 +121,19 @@ impl Link {
         let [mut v, mut q, mut a] = [&mut self.v, &mut self.q, &mut self.a].map(std::mem::take);
         let mut content = self.channel.content(header);
         let mut read = || {
-            let has = Fields(content.u32()?);
-            if has != wanted {
-                let (a, b) = (has.0, wanted.0);
+            let fields = Fields(content.u32()?);
+            if fields != wanted {
+                let (a, b) = (fields.0, wanted.0);
                 return Err(content.wrong(format!("the fields are {a:#b}, and {b:#b} were asked for")));
             }
             content.u32()?;
             let invariant = content.f64()?;
-            let all = [
+            let arrays = [
                 (Fields::VELOCITIES, "velocities", &mut v),
                 (Fields::DISPLACEMENTS, "displacements", &mut q),
                 (Fields::ACCELERATIONS, "accelerations", &mut a),
             ];
-            for (field, name, out) in all {
+            for (field, name, out) in arrays {
                 if wanted.has(field) {
                     content.numbers(name, out)?;
                 }
@@ -163,7 +163,7 @@ impl Link {
     }
 
     /// Returns the fields that are requested with every step.
-    pub(crate) fn of_step(&self) -> Fields {
+    pub(crate) fn step_fields(&self) -> Fields {
         Fields::MOTION.and(Fields::INVARIANT.among(self.offers))
     }
 
@@ -178,7 +178,7 @@ impl Link {
         };
         self.guarded(|link| {
             link.channel.out.begin(Kind::Impulse).numbers(impulse);
-            link.done()?;
+            link.expect_done()?;
             // An impulse changes neither positions nor, therefore, displacements.
             link.known = link.known.among(Fields::DISPLACEMENTS);
             Ok(())
@@ -193,24 +193,24 @@ impl Link {
     /// Returns an error if a velocity has changed by something other than impulse over inertia. Else returns
     /// whether the impulse was strong enough to test the mass.
     fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<bool> {
-        let wanted = |i: usize| {
+        let expected = |i: usize| {
             let m = self.inertia[i];
             if m > 0.0 { impulse[i] / m } else { 0.0 }
         };
         let largest = |x: &mut dyn Iterator<Item = f64>| x.fold(0.0_f64, |m, x| m.max(x.abs()));
-        let top = largest(&mut (0..impulse.len()).map(wanted));
+        let top = largest(&mut (0..impulse.len()).map(expected));
         let fast = largest(&mut before.iter().chain(&self.v).copied());
         // Round-off of a difference is relative to the velocities, not to their change.
         let allowed = ROUNDED * (top + fast);
-        let off = |i: &usize| (self.v[*i] - before[*i] - wanted(*i)).abs() > allowed;
-        match (0..impulse.len()).find(off) {
+        let is_off = |i: &usize| (self.v[*i] - before[*i] - expected(*i)).abs() > allowed;
+        match (0..impulse.len()).find(is_off) {
             None => Ok(allowed < TELLING * top),
             Some(unknown) => Err(Error::Mass {
                 peer: self.channel.peer.clone(),
                 unknown,
                 inertia: self.inertia[unknown],
                 found: self.v[unknown] - before[unknown],
-                wanted: wanted(unknown),
+                wanted: expected(unknown),
             }),
         }
     }
@@ -223,9 +223,9 @@ impl Drop for Link {
         }
         self.channel.out.begin(Kind::End);
         // No error here: a solver that does not leave by itself is ended.
-        let told = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
+        let confirmed = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
         if let Some(child) = &mut self.child {
-            child.told = told;
+            child.confirmed = confirmed;
         }
     }
 }

@@ -25,9 +25,9 @@ impl Fields {
     /// Velocities and displacements, which every solver must offer.
     pub const MOTION: Self = Self(3);
 
-    /// Returns whether all fields of `which` are in this set.
-    pub fn has(self, which: Self) -> bool {
-        self.0 & which.0 == which.0
+    /// Returns whether this set contains all of `fields`.
+    pub fn has(self, fields: Self) -> bool {
+        self.0 & fields.0 == fields.0
     }
 
     /// Returns the union of both sets.
@@ -111,8 +111,11 @@ pub struct Description {
 
 impl Description {
     /// Writes the description to a message.
-    pub fn write(&self, to: &mut Message) {
-        to.begin(Kind::Description).u64(self.limit).u32(self.offers.0);
+    pub fn write(&self, message: &mut Message) {
+        message
+            .begin(Kind::Description)
+            .u64(self.limit)
+            .u32(self.offers.0);
         let (number, section, parts) = match &self.shape {
             Shape::Particles { pairs, .. } => (0, 1.0, pairs.len()),
             Shape::Mesh {
@@ -126,7 +129,8 @@ impl Description {
             components,
             rotations,
         } = self.layout;
-        to.raw(&[components as u8, rotations as u8, number, 0])
+        message
+            .raw(&[components as u8, rotations as u8, number, 0])
             .u64(nodes as u64)
             .u64(parts as u64)
             .f64(section)
@@ -134,18 +138,18 @@ impl Description {
             .text(&self.name, NAME)
             .text(&self.kind, NAME);
         self.nodes.iter().for_each(|x| {
-            to.numbers(x.coords.as_slice());
+            message.numbers(x.coords.as_slice());
         });
-        to.numbers(&self.inertia);
+        message.numbers(&self.inertia);
         match &self.shape {
             Shape::Particles { volumes, pairs } => {
-                to.numbers(volumes);
+                message.numbers(volumes);
                 pairs.iter().flatten().for_each(|k| {
-                    to.u32(*k);
+                    message.u32(*k);
                 });
             }
             Shape::Mesh { connectivity, .. } => connectivity.iter().for_each(|k| {
-                to.u32(*k);
+                message.u32(*k);
             }),
         }
     }
@@ -154,48 +158,48 @@ impl Description {
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
-    pub fn read(mut from: Content<'_>) -> Result<Self> {
-        let (limit, offers) = (from.u64()?, Fields(from.u32()?));
+    pub fn read(mut content: Content<'_>) -> Result<Self> {
+        let (limit, offers) = (content.u64()?, Fields(content.u32()?));
         if !offers.has(Fields::MOTION) {
             return Err(
-                from.wrong("velocities or displacements are not offered; every solver must tell both")
+                content.wrong("velocities or displacements are not offered; every solver must tell both")
             );
         }
-        let [components, rotations, number, _] = [from.u8()?, from.u8()?, from.u8()?, from.u8()?];
+        let [components, rotations, number, _] = [content.u8()?, content.u8()?, content.u8()?, content.u8()?];
         if !matches!(components, 1..=3) || !matches!(rotations, 0 | 3) {
             let rule = format!(
                 "nodes have {components} displacements and {rotations} rotations; 1 to 3 and 0 or 3 they have"
             );
-            return Err(from.wrong(rule));
+            return Err(content.wrong(rule));
         }
         let element = match number {
             0 => None,
             1 => Some(Element::Line),
             2 => Some(Element::Tetrahedron),
             3 => Some(Element::Hexahedron),
-            _ => return Err(from.wrong(format!("the shape is {number}; 0 to 3 there are"))),
+            _ => return Err(content.wrong(format!("the shape is {number}; 0 to 3 there are"))),
         };
         let per_node = 8 * (3 + usize::from(components) + usize::from(rotations));
         // Counts are checked against the bytes that each node or element needs, before anything is allocated.
-        let nodes = from.count("nodes", per_node)?;
+        let nodes = content.count("nodes", per_node)?;
         if nodes == 0 {
-            return Err(from.wrong("there is no node"));
+            return Err(content.wrong("there is no node"));
         }
-        let parts = from.count("elements or pairs", 4 * element.map_or(2, Element::nodes))?;
-        let section = from.finite("the cross-section")?;
-        let critical_step = from.f64()?;
-        check_step(&from, critical_step)?;
-        let (name, kind) = (from.text("the name", NAME)?, from.text("the kind", NAME)?);
+        let parts = content.count("elements or pairs", 4 * element.map_or(2, Element::nodes))?;
+        let section = content.finite("the cross-section")?;
+        let critical_step = content.f64()?;
+        check_step(&content, critical_step)?;
+        let (name, kind) = (content.text("the name", NAME)?, content.text("the kind", NAME)?);
         let layout = DofLayout {
             nodes,
             components: usize::from(components),
             rotations: usize::from(rotations),
         };
-        let positions = from.vector("positions", 3 * nodes)?;
-        let inertia = from.vector("inertia", layout.dofs())?;
-        check_inertia(&from, &inertia)?;
-        let shape = read_shape(&mut from, element, [nodes, parts], section)?;
-        from.end()?;
+        let positions = content.vector("positions", 3 * nodes)?;
+        let inertia = content.vector("inertia", layout.dofs())?;
+        check_inertia(&content, &inertia)?;
+        let shape = read_shape(&mut content, element, [nodes, parts], section)?;
+        content.end()?;
         let (positions, _) = positions.as_chunks::<3>();
         Ok(Self {
             limit,
@@ -212,18 +216,18 @@ impl Description {
 }
 
 fn read_shape(
-    from: &mut Content<'_>,
+    content: &mut Content<'_>,
     element: Option<Element>,
     [nodes, parts]: [usize; 2],
     section: f64,
 ) -> Result<Shape> {
     let volumes = match element {
-        None => from.vector("volumes", nodes)?,
+        None => content.vector("volumes", nodes)?,
         Some(_) => Vec::new(),
     };
-    let ends = from.integers(parts * element.map_or(2, Element::nodes))?;
+    let ends = content.integers(parts * element.map_or(2, Element::nodes))?;
     if let Some(beyond) = ends.iter().find(|k| **k as usize >= nodes) {
-        return Err(from.wrong(format!("an element or pair names node {beyond} of {nodes}")));
+        return Err(content.wrong(format!("an element or pair names node {beyond} of {nodes}")));
     }
     Ok(match element {
         None => Shape::Particles {
@@ -238,21 +242,21 @@ fn read_shape(
     })
 }
 
-pub(crate) fn check_step(from: &Content<'_>, step: f64) -> Result<()> {
+pub(crate) fn check_step(content: &Content<'_>, step: f64) -> Result<()> {
     if step > 0.0 {
         return Ok(());
     }
-    Err(from.wrong(format!(
+    Err(content.wrong(format!(
         "the critical step is {step} s; it is positive, or infinite for a solver that takes any"
     )))
 }
 
-pub(crate) fn check_inertia(from: &Content<'_>, inertia: &[f64]) -> Result<()> {
+pub(crate) fn check_inertia(content: &Content<'_>, inertia: &[f64]) -> Result<()> {
     match inertia.iter().position(|m| *m < 0.0) {
         None => Ok(()),
-        Some(at) => Err(from.wrong(format!(
-            "the inertia of unknown {at} is {:e}, below zero",
-            inertia[at]
+        Some(unknown) => Err(content.wrong(format!(
+            "the inertia of unknown {unknown} is {:e}, below zero",
+            inertia[unknown]
         ))),
     }
 }
@@ -284,27 +288,27 @@ const POLYHEDRA: u8 = 4;
 
 impl Ask {
     /// Writes a request for the value at a point.
-    pub fn write_point(to: &mut Message, share: Share, x: &Point3<f64>) {
-        begin_ask(to, share, POINTS, 1.0);
-        to.numbers(x.coords.as_slice());
+    pub fn write_point(message: &mut Message, share: Share, x: &Point3<f64>) {
+        begin_ask(message, share, POINTS, 1.0);
+        message.numbers(x.coords.as_slice());
     }
 
     /// Writes a request for the mean over a cell.
-    pub fn write_cell(to: &mut Message, share: Share, cell: &Cell<f64>) {
+    pub fn write_cell(message: &mut Message, share: Share, cell: &Cell<f64>) {
         match cell {
             Cell::Segment { ends, section } => {
-                begin_ask(to, share, SEGMENTS, *section);
+                begin_ask(message, share, SEGMENTS, *section);
                 ends.iter().for_each(|x| {
-                    to.numbers(x.coords.as_slice());
+                    message.numbers(x.coords.as_slice());
                 });
             }
             Cell::Polyhedron(p) => {
-                begin_ask(to, share, POLYHEDRA, 1.0);
-                to.u32(p.faces.len() as u32);
+                begin_ask(message, share, POLYHEDRA, 1.0);
+                message.u32(p.faces.len() as u32);
                 for face in &p.faces {
-                    to.u32(face.len() as u32);
+                    message.u32(face.len() as u32);
                     face.iter().for_each(|x| {
-                        to.numbers(x.coords.as_slice());
+                        message.numbers(x.coords.as_slice());
                     });
                 }
             }
@@ -315,29 +319,29 @@ impl Ask {
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
-    pub fn read(mut from: Content<'_>) -> Result<Self> {
-        let share = match from.u8()? {
+    pub fn read(mut content: Content<'_>) -> Result<Self> {
+        let share = match content.u8()? {
             0 => Share::Internal,
             1 => Share::Kinetic,
             2 => Share::External,
-            other => return Err(from.wrong(format!("weight {other} is asked for; 0 to 2 there are"))),
+            other => return Err(content.wrong(format!("weight {other} is asked for; 0 to 2 there are"))),
         };
-        let (what, _, _) = (from.u8()?, from.u8()?, from.u8()?);
-        let count = from.u32()? as usize;
-        let section = from.finite("the cross-section")?;
-        let corners = match what {
+        let (kind, _, _) = (content.u8()?, content.u8()?, content.u8()?);
+        let count = content.u32()? as usize;
+        let section = content.finite("the cross-section")?;
+        let corners = match kind {
             POINTS => 1,
             SEGMENTS => 2,
             TETRAHEDRA => 4,
             HEXAHEDRA => 8,
             POLYHEDRA => 0,
-            _ => return Err(from.wrong(format!("places of kind {what} are asked for; 0 to 4 there are"))),
+            _ => return Err(content.wrong(format!("places of kind {kind} are asked for; 0 to 4 there are"))),
         };
         let places = if corners == 0 {
-            Places::Cells(polyhedra(&mut from, count)?)
+            Places::Cells(polyhedra(&mut content, count)?)
         } else {
-            let points = points(&mut from, count.saturating_mul(corners))?;
-            match what {
+            let points = points(&mut content, count.saturating_mul(corners))?;
+            match kind {
                 POINTS => Places::Points(points),
                 SEGMENTS => {
                     let (ends, _) = points.as_chunks::<2>();
@@ -345,18 +349,18 @@ impl Ask {
                     Places::Cells(ends.iter().map(cell).collect())
                 }
                 TETRAHEDRA => {
-                    let (all, _) = points.as_chunks::<4>();
+                    let (groups, _) = points.as_chunks::<4>();
                     let cell = |p: &[Point3<f64>; 4]| Cell::Polyhedron(Polyhedron::tetrahedron(*p));
-                    Places::Cells(all.iter().map(cell).collect())
+                    Places::Cells(groups.iter().map(cell).collect())
                 }
                 _ => {
-                    let (all, _) = points.as_chunks::<8>();
+                    let (groups, _) = points.as_chunks::<8>();
                     let cell = |p: &[Point3<f64>; 8]| Cell::Polyhedron(Polyhedron::hexahedron(*p));
-                    Places::Cells(all.iter().map(cell).collect())
+                    Places::Cells(groups.iter().map(cell).collect())
                 }
             }
         };
-        from.end()?;
+        content.end()?;
         Ok(Self { share, places })
     }
 
@@ -369,54 +373,58 @@ impl Ask {
     }
 
     /// Writes the answer to this request.
-    pub fn answer(&self, weights: &Weights<f64>, to: &mut Message) {
+    pub fn answer(&self, weights: &Weights<f64>, message: &mut Message) {
         let weight: &dyn Weight<f64> = match self.share {
             Share::Internal => &*weights.internal,
             Share::Kinetic => &*weights.kinetic,
             Share::External => &*weights.external,
         };
-        to.begin(Kind::Shares);
+        message.begin(Kind::Shares);
         match &self.places {
             Places::Points(points) => points.iter().for_each(|x| {
-                to.f64(weight.at(x));
+                message.f64(weight.at(x));
             }),
             Places::Cells(cells) => cells.iter().for_each(|c| {
-                to.f64(weight.mean(c));
+                message.f64(weight.mean(c));
             }),
         }
     }
 }
 
-fn begin_ask(to: &mut Message, share: Share, what: u8, section: f64) {
+fn begin_ask(message: &mut Message, share: Share, kind: u8, section: f64) {
     let share = match share {
         Share::Internal => 0,
         Share::Kinetic => 1,
         Share::External => 2,
     };
-    to.begin(Kind::Ask).raw(&[share, what, 0, 0]).u32(1).f64(section);
+    message
+        .begin(Kind::Ask)
+        .raw(&[share, kind, 0, 0])
+        .u32(1)
+        .f64(section);
 }
 
-fn points(from: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
-    let flat = from.vector("points", count.saturating_mul(3))?;
+fn points(content: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
+    let flat = content.vector("points", count.saturating_mul(3))?;
     Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
 }
 
 /// Reads polyhedra. The announced counts allocate nothing: each cell and each face takes at least four bytes
 /// of the message, so that a wrong count ends the reading.
-fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
+fn polyhedra(content: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
     let mut out = Vec::new();
     for _ in 0..count {
-        let faces = from.u32()?;
+        let faces = content.u32()?;
         let mut p = Polyhedron::default();
         for _ in 0..faces {
-            let corners = from.u32()? as usize;
+            let corners = content.u32()? as usize;
             if corners < 3 {
-                return Err(from.wrong(format!("a face has {corners} corners")));
+                return Err(content.wrong(format!("a face has {corners} corners")));
             }
-            p.faces.push(points(from, corners)?);
+            p.faces.push(points(content, corners)?);
         }
         if p.faces.len() < 4 {
-            return Err(from.wrong(format!("a polyhedron has {} faces", p.faces.len())));
+            return Err(content.wrong(format!("a polyhedron has {} faces", p.faces.len())));
         }
         out.push(Cell::Polyhedron(p));
     }
@@ -424,13 +432,14 @@ fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
 }
 
 /// Writes the state that a solver saves, as [`Kind::Record`] or [`Kind::Restore`].
-pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
-    to.begin(kind)
+pub fn write_record(message: &mut Message, kind: Kind, record: &Record<f64>) {
+    message
+        .begin(kind)
         .u64(record.numbers.len() as u64)
         .u64(record.integers.len() as u64)
         .numbers(&record.numbers);
     record.integers.iter().for_each(|k| {
-        to.u64(*k);
+        message.u64(*k);
     });
 }
 
@@ -438,26 +447,26 @@ pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
 ///
 /// # Errors
 /// [`Error::Length`], [`Error::Content`].
-pub fn read_record(mut from: Content<'_>) -> Result<Record<f64>> {
-    let numbers = from.count("numbers", 8)?;
-    let integers = from.count("integers", 8)?;
+pub fn read_record(mut content: Content<'_>) -> Result<Record<f64>> {
+    let numbers = content.count("numbers", 8)?;
+    let integers = content.count("integers", 8)?;
     let record = Record {
-        numbers: from
+        numbers: content
             .long_integers(numbers)?
             .into_iter()
             .map(f64::from_bits)
             .collect(),
-        integers: from.long_integers(integers)?,
+        integers: content.long_integers(integers)?,
     };
-    from.end()?;
+    content.end()?;
     Ok(record)
 }
 
 /// Reads the text of [`Kind::Failed`] as an error.
-pub(crate) fn read_failure(mut from: Content<'_>, peer: &str) -> Result<Error> {
-    let most = crate::wire::SMALL as usize;
-    let text = from.text("the reason", most)?;
-    from.end()?;
+pub(crate) fn read_failure(mut content: Content<'_>, peer: &str) -> Result<Error> {
+    let limit = crate::wire::SMALL as usize;
+    let text = content.text("the reason", limit)?;
+    content.end()?;
     let peer = peer.to_owned();
     Ok(Error::Failed { peer, text })
 }

@@ -111,11 +111,11 @@ impl Remote {
                 None => Ok(()),
                 Some(c) => c
                     .ended(Duration::ZERO)
-                    .map_or(Ok(()), |how| Err(c.early(&how, "it connected"))),
+                    .map_or(Ok(()), |how| Err(c.ended_early(&how, "it connected"))),
             }
         };
-        let came = listener.accept(Instant::now() + options.start, &mut watch)?;
-        let Some(stream) = came else {
+        let accepted = listener.accept(Instant::now() + options.start, &mut watch)?;
+        let Some(stream) = accepted else {
             return Err(Error::Silent {
                 peer,
                 waited: waited(),
@@ -131,7 +131,7 @@ impl Remote {
             Description::read(link.channel.content(header))
         };
         let description = link.guarded(greet)?;
-        link.know_of(&description);
+        link.store_description(&description);
         Ok(Self {
             name: name.to_owned(),
             critical_step: description.critical_step,
@@ -150,12 +150,12 @@ impl Remote {
         &self.description.shape
     }
 
-    fn of_model<V>(&self, result: Result<V>) -> arlequin_core::Result<V> {
+    fn with_name<V>(&self, result: Result<V>) -> arlequin_core::Result<V> {
         result.map_err(|e| arlequin_core::Error::of_model(&self.name, e))
     }
 
     fn weigh_all(&self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<f64> {
-        let whole = &self.description.inertia;
+        let unweighted = &self.description.inertia;
         let nodes = self.description.nodes.len();
         self.link.borrow_mut().guarded(|link| {
             let nodal = u64::from(weights.weighting == Weighting::Nodal);
@@ -166,8 +166,8 @@ impl Remote {
             while header.kind == Kind::Ask {
                 let ask = Ask::read(link.channel.content(header))?;
                 questions = questions.checked_sub(1).ok_or_else(|| {
-                    let asked = QUESTIONS + QUESTIONS_PER_NODE * nodes;
-                    let rule = format!("nothing new is asked: {asked} questions for {nodes} nodes; ask for many places at once");
+                    let limit = QUESTIONS + QUESTIONS_PER_NODE * nodes;
+                    let rule = format!("nothing new is asked: {limit} questions for {nodes} nodes; ask for many places at once");
                     link.channel.content(header).wrong(rule)
                 })?;
                 ask.answer(weights, &mut link.channel.out);
@@ -180,12 +180,12 @@ impl Remote {
             check_inertia(&content, inertia)?;
             content.end()?;
             let heavier = |(m, w): (&f64, &f64)| *m > *w * (1.0 + WEIGHED);
-            if let Some(unknown) = inertia.iter().zip(whole).position(heavier) {
+            if let Some(unknown) = inertia.iter().zip(unweighted).position(heavier) {
                 return Err(Error::Heavier {
                     peer: link.channel.peer.clone(),
                     unknown,
                     found: inertia[unknown],
-                    whole: whole[unknown],
+                    whole: unweighted[unknown],
                 });
             }
             // The new inertia must prove itself by an impulse, too.
@@ -213,24 +213,24 @@ impl Participant<f64> for Remote {
 
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> arlequin_core::Result<()> {
         let critical = self.weigh_all(weights, inertia);
-        self.critical_step = self.of_model(critical)?;
+        self.critical_step = self.with_name(critical)?;
         Ok(())
     }
 
-    fn advance(&mut self, from: f64, step: f64) -> arlequin_core::Result<()> {
+    fn advance(&mut self, time: f64, step: f64) -> arlequin_core::Result<()> {
         let outcome = self.link.borrow_mut().guarded(|link| {
-            let wanted = link.of_step();
+            let wanted = link.step_fields();
             link.known = Fields::default();
             link.channel
                 .out
                 .begin(Kind::Advance)
-                .f64(from)
+                .f64(time)
                 .f64(step)
                 .u32(wanted.0)
                 .u32(0);
             link.read_state(wanted)
         });
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 
     /// Writes NaN if the other side does not answer; the next step returns the error.
@@ -253,16 +253,16 @@ impl Participant<f64> for Remote {
 
     fn kick(&mut self, impulse: &[f64]) -> arlequin_core::Result<()> {
         let outcome = self.link.borrow_mut().kick(impulse);
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
         let mut link = self.link.borrow_mut();
-        let has = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
-        if has {
+        let is_known = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
+        if is_known {
             out.copy_from_slice(&link.a);
         }
-        has
+        is_known
     }
 
     fn critical_step(&self) -> Option<f64> {
@@ -271,8 +271,8 @@ impl Participant<f64> for Remote {
 
     fn invariant(&self) -> Option<f64> {
         let mut link = self.link.borrow_mut();
-        let has = link.offers.has(Fields::INVARIANT) && link.know(Fields::INVARIANT).is_ok();
-        has.then_some(link.invariant)
+        let is_known = link.offers.has(Fields::INVARIANT) && link.know(Fields::INVARIANT).is_ok();
+        is_known.then_some(link.invariant)
     }
 
     fn save(&self) -> arlequin_core::Result<Record<f64>> {
@@ -289,10 +289,10 @@ impl Participant<f64> for Remote {
             let header = link.exchange(Kind::Record, 16..=u64::MAX)?;
             read_record(link.channel.content(header))
         });
-        self.of_model(record)
+        self.with_name(record)
     }
 
-    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+    fn restore(&mut self, record: &Record<f64>) -> arlequin_core::Result<()> {
         let mut link = self.link.borrow_mut();
         if !link.offers.has(Fields::MEMORY) {
             return Err(arlequin_core::Error::Unsupported {
@@ -301,11 +301,11 @@ impl Participant<f64> for Remote {
             });
         }
         let outcome = link.guarded(|link| {
-            write_record(&mut link.channel.out, Kind::Restore, from);
+            write_record(&mut link.channel.out, Kind::Restore, record);
             link.known = Fields::default();
-            link.done()
+            link.expect_done()
         });
         drop(link);
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 }

@@ -141,7 +141,7 @@ impl Server<'_> {
         let mut inertia = vec![0.0; self.numbers.len()];
         self.solver.weigh(&Weights::uncoupled(), &mut inertia)?;
         let mut offers = Fields::MOTION;
-        let has = [
+        let optional = [
             (
                 self.solver.accelerations(&mut self.numbers),
                 Fields::ACCELERATIONS,
@@ -149,7 +149,7 @@ impl Server<'_> {
             (self.solver.invariant().is_some(), Fields::INVARIANT),
             (self.solver.save().is_ok(), Fields::MEMORY),
         ];
-        for (_, field) in has.into_iter().filter(|h| h.0) {
+        for (_, field) in optional.into_iter().filter(|h| h.0) {
             offers = offers.and(field);
         }
         Ok(Description {
@@ -210,12 +210,12 @@ impl Server<'_> {
         let mut content = channel.content(header);
         Ok(match header.kind {
             Kind::Advance => {
-                let (from, step) = (content.finite("the time")?, content.finite("the step")?);
+                let (time, step) = (content.finite("the time")?, content.finite("the step")?);
                 let wanted = Fields(content.u32()?);
                 content.u32()?;
                 content.end()?;
                 self.solver
-                    .advance(from, step)
+                    .advance(time, step)
                     .map(|()| self.write_state(wanted, channel))
             }
             Kind::Tell => {

@@ -57,7 +57,7 @@ impl Verlet {
         }
     }
 
-    fn find_forces(&mut self) -> Result<()> {
+    fn compute_forces(&mut self) -> Result<()> {
         self.force.fill(0.0);
         self.model.advance(&self.q, &mut self.force)
     }
@@ -102,13 +102,13 @@ impl Participant<f64> for Verlet {
         self.inertia.copy_from_slice(inertia);
         self.critical = Some(self.model.critical_step(&self.inverse)?);
         // The first half step needs the forces under the new weights.
-        self.find_forces()
+        self.compute_forces()
     }
 
     fn advance(&mut self, _from: f64, step: f64) -> Result<()> {
         self.half_kick(step);
         self.q.iter_mut().zip(&self.v).for_each(|(q, v)| *q += step * v);
-        self.find_forces()?;
+        self.compute_forces()?;
         self.half_kick(step);
         self.step = step;
         Ok(())
@@ -122,14 +122,17 @@ impl Participant<f64> for Verlet {
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let all = self.force.iter().zip(&self.inverse);
-        out.iter_mut().zip(all).for_each(|(a, (f, w))| *a = f * w);
+        let unknowns = self.force.iter().zip(&self.inverse);
+        out.iter_mut().zip(unknowns).for_each(|(a, (f, w))| *a = f * w);
         true
     }
 
     fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        let all = impulse.iter().zip(&self.inverse);
-        self.v.iter_mut().zip(all).for_each(|(v, (p, w))| *v += p * w);
+        let unknowns = impulse.iter().zip(&self.inverse);
+        self.v
+            .iter_mut()
+            .zip(unknowns)
+            .for_each(|(v, (p, w))| *v += p * w);
         Ok(())
     }
 
@@ -140,13 +143,13 @@ impl Participant<f64> for Verlet {
     /// Returns `½vᵀMv + U(q) − ⅛Δt² fᵀM⁻¹f` \[J\]: velocity Verlet conserves this energy of a linear model at
     /// whole steps.
     fn invariant(&self) -> Option<f64> {
-        let all = self
+        let unknowns = self
             .v
             .iter()
             .zip(&self.force)
             .zip(&self.inertia)
             .zip(&self.inverse);
-        let nodes: f64 = all
+        let nodes: f64 = unknowns
             .map(|(((v, f), m), w)| 0.5 * m * v * v - 0.125 * self.step.powi(2) * f * f * w)
             .sum();
         Some(nodes + self.model.internal_energy(&self.q))
@@ -154,24 +157,24 @@ impl Participant<f64> for Verlet {
 
     fn save(&self) -> Result<Record<f64>> {
         let mut record = self.model.save();
-        let own = [&self.q, &self.v, &self.force].into_iter().flatten();
-        record.numbers.extend(own.chain([&self.step]));
+        let state = [&self.q, &self.v, &self.force].into_iter().flatten();
+        record.numbers.extend(state.chain([&self.step]));
         Ok(record)
     }
 
-    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+    fn restore(&mut self, record: &Record<f64>) -> Result<()> {
         let n = self.q.len();
-        let Some(at) = from.numbers.len().checked_sub(3 * n + 1) else {
-            return from.expect(self.model.name(), 3 * n + 1, from.integers.len());
+        let Some(split) = record.numbers.len().checked_sub(3 * n + 1) else {
+            return record.expect(self.model.name(), 3 * n + 1, record.integers.len());
         };
-        let (of_model, own) = from.numbers.split_at(at);
+        let (of_model, state) = record.numbers.split_at(split);
         self.model.restore(&Record {
             numbers: of_model.to_vec(),
-            integers: from.integers.clone(),
+            integers: record.integers.clone(),
         })?;
-        let (q, rest) = own.split_at(n);
-        let (v, rest) = rest.split_at(n);
-        let (force, step) = rest.split_at(n);
+        let (q, tail) = state.split_at(n);
+        let (v, tail) = tail.split_at(n);
+        let (force, step) = tail.split_at(n);
         self.q.copy_from_slice(q);
         self.v.copy_from_slice(v);
         self.force.copy_from_slice(force);

@@ -186,16 +186,16 @@ impl Message {
 
     /// Appends numbers, without their count.
     pub fn numbers(&mut self, x: &[f64]) -> &mut Self {
-        let from = self.bytes.len();
-        self.bytes.resize(from + 8 * x.len(), 0);
-        let (slots, _) = self.bytes[from..].as_chunks_mut::<8>();
+        let start = self.bytes.len();
+        self.bytes.resize(start + 8 * x.len(), 0);
+        let (slots, _) = self.bytes[start..].as_chunks_mut::<8>();
         slots.iter_mut().zip(x).for_each(|(b, x)| *b = x.to_le_bytes());
         self
     }
 
-    /// Appends a text: its length in bytes, then its bytes in UTF-8. A text longer than `most` bytes is cut.
-    pub fn text(&mut self, text: &str, most: usize) -> &mut Self {
-        let mut end = text.len().min(most);
+    /// Appends a text: its length in bytes, then its bytes in UTF-8. A text longer than `limit` bytes is cut.
+    pub fn text(&mut self, text: &str, limit: usize) -> &mut Self {
+        let mut end = text.len().min(limit);
         while !text.is_char_boundary(end) {
             end -= 1;
         }
@@ -229,7 +229,7 @@ pub struct Content<'a> {
     peer: &'a str,
     kind: Kind,
     length: u64,
-    rest: &'a [u8],
+    unread: &'a [u8],
 }
 
 impl<'a> Content<'a> {
@@ -239,7 +239,7 @@ impl<'a> Content<'a> {
             peer,
             kind,
             length: bytes.len() as u64,
-            rest: bytes,
+            unread: bytes,
         }
     }
 
@@ -266,16 +266,16 @@ impl<'a> Content<'a> {
     /// # Errors
     /// [`Error::Length`] if there are fewer bytes.
     pub fn raw(&mut self, count: usize) -> Result<&'a [u8]> {
-        let Some((head, rest)) = self.rest.split_at_checked(count) else {
+        let Some((head, unread)) = self.unread.split_at_checked(count) else {
             let rule = format!("{count} more were due behind the first {}", self.read());
             return Err(self.length(rule));
         };
-        self.rest = rest;
+        self.unread = unread;
         Ok(head)
     }
 
     fn read(&self) -> u64 {
-        self.length - self.rest.len() as u64
+        self.length - self.unread.len() as u64
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
@@ -335,7 +335,7 @@ impl<'a> Content<'a> {
     /// [`Error::Content`] naming `what`.
     pub fn count(&mut self, what: &str, size: usize) -> Result<usize> {
         let count = self.u64()?;
-        let room = self.rest.len() / size.max(1);
+        let room = self.unread.len() / size.max(1);
         match usize::try_from(count) {
             Ok(count) if count <= room => Ok(count),
             _ => Err(self.wrong(format!("{count} {what} are announced, with room for {room}"))),
@@ -358,8 +358,11 @@ impl<'a> Content<'a> {
         if finite {
             return Ok(());
         }
-        let at = out.iter().position(|x| !x.is_finite()).unwrap_or_default();
-        Err(self.wrong(format!("{what}: entry {at} is {}, not a finite number", out[at])))
+        let entry = out.iter().position(|x| !x.is_finite()).unwrap_or_default();
+        Err(self.wrong(format!(
+            "{what}: entry {entry} is {}, not a finite number",
+            out[entry]
+        )))
     }
 
     /// Reads the next `count` numbers, which must be finite. The length of the message is checked before
@@ -368,7 +371,7 @@ impl<'a> Content<'a> {
     /// # Errors
     /// Those of [`Self::numbers`].
     pub fn vector(&mut self, what: &str, count: usize) -> Result<Vec<f64>> {
-        if count > self.rest.len() / 8 {
+        if count > self.unread.len() / 8 {
             let rule = format!(
                 "{count} numbers ({what}) were due behind the first {}",
                 self.read()
@@ -405,10 +408,10 @@ impl<'a> Content<'a> {
     ///
     /// # Errors
     /// [`Error::Length`]; [`Error::Content`] for a text that is too long or not UTF-8.
-    pub fn text(&mut self, what: &str, most: usize) -> Result<String> {
+    pub fn text(&mut self, what: &str, limit: usize) -> Result<String> {
         let count = self.u32()? as usize;
-        if count > most {
-            return Err(self.wrong(format!("{what} has {count} bytes, more than {most}")));
+        if count > limit {
+            return Err(self.wrong(format!("{what} has {count} bytes, more than {limit}")));
         }
         match std::str::from_utf8(self.raw(count)?) {
             Ok(text) => Ok(text
@@ -424,7 +427,7 @@ impl<'a> Content<'a> {
     /// # Errors
     /// [`Error::Length`] if bytes are left.
     pub fn end(self) -> Result<()> {
-        if self.rest.is_empty() {
+        if self.unread.is_empty() {
             return Ok(());
         }
         let rule = format!("{} were due", self.read());

@@ -37,12 +37,12 @@ impl Bins {
     /// Sorts boxes into bins, about as many bins as boxes.
     pub(crate) fn new(boxes: Vec<Aabb>) -> Self {
         let corners = boxes.iter().flat_map(|b| b.iter());
-        let all = if boxes.is_empty() {
+        let bounds = if boxes.is_empty() {
             [Point3::origin(); 2]
         } else {
             around(corners, 0.0)
         };
-        let extent = all[1] - all[0];
+        let extent = bounds[1] - bounds[0];
         let longest = extent.max().max(f64::MIN_POSITIVE);
         // Flat sets have no volume: at least a thousandth of the longest extent keeps the bin size positive.
         let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-3)).product();
@@ -59,7 +59,7 @@ impl Bins {
         let bins = counts.iter().product::<usize>();
         let mut out = Self {
             boxes: Vec::new(),
-            low: all[0],
+            low: bounds[0],
             inverse,
             counts,
             start: vec![0; bins + 1],
@@ -105,15 +105,15 @@ impl Bins {
     }
 
     /// Returns whether any box overlaps `query`.
-    pub(crate) fn any(&self, query: &Aabb) -> bool {
-        let mut found = false;
+    pub(crate) fn overlaps_any(&self, query: &Aabb) -> bool {
+        let mut hit = false;
         self.visit(query, |bin| {
             let range = self.start[bin] as usize..self.start[bin + 1] as usize;
-            found = found
+            hit = hit
                 || self.items[range]
                     .iter()
                     .any(|&i| overlap(&self.boxes[i as usize], query));
         });
-        found
+        hit
     }
 }

@@ -62,8 +62,8 @@ impl Polyhedron {
 
     /// Returns the largest distance of a corner beyond a plane.
     pub(crate) fn excess(&self, normal: &Vector3<f64>, offset: f64) -> f64 {
-        let beyond = self.points.iter().map(|p| normal.dot(p) - offset);
-        beyond.fold(f64::NEG_INFINITY, f64::max)
+        let distances = self.points.iter().map(|p| normal.dot(p) - offset);
+        distances.fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. Returns whether anything was cut off.
@@ -86,19 +86,19 @@ impl Polyhedron {
             let s = normal.dot(p) - offset;
             if s.abs() <= snap { 0.0 } else { s }
         };
-        let (mut before, mut on, mut behind) = (false, false, false);
+        let (mut before, mut on_plane, mut behind) = (false, false, false);
         for p in &self.points {
             let s = place(p);
             before |= s < 0.0;
             behind |= s > 0.0;
-            on |= s == 0.0;
+            on_plane |= s == 0.0;
         }
         if !before {
             self.points.clear();
             self.faces.clear();
             return true;
         }
-        if on {
+        if on_plane {
             let mut start = 0;
             for (end, face_tag) in &mut self.faces {
                 let polygon = &self.points[start..*end];
@@ -161,14 +161,14 @@ impl Polyhedron {
             return;
         }
         let middle = self.cap.iter().sum::<Vector3<f64>>() / self.cap.len() as f64;
-        let far = self
+        let farthest = self
             .cap
             .iter()
             .map(|p| p - middle)
             .fold(Vector3::zeros(), |a: Vector3<f64>, b| {
                 if b.norm_squared() > a.norm_squared() { b } else { a }
             });
-        let v = normal.cross(&far);
+        let v = normal.cross(&farthest);
         let u = v.cross(normal);
         let (u, v) = (u / u.norm(), v / v.norm());
         self.angles.clear();

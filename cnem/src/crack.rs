@@ -44,7 +44,7 @@ pub(crate) struct Copies {
     /// Original node of each copy.
     originals: Vec<u32>,
     /// For each node that has copies: the node itself, then its copies.
-    of: HashMap<u32, Vec<u32>>,
+    unknowns: HashMap<u32, Vec<u32>>,
     /// `tetrahedron << 2 | slot` below and above every constrained face.
     pub(crate) sides: Vec<[u32; 2]>,
 }
@@ -70,17 +70,17 @@ impl Copies {
 
     /// Returns a node and its copies; empty if there are no copies.
     #[inline]
-    pub(crate) fn of(&self, original: u32) -> &[u32] {
+    pub(crate) fn unknowns_of(&self, original: u32) -> &[u32] {
         if self.originals.is_empty() {
             &[]
         } else {
-            self.of.get(&original).map_or(&[], Vec::as_slice)
+            self.unknowns.get(&original).map_or(&[], Vec::as_slice)
         }
     }
 
     fn add(&mut self, original: u32, copy: u32) {
         self.originals.push(original);
-        self.of
+        self.unknowns
             .entry(original)
             .or_insert_with(|| vec![original])
             .push(copy);
@@ -127,8 +127,8 @@ impl Domain {
         let tet = self.copies.sides[face as usize][side] >> 2;
         let corners = self.delaunay.tets[tet as usize].v;
         self.mesh.faces[face as usize].v.map(|v| {
-            let same = corners.iter().find(|&&w| self.copies.original(w) == v);
-            same.copied().unwrap_or(v)
+            let twin = corners.iter().find(|&&w| self.copies.original(w) == v);
+            twin.copied().unwrap_or(v)
         })
     }
 
@@ -143,35 +143,35 @@ impl Domain {
 
     /// Returns the copy of a node that counts in and around a tetrahedron. It is the copy that is reached
     /// over the fewest faces without crossing a wall; the smallest index breaks ties.
-    pub(crate) fn copy_at(&self, tet: u32, original: u32, reached: &mut Vec<u32>) -> u32 {
-        let all = self.copies.of(original);
-        let Some(&itself) = all.first() else {
+    pub(crate) fn copy_at(&self, tet: u32, original: u32, visited: &mut Vec<u32>) -> u32 {
+        let unknowns = self.copies.unknowns_of(original);
+        let Some(&itself) = unknowns.first() else {
             return original;
         };
-        reached.clear();
-        reached.push(tet);
+        visited.clear();
+        visited.push(tet);
         let (mut next, mut level) = (0, 1);
-        let mut found = None;
-        while next < reached.len() && next < MAX_REACHED {
-            let tet = reached[next];
+        let mut nearest = None;
+        while next < visited.len() && next < MAX_REACHED {
+            let tet = visited[next];
             let t = &self.delaunay.tets[tet as usize];
-            let here = t.v.into_iter().find(|v| all.contains(v));
-            found = here.map_or(found, |v| Some(found.map_or(v, |f: u32| f.min(v))));
+            let corner = t.v.into_iter().find(|v| unknowns.contains(v));
+            nearest = corner.map_or(nearest, |v| Some(nearest.map_or(v, |f: u32| f.min(v))));
             for (slot, &n) in t.n.iter().enumerate() {
-                if self.walls[tet as usize] >> slot & 1 == 0 && !reached.contains(&(n >> 2)) {
-                    reached.push(n >> 2);
+                if self.walls[tet as usize] >> slot & 1 == 0 && !visited.contains(&(n >> 2)) {
+                    visited.push(n >> 2);
                 }
             }
             next += 1;
             // All tetrahedra at one distance are seen before the choice, so that their order does not matter.
             if next == level {
-                if let Some(copy) = found {
+                if let Some(copy) = nearest {
                     return copy;
                 }
-                level = reached.len();
+                level = visited.len();
             }
         }
-        found.unwrap_or(itself)
+        nearest.unwrap_or(itself)
     }
 
     /// Gives every group of tetrahedra around a crack node its own vertex.
@@ -216,12 +216,12 @@ impl Domain {
             next += 1;
             let t = &self.delaunay.tets[tet as usize];
             for slot in 0..4 {
-                let other = t.n[slot] >> 2;
+                let neighbour = t.n[slot] >> 2;
                 // Only faces that contain the node join tetrahedra around it.
                 let free = self.walls[tet as usize] >> slot & 1 == 0;
-                if free && t.v[slot] != node && star.contains(&other) {
-                    star.retain(|&t| t != other);
-                    group.push(other);
+                if free && t.v[slot] != node && star.contains(&neighbour) {
+                    star.retain(|&t| t != neighbour);
+                    group.push(neighbour);
                 }
             }
         }
@@ -246,8 +246,8 @@ impl Delaunay {
     /// Breaks ties between spheres as if copies were their originals.
     fn rank_copies(&mut self, originals: &[u32]) {
         if !originals.is_empty() {
-            let own = 0..(self.points.len() - originals.len()) as u32;
-            self.rank = own.chain(originals.iter().copied()).collect();
+            let uncopied = 0..(self.points.len() - originals.len()) as u32;
+            self.rank = uncopied.chain(originals.iter().copied()).collect();
         }
     }
 

@@ -56,8 +56,8 @@ pub struct Domain {
 
 /// Returns the largest magnitude of a coordinate.
 pub(crate) fn largest_coordinate(points: &[Point3<f64>]) -> f64 {
-    let all = points.iter().flat_map(|p| p.iter());
-    all.fold(0.0, |m: f64, x| m.max(x.abs()))
+    let coordinates = points.iter().flat_map(|p| p.iter());
+    coordinates.fold(0.0, |m: f64, x| m.max(x.abs()))
 }
 
 impl Domain {
@@ -184,9 +184,9 @@ impl Domain {
                     limit: 0,
                 });
             };
-            let one = tet << 2 | slot as u32;
-            let other = self.delaunay.tets[tet as usize].n[slot];
-            for side in [one, other] {
+            let this_side = tet << 2 | slot as u32;
+            let far_side = self.delaunay.tets[tet as usize].n[slot];
+            for side in [this_side, far_side] {
                 let wall = 1 << (side & 3);
                 // Two constrained faces at one place are an error: the map has room for one.
                 let repeated = self.face_at.insert(side, i as u32);
@@ -215,8 +215,8 @@ impl Domain {
         queue.iter().for_each(|&t| seen[t as usize] = true);
         while let Some(t) = queue.pop() {
             for &n in &tets[t as usize].n {
-                let other = (n >> 2) as usize;
-                if seen[other] {
+                let neighbour = (n >> 2) as usize;
+                if seen[neighbour] {
                     continue;
                 }
                 // Crack faces do not separate inside from outside.
@@ -224,8 +224,8 @@ impl Domain {
                     .face_at
                     .get(&n)
                     .is_some_and(|&f| !self.mesh.faces[f as usize].crack);
-                seen[other] = true;
-                self.inside[other] = self.inside[t as usize] ^ boundary;
+                seen[neighbour] = true;
+                self.inside[neighbour] = self.inside[t as usize] ^ boundary;
                 queue.push(n >> 2);
             }
         }

@@ -147,32 +147,37 @@ impl NaturalField {
         let popped = free().pop();
         let mut scratch = popped.unwrap_or_default();
         row.clear();
-        let found = match tet {
+        let shape = match tet {
             Some(tet) => Ok(self
                 .domain
                 .shape_within(self.kind, x, tet, &mut scratch, gradient)),
             None if gradient => self.domain.shape_with_gradients(self.kind, x, &mut scratch),
             None => self.domain.shape(self.kind, x, &mut scratch),
         };
-        let done = match found {
-            Ok(found) => {
-                for (k, (&node, &value)) in found.nodes.iter().zip(&found.values).enumerate() {
+        let outcome = match shape {
+            Ok(shape) => {
+                for (k, (&node, &value)) in shape.nodes.iter().zip(&shape.values).enumerate() {
                     if gradient {
-                        row.push_with_gradient(node, value, found.gradients[k]);
+                        row.push_with_gradient(node, value, shape.gradients[k]);
                     } else if value != 0.0 {
                         row.push(node, value);
                     }
                 }
                 Ok(())
             }
-            Err(_) => self.near(x, gradient, row),
+            Err(_) => self.extrapolate(x, gradient, row),
         };
         free().push(scratch);
-        done
+        outcome
     }
 
     /// Uses the linear functions of the nearest tetrahedron, for points that are outside by round-off.
-    fn near(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+    fn extrapolate(
+        &self,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
         let Some(tet) = self.domain.locate_near(x, NEAR) else {
             return Err(outside(x, self.kind()));
         };
@@ -230,12 +235,12 @@ impl Interpolation<f64> for NaturalField {
             return Some(bodies.iter().cloned().enumerate().collect());
         }
         let meets = |p: &[Point3<f64>; 4]| {
-            let end = |of: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| of(m, x[k]));
+            let end = |pick: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| pick(m, x[k]));
             (0..3).all(|k| end(f64::min, k) <= high[k] && low[k] <= end(f64::max, k))
         };
-        let near = self.tetrahedra().enumerate().filter(|(_, p)| meets(p));
+        let hits = self.tetrahedra().enumerate().filter(|(_, p)| meets(p));
         Some(
-            near.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
+            hits.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
                 .collect(),
         )
     }

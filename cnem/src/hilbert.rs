@@ -129,17 +129,17 @@ mod tests {
 
     #[test]
     fn neighbours_on_the_curve_are_neighbours_in_space() {
-        let mut all: Vec<(u64, [u32; 3])> = Vec::new();
+        let mut cells: Vec<(u64, [u32; 3])> = Vec::new();
         for i in 0..8 {
             for j in 0..8 {
                 for k in 0..8 {
                     let x = [i, j, k].map(|v| v << (BITS - 3));
-                    all.push((key(x) >> (3 * (BITS - 3)), [i, j, k]));
+                    cells.push((key(x) >> (3 * (BITS - 3)), [i, j, k]));
                 }
             }
         }
-        all.sort_unstable();
-        for (n, pair) in all.windows(2).enumerate() {
+        cells.sort_unstable();
+        for (n, pair) in cells.windows(2).enumerate() {
             assert_eq!(pair[0].0, n as u64);
             let step: u32 = (0..3).map(|k| pair[0].1[k].abs_diff(pair[1].1[k])).sum();
             assert_eq!(step, 1);

@@ -37,14 +37,14 @@ impl Spread {
     /// Creates the distribution of [`Inertia::Centroids`].
     pub(crate) fn centroids(domain: &Domain, cells: &Voronoi, kind: Interpolant) -> Self {
         let shares = |scratch: &mut Scratch, i: usize| {
-            let own = vec![(i as u32, 1.0)];
+            let unspread = vec![(i as u32, 1.0)];
             let Ok(row) = domain.shape(kind, &centroid(domain, cells, i), scratch) else {
-                return own;
+                return unspread;
             };
             let sum: f64 = row.values.iter().sum();
             let good = row.values.iter().all(|v| *v >= -ROUND_OFF) && (sum - 1.0).abs() <= ROUND_OFF;
             if !good {
-                return own;
+                return unspread;
             }
             let nodes = row.nodes.iter().map(|&n| n as u32);
             nodes.zip(row.values.iter().copied()).collect()
@@ -68,6 +68,8 @@ impl Spread {
 fn centroid(domain: &Domain, cells: &Voronoi, node: usize) -> Point3<f64> {
     let x = domain.nodes()[node];
     let arms = cells.facets(node).iter().map(|f| (f.area, f.centroid - x));
-    let whole: f64 = arms.clone().map(|(area, arm)| area.dot(&arm)).sum();
-    arms.fold(x, |c, (area, arm)| c + arm * (0.75 * area.dot(&arm) / whole))
+    let triple_volume: f64 = arms.clone().map(|(area, arm)| area.dot(&arm)).sum();
+    arms.fold(x, |c, (area, arm)| {
+        c + arm * (0.75 * area.dot(&arm) / triple_volume)
+    })
 }

@@ -188,7 +188,7 @@ impl CnemModel {
 
     /// Returns the interpolation that the coupling uses: this rank's part of a partitioned body, else the
     /// whole body.
-    fn seen(&self) -> Arc<dyn Interpolation<f64>> {
+    fn coupling_field(&self) -> Arc<dyn Interpolation<f64>> {
         match &self.part {
             Some(part) => part.field.clone(),
             None => self.field.clone(),
@@ -227,16 +227,16 @@ impl CnemModel {
                 normal: f.area / area,
             }
         };
-        let found: Vec<_> = self
+        let facets: Vec<_> = self
             .boundary()
             .iter()
             .filter(|f| select(f))
             .map(to_core)
             .collect();
-        if found.is_empty() {
-            return Err(self.nothing("boundary facet", self.boundary().len()));
+        if facets.is_empty() {
+            return Err(self.empty_selection("boundary facet", self.boundary().len()));
         }
-        Ok(found)
+        Ok(facets)
     }
 
     /// Returns the nodes that satisfy a condition, for supports and probes.
@@ -245,11 +245,11 @@ impl CnemModel {
     /// [`Error::EmptySelection`].
     pub fn select_nodes(&self, select: impl Fn(&Point3<f64>) -> bool) -> Result<Vec<usize>> {
         let nodes = self.domain().nodes();
-        let found: Vec<_> = (0..nodes.len()).filter(|&i| select(&nodes[i])).collect();
-        if found.is_empty() {
-            return Err(self.nothing("node", nodes.len()));
+        let selected: Vec<_> = (0..nodes.len()).filter(|&i| select(&nodes[i])).collect();
+        if selected.is_empty() {
+            return Err(self.empty_selection("node", nodes.len()));
         }
-        Ok(found)
+        Ok(selected)
     }
 
     /// Returns the masses of the nodes \[kg\] from the cell masses, weighted by the cell `means`.
@@ -262,7 +262,7 @@ impl CnemModel {
         }
     }
 
-    fn nothing(&self, what: &'static str, candidates: usize) -> Error {
+    fn empty_selection(&self, what: &'static str, candidates: usize) -> Error {
         Error::EmptySelection {
             model: self.name.clone(),
             what,
@@ -317,7 +317,7 @@ impl Model<f64> for CnemModel {
         check_size(self, "inertia", out.len())?;
         let mut masses = self.masses(&self.cell_means(weight));
         if let Some(part) = &self.part {
-            masses = part.own.iter().map(|k| masses[*k as usize]).collect();
+            masses = part.owned.iter().map(|k| masses[*k as usize]).collect();
         }
         out.chunks_exact_mut(3)
             .zip(masses)
@@ -332,8 +332,8 @@ impl Model<f64> for CnemModel {
             self.forces.set_weights(&self.sub, means);
             return Ok(());
         };
-        let named = [&part.own[..], &part.cells, &part.named];
-        self.forces.set_weights_of(&self.sub, &means, named);
+        let lists = [&part.owned[..], &part.cells, &part.needed];
+        self.forces.set_part_weights(&self.sub, &means, lists);
         part.alpha = means;
         Ok(())
     }
@@ -352,7 +352,7 @@ impl Model<f64> for CnemModel {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
             // The part still holds the ghost displacements received for the forces.
-            Some(part) => self.forces.energy(q, part.heard(), Some(part.portion())),
+            Some(part) => self.forces.energy(q, part.received(), Some(part.portion())),
             None => self.forces.energy(q, q, None),
         })
     }
@@ -363,7 +363,7 @@ impl Model<f64> for CnemModel {
             return self.forces.energy(q, q, None);
         };
         // The portion remembers a failed exchange, and its sums are then NaN.
-        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        let x = part.receive(q).unwrap_or_else(|_| part.received().to_vec());
         self.forces.energy(q, &x, Some(part.portion()))
     }
 
@@ -407,12 +407,12 @@ impl LinearModel<f64> for CnemModel {
 
 impl CoarseModel<f64> for CnemModel {
     fn coarse_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.seen()
+        self.coupling_field()
     }
 }
 
 impl FineModel<f64> for CnemModel {
     fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.seen()
+        self.coupling_field()
     }
 }

@@ -30,18 +30,18 @@ pub(crate) struct Part {
     /// Cells that the owned nodes gather from, and the owned nodes' cells, ascending.
     pub(crate) cells: Vec<u32>,
     /// Global numbers of the nodes whose displacements the force evaluation reads, ascending.
-    pub(crate) named: Vec<u32>,
+    pub(crate) needed: Vec<u32>,
     /// Global numbers of the owned nodes, ascending.
-    pub(crate) own: Vec<u32>,
+    pub(crate) owned: Vec<u32>,
     /// Weights \[–\] of all cells of the whole body.
     pub(crate) alpha: Vec<f64>,
-    /// Where owned nodes and ghosts stand in `named`.
+    /// Where owned nodes and ghosts stand in `needed`.
     reach: Reach,
     /// Where owned nodes and ghosts stand among all nodes of the body, for the recovery of stresses; built
     /// when first needed.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
-    /// Displacements \[m\] of the nodes `named`, as last received.
+    /// Displacements \[m\] of the nodes `needed`, as last received.
     x: Vec<f64>,
 }
 
@@ -49,7 +49,7 @@ pub(crate) struct Part {
 /// this rank does not own count as outside.
 #[derive(Debug)]
 pub(crate) struct PartField {
-    whole: Arc<NaturalField>,
+    body: Arc<NaturalField>,
     portion: Arc<Portion>,
     nodes: Vec<Point3<f64>>,
 }
@@ -60,18 +60,18 @@ impl Interpolation<f64> for PartField {
     }
 
     fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> Result<()> {
-        self.whole.shape_at(x, gradient, row)?;
+        self.body.shape_at(x, gradient, row)?;
         for node in &mut row.nodes {
             *node = self
                 .portion
                 .local(*node)
-                .ok_or_else(|| outside(x, self.whole.kind()))?;
+                .ok_or_else(|| outside(x, self.body.kind()))?;
         }
         Ok(())
     }
 
     fn kind(&self) -> &'static str {
-        self.whole.kind()
+        self.body.kind()
     }
 }
 
@@ -88,24 +88,24 @@ impl Part {
         q: &[f64],
         f: &mut [f64],
     ) -> Result<()> {
-        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
+        let (mut computed, size) = (0, PIECE * rayon::current_num_threads());
         let meanwhile = &mut |x: &[f64]| {
-            done += size;
-            forces.stress_inner(done - size..done, x)
+            computed += size;
+            forces.stress_inner(computed - size..computed, x)
         };
         self.reach
             .spread_meanwhile::<f64, 3>(&mut self.messages, q, &mut self.x, meanwhile)?;
-        forces.subtract_rest(&self.x, f);
+        forces.subtract_outer(&self.x, f);
         Ok(())
     }
 
-    /// Displacements of the nodes `named` from the last force evaluation.
-    pub(crate) fn heard(&self) -> &[f64] {
+    /// Displacements of the nodes `needed` from the last force evaluation.
+    pub(crate) fn received(&self) -> &[f64] {
         &self.x
     }
 
-    /// Returns the displacements of the nodes `named` for `q`, in a new vector. Collective.
-    pub(crate) fn heard_at(&self, q: &[f64]) -> Result<Vec<f64>> {
+    /// Returns the displacements of the nodes `needed` for `q`, in a new vector. Collective.
+    pub(crate) fn receive(&self, q: &[f64]) -> Result<Vec<f64>> {
         let mut x = vec![0.0; self.x.len()];
         self.reach
             .spread::<f64, 3>(&mut self.reach.halo().messages(3), q, &mut x)?;
@@ -114,7 +114,7 @@ impl Part {
 
     /// Returns a displacement vector of the whole body, filled at the nodes that the owned nodes' recovery
     /// patches name, and the global numbers of the local `nodes`. Collective.
-    pub(crate) fn heard_around(
+    pub(crate) fn receive_around(
         &self,
         model: &CnemModel,
         q: &[f64],
@@ -133,36 +133,36 @@ fn patched(model: &CnemModel, portion: &Arc<Portion>) -> Halo {
     let patches = model.patches();
     let mut links = Vec::new();
     for i in 0..portion.division().nodes() {
-        let here = portion.local(i).is_some();
+        let is_local = portion.local(i).is_some();
         for (cell, _) in patches.row(i) {
-            let named = model.smoothed_row(cell).0;
-            let other = named
+            let needed = model.smoothed_row(cell).0;
+            let remote = needed
                 .iter()
-                .filter(|k| here != portion.local(**k as usize).is_some());
-            links.extend(other.map(|k| [i as u32, *k]));
+                .filter(|k| is_local != portion.local(**k as usize).is_some());
+            links.extend(remote.map(|k| [i as u32, *k]));
         }
     }
     Halo::of_links(portion.clone(), links.into_iter())
 }
 
 /// Nodes whose displacements a rank reads, ascending, and the links from its owned nodes to ghosts.
-struct Named {
+struct Needed {
     nodes: Vec<u32>,
     links: Vec<[u32; 2]>,
 }
 
-impl Named {
-    fn new(forces: &MatrixFree, own: &[u32], cells: &[u32], portion: &Portion) -> Self {
+impl Needed {
+    fn new(forces: &MatrixFree, owned: &[u32], cells: &[u32], portion: &Portion) -> Self {
         let (mut nodes, mut links) = (Vec::new(), Vec::new());
-        let mine = |k: &u32| portion.local(*k as usize).is_some();
+        let is_local = |k: &u32| portion.local(*k as usize).is_some();
         for c in cells {
-            let (here, there): (Vec<u32>, Vec<u32>) = forces.named_by(*c).partition(mine);
-            links.extend(here.iter().flat_map(|i| there.iter().map(|j| [*i, *j])));
-            nodes.extend(here.into_iter().chain(there));
+            let (local, remote): (Vec<u32>, Vec<u32>) = forces.nodes_of_cell(*c).partition(is_local);
+            links.extend(local.iter().flat_map(|i| remote.iter().map(|j| [*i, *j])));
+            nodes.extend(local.into_iter().chain(remote));
         }
-        for i in own {
+        for i in owned {
             let around = forces.tetrahedra_of(*i);
-            links.extend(around.iter().filter(|k| !mine(k)).map(|k| [*i, *k]));
+            links.extend(around.iter().filter(|k| !is_local(k)).map(|k| [*i, *k]));
             nodes.extend(around);
         }
         nodes.sort_unstable();
@@ -200,27 +200,27 @@ impl CnemModel {
         let what = format!("the cells of '{name}', its material or its weights");
         let digest = (&*what, self.digest());
         let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
-        let own: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
-        let cells = self.forces.cells_of(&own);
-        let Named { nodes: named, links } = Named::new(&self.forces, &own, &cells, &portion);
+        let owned: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
+        let cells = self.forces.cells_of(&owned);
+        let Needed { nodes: needed, links } = Needed::new(&self.forces, &owned, &cells, &portion);
         let halo = Halo::of_links(portion.clone(), links.into_iter());
-        let nodes: Vec<Point3<f64>> = own.iter().map(|k| self.nodes()[*k as usize]).collect();
+        let nodes: Vec<Point3<f64>> = owned.iter().map(|k| self.nodes()[*k as usize]).collect();
         let field = Arc::new(PartField {
-            whole: self.field(),
+            body: self.field(),
             portion: portion.clone(),
             nodes: nodes.clone(),
         });
         // Kept for the assembled stiffness, which stays that of the whole body.
         let alpha = self.forces.weights().to_vec();
-        self.forces = self.forces.part(&own, &cells, &named);
-        let reach = Reach::new(halo, |k| named.partition_point(|n| *n < k) as u32);
+        self.forces = self.forces.part(&owned, &cells, &needed);
+        let reach = Reach::new(halo, |k| needed.partition_point(|n| *n < k) as u32);
         self.part = Some(Part {
             nodes,
             field: field.clone(),
-            x: vec![0.0; 3 * named.len()],
+            x: vec![0.0; 3 * needed.len()],
             cells,
-            named,
-            own,
+            needed,
+            owned,
             alpha,
             messages: reach.halo().messages(3),
             reach,

@@ -51,7 +51,7 @@ pub(crate) fn patches(model: &CnemModel) -> Patches<f64> {
 
 impl CnemModel {
     /// Returns strain \[–\] and stress \[Pa\] of one cell at displacements `q`.
-    fn of_cell(&self, cell: usize, q: &[f64]) -> [SymmetricTensor<f64>; 2] {
+    fn cell_values(&self, cell: usize, q: &[f64]) -> [SymmetricTensor<f64>; 2] {
         let (nodes, gradients) = self.smoothed_row(cell);
         let mut h = Matrix3::zeros();
         for (node, g) in nodes.iter().zip(gradients) {
@@ -77,12 +77,12 @@ impl Recovery<f64> for CnemModel {
         check_size(self, "displacements", q.len())?;
         let cells = self.cells().len();
         let Some(part) = &self.part else {
-            let of = |k: usize| self.of_cell(k, q);
-            return self.patches().recover(self.name(), nodes, cells, of, out);
+            let values = |k: usize| self.cell_values(k, q);
+            return self.patches().recover(self.name(), nodes, cells, values, out);
         };
-        let (x, numbers) = part.heard_around(self, q, nodes)?;
-        let of = |k: usize| self.of_cell(k, &x);
-        self.patches().recover(self.name(), &numbers, cells, of, out)
+        let (x, numbers) = part.receive_around(self, q, nodes)?;
+        let values = |k: usize| self.cell_values(k, &x);
+        self.patches().recover(self.name(), &numbers, cells, values, out)
     }
 }
 

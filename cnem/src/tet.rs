@@ -84,11 +84,11 @@ impl EdgeTable {
     #[inline]
     pub(crate) fn local(&mut self, vertex: u32) -> u32 {
         // Infinity is `u32::MAX`: shifted by one it takes slot 0.
-        let at = vertex.wrapping_add(1);
-        let slot = &mut self.local[at as usize];
+        let key = vertex.wrapping_add(1);
+        let slot = &mut self.local[key as usize];
         if *slot == NONE {
             *slot = self.touched.len() as u32;
-            self.touched.push(at);
+            self.touched.push(key);
         }
         *slot
     }
@@ -107,7 +107,7 @@ impl EdgeTable {
             return Some(std::mem::replace(entry, NONE));
         }
         match self.spill.remove(&(low, high)) {
-            Some(other) => Some(other),
+            Some(twin) => Some(twin),
             None => {
                 self.spill.insert((low, high), payload);
                 None

@@ -39,7 +39,7 @@ pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -
     missing.iter().for_each(|&f| {
         walls.remove(&face_key(mesh.faces[f as usize].v));
     });
-    let mut left = Vec::new();
+    let mut unrecovered = Vec::new();
     let mut todo: BTreeSet<u32> = missing.iter().copied().collect();
     let mut star = Vec::new();
     while let Some(first) = todo.pop_first() {
@@ -55,12 +55,12 @@ pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -
             Some((old, new)) if delaunay.replace(&old, &new) => {
                 walls.extend(region.triangles.iter().map(|v| face_key(*v)));
             }
-            _ => left.extend(faces),
+            _ => unrecovered.extend(faces),
         }
     }
     // A later cavity may have destroyed an earlier face if that was not yet a wall: check again.
-    left.retain(|&f| delaunay.face(mesh.faces[f as usize].v, &mut star).is_none());
-    left
+    unrecovered.retain(|&f| delaunay.face(mesh.faces[f as usize].v, &mut star).is_none());
+    unrecovered
 }
 
 /// Returns the missing faces that are connected to the first one over edges inside a flat patch, and removes
@@ -128,9 +128,10 @@ impl Region {
             }
             if grown.is_empty() {
                 let size = |v: &[u32; 4]| volume(v.map(|v| &delaunay.points[v as usize]));
-                let was: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
-                let is: f64 = new.iter().map(size).sum();
-                return ((is - was).abs() <= SAME_VOLUME * was).then(|| (cavity.into_iter().collect(), new));
+                let old_volume: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
+                let new_volume: f64 = new.iter().map(size).sum();
+                return ((new_volume - old_volume).abs() <= SAME_VOLUME * old_volume)
+                    .then(|| (cavity.into_iter().collect(), new));
             }
             cavity.extend(grown);
         }
@@ -161,23 +162,23 @@ impl Region {
             delaunay.star(v, &mut star);
             queue.extend(star.iter().copied());
         }
-        let mut seen: BTreeSet<u32> = queue.iter().copied().collect();
+        let mut visited: BTreeSet<u32> = queue.iter().copied().collect();
         while let Some(t) = queue.pop() {
             let tet = &delaunay.tets[t as usize];
-            let mut any = false;
+            let mut is_cut = false;
             for i in 0..4 {
                 for j in 0..i {
-                    any |= self.pierced(delaunay, tet.v[i], tet.v[j]);
+                    is_cut |= self.pierced(delaunay, tet.v[i], tet.v[j]);
                 }
             }
-            if !any {
+            if !is_cut {
                 continue;
             }
             if tet.is_ghost() {
                 return None;
             }
             out.insert(t);
-            queue.extend(tet.n.iter().map(|n| n >> 2).filter(|n| seen.insert(*n)));
+            queue.extend(tet.n.iter().map(|n| n >> 2).filter(|n| visited.insert(*n)));
         }
         (!out.is_empty()).then_some(out)
     }
@@ -188,10 +189,10 @@ impl Region {
         if p == INF || q == INF || self.nodes.contains(&p) || self.nodes.contains(&q) {
             return false;
         }
-        let at = |v: u32| &delaunay.points[v as usize];
-        let [p, q] = [p, q].map(at);
+        let point = |v: u32| &delaunay.points[v as usize];
+        let [p, q] = [p, q].map(point);
         self.triangles.iter().any(|t| {
-            let [a, b, c] = t.map(at);
+            let [a, b, c] = t.map(point);
             let sides = [orient3d(a, b, c, p), orient3d(a, b, c, q)];
             if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
                 return false;
@@ -212,8 +213,8 @@ impl Region {
         for &t in cavity {
             let tet = &delaunay.tets[t as usize];
             // Also nodes that growth has moved from the border into the cavity.
-            let here = tet.v.into_iter().filter(|&v| self.place(delaunay, v) == side);
-            out.nodes.extend(here);
+            let on_side = tet.v.into_iter().filter(|&v| self.place(delaunay, v) == side);
+            out.nodes.extend(on_side);
             for (slot, &n) in tet.n.iter().enumerate() {
                 if cavity.contains(&(n >> 2)) {
                     continue;
@@ -286,20 +287,20 @@ impl Half {
     fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
         let nodes: Vec<u32> = self.nodes.iter().copied().collect();
         let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();
-        let own = Delaunay::new(&points).ok()?;
+        let complex = Delaunay::new(&points).ok()?;
         let local = |v: u32| nodes.binary_search(&v).map(|k| k as u32).ok();
         let mut star = Vec::new();
         let (mut border, mut missing, mut queue) = (HashSet::new(), Vec::new(), Vec::new());
         for (k, f) in self.faces.iter().enumerate() {
             let v = [local(f[0])?, local(f[1])?, local(f[2])?];
-            match own.face(v, &mut star) {
+            match complex.face(v, &mut star) {
                 Some((tet, slot)) => {
                     border.insert(face_key(v));
-                    let same = same_turn(own.tets[tet as usize].face(slot), v);
-                    queue.push(if same {
+                    let same_orientation = same_turn(complex.tets[tet as usize].face(slot), v);
+                    queue.push(if same_orientation {
                         tet
                     } else {
-                        own.tets[tet as usize].n[slot] >> 2
+                        complex.tets[tet as usize].n[slot] >> 2
                     });
                 }
                 None => missing.push(k),
@@ -310,7 +311,7 @@ impl Half {
         }
         let mut inside: BTreeSet<u32> = queue.iter().copied().collect();
         while let Some(t) = queue.pop() {
-            let tet: &Tet = &own.tets[t as usize];
+            let tet: &Tet = &complex.tets[t as usize];
             if tet.is_ghost() {
                 return None;
             }
@@ -320,7 +321,7 @@ impl Half {
                 }
             }
         }
-        let global = |t: &u32| own.tets[*t as usize].v.map(|v| nodes[v as usize]);
+        let global = |t: &u32| complex.tets[*t as usize].v.map(|v| nodes[v as usize]);
         Some(Filled::All(inside.iter().map(global).collect()))
     }
 }

@@ -131,10 +131,10 @@ impl FaceMesh {
         };
         for id in list {
             let face = self.faces[id as usize];
-            let with = |from: u32| face.v.map(|v| if v == from { m } else { v });
-            self.replace(id, with(edge.0));
+            let replace_by_m = |end: u32| face.v.map(|v| if v == end { m } else { v });
+            self.replace(id, replace_by_m(edge.0));
             self.push(Face {
-                v: with(edge.1),
+                v: replace_by_m(edge.1),
                 ..face
             });
         }

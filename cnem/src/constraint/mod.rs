@@ -215,25 +215,25 @@ impl Surface {
             .collect();
         let bins = Bins::new(boxes.clone());
         let mut near = Vec::new();
-        let mut found: Vec<(usize, usize)> = Vec::new();
+        let mut pairs: Vec<(usize, usize)> = Vec::new();
         for (i, f) in faces.iter().enumerate() {
             bins.overlapping(&boxes[i], &mut near);
             for &j in &near {
                 let g = &faces[j as usize];
                 let pierced = (0..3).any(|k| pierces(points, [f[k], f[(k + 1) % 3]], g));
                 if j as usize != i && pierced {
-                    found.push((i.min(j as usize), i.max(j as usize)));
+                    pairs.push((i.min(j as usize), i.max(j as usize)));
                 }
             }
         }
-        found.sort_unstable();
-        found.dedup();
-        match found.first() {
+        pairs.sort_unstable();
+        pairs.dedup();
+        match pairs.first() {
             None => Ok(()),
             Some(&(first, second)) => Err(Error::SelfIntersection {
                 first,
                 second,
-                count: found.len(),
+                count: pairs.len(),
             }),
         }
     }

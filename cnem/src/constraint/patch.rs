@@ -35,11 +35,11 @@ pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -
         let patch = Patch::around(mesh, &delaunay.points, face);
         seen.extend(&patch.faces);
         // Either side will do; both cover the same plane patch.
-        let found = [1.0, -1.0]
+        let covering = [1.0, -1.0]
             .into_iter()
             .map(|side| patch.one_side(delaunay, patch.normal * side, limit))
             .find(|triangles| patch.is_covered_by(triangles, &delaunay.points));
-        if let Some(triangles) = found {
+        if let Some(triangles) = covering {
             replaced += patch.take_over(mesh, &delaunay.points, &triangles);
         }
     }
@@ -129,8 +129,8 @@ impl Patch {
             v.sort_unstable();
             v
         };
-        let of = |id: &u32| sorted(mesh.faces[*id as usize].v);
-        let mut old: BTreeMap<[u32; 3], u32> = self.faces.iter().map(|id| (of(id), *id)).collect();
+        let corners_of = |id: &u32| sorted(mesh.faces[*id as usize].v);
+        let mut old: BTreeMap<[u32; 3], u32> = self.faces.iter().map(|id| (corners_of(id), *id)).collect();
         let mut new: Vec<[u32; 3]> = Vec::new();
         for v in triangles {
             if old.remove(&sorted(*v)).is_none() {

@@ -17,13 +17,13 @@ pub(crate) fn recover(
 ) -> Result<(FaceMesh, Recovery)> {
     let mut work = Work {
         mesh: FaceMesh::new(surface),
-        done: Recovery::default(),
+        record: Recovery::default(),
         star: Vec::new(),
         limit,
         delaunay,
     };
     if work.missing_faces().is_empty() {
-        return Ok((work.mesh, work.done));
+        return Ok((work.mesh, work.record));
     }
     // Checked only if a face is missing: crossing faces cannot all be faces of the complex.
     surface.check_intersections(&work.delaunay.points)?;
@@ -32,24 +32,24 @@ pub(crate) fn recover(
     loop {
         work.swap_diagonals();
         if work.missing_faces().is_empty() {
-            return Ok((work.mesh, work.done));
+            return Ok((work.mesh, work.record));
         }
         // Edges before faces: a region can be divided only if all of its edges are in the complex.
         if work.insert_on_edges()? {
             continue;
         }
-        let left = work.divide();
-        if left.is_empty() {
-            return Ok((work.mesh, work.done));
+        let unrecovered = work.divide();
+        if unrecovered.is_empty() {
+            return Ok((work.mesh, work.record));
         }
-        work.insert_on_faces(&left)?;
+        work.insert_on_faces(&unrecovered)?;
     }
 }
 
 struct Work<'a> {
     delaunay: &'a mut Delaunay,
     mesh: FaceMesh,
-    done: Recovery,
+    record: Recovery,
     star: Vec<u32>,
     limit: usize,
 }
@@ -93,7 +93,7 @@ impl Work<'_> {
     /// complex has on it, if there is one.
     fn swap_diagonals(&mut self) {
         let missing = self.missing_faces();
-        self.done.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
+        self.record.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
         let mut queue: Vec<(u32, u32)> = Vec::new();
         for f in self.missing_faces() {
             let v = self.mesh.faces[f as usize].v;
@@ -119,7 +119,7 @@ impl Work<'_> {
             if after > before || (after == before && before < 2 && illegal) {
                 allowed -= 1;
                 self.mesh.swap(edge, pair);
-                self.done.swapped += 1;
+                self.record.swapped += 1;
                 queue.extend([key(a, c), key(c, b), key(b, d), key(d, a)]);
             }
         }
@@ -152,13 +152,13 @@ impl Work<'_> {
             let hit = near
                 .iter()
                 .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
-            let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
+            let locate = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
             // The node nearest to the middle gives well-shaped pieces.
             let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
-            let off = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
+            let off_middle = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
             let best = hit
-                .filter_map(|&m| on(m).map(|place| (m, place)))
-                .min_by(|x, y| off(x.0).total_cmp(&off(y.0)));
+                .filter_map(|&m| locate(m).map(|place| (m, place)))
+                .min_by(|x, y| off_middle(x.0).total_cmp(&off_middle(y.0)));
             let Some((m, place)) = best else { continue };
             let before = self.mesh.faces.len() as u32;
             match place {
@@ -169,7 +169,7 @@ impl Work<'_> {
                     self.mesh.split_edge(edge, m);
                 }
             }
-            self.done.split_at_nodes += 1;
+            self.record.split_at_nodes += 1;
             queue.push(f);
             queue.extend(before..self.mesh.faces.len() as u32);
         }
@@ -178,17 +178,17 @@ impl Work<'_> {
     /// Inserts points on missing edges that no swap can recover. Returns false if there are no such edges.
     fn insert_on_edges(&mut self) -> Result<bool> {
         let faces = self.missing_faces();
-        let mut any = false;
+        let mut has_inserted = false;
         for edge in self.missing_edges(&faces) {
             if self.mesh.edges.contains_key(&edge)
                 && !self.has_edge(edge)
                 && self.mesh.flat_pair(&self.delaunay.points, edge).is_none()
             {
                 self.insert_on_edge(edge)?;
-                any = true;
+                has_inserted = true;
             }
         }
-        Ok(any)
+        Ok(has_inserted)
     }
 
     /// Splits an edge at its middle. Next to one given node the edge is split at a distance that is a power
@@ -196,11 +196,11 @@ impl Work<'_> {
     /// each other.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
-        let first_new = self.done.inserted.first().map_or(usize::MAX, |i| i.node);
+        let first_new = self.record.inserted.first().map_or(usize::MAX, |i| i.node);
         let old = [edge.0, edge.1].map(|v| (v as usize) < first_new);
         let length = (b - a).norm();
         let shell = (0.5 * length).log2().round().exp2() / length;
-        let at = match old {
+        let fraction = match old {
             [true, false] => shell,
             [false, true] => 1.0 - shell,
             _ => 0.5,
@@ -211,7 +211,7 @@ impl Work<'_> {
             .get(&edge)
             .and_then(|l| l.first())
             .map_or(0, |&f| self.mesh.faces[f as usize].origin);
-        let m = self.insert(a + (b - a) * at, origin, edge.0)?;
+        let m = self.insert(a + (b - a) * fraction, origin, edge.0)?;
         if m != edge.0 && m != edge.1 {
             self.mesh.split_edge(edge, m);
         }
@@ -223,18 +223,18 @@ impl Work<'_> {
     /// recovered are returned.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
-        let whole = self.delaunay.clone();
-        let mut left = super::carve::carve(self.delaunay, &self.mesh, &missing);
-        if left.is_empty() {
-            left = self.missing_faces();
+        let undivided = self.delaunay.clone();
+        let mut unrecovered = super::carve::carve(self.delaunay, &self.mesh, &missing);
+        if unrecovered.is_empty() {
+            unrecovered = self.missing_faces();
         }
-        if left.is_empty() {
-            self.done.divided = missing.len();
-            self.delaunay.before = Some(joined(&whole));
+        if unrecovered.is_empty() {
+            self.record.divided = missing.len();
+            self.delaunay.before = Some(joined(&undivided));
         } else {
-            *self.delaunay = whole;
+            *self.delaunay = undivided;
         }
-        left
+        unrecovered
     }
 
     /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else a point on
@@ -268,14 +268,17 @@ impl Work<'_> {
         Ok(())
     }
 
-    fn insert(&mut self, p: Point3<f64>, origin: u32, near: u32) -> Result<u32> {
-        if self.done.inserted.len() >= self.limit {
+    fn insert(&mut self, p: Point3<f64>, origin: u32, start_node: u32) -> Result<u32> {
+        if self.record.inserted.len() >= self.limit {
             return Err(self.give_up());
         }
         let count = self.delaunay.points.len();
-        let v = self.delaunay.insert(p, self.delaunay.at_vertex[near as usize]).0;
+        let v = self
+            .delaunay
+            .insert(p, self.delaunay.at_vertex[start_node as usize])
+            .0;
         if v as usize == count {
-            self.done.inserted.push(InsertedPoint {
+            self.record.inserted.push(InsertedPoint {
                 node: count,
                 face: origin as usize,
             });
@@ -296,7 +299,7 @@ impl Work<'_> {
         Error::FacesNotRecovered {
             faces,
             count,
-            inserted: self.done.inserted.len(),
+            inserted: self.record.inserted.len(),
             limit: self.limit,
         }
     }

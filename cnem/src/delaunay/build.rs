@@ -99,8 +99,8 @@ impl Delaunay {
         for i in 0..tets.len() {
             for slot in 0..4 {
                 let face = tets[i].face(slot);
-                for (j, other) in tets.iter().enumerate() {
-                    if let (true, Some(back)) = (j != i, other.slot_opposite(face)) {
+                for (j, candidate) in tets.iter().enumerate() {
+                    if let (true, Some(back)) = (j != i, candidate.slot_opposite(face)) {
                         tets[i].n[slot] = (j << 2 | back) as u32;
                         break;
                     }

@@ -35,15 +35,15 @@ pub(crate) enum Inserted {
 
 impl Work {
     pub(super) fn new(table: EdgeTable) -> Self {
-        let none = Vec::new;
+        let empty = Vec::new;
         Self {
             table,
-            mark: none(),
+            mark: empty(),
             stamp: 0,
-            cavity: none(),
+            cavity: empty(),
             border: Vec::new(),
-            free: none(),
-            created: none(),
+            free: empty(),
+            created: empty(),
         }
     }
 
@@ -126,15 +126,15 @@ impl Delaunay {
             let t = self.tets[work.cavity[next] as usize];
             next += 1;
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = n >> 2;
-                let mark = &mut work.mark[other as usize];
+                let neighbour = n >> 2;
+                let mark = &mut work.mark[neighbour as usize];
                 if *mark == inside {
                     continue;
                 }
                 if *mark != out {
-                    if self.conflicts(other, q, rank) {
+                    if self.conflicts(neighbour, q, rank) {
                         *mark = inside;
-                        work.cavity.push(other);
+                        work.cavity.push(neighbour);
                         continue;
                     }
                     *mark = out;
@@ -191,9 +191,9 @@ impl Delaunay {
                     continue;
                 };
                 let payload = id << 2 | slot as u32;
-                if let Some(other) = work.table.pair(a, b, payload) {
-                    t.n[slot] = other;
-                    let (tet, back) = ((other >> 2) as usize, (other & 3) as usize);
+                if let Some(twin) = work.table.pair(a, b, payload) {
+                    t.n[slot] = twin;
+                    let (tet, back) = ((twin >> 2) as usize, (twin & 3) as usize);
                     if tet == id as usize {
                         t.n[back] = payload;
                     } else {
@@ -226,8 +226,8 @@ impl Delaunay {
                 renumbered.push(if *d { NONE } else { count });
                 count += u32::from(!d);
             }
-            let mut kept = dead.iter();
-            self.tets.retain(|_| kept.next() == Some(&false));
+            let mut flags = dead.iter();
+            self.tets.retain(|_| flags.next() == Some(&false));
             for t in &mut self.tets {
                 t.n = t.n.map(|n| renumbered[(n >> 2) as usize] << 2 | (n & 3));
             }
@@ -242,11 +242,11 @@ impl Delaunay {
 fn with_infinity_last(mut v: [u32; 4]) -> ([u32; 4], usize) {
     match v[..3].iter().position(|&w| w == INF) {
         None => (v, 3),
-        Some(at) => {
-            v.swap(at, 3);
-            let (a, b) = ((at + 1) % 3, (at + 2) % 3);
+        Some(slot) => {
+            v.swap(slot, 3);
+            let (a, b) = ((slot + 1) % 3, (slot + 2) % 3);
             v.swap(a, b);
-            (v, at)
+            (v, slot)
         }
     }
 }

@@ -34,18 +34,18 @@ impl Delaunay {
     ///
     /// A point on a common face, edge or vertex is reported in one of the tetrahedra that share it.
     pub fn locate(&self, p: &Point3<f64>, hint: usize) -> Location {
-        let at = self.walk(p, if hint < self.tets.len() { hint as u32 } else { 0 });
-        let t = &self.tets[at as usize];
+        let tet = self.walk(p, if hint < self.tets.len() { hint as u32 } else { 0 });
+        let t = &self.tets[tet as usize];
         let v = t.v.map(|v| v as usize);
         if t.is_ghost() {
             Location::Outside {
                 face: [v[0], v[1], v[2]],
-                hint: at as usize,
+                hint: tet as usize,
             }
         } else {
             Location::Inside {
                 nodes: v,
-                hint: at as usize,
+                hint: tet as usize,
             }
         }
     }
@@ -54,13 +54,13 @@ impl Delaunay {
     /// walks in a Delaunay complex never cycle. In a constrained complex they can: after a while the faces
     /// are tested in changing order, so that no cycle lasts.
     pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
-        let mut at = hint;
-        let mut from = NONE;
-        let mut t = &self.tets[at as usize];
+        let mut current = hint;
+        let mut previous = NONE;
+        let mut t = &self.tets[current as usize];
         if t.is_ghost() {
-            from = at;
-            at = t.n[3] >> 2;
-            t = &self.tets[at as usize];
+            previous = current;
+            current = t.n[3] >> 2;
+            t = &self.tets[current as usize];
         }
         let mut steps = 0_usize;
         'step: loop {
@@ -75,7 +75,7 @@ impl Delaunay {
             for k in 0..4 {
                 let slot = (k + turn) & 3;
                 let n = t.n[slot];
-                if n >> 2 == from {
+                if n >> 2 == previous {
                     continue;
                 }
                 let [a, b, c] = t.face(slot).map(|v| &self.points[v as usize]);
@@ -86,8 +86,8 @@ impl Delaunay {
                         exit = n >> 2;
                         continue;
                     }
-                    from = at;
-                    at = n >> 2;
+                    previous = current;
+                    current = n >> 2;
                     t = next;
                     continue 'step;
                 }
@@ -96,14 +96,14 @@ impl Delaunay {
                 return exit;
             }
             // After a start at a ghost its hull face was not tested; it is the only way out that remains.
-            if from != NONE && self.tets[from as usize].is_ghost() {
-                let g = &self.tets[from as usize];
+            if previous != NONE && self.tets[previous as usize].is_ghost() {
+                let g = &self.tets[previous as usize];
                 let [a, b, c] = [g.v[0], g.v[1], g.v[2]].map(|v| &self.points[v as usize]);
                 if orient3d(a, b, c, q) == Ordering::Greater {
-                    return from;
+                    return previous;
                 }
             }
-            return at;
+            return current;
         }
     }
 }

@@ -172,10 +172,10 @@ impl Delaunay {
             let t = &self.tets[out[next] as usize];
             next += 1;
             for (&v, &n) in t.v.iter().zip(&t.n) {
-                let other = n >> 2;
-                let same = || self.tets[other as usize].slot_of(vertex).is_some();
-                if v != vertex && !out.contains(&other) && same() {
-                    out.push(other);
+                let neighbour = n >> 2;
+                let has_vertex = || self.tets[neighbour as usize].slot_of(vertex).is_some();
+                if v != vertex && !out.contains(&neighbour) && has_vertex() {
+                    out.push(neighbour);
                 }
             }
         }
@@ -205,10 +205,10 @@ impl Delaunay {
                 bad += usize::from(crate::predicates::orient3d(a, b, c, d) != std::cmp::Ordering::Greater);
             }
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = &self.tets[(n >> 2) as usize];
-                let back = other.n[(n & 3) as usize];
+                let neighbour = &self.tets[(n >> 2) as usize];
+                let back = neighbour.n[(n & 3) as usize];
                 bad += usize::from(back != ((i as u32) << 2 | slot as u32));
-                let apex = other.v[(n & 3) as usize];
+                let apex = neighbour.v[(n & 3) as usize];
                 if apex != INF && !t.is_ghost() {
                     let q = &self.points[apex as usize];
                     bad += usize::from(self.sphere_holds(t, q, self.rank(apex)));

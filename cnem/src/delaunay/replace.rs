@@ -50,9 +50,9 @@ impl Delaunay {
             let t = Tet { v, n: [NONE; 4] };
             for slot in 0..4 {
                 let face = face_key(t.face(slot));
-                if let Some((j, other)) = inner.remove(&face) {
-                    links[k][slot] = id(j) << 2 | other as u32;
-                    links[j][other] = id(k) << 2 | slot as u32;
+                if let Some((j, back)) = inner.remove(&face) {
+                    links[k][slot] = id(j) << 2 | back as u32;
+                    links[j][back] = id(k) << 2 | slot as u32;
                 } else if let Some(behind) = open.remove(&face) {
                     links[k][slot] = behind;
                     outer.push((behind, id(k) << 2 | slot as u32));
@@ -66,14 +66,14 @@ impl Delaunay {
         }
         for (k, (&v, &n)) in new.iter().zip(&links).enumerate() {
             let tet = Tet { v, n };
-            let at = old.get(k).copied().unwrap_or(self.tets.len() as u32);
-            match self.tets.get_mut(at as usize) {
+            let index = old.get(k).copied().unwrap_or(self.tets.len() as u32);
+            match self.tets.get_mut(index as usize) {
                 Some(t) => *t = tet,
                 None => self.tets.push(tet),
             }
             v.into_iter()
                 .filter(|v| *v != INF)
-                .for_each(|v| self.at_vertex[v as usize] = at);
+                .for_each(|v| self.at_vertex[v as usize] = index);
         }
         for (behind, link) in outer {
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = link;

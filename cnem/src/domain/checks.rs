@@ -55,9 +55,9 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
         return Ok(());
     }
     // Each time the farthest point, so that line and plane are as well determined as possible.
-    let farthest = |off: &dyn Fn(&Point3<f64>) -> f64| {
-        let far = points.iter().map(|p| (off(p), p));
-        far.fold((0.0, a), |x, y| if y.0 > x.0 { y } else { x })
+    let farthest = |distance: &dyn Fn(&Point3<f64>) -> f64| {
+        let candidates = points.iter().map(|p| (distance(p), p));
+        candidates.fold((0.0, a), |x, y| if y.0 > x.0 { y } else { x })
     };
     let (length, b) = farthest(&|p| (p - a).norm());
     if length == 0.0 {
@@ -80,9 +80,9 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
 /// Returns an error if more than 1000 nodes all lie on one sphere. This comes before the complex is built:
 /// the sphere through any four of the nodes holds all points inside, which would be neighbours of every node.
 fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
-    let off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
+    let is_off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
     let nodes = points.len();
-    if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(off) {
+    if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(is_off) {
         return Ok(());
     }
     Err(Error::TooManyNeighbours {
@@ -122,14 +122,14 @@ impl Domain {
     /// Returns an error if points have too many natural neighbours on average: more than 1000 for small sets
     /// of nodes, fewer the more nodes there are, but never fewer than 100.
     pub(crate) fn check_neighbours(&self) -> Result<()> {
-        let found = self.neighbours();
-        let limit = (MOST_PAIRS / found.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
-        if found.mean > limit {
+        let neighbours = self.neighbours();
+        let limit = (MOST_PAIRS / neighbours.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
+        if neighbours.mean > limit {
             return Err(Error::TooManyNeighbours {
-                mean: found.mean,
+                mean: neighbours.mean,
                 limit,
-                on_surface: found.on_surface,
-                nodes: found.nodes,
+                on_surface: neighbours.on_surface,
+                nodes: neighbours.nodes,
             });
         }
         Ok(())

@@ -106,7 +106,7 @@ impl Domain {
         let walls = self.walls[tet as usize];
         let mut free = Vec::with_capacity(4);
         let mut template: Option<Face> = None;
-        for (slot, &other) in t.n.iter().enumerate() {
+        for (slot, &opposite) in t.n.iter().enumerate() {
             let side = tet << 2 | slot as u32;
             if walls >> slot & 1 == 0 {
                 continue;
@@ -121,7 +121,7 @@ impl Domain {
             }
             // A crack face stays: it still bounds the tetrahedra on its other side.
             if !face.crack {
-                for side in [side, other] {
+                for side in [side, opposite] {
                     self.face_at.remove(&side);
                     self.walls[(side >> 2) as usize] &= !(1 << (side & 3));
                 }
@@ -129,7 +129,7 @@ impl Domain {
             }
         }
         let Some(template) = template else { return Ok(()) };
-        for (slot, &other) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
+        for (slot, &opposite) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
             let v = t.face(slot);
             let id = match free.pop() {
                 Some(id) => {
@@ -141,11 +141,11 @@ impl Domain {
                     self.mesh.faces.len() as u32 - 1
                 }
             };
-            for side in [tet << 2 | slot as u32, other] {
+            for side in [tet << 2 | slot as u32, opposite] {
                 self.face_at.insert(side, id);
                 self.walls[(side >> 2) as usize] |= 1 << (side & 3);
             }
-            queue.push(other >> 2);
+            queue.push(opposite >> 2);
         }
         dropped.append(&mut free);
         Ok(())
@@ -177,36 +177,36 @@ impl Domain {
         let mut done = vec![false; self.glued.len()];
         let mut next = 0;
         while next < queue.len() {
-            let from = queue[next];
+            let source = queue[next];
             next += 1;
-            let t = self.delaunay.tets[from as usize];
-            for other in t.n.map(|n| (n >> 2) as usize) {
-                if !self.glued[other] || done[other] {
+            let t = self.delaunay.tets[source as usize];
+            for neighbour in t.n.map(|n| (n >> 2) as usize) {
+                if !self.glued[neighbour] || done[neighbour] {
                     continue;
                 }
-                done[other] = true;
+                done[neighbour] = true;
                 let [p, q] =
-                    [t.v[0], self.delaunay.tets[other].v[0]].map(|v| &self.delaunay.points[v as usize]);
+                    [t.v[0], self.delaunay.tets[neighbour].v[0]].map(|v| &self.delaunay.points[v as usize]);
                 let moved: Vector3<f64> = p - q;
-                self.centre[other] = moved + self.centre[from as usize];
-                queue.push(other as u32);
+                self.centre[neighbour] = moved + self.centre[source as usize];
+                queue.push(neighbour as u32);
             }
         }
     }
 
     /// Returns the tetrahedra of the domain that are reached from `tet` through flat tetrahedra; `tet` itself
     /// if it is not flat.
-    pub(crate) fn beyond(&self, tet: u32, out: &mut Vec<u32>) {
+    pub(crate) fn behind_flat(&self, tet: u32, out: &mut Vec<u32>) {
         out.clear();
         out.push(tet);
         let mut next = 0;
         while next < out.len() {
-            let at = out[next];
+            let current = out[next];
             next += 1;
-            if !self.glued[at as usize] {
+            if !self.glued[current as usize] {
                 continue;
             }
-            for n in self.delaunay.tets[at as usize].n.map(|n| n >> 2) {
+            for n in self.delaunay.tets[current as usize].n.map(|n| n >> 2) {
                 if (self.inside[n as usize] || self.glued[n as usize]) && !out.contains(&n) {
                     out.push(n);
                 }
@@ -223,24 +223,24 @@ impl Domain {
         if !thin(tet) {
             return tet;
         }
-        let mut reached = vec![tet];
+        let mut visited = vec![tet];
         let mut best = (f64::INFINITY, tet);
         let mut next = 0;
-        while next < reached.len() && next < 256 {
-            let at = reached[next];
+        while next < visited.len() && next < 256 {
+            let current = visited[next];
             next += 1;
-            if self.inside[at as usize] && !thin(at) {
-                let far = self.plane_distances(at, x).into_iter().fold(0.0, f64::max);
-                if far < best.0 {
-                    best = (far, at);
+            if self.inside[current as usize] && !thin(current) {
+                let distance = self.plane_distances(current, x).into_iter().fold(0.0, f64::max);
+                if distance < best.0 {
+                    best = (distance, current);
                 }
                 continue;
             }
-            let t = &self.delaunay.tets[at as usize];
-            for (slot, other) in t.n.iter().map(|n| n >> 2).enumerate() {
-                let wall = self.walls[at as usize] >> slot & 1 == 1;
-                if !wall && !reached.contains(&other) {
-                    reached.push(other);
+            let t = &self.delaunay.tets[current as usize];
+            for (slot, neighbour) in t.n.iter().map(|n| n >> 2).enumerate() {
+                let wall = self.walls[current as usize] >> slot & 1 == 1;
+                if !wall && !visited.contains(&neighbour) {
+                    visited.push(neighbour);
                 }
             }
         }

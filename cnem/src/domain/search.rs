@@ -56,7 +56,7 @@ impl Starts {
         }
     }
 
-    fn at(&self, x: &Point3<f64>) -> u32 {
+    fn start_near(&self, x: &Point3<f64>) -> u32 {
         let index =
             |k: usize| (((x[k] - self.low[k]) * self.inverse).max(0.0) as usize).min(self.counts[k] - 1);
         self.tets[(index(0) * self.counts[1] + index(1)) * self.counts[2] + index(2)]
@@ -69,12 +69,12 @@ impl Domain {
         let t = &self.delaunay.tets[tet as usize];
         [0, 1, 2, 3].map(|slot| {
             let [a, b, c] = t.face(slot).map(|v| &self.delaunay.points[v as usize]);
-            let (u, v, to) = (b - a, c - a, x - a);
+            let (u, v, arm) = (b - a, c - a, x - a);
             let n = u.cross(&v);
             let square = n.norm_squared();
             // The direction of a needle's normal is round-off; the volume between the needle and `x` is not.
             let six = if square > NEEDLE * u.norm_squared() * v.norm_squared() {
-                n.dot(&to)
+                n.dot(&arm)
             } else {
                 six_volumes([a, b, c, x])
             };
@@ -101,19 +101,19 @@ impl Domain {
         if !x.iter().all(|c| c.is_finite()) {
             return None;
         }
-        let start = self.starts.at(x);
-        let mut found = self.delaunay.walk(x, start);
+        let start = self.starts.start_near(x);
+        let mut tet = self.delaunay.walk(x, start);
         let mut reach = tolerance;
-        let outside = self.delaunay.tets[found as usize].is_ghost();
+        let outside = self.delaunay.tets[tet as usize].is_ghost();
         if outside {
-            (found, reach) = self.enter(x, found, start, tolerance)?;
+            (tet, reach) = self.enter(x, tet, start, tolerance)?;
         }
-        if self.inside[found as usize] && (!outside || self.farthest_plane(found, x) <= tolerance) {
-            return Some(found);
+        if self.inside[tet as usize] && (!outside || self.farthest_plane(tet, x) <= tolerance) {
+            return Some(tet);
         }
         // Distances to planes first: they are cheap and fail only beside flat and needle-shaped tetrahedra.
-        let by_planes = self.search_by_planes(x, found, [tolerance, reach], near);
-        by_planes.or_else(|| self.search_by_distance(x, found, [tolerance, reach], near))
+        let by_planes = self.search_by_planes(x, tet, [tolerance, reach], near);
+        by_planes.or_else(|| self.search_by_distance(x, tet, [tolerance, reach], near))
     }
 
     /// Returns a tetrahedron of the domain whose planes are all within `tolerance` of `x`. The search starts
@@ -132,8 +132,8 @@ impl Domain {
             let t = self.delaunay.tets[near[next] as usize];
             next += 1;
             for n in t.n.map(|n| n >> 2) {
-                let other = &self.delaunay.tets[n as usize];
-                if near.contains(&n) || other.is_ghost() {
+                let neighbour = &self.delaunay.tets[n as usize];
+                if near.contains(&n) || neighbour.is_ghost() {
                     continue;
                 }
                 if self.flat[n as usize] {
@@ -143,11 +143,11 @@ impl Domain {
                     }
                     continue;
                 }
-                let far = self.farthest_plane(n, x);
-                if far <= tolerance && self.inside[n as usize] {
+                let distance = self.farthest_plane(n, x);
+                if distance <= tolerance && self.inside[n as usize] {
                     return Some(n);
                 }
-                if far <= reach {
+                if distance <= reach {
                     near.push(n);
                 }
             }
@@ -212,8 +212,8 @@ impl Domain {
         );
         // The hull lies on one side of the plane of each of its faces: a point farther beyond than this is
         // outside. A needle along a straight edge has no reliable plane.
-        let beyond = six_volumes([a, b, c, x]) / area;
-        if area > self.tolerance * longest && beyond > 2.0 * tolerance {
+        let excess = six_volumes([a, b, c, x]) / area;
+        if area > self.tolerance * longest && excess > 2.0 * tolerance {
             return None;
         }
         let inward = (self.starts.middle - x).try_normalize(0.0)?;
@@ -221,7 +221,7 @@ impl Domain {
         let shifts = (0..8).map(|k| 4.0 * tolerance * 8.0_f64.powi(k));
         shifts
             .map(|shift| (self.delaunay.walk(&(x + inward * shift), start), 2.0 * shift))
-            .find(|(found, _)| !self.delaunay.tets[*found as usize].is_ghost())
+            .find(|(tet, _)| !self.delaunay.tets[*tet as usize].is_ghost())
     }
 
     fn box_holds(&self, tet: u32, x: &Point3<f64>, tolerance: f64) -> bool {

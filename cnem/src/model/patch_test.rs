@@ -84,8 +84,8 @@ impl CnemModel {
         let [low, high] = crate::bins::around(nodes, 0.0);
         let middle: Point3<f64> = nalgebra::center(&low, &high);
         let shift = Vector3::repeat((high - low).norm() * gradient.norm());
-        let at = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
-        let u: Vec<f64> = nodes.iter().flat_map(at).collect();
+        let displacement = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
+        let u: Vec<f64> = nodes.iter().flat_map(displacement).collect();
         let mut forces = vec![0.0; u.len()];
         self.forces.subtract_product(&u, &mut forces);
         forces

@@ -149,15 +149,15 @@ impl Cavity {
             let t = &domain.delaunay.tets[tet as usize];
             let walls = domain.walls[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = n >> 2;
-                let mut mark = self.mark[other as usize];
+                let neighbour = n >> 2;
+                let mut mark = self.mark[neighbour as usize];
                 let wall = walls >> slot & 1 == 1;
                 if !wall && mark < out {
-                    let holds = holds(domain, other, x);
+                    let holds = holds(domain, neighbour, x);
                     mark = if holds { inside } else { out };
-                    self.mark[other as usize] = mark;
+                    self.mark[neighbour as usize] = mark;
                     if holds {
-                        self.add_member(domain, x, other);
+                        self.add_member(domain, x, neighbour);
                     }
                 }
                 let face = FACES[slot].map(|k| local[k]);
@@ -170,8 +170,8 @@ impl Cavity {
                         centre: Vector3::zeros(),
                         det: 0.0,
                     });
-                } else if tet < other {
-                    let members = [next as u32, self.index[other as usize]];
+                } else if tet < neighbour {
+                    let members = [next as u32, self.index[neighbour as usize]];
                     self.inner.push(Inner { local: face, members });
                 }
             }

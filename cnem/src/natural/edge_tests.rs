@@ -13,7 +13,7 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
         let mut s = Scratch::new();
         let mut largest: [f64; 2] = [0.0; 2];
         for (radius, z) in [(0.03, 2.1), (0.06, 2.5), (0.09, 1.7), (0.2, 2.3), (0.4, 2.5)] {
-            for (at, kind) in [Interpolant::Laplace, Interpolant::Sibson]
+            for (which, kind) in [Interpolant::Laplace, Interpolant::Sibson]
                 .into_iter()
                 .enumerate()
             {
@@ -34,7 +34,7 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
                             .iter()
                             .zip(&last)
                             .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-                        largest[at] = largest[at].max(step);
+                        largest[which] = largest[which].max(step);
                     }
                     last = Some(dense);
                 }

@@ -229,7 +229,7 @@ impl Domain {
         // `x` may be close to several faces of a thin tetrahedron; it is on the face that holds it.
         let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
         let face_of = |slot: usize| self.face_at.get(&(tet << 2 | slot as u32));
-        let held = (0..4)
+        let holding = (0..4)
             .filter(wall)
             .map(|slot| {
                 (
@@ -239,7 +239,7 @@ impl Domain {
             })
             .filter(|(depth, _)| *depth >= -BESIDE)
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        match held.and_then(|(_, slot)| face_of(slot)) {
+        match holding.and_then(|(_, slot)| face_of(slot)) {
             Some(&face) => Place::Patch(face),
             None => Place::Free,
         }
@@ -255,10 +255,10 @@ impl Domain {
                     continue;
                 };
                 let [p, q] = [edge.0, edge.1].map(|v| &self.delaunay.points[v as usize]);
-                let (along, to) = (q - p, x - p);
-                let at = along.dot(&to) / along.norm_squared();
-                let beside = !(-BESIDE..=1.0 + BESIDE).contains(&at);
-                if beside || along.cross(&to).norm() > self.tolerance * along.norm() {
+                let (along, arm) = (q - p, x - p);
+                let fraction = along.dot(&arm) / along.norm_squared();
+                let beside = !(-BESIDE..=1.0 + BESIDE).contains(&fraction);
+                if beside || along.cross(&arm).norm() > self.tolerance * along.norm() {
                     continue;
                 }
                 return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
@@ -278,8 +278,8 @@ impl Domain {
         s.counters.cavities += 1;
         s.row.clear();
         // A convex hull has no re-entrant edge; an apparent one is round-off.
-        let whole = s.cavity.find(self, x, start) || s.alone;
-        let filled = match whole {
+        let is_star = s.cavity.find(self, x, start) || s.alone;
+        let filled = match is_star {
             true => s.weights.fill(kind, &s.cavity, &mut s.row, slopes),
             false => None,
         };
@@ -329,12 +329,12 @@ impl Domain {
 
 /// Sets the value of a node in a row. With `search` the row may already contain the node.
 fn set(row: &mut ShapeRow<f64>, node: u32, value: f64, search: bool) {
-    let at = if search {
+    let position = if search {
         row.nodes.iter().position(|&v| v == node as usize)
     } else {
         None
     };
-    match at {
+    match position {
         Some(k) => row.values[k] = value,
         None => {
             row.push(node as usize, value);

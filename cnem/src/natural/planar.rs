@@ -103,19 +103,19 @@ impl Domain {
                 let Some([f, g, ..]) = self.mesh.flat_pair(self.nodes(), edge) else {
                     continue;
                 };
-                let other = if f == face { g } else { f };
-                let ends = self.face_on_side(other, self.side_towards(other, towards));
+                let neighbour = if f == face { g } else { f };
+                let ends = self.face_on_side(neighbour, self.side_towards(neighbour, towards));
                 let Some(apex) = ends.into_iter().find(|&v| v != p && v != q) else {
                     continue;
                 };
-                if s.faces.iter().any(|t| t.face == other) {
+                if s.faces.iter().any(|t| t.face == neighbour) {
                     continue;
                 }
                 let corners = [q, p, apex].map(|v| project(&self.delaunay.points[v as usize]));
                 let o = robust::Coord { x: 0.0, y: 0.0 };
                 let [a, b, e] = corners.map(|c| robust::Coord { x: c.x, y: c.y });
                 if robust::incircle(a, b, e, o) > 0.0 {
-                    let t = s.triangle(self, other, [q, p, apex], project);
+                    let t = s.triangle(self, neighbour, [q, p, apex], project);
                     s.faces.push(t);
                 }
             }
@@ -174,8 +174,8 @@ impl Planar {
                 let right = right.map(|t| (t.face, t.centre));
                 let (a, b) = (self.local(a), self.local(b));
                 match right {
-                    Some((other, _)) if other < face => {}
-                    Some((_, from)) => self.segment(a, b, &from, &centre),
+                    Some((neighbour, _)) if neighbour < face => {}
+                    Some((_, right_centre)) => self.segment(a, b, &right_centre, &centre),
                     None => {
                         let (p, q) = (self.rel[a], self.rel[b]);
                         if cross(&p, &q) <= 0.0 {

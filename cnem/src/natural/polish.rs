@@ -56,30 +56,30 @@ pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64,
 /// Removes the residual by the smallest change relative to the weights. Returns the residual before the
 /// correction, or `None` if the row is not usable.
 pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
-    let (found, mut r) = residual(values, rel, size);
-    if r.iter().any(|x| x.is_nan()) || found > LARGEST {
+    let (initial, mut r) = residual(values, rel, size);
+    if r.iter().any(|x| x.is_nan()) || initial > LARGEST {
         return None;
     }
-    if found <= SMALLEST {
-        return Some(found);
+    if initial <= SMALLEST {
+        return Some(initial);
     }
     for _ in 0..3 {
         let Some(moments) = Moments::new(values.iter().copied(), rel, size) else {
-            return (found <= 1e-12).then_some(found);
+            return (initial <= 1e-12).then_some(initial);
         };
         let c = moments.solve(&r);
         for (w, p) in values.iter_mut().zip(rel) {
             *w *= 1.0 + basis(p, size).dot(&c);
         }
-        let left = residual(values, rel, size);
-        if left.0 <= SMALLEST {
+        let remaining = residual(values, rel, size);
+        if remaining.0 <= SMALLEST {
             break;
         }
-        r = left.1;
+        r = remaining.1;
     }
     // Linear precision to 1e-12 of the neighbourhood's size is what every row promises.
     let usable = values.iter().all(|w| *w >= 0.0) && residual(values, rel, size).0 <= 1e-12;
-    usable.then_some(found)
+    usable.then_some(initial)
 }
 
 /// Removes the residual of the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`. Returns false if the
@@ -95,7 +95,7 @@ pub(super) fn gradients(
     let Some(moments) = Moments::new(values.iter().map(|w| w + even), rel, size) else {
         return false;
     };
-    let mut left = f64::INFINITY;
+    let mut remaining = f64::INFINITY;
     for pass in 0..4 {
         let mut worst = 0.0_f64;
         for d in 0..3 {
@@ -104,10 +104,10 @@ pub(super) fn gradients(
             for (g, p) in slopes.iter().zip(rel) {
                 target -= basis(p, size) * g[d];
             }
-            let found = target.amax() * size;
+            let defect = target.amax() * size;
             // A NaN becomes the worst residual, too.
-            worst = if found <= worst { worst } else { found };
-            if found > SMALLEST {
+            worst = if defect <= worst { worst } else { defect };
+            if defect > SMALLEST {
                 let c = moments.solve(&target);
                 for ((g, p), w) in slopes.iter_mut().zip(rel).zip(values) {
                     g[d] += (w + even) * basis(p, size).dot(&c);
@@ -117,25 +117,25 @@ pub(super) fn gradients(
         if worst.is_nan() || (pass == 0 && worst > LARGEST) {
             return false;
         }
-        left = worst;
+        remaining = worst;
         if worst <= SMALLEST {
             break;
         }
     }
-    left <= 1e-12 && slopes.iter().all(|g| g.norm() * size <= STEEP)
+    remaining <= 1e-12 && slopes.iter().all(|g| g.norm() * size <= STEEP)
 }
 
 /// Like [`values`], for weights on a plane. Returns whether the weights are usable.
 pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bool {
     let basis = |r: &Vector2<f64>| Vector3::new(1.0, r.x / size, r.y / size);
-    let left = |weights: &[f64]| {
+    let remaining = |weights: &[f64]| {
         weights
             .iter()
             .zip(rel)
             .fold(Vector3::new(1.0, 0.0, 0.0), |r, (w, p)| r - basis(p) * *w)
     };
     for _ in 0..3 {
-        let r = left(weights);
+        let r = remaining(weights);
         if r.iter().any(|x| x.is_nan()) || r.amax() > LARGEST {
             return false;
         }
@@ -155,5 +155,5 @@ pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bo
             *w *= 1.0 + basis(p).dot(&c);
         }
     }
-    weights.iter().all(|w| *w >= 0.0) && left(weights).amax() <= 1e-12
+    weights.iter().all(|w| *w >= 0.0) && remaining(weights).amax() <= 1e-12
 }

@@ -24,12 +24,15 @@ impl Domain {
         s: &mut Scratch,
         slopes: bool,
     ) -> bool {
-        let mut seen: Vec<u32> = s.cavity.nodes.clone();
-        seen.retain(|&v| self.sees(x, v, s));
+        let mut visible: Vec<u32> = s.cavity.nodes.clone();
+        visible.retain(|&v| self.sees(x, v, s));
         // Copies of a node have its position, and a complex needs distinct points.
-        seen.sort_unstable_by_key(|&v| (self.copies.original(v), v));
-        seen.dedup_by_key(|v| self.copies.original(*v));
-        let points: Vec<Point3<f64>> = seen.iter().map(|&v| self.delaunay.points[v as usize]).collect();
+        visible.sort_unstable_by_key(|&v| (self.copies.original(v), v));
+        visible.dedup_by_key(|v| self.copies.original(*v));
+        let points: Vec<Point3<f64>> = visible
+            .iter()
+            .map(|&v| self.delaunay.points[v as usize])
+            .collect();
         let mut alone = Scratch {
             alone: true,
             ..Scratch::default()
@@ -40,7 +43,7 @@ impl Domain {
         let Ok(row) = hull.evaluate(kind, x, &mut alone, slopes) else {
             return false;
         };
-        s.row.nodes.extend(row.nodes.iter().map(|&k| seen[k] as usize));
+        s.row.nodes.extend(row.nodes.iter().map(|&k| visible[k] as usize));
         s.row.values.extend(&row.values);
         s.row.gradients.extend(&row.gradients);
         // A fallback inside the hull is not the rule that callers rely on.
@@ -67,7 +70,7 @@ impl Domain {
             let turns = [orient3d(x, p, a, b), orient3d(x, p, b, c), orient3d(x, p, c, a)];
             !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
         });
-        !hidden && (self.copies.of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
+        !hidden && (self.copies.unknowns_of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
     }
 
     /// Returns whether the line from a node towards `x` starts in a tetrahedron of the domain that has this

@@ -54,14 +54,14 @@ impl Weights {
             .map(Vector3::norm_squared)
             .fold(0.0, f64::max)
             .sqrt();
-        let found = polish::values(&mut row.values, &cavity.rel, size)?;
+        let residual = polish::values(&mut row.values, &cavity.rel, size)?;
         if slopes {
             self.slopes(kind, cavity, row, total);
             if !polish::gradients(&row.values, &mut row.gradients, &cavity.rel, size) {
                 return None;
             }
         }
-        Some(found)
+        Some(residual)
     }
 
     fn gather(&mut self, kind: Interpolant, cavity: &Cavity, slopes: bool) {
@@ -121,13 +121,13 @@ impl Weights {
     fn facet_moment(&mut self, cavity: &Cavity, ridge: &Ridge, slopes: bool) {
         let [p, q] = ridge.faces.map(|f| cavity.border[f as usize].centre);
         let [a, b] = ridge.ends.map(|v| v as usize);
-        for (v, from, to) in [(a, &q, &p), (b, &p, &q)] {
+        for (v, start, end) in [(a, &q, &p), (b, &p, &q)] {
             let r = &cavity.rel[v];
             let m = r * 0.5;
-            let area = (from - m).cross(&(to - m)).dot(r);
+            let area = (start - m).cross(&(end - m)).dot(r);
             self.alpha[v] += area;
             if slopes {
-                self.vector[v] += (m + from + to) * area;
+                self.vector[v] += (m + start + end) * area;
             }
         }
         let pyramid = (cavity.rel[b] - cavity.rel[a]).dot(&(p - cavity.rel[a]).cross(&(q - p))) / 12.0;

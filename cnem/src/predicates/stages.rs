@@ -95,8 +95,8 @@ impl std::ops::Mul for Double {
 pub(super) struct Differences<const N: usize>([[[f64; 2]; 3]; N]);
 
 impl<const N: usize> Differences<N> {
-    pub(super) fn new(points: [[f64; 3]; N], from: [f64; 3]) -> Self {
-        Self(points.map(|p| [0, 1, 2].map(|k: usize| two_diff(p[k], from[k]))))
+    pub(super) fn new(points: [[f64; 3]; N], origin: [f64; 3]) -> Self {
+        Self(points.map(|p| [0, 1, 2].map(|k: usize| two_diff(p[k], origin[k]))))
     }
 
     /// Returns the differences as integers, in units of a power of two; `None` if they do not all fit.

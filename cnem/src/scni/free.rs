@@ -12,7 +12,7 @@
 //! has 24 of them and would read the data of each, but has only 15 neighbours. Figures: decision 0032,
 //! `benches/forces.rs` of the workspace.
 
-use super::matrix::{CHUNK, SERIAL, of_tetrahedra};
+use super::matrix::{CHUNK, SERIAL, tetrahedra_stiffness};
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
@@ -99,16 +99,16 @@ impl Rows {
             c: Vec::new(),
         };
         let mut row: Vec<Entry> = Vec::new();
-        let nothing = |v: &Vector3<f64>| v.iter().all(|x| x.abs() <= 0.0);
+        let is_zero = |v: &Vector3<f64>| v.iter().all(|x| x.abs() <= 0.0);
         for entries in rows {
             row.clear();
-            row.extend(entries.filter(|e| !(nothing(&e.1) && nothing(&e.2))));
+            row.extend(entries.filter(|e| !(is_zero(&e.1) && is_zero(&e.2))));
             // Entries with a `c` first, so that `c` needs no column numbers of its own.
-            row.sort_by_key(|e| (nothing(&e.2), e.0));
+            row.sort_by_key(|e| (is_zero(&e.2), e.0));
             for (column, b, c) in &row {
                 out.columns.push(*column);
                 out.b.extend(b.iter());
-                if !nothing(c) {
+                if !is_zero(c) {
                     out.c.extend(c.iter());
                 }
             }
@@ -125,18 +125,18 @@ impl Rows {
         Self::new((0..smoothing.volumes.len()).map(|cell| {
             let range = smoothing.starts[cell]..smoothing.starts[cell + 1];
             let (nodes, b) = smoothing.row(cell);
-            let both = b.iter().zip(&sub.mixed[range]);
-            nodes.iter().zip(both).map(|(k, (b, c))| (*k, *b, *c))
+            let pairs = b.iter().zip(&sub.mixed[range]);
+            nodes.iter().zip(pairs).map(|(k, (b, c))| (*k, *b, *c))
         }))
     }
 
     /// Creates the rows of the gradients by node (the transpose of [`Self::by_cell`]).
     fn by_node(smoothing: &Smoothing, sub: &SubCells) -> Self {
         let cells = smoothing.volumes.len();
-        let at = Adjacency::of_slots(cells, &smoothing.nodes);
+        let slots = Adjacency::of_slots(cells, &smoothing.nodes);
         let cell_of = |slot: usize| smoothing.starts.partition_point(|s| *s <= slot) - 1;
         Self::new((0..cells).map(|node| {
-            at.row(node).iter().map(|&slot| {
+            slots.row(node).iter().map(|&slot| {
                 let slot = slot as usize;
                 (cell_of(slot) as u32, smoothing.gradients[slot], sub.mixed[slot])
             })
@@ -144,7 +144,7 @@ impl Rows {
     }
 
     /// Returns some of the rows, with renumbered columns.
-    fn some(&self, rows: &[u32], column: impl Fn(&u32) -> u32) -> Self {
+    fn select(&self, rows: &[u32], column: impl Fn(&u32) -> u32) -> Self {
         let mut out = Self::new(std::iter::empty::<std::iter::Empty<Entry>>());
         (out.b, out.c) = (Vec::new(), Vec::new());
         for i in rows {
@@ -176,8 +176,8 @@ impl Rows {
 }
 
 #[inline(always)]
-fn lanes(of: &[f64], at: usize) -> Lanes {
-    let s = &of[at..at + 4];
+fn lanes(values: &[f64], start: usize) -> Lanes {
+    let s = &values[start..start + 4];
     [s[0], s[1], s[2], s[3]]
 }
 
@@ -237,7 +237,7 @@ pub(crate) struct MatrixFree {
     /// Stiffness of the tetrahedra; `None` without stabilisation.
     tets: Option<BlockMatrix<f64>>,
     /// For a part of a body: positions of the owned nodes' cells in the list of cells.
-    own: Option<Vec<u32>>,
+    owned_cells: Option<Vec<u32>>,
     /// For a part of a body: true for cells that name nodes of other ranks.
     outer: Vec<bool>,
     /// Stresses of the cells, computed anew by every evaluation.
@@ -246,7 +246,7 @@ pub(crate) struct MatrixFree {
 
 /// Task that computes the stresses of consecutive cells.
 struct Cells<'a> {
-    of: &'a MatrixFree,
+    forces: &'a MatrixFree,
     q: &'a [[f64; 3]],
     first: usize,
     out: &'a mut [Stresses],
@@ -261,12 +261,12 @@ impl NullaryFnOnce for Cells<'_> {
     #[inline(always)]
     fn call(self) {
         for (i, out) in (self.first..).zip(self.out) {
-            if self.only.is_some_and(|outer| self.of.outer[i] != outer) {
+            if self.only.is_some_and(|outer| self.forces.outer[i] != outer) {
                 continue;
             }
-            let [g, d] = gradients(&self.of.rows.row(i), self.q);
-            let (s, t) = (stress(&g, self.of.lame), stress(&d, self.of.lame));
-            let (volume, alpha) = (self.of.volumes[i], self.of.alpha[i]);
+            let [g, d] = gradients(&self.forces.rows.row(i), self.q);
+            let (s, t) = (stress(&g, self.forces.lame), stress(&d, self.forces.lame));
+            let (volume, alpha) = (self.forces.volumes[i], self.forces.alpha[i]);
             let weighted = |f: &dyn Fn(usize, usize) -> f64| {
                 Symmetric::new([0, 1, 2].map(|c| [0, 1, 2].map(|r| alpha * f(c, r))))
             };
@@ -309,7 +309,7 @@ impl NullaryFnOnce for Nodes<'_> {
 
 /// Task that computes twice the energy of consecutive cells, without the terms of the tetrahedra.
 struct Energies<'a> {
-    of: &'a MatrixFree,
+    forces: &'a MatrixFree,
     q: &'a [[f64; 3]],
     range: Range<usize>,
 }
@@ -321,16 +321,16 @@ impl NullaryFnOnce for Energies<'_> {
     fn call(self) -> f64 {
         let mut sum = 0.0;
         for i in self.range {
-            let [g, d] = gradients(&self.of.rows.row(i), self.q);
-            let s = stress(&g, self.of.lame);
-            sum += self.of.alpha[i] * (self.of.volumes[i] * product(&s, &g) - 2.0 * product(&s, &d));
+            let [g, d] = gradients(&self.forces.rows.row(i), self.q);
+            let s = stress(&g, self.forces.lame);
+            sum += self.forces.alpha[i] * (self.forces.volumes[i] * product(&s, &g) - 2.0 * product(&s, &d));
         }
         sum
     }
 }
 
 /// Calls `work` for chunks of the items, on all threads if there are many items. Allocates nothing.
-fn each<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
+fn in_chunks<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
     if items.len() < SERIAL {
         return work(0, items);
     }
@@ -357,7 +357,7 @@ impl MatrixFree {
             cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
-            own: None,
+            owned_cells: None,
             outer: Vec::new(),
         };
         out.set_weights(sub, alpha);
@@ -366,7 +366,7 @@ impl MatrixFree {
 
     /// Sets the weights \[–\] of the cells.
     pub(crate) fn set_weights(&mut self, sub: &SubCells, alpha: Vec<f64>) {
-        self.tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, &alpha));
+        self.tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, &alpha));
         self.alpha = alpha;
     }
 
@@ -377,22 +377,22 @@ impl MatrixFree {
 
     /// Number of row entries from which the forces on a node are gathered: its measure of work.
     pub(crate) fn entries(&self, node: usize) -> usize {
-        let row = |of: &Rows| of.starts[node + 1] - of.starts[node];
+        let row = |rows: &Rows| rows.starts[node + 1] - rows.starts[node];
         let tets = self.tets.as_ref().map_or(0, |t| t.columns(node).len());
         row(&self.rows) + row(&self.columns) + tets
     }
 
     /// Returns the cells that some nodes gather from, and the nodes' own cells, ascending.
     pub(crate) fn cells_of(&self, nodes: &[u32]) -> Vec<u32> {
-        let from = |i: &u32| self.columns.row(*i as usize).columns;
-        let mut out: Vec<u32> = nodes.iter().flat_map(from).chain(nodes).copied().collect();
+        let gathered = |i: &u32| self.columns.row(*i as usize).columns;
+        let mut out: Vec<u32> = nodes.iter().flat_map(gathered).chain(nodes).copied().collect();
         out.sort_unstable();
         out.dedup();
         out
     }
 
     /// Returns the nodes with a shape function on a cell, and the cell's own node.
-    pub(crate) fn named_by(&self, cell: u32) -> impl Iterator<Item = u32> {
+    pub(crate) fn nodes_of_cell(&self, cell: u32) -> impl Iterator<Item = u32> {
         let row = self.rows.row(cell as usize).columns;
         row.iter().copied().chain([cell])
     }
@@ -402,21 +402,21 @@ impl MatrixFree {
         self.tets.as_ref().map_or(&[], |t| t.columns(node as usize))
     }
 
-    /// Returns the data needed for the forces on the owned nodes `own`, computed from `cells` and from
-    /// displacements of the nodes `named`; all three lists are ascending.
-    pub(crate) fn part(&self, own: &[u32], cells: &[u32], named: &[u32]) -> Self {
-        let place = |of: &[u32], k: &u32| of.partition_point(|n| n < k) as u32;
-        let other = |k: &u32| own.binary_search(k).is_err();
-        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(other);
-        let of = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
+    /// Returns the data needed for the forces on the owned nodes `owned`, computed from `cells` and from
+    /// displacements of the nodes `needed`; all three lists are ascending.
+    pub(crate) fn part(&self, owned: &[u32], cells: &[u32], needed: &[u32]) -> Self {
+        let place = |list: &[u32], k: &u32| list.partition_point(|n| n < k) as u32;
+        let is_ghost = |k: &u32| owned.binary_search(k).is_err();
+        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(is_ghost);
+        let pick = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
         Self {
-            rows: self.rows.some(cells, |k| place(named, k)),
-            columns: self.columns.some(own, |k| place(cells, k)),
-            volumes: of(&self.volumes),
+            rows: self.rows.select(cells, |k| place(needed, k)),
+            columns: self.columns.select(owned, |k| place(cells, k)),
+            volumes: pick(&self.volumes),
             lame: self.lame,
-            alpha: of(&self.alpha),
-            tets: self.tets.as_ref().map(|t| some_of(t, own, named)),
-            own: Some(own.iter().map(|k| place(cells, k)).collect()),
+            alpha: pick(&self.alpha),
+            tets: self.tets.as_ref().map(|t| select_rows(t, owned, needed)),
+            owned_cells: Some(owned.iter().map(|k| place(cells, k)).collect()),
             outer: cells.iter().map(outer).collect(),
             cells: vec![Stresses::default(); cells.len()],
         }
@@ -424,18 +424,23 @@ impl MatrixFree {
 
     /// Sets the weights \[–\] of a part, see [`Self::part`]. `alpha` are the weights of all cells of the
     /// body.
-    pub(crate) fn set_weights_of(&mut self, sub: &SubCells, alpha: &[f64], [own, cells, named]: [&[u32]; 3]) {
-        let tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, alpha));
-        self.tets = tets.map(|t| some_of(&t, own, named));
+    pub(crate) fn set_part_weights(
+        &mut self,
+        sub: &SubCells,
+        alpha: &[f64],
+        [owned, cells, needed]: [&[u32]; 3],
+    ) {
+        let tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, alpha));
+        self.tets = tets.map(|t| select_rows(&t, owned, needed));
         self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
     }
 
-    /// Computes the stresses of inner cells in the range `some`: cells that name owned nodes only, whose
+    /// Computes the stresses of inner cells in the range `cells`: cells that name owned nodes only, whose
     /// displacements `q` holds. Returns whether there are cells after the range.
-    pub(crate) fn stress_inner(&mut self, some: Range<usize>, q: &[f64]) -> bool {
-        let range = some.start..some.end.min(self.cells.len());
+    pub(crate) fn stress_inner(&mut self, cells: Range<usize>, q: &[f64]) -> bool {
+        let range = cells.start..cells.end.min(self.cells.len());
         self.stress(range, q, Some(false));
-        some.end < self.cells.len()
+        cells.end < self.cells.len()
     }
 
     /// Computes the stresses of a range of cells; `only` restricts them as in [`Cells::only`].
@@ -443,10 +448,10 @@ impl MatrixFree {
         let (arch, q) = (Arch::new(), q.as_chunks::<3>().0);
         // Taken out, so that tasks can write stresses while they read the rest of `self`.
         let mut cells = std::mem::take(&mut self.cells);
-        let (of, start) = (&*self, range.start);
-        each(&mut cells[range], |first, out| {
+        let (forces, start) = (&*self, range.start);
+        in_chunks(&mut cells[range], |first, out| {
             arch.dispatch(Cells {
-                of,
+                forces,
                 q,
                 first: start + first,
                 out,
@@ -463,8 +468,8 @@ impl MatrixFree {
     }
 
     /// Subtracts the internal forces of a part from `f`, after [`Self::stress_inner`] has computed the
-    /// stresses of all inner cells. `q` are the displacements of the nodes `named`.
-    pub(crate) fn subtract_rest(&mut self, q: &[f64], f: &mut [f64]) {
+    /// stresses of all inner cells. `q` are the displacements of the nodes `needed`.
+    pub(crate) fn subtract_outer(&mut self, q: &[f64], f: &mut [f64]) {
         self.stress(0..self.cells.len(), q, Some(true));
         self.gather(q, f);
     }
@@ -472,7 +477,7 @@ impl MatrixFree {
     /// Subtracts the forces of the cell stresses and of the tetrahedra from `f`.
     fn gather(&self, q: &[f64], f: &mut [f64]) {
         let arch = Arch::new();
-        each(f.as_chunks_mut::<3>().0, |first, f| {
+        in_chunks(f.as_chunks_mut::<3>().0, |first, f| {
             arch.dispatch(Nodes {
                 columns: &self.columns,
                 cells: &self.cells,
@@ -486,29 +491,29 @@ impl MatrixFree {
     }
 
     /// Returns `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
-    /// Allocates nothing. With a `portion` it returns the energy of the whole body on all ranks: `own` are
-    /// the displacements of the owned nodes, `q` those of the nodes `named`. Collective then.
-    pub(crate) fn energy(&self, own: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
+    /// Allocates nothing. With a `portion` it returns the energy of the whole body on all ranks: `owned` are
+    /// the displacements of the owned nodes, `q` those of the nodes `needed`. Collective then.
+    pub(crate) fn energy(&self, owned: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;
         let part = |unit: Range<usize>| {
             // The cells of a unit are consecutive.
             let first = self
-                .own
+                .owned_cells
                 .as_ref()
-                .map_or(unit.start, |own| own[unit.start] as usize);
-            let (of, q, range) = (self, nodes, first..first + unit.len());
-            [arch.dispatch(Energies { of, q, range })]
+                .map_or(unit.start, |cells| cells[unit.start] as usize);
+            let (forces, q, range) = (self, nodes, first..first + unit.len());
+            [arch.dispatch(Energies { forces, q, range })]
         };
-        let [cells] = ranks::sum(own.len() / 3, portion, &part);
+        let [cells] = ranks::sum(owned.len() / 3, portion, &part);
         let tets = self.tets.as_ref();
-        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(own, q, portion))
+        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(owned, q, portion))
     }
 }
 
 /// Returns the rows of the owned nodes from the stiffness of the tetrahedra, for displacements of the nodes
-/// `named`.
-fn some_of(tets: &BlockMatrix<f64>, own: &[u32], named: &[u32]) -> BlockMatrix<f64> {
-    let rows = own.iter().map(|k| *k as usize);
-    tets.some_rows(rows, named.len(), |k| named.partition_point(|n| *n < k) as u32)
+/// `needed`.
+fn select_rows(tets: &BlockMatrix<f64>, owned: &[u32], needed: &[u32]) -> BlockMatrix<f64> {
+    let rows = owned.iter().map(|k| *k as usize);
+    tets.some_rows(rows, needed.len(), |k| needed.partition_point(|n| *n < k) as u32)
 }

@@ -51,7 +51,11 @@ impl<'a> Parts<'a> {
     fn columns(&self, node: usize, slot: &mut [u32]) -> Vec<u32> {
         let mut out = Vec::new();
         // `slot` first marks a column as seen; the sorted columns then get their positions.
-        let cells = self.entries.row(node).iter().map(|&at| self.owner[at as usize]);
+        let cells = self
+            .entries
+            .row(node)
+            .iter()
+            .map(|&entry| self.owner[entry as usize]);
         let in_cells = cells.flat_map(|c| self.smoothing.row(c as usize).0);
         for &k in in_cells {
             if slot[k as usize] == NONE {
@@ -62,7 +66,7 @@ impl<'a> Parts<'a> {
         out.sort_unstable();
         out.iter()
             .enumerate()
-            .for_each(|(at, &k)| slot[k as usize] = at as u32);
+            .for_each(|(position, &k)| slot[k as usize] = position as u32);
         out
     }
 
@@ -70,10 +74,13 @@ impl<'a> Parts<'a> {
     fn row(&self, node: usize, slot: &mut [u32]) -> (Vec<u32>, Vec<Matrix3<f64>>) {
         let columns = self.columns(node, slot);
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        for &at in self.entries.row(node) {
-            let cell = self.owner[at as usize] as usize;
+        for &entry in self.entries.row(node) {
+            let cell = self.owner[entry as usize] as usize;
             let range = self.smoothing.starts[cell]..self.smoothing.starts[cell + 1];
-            let (bj, cj) = (self.smoothing.gradients[at as usize], self.sub.mixed[at as usize]);
+            let (bj, cj) = (
+                self.smoothing.gradients[entry as usize],
+                self.sub.mixed[entry as usize],
+            );
             let alpha = self.alpha[cell];
             let scale = alpha * (self.smoothing.volumes[cell] + self.sub.sums[cell]);
             for e in range {
@@ -106,8 +113,8 @@ fn tet_weights(sub: &SubCells, alpha: &[f64]) -> Vec<f64> {
 /// Adds the terms of the tetrahedra at a node to its row. `corners` lists the node's corners in these
 /// tetrahedra.
 fn add_tetrahedra(sub: &SubCells, weights: &[f64], corners: &[u32], slot: &[u32], p: &mut [Matrix3<f64>]) {
-    for &at in corners {
-        let (t, corner) = (at as usize / 4, at as usize % 4);
+    for &place in corners {
+        let (t, corner) = (place as usize / 4, place as usize % 4);
         let (g, w) = (&sub.gradients[t], weights[t]);
         for (k, gk) in sub.tets[t].iter().zip(g) {
             let p = &mut p[slot[*k as usize] as usize];
@@ -121,17 +128,19 @@ fn add_tetrahedra(sub: &SubCells, weights: &[f64], corners: &[u32], slot: &[u32]
 }
 
 /// Assembles the terms of the tetrahedra alone, in rows of 3 × 3 blocks.
-pub(super) fn of_tetrahedra(sub: &SubCells, lame: [f64; 2], alpha: &[f64]) -> BlockMatrix<f64> {
+pub(super) fn tetrahedra_stiffness(sub: &SubCells, lame: [f64; 2], alpha: &[f64]) -> BlockMatrix<f64> {
     let weights = tet_weights(sub, alpha);
     let corners = Adjacency::of_slots(alpha.len(), sub.tets.as_flattened());
     let row = |slot: &mut Vec<u32>, node: usize| {
         let corners = corners.row(node);
-        let around = corners.iter().flat_map(|at| sub.tets[*at as usize / 4]);
+        let around = corners.iter().flat_map(|place| sub.tets[*place as usize / 4]);
         let mut columns: Vec<u32> = around.collect();
         columns.sort_unstable();
         columns.dedup();
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        (0..).zip(&columns).for_each(|(at, k)| slot[*k as usize] = at);
+        (0..)
+            .zip(&columns)
+            .for_each(|(position, k)| slot[*k as usize] = position);
         add_tetrahedra(sub, &weights, corners, slot, &mut p);
         (columns, p.iter().map(|p| block(p, lame)).collect())
     };

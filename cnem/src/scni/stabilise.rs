@@ -92,17 +92,17 @@ impl SubCells {
 
     fn widen(&self, smoothing: &mut Smoothing) {
         let cells = smoothing.volumes.len();
-        let mut wanted: Vec<Vec<u32>> = vec![Vec::new(); cells];
+        let mut columns: Vec<Vec<u32>> = vec![Vec::new(); cells];
         for t in &self.tets {
-            t.iter().for_each(|&c| wanted[c as usize].extend(t));
+            t.iter().for_each(|&c| columns[c as usize].extend(t));
         }
         let (mut starts, mut nodes, mut gradients) = (vec![0], Vec::new(), Vec::new());
-        for (cell, wanted) in wanted.iter_mut().enumerate() {
+        for (cell, columns) in columns.iter_mut().enumerate() {
             let (old, b) = smoothing.row(cell);
-            wanted.extend(old);
-            wanted.sort_unstable();
-            wanted.dedup();
-            for &node in wanted.iter() {
+            columns.extend(old);
+            columns.sort_unstable();
+            columns.dedup();
+            for &node in columns.iter() {
                 nodes.push(node);
                 gradients.push(old.binary_search(&node).map_or(Vector3::zeros(), |k| b[k]));
             }

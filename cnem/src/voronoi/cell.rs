@@ -80,7 +80,7 @@ impl Work {
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
-        let within = self
+        let is_inside = self
             .star
             .iter()
             .all(|&t| domain.inside[t as usize] || domain.glued[t as usize]);
@@ -98,7 +98,7 @@ impl Work {
             reach
         };
         // The margin covers the round-off of the centres.
-        if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
+        if is_inside && !walls.overlaps_any(&around([seed], reach * (1.0 + 1e-9))) {
             self.read_circumcentres(domain, node);
         } else {
             self.by_clipping(domain, &Regions::default(), node);
@@ -157,9 +157,9 @@ impl Work {
             }
             return;
         }
-        let all = domain.copies.of(original);
-        let all = if all.is_empty() { &[original] } else { all };
-        for &copy in all {
+        let copies = domain.copies.unknowns_of(original);
+        let copies = if copies.is_empty() { &[original] } else { copies };
+        for &copy in copies {
             domain.delaunay.star(copy, &mut self.reached);
             for i in 0..self.reached.len() {
                 let t = self.reached[i];
@@ -197,7 +197,7 @@ impl Work {
             let t = &domain.delaunay.tets[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
                 let face = t.face(slot);
-                let Some(at) = face.iter().position(|&v| v == node) else {
+                let Some(position) = face.iter().position(|&v| v == node) else {
                     continue;
                 };
                 // Each face belongs to two tetrahedra; the one with the smaller index counts it.
@@ -205,19 +205,22 @@ impl Work {
                     continue;
                 }
                 let (p, q) = (centre(tet), centre(n >> 2));
-                for (other, from, to) in [(face[(at + 1) % 3], &p, &q), (face[(at + 2) % 3], &q, &p)] {
-                    let r = domain.delaunay.points[other as usize] - seed;
+                for (neighbour, start, end) in [
+                    (face[(position + 1) % 3], &p, &q),
+                    (face[(position + 2) % 3], &q, &p),
+                ] {
+                    let r = domain.delaunay.points[neighbour as usize] - seed;
                     let m = r * 0.5;
-                    let twice = (from - m).cross(&(to - m)).dot(&r);
+                    let twice = (start - m).cross(&(end - m)).dot(&r);
                     let weight = 0.5 * twice / r.norm();
                     let area = r * (0.5 * twice / r.norm_squared());
                     // The pyramid from the node over this triangle: its height is half of `r`.
                     self.volume += twice / 12.0;
                     self.add(Piece {
-                        tag: NODE | u64::from(other),
+                        tag: NODE | u64::from(neighbour),
                         face: 0,
                         area,
-                        moment: (m + from + to) * (weight / 3.0),
+                        moment: (m + start + end) * (weight / 3.0),
                         weight,
                         tet: NONE,
                         largest: 0.0,
@@ -243,7 +246,7 @@ impl Work {
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
                 if tag & KIND == FREE {
-                    domain.beyond((tag & !KIND) as u32, &mut self.beyond);
+                    domain.behind_flat((tag & !KIND) as u32, &mut self.beyond);
                     for &id in &self.beyond {
                         if self.queue.contains(&id) {
                             continue;

@@ -76,10 +76,10 @@ impl Regions {
             if !domain.inside[tet] {
                 continue;
             }
-            let whole = volume(domain.delaunay.corners(t));
-            if (filled[tet] - whole).abs() > whole * UNCOVERED {
+            let full = volume(domain.delaunay.corners(t));
+            if (filled[tet] - full).abs() > full * UNCOVERED {
                 out.of_tet.insert(tet as u32, u32::MAX);
-                out.gaps.volume += (whole - filled[tet]).abs();
+                out.gaps.volume += (full - filled[tet]).abs();
             }
         }
         out.connect(domain);
@@ -92,30 +92,30 @@ impl Regions {
     /// Joins the tetrahedra into regions over free faces.
     fn connect(&mut self, domain: &Domain) {
         // Sorted, so that the numbers of the regions do not depend on hashing.
-        let mut all: Vec<u32> = self.of_tet.keys().copied().collect();
-        all.sort_unstable();
-        for start in all {
+        let mut candidates: Vec<u32> = self.of_tet.keys().copied().collect();
+        candidates.sort_unstable();
+        for start in candidates {
             if self.of_tet[&start] != u32::MAX {
                 continue;
             }
             let id = self.regions.len() as u32;
             let mut tets = vec![start];
-            let mut beyond = Vec::new();
+            let mut behind = Vec::new();
             self.of_tet.insert(start, id);
             let mut next = 0;
             while next < tets.len() {
                 let tet = tets[next];
                 next += 1;
                 for slot in 0..4 {
-                    let other = domain.delaunay.tets[tet as usize].n[slot] >> 2;
+                    let neighbour = domain.delaunay.tets[tet as usize].n[slot] >> 2;
                     if domain.walls[tet as usize] >> slot & 1 == 1 {
                         continue;
                     }
-                    domain.beyond(other, &mut beyond);
-                    for &other in &beyond {
-                        if self.of_tet.get(&other) == Some(&u32::MAX) {
-                            self.of_tet.insert(other, id);
-                            tets.push(other);
+                    domain.behind_flat(neighbour, &mut behind);
+                    for &neighbour in &behind {
+                        if self.of_tet.get(&neighbour) == Some(&u32::MAX) {
+                            self.of_tet.insert(neighbour, id);
+                            tets.push(neighbour);
                         }
                     }
                 }
@@ -151,7 +151,7 @@ impl Regions {
             // The tetrahedron decides later which copy of a node gets the volume.
             for i in 0..region.nodes.len() {
                 let original = domain.copies.original(region.nodes[i]);
-                region.nodes.extend(domain.copies.of(original));
+                region.nodes.extend(domain.copies.unknowns_of(original));
             }
             region.nodes.sort_unstable();
             region.nodes.dedup();

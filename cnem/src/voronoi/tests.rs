@@ -65,11 +65,11 @@ fn cells_fill_a_re_entrant_block() {
 #[test]
 fn cells_fill_a_cracked_cube() {
     let points = grid(5, 0.0, 0);
-    let at = |i: usize, j: usize| i + 5 * (j + 10);
+    let index = |i: usize, j: usize| i + 5 * (j + 10);
     let mut crack = Vec::new();
     for (i, j) in (0..8).map(|k| (k % 2, k / 2)) {
-        crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-        crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        crack.push([index(i, j), index(i + 1, j), index(i + 1, j + 1)]);
+        crack.push([index(i, j), index(i + 1, j + 1), index(i, j + 1)]);
     }
     let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
     let cells = assert_closed(&domain);
@@ -80,7 +80,7 @@ fn cells_fill_a_cracked_cube() {
             .filter(|f| matches!(f.side, Side::Face(_)))
             .count()
     };
-    assert!(lips(at(1, 1)) > 0 && lips(at(3, 2)) == 0);
+    assert!(lips(index(1, 1)) > 0 && lips(index(3, 2)) == 0);
 }
 
 /// Volume that is closest to a node behind the crack goes to nodes on its own side.
@@ -164,10 +164,10 @@ fn open_cells_are_named() {
     let domain = Domain::new(&grid(4, 0.2, 1), &Surface::convex_hull()).expect("grid");
     let mut cells = domain.voronoi().expect("cells");
     assert_eq!(cells.check_closed(), Ok(()));
-    let at = cells.start[9];
-    cells.facets[at].area *= 1.0 + 1e-7;
+    let facet = cells.start[9];
+    cells.facets[facet].area *= 1.0 + 1e-7;
     assert!(matches!(cells.check_closed(), Err(Error::CellOpen { node: 9, defect, .. }) if defect < 1e-6));
-    cells.facets[at].area.x = f64::NAN;
+    cells.facets[facet].area.x = f64::NAN;
     assert!(matches!(
         cells.check_closed(),
         Err(Error::CellOpen { node: 9, .. })
