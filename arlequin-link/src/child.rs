@@ -76,8 +76,8 @@ impl Started {
     }
 
     /// Returns how the process ended, in words, if it ends within a time.
-    pub(crate) fn ended(&mut self, within: Duration) -> Option<String> {
-        self.wait(within).map(|status| format!("ended with {status}"))
+    pub(crate) fn ended(&mut self, limit: Duration) -> Option<String> {
+        self.wait(limit).map(|status| format!("ended with {status}"))
     }
 
     /// Creates the error of a process that ended too early.
@@ -88,17 +88,17 @@ impl Started {
         }
     }
 
-    fn wait(&mut self, within: Duration) -> Option<ExitStatus> {
+    fn wait(&mut self, limit: Duration) -> Option<ExitStatus> {
         if self.status.is_none() {
-            self.status = self.look(within);
+            self.status = self.look(limit);
         }
         self.status
     }
 
     #[cfg(unix)]
-    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
+    fn look(&mut self, limit: Duration) -> Option<ExitStatus> {
         use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
-        let until = Instant::now() + within;
+        let until = Instant::now() + limit;
         let pid = Pid::from_child(&self.child);
         // The process is watched without being reaped: as long as its number is taken, the number of its
         // group cannot be used again.
@@ -115,8 +115,8 @@ impl Started {
     }
 
     #[cfg(not(unix))]
-    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
-        let until = Instant::now() + within;
+    fn look(&mut self, limit: Duration) -> Option<ExitStatus> {
+        let until = Instant::now() + limit;
         loop {
             if let Ok(Some(status)) = self.child.try_wait() {
                 return Some(status);

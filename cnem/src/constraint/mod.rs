@@ -82,13 +82,13 @@ impl Surface {
     /// is listed twice, in any order of its nodes, counts once.
     pub fn of_elements(elements: &[[usize; 4]]) -> Self {
         let mut count: HashMap<[usize; 3], ([usize; 3], usize)> = HashMap::new();
-        let mut known = HashSet::with_capacity(elements.len());
+        let mut counted = HashSet::with_capacity(elements.len());
         let sorted = |e: &[usize; 4]| {
             let mut nodes = *e;
             nodes.sort_unstable();
             nodes
         };
-        for e in elements.iter().filter(|e| known.insert(sorted(e))) {
+        for e in elements.iter().filter(|e| counted.insert(sorted(e))) {
             for f in crate::tet::FACES {
                 let face = f.map(|k| e[k]);
                 let mut sorted = face;

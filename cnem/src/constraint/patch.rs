@@ -71,9 +71,9 @@ impl Patch {
                 let Some([f, g, ..]) = mesh.flat_pair(points, edge) else {
                     continue;
                 };
-                for other in [f, g] {
-                    if known.insert(other) {
-                        out.faces.push(other);
+                for neighbour in [f, g] {
+                    if known.insert(neighbour) {
+                        out.faces.push(neighbour);
                     }
                 }
             }

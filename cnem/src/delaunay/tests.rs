@@ -184,15 +184,15 @@ fn insertion_order_does_not_matter() {
     }
     later.compact();
     let sorted = |d: &Delaunay| {
-        let mut all: Vec<_> = d
+        let mut tets: Vec<_> = d
             .tetrahedra()
             .map(|mut t| {
                 t.sort_unstable();
                 t
             })
             .collect();
-        all.sort_unstable();
-        all
+        tets.sort_unstable();
+        tets
     };
     assert_eq!(sorted(&d), sorted(&later));
 }

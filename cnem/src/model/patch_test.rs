@@ -49,7 +49,7 @@ impl CnemModel {
         let [lambda, mu] = self.material.lame();
         let stress =
             Matrix3::identity() * (lambda * gradient.trace()) + (gradient + gradient.transpose()) * mu;
-        let mut forces = self.forces_of(gradient);
+        let mut forces = self.linear_field_forces(gradient);
         for facet in &self.smoothing.boundary {
             let traction = stress * facet.area;
             for (node, value) in facet.nodes.iter().zip(&facet.values) {
@@ -78,7 +78,7 @@ impl CnemModel {
 
     /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`. The translation `t` is as large as the
     /// displacements of the body, so that every node moves.
-    fn forces_of(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
+    fn linear_field_forces(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
         let field = self.field.clone();
         let nodes = field.domain().nodes();
         let [low, high] = crate::bins::around(nodes, 0.0);

@@ -26,7 +26,7 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
     (0..n * n * n)
         .map(|i| {
             let index = [i % n, i / n % n, i / n / n];
-            let at = index.map(|k| {
+            let position = index.map(|k| {
                 let moved = if k == 0 || k == n - 1 {
                     0.0
                 } else {
@@ -34,7 +34,7 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
                 };
                 (k as f64 + moved) * h
             });
-            Point3::from(at)
+            Point3::from(position)
         })
         .collect()
 }
@@ -223,20 +223,20 @@ fn boundary_values_are_limits_from_inside() {
     for kind in [Interpolant::Laplace, Interpolant::Sibson] {
         for _ in 0..100 {
             let x = Point3::new(r(), r(), 0.0);
-            let near = Point3::new(x.x, x.y, 1e-7);
+            let close = Point3::new(x.x, x.y, 1e-7);
             let mut dense = vec![0.0; points.len()];
             let row = domain.shape(kind, &x, &mut s).expect("boundary");
             row.nodes
                 .iter()
                 .zip(&row.values)
                 .for_each(|(&v, w)| dense[v] += w);
-            let row = domain.shape(kind, &near, &mut s).expect("inside");
+            let row = domain.shape(kind, &close, &mut s).expect("inside");
             row.nodes
                 .iter()
                 .zip(&row.values)
                 .for_each(|(&v, w)| dense[v] -= w);
-            let off = dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
-            assert!(off < 3e-5, "{kind:?} {x} {off:e}");
+            let largest = dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+            assert!(largest < 3e-5, "{kind:?} {x} {largest:e}");
         }
     }
 }
@@ -280,14 +280,14 @@ pub(crate) fn blocks(
         let corner = |c: usize| (i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
         let v: Vec<usize> = (0..8)
             .map(|c| {
-                let at = corner(c);
-                *id.entry(at).or_insert_with(|| {
+                let place = corner(c);
+                *id.entry(place).or_insert_with(|| {
                     let around = (0..8).filter(|q| {
                         let o = |a: usize, b: usize| a.wrapping_sub(b);
-                        cube(o(at.0, q & 1), o(at.1, q >> 1 & 1), o(at.2, q >> 2))
+                        cube(o(place.0, q & 1), o(place.1, q >> 1 & 1), o(place.2, q >> 2))
                     });
                     let size = if around.count() == 8 { jitter } else { 0.0 };
-                    let p = [at.0, at.1, at.2].map(|a| a as f64 + size * (r() - 0.5));
+                    let p = [place.0, place.1, place.2].map(|a| a as f64 + size * (r() - 0.5));
                     points.push(Point3::from(p));
                     points.len() - 1
                 })
@@ -363,12 +363,12 @@ fn re_entrant_edge() {
 #[test]
 fn crack_is_not_seen_through() {
     let points = grid(5, 0.0, 0);
-    let at = |i: usize, j: usize, k: usize| i + 5 * (j + 5 * k);
+    let index = |i: usize, j: usize, k: usize| i + 5 * (j + 5 * k);
     let mut crack = Vec::new();
     for i in 0..2 {
         for j in 0..4 {
-            crack.push([at(i, j, 2), at(i + 1, j, 2), at(i + 1, j + 1, 2)]);
-            crack.push([at(i, j, 2), at(i + 1, j + 1, 2), at(i, j + 1, 2)]);
+            crack.push([index(i, j, 2), index(i + 1, j, 2), index(i + 1, j + 1, 2)]);
+            crack.push([index(i, j, 2), index(i + 1, j + 1, 2), index(i, j + 1, 2)]);
         }
     }
     let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
@@ -444,11 +444,11 @@ fn a_full_crack_separates() {
                 p.z = 0.5;
             }
         }
-        let at = |i: usize, j: usize| i + n * (j + n * 3);
+        let index = |i: usize, j: usize| i + n * (j + n * 3);
         let mut crack = Vec::new();
         for (i, j) in (0..(n - 1) * (n - 1)).map(|k| (k % (n - 1), k / (n - 1))) {
-            crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            crack.push([index(i, j), index(i + 1, j), index(i + 1, j + 1)]);
+            crack.push([index(i, j), index(i + 1, j + 1), index(i, j + 1)]);
         }
         let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
         assert!(domain.recovery().inserted.is_empty(), "{:?}", domain.recovery());

@@ -250,7 +250,8 @@ struct Cells<'a> {
     q: &'a [[f64; 3]],
     first: usize,
     out: &'a mut [Stresses],
-    /// `Some(true)`: cells that name ghosts only; `Some(false)`: the other cells; `None`: all cells.
+    /// `Some(true)`: only cells that name a ghost; `Some(false)`: only cells that name none; `None`: all
+    /// cells.
     only: Option<bool>,
 }
 

@@ -47,7 +47,7 @@ struct Piece {
 pub(super) struct Work {
     star: Vec<u32>,
     queue: Vec<u32>,
-    beyond: Vec<u32>,
+    behind: Vec<u32>,
     /// Neighbours with their position relative to the node, nearest first.
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
@@ -62,7 +62,7 @@ pub(super) struct Work {
     pub(super) facets: Vec<Facet>,
     /// For each facet the tetrahedron that holds its largest part; `NONE` where no constrained face is near.
     pub(super) tets: Vec<u32>,
-    reached: Vec<u32>,
+    visited: Vec<u32>,
 }
 
 impl Work {
@@ -120,7 +120,7 @@ impl Work {
             }
             self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
             for &tet in &region.tets {
-                if domain.copy_at(tet, original, &mut self.reached) == node {
+                if domain.copy_at(tet, original, &mut self.visited) == node {
                     self.clip_one(domain, tet, &seed);
                     self.take_piece(domain, tet, node);
                 }
@@ -160,9 +160,9 @@ impl Work {
         let copies = domain.copies.unknowns_of(original);
         let copies = if copies.is_empty() { &[original] } else { copies };
         for &copy in copies {
-            domain.delaunay.star(copy, &mut self.reached);
-            for i in 0..self.reached.len() {
-                let t = self.reached[i];
+            domain.delaunay.star(copy, &mut self.visited);
+            for i in 0..self.visited.len() {
+                let t = self.visited[i];
                 for v in domain.delaunay.tets[t as usize]
                     .v
                     .into_iter()
@@ -246,12 +246,12 @@ impl Work {
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
                 if tag & KIND == FREE {
-                    domain.behind_flat((tag & !KIND) as u32, &mut self.beyond);
-                    for &id in &self.beyond {
+                    domain.behind_flat((tag & !KIND) as u32, &mut self.behind);
+                    for &id in &self.behind {
                         if self.queue.contains(&id) {
                             continue;
                         }
-                        if domain.copy_at(id, original, &mut self.reached) == node {
+                        if domain.copy_at(id, original, &mut self.visited) == node {
                             self.queue.push(id);
                         } else {
                             self.beside.push(id);
@@ -275,10 +275,10 @@ impl Work {
             let mut between = 0;
             let tag = match tag & KIND {
                 WALL if along(domain, id, &face.area) => tag | LIP,
-                NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.reached)),
+                NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.visited)),
                 FREE => {
                     let original = domain.copies.original(node);
-                    let copy = domain.copy_at(id as u32, original, &mut self.reached);
+                    let copy = domain.copy_at(id as u32, original, &mut self.visited);
                     if copy == node {
                         continue;
                     }

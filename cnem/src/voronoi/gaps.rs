@@ -29,7 +29,7 @@ pub(crate) struct Region {
 }
 
 /// Extent of one cell before any volume is reassigned.
-struct Reached {
+struct Extent {
     /// Volume of the cell in every tetrahedron \[m³\].
     parts: Vec<(u32, f64)>,
     /// Tetrahedra that border on the cell and belong to another copy of its node.
@@ -57,18 +57,18 @@ impl Regions {
 
     /// Clips all cells and finds the tetrahedra that they do not fill exactly once.
     pub(super) fn find(domain: &Domain) -> Self {
-        let reached: Vec<Reached> = (0..domain.nodes().len() as u32)
+        let extents: Vec<Extent> = (0..domain.nodes().len() as u32)
             .into_par_iter()
             .map_init(Work::default, |work, node| {
                 work.clipped(domain, &Self::default(), node);
-                Reached {
+                Extent {
                     parts: work.parts.clone(),
                     beside: work.beside.clone(),
                 }
             })
             .collect();
         let mut filled = vec![0.0; domain.delaunay.tets.len()];
-        for &(tet, v) in reached.iter().flat_map(|r| &r.parts) {
+        for &(tet, v) in extents.iter().flat_map(|e| &e.parts) {
             filled[tet as usize] += v;
         }
         let mut out = Self::default();
@@ -83,7 +83,7 @@ impl Regions {
             }
         }
         out.connect(domain);
-        out.share(domain, &reached);
+        out.share(domain, &extents);
         out.gaps.tetrahedra = out.of_tet.len();
         out.gaps.regions = out.regions.len();
         out
@@ -131,13 +131,13 @@ impl Regions {
     /// Gives each region its nodes: those whose cells reach the region or border on it, and the corners of
     /// its tetrahedra. Nodes of bordering cells are needed: without them the strip inside the region that is
     /// closest to them would go to other nodes, and the facets on the border would not match.
-    fn share(&mut self, domain: &Domain, reached: &[Reached]) {
-        for (node, reached) in reached.iter().enumerate() {
-            let tets = reached
+    fn share(&mut self, domain: &Domain, extents: &[Extent]) {
+        for (node, extent) in extents.iter().enumerate() {
+            let tets = extent
                 .parts
                 .iter()
                 .map(|p| p.0)
-                .chain(reached.beside.iter().copied());
+                .chain(extent.beside.iter().copied());
             for tet in tets {
                 if let Some(&r) = self.of_tet.get(&tet) {
                     self.regions[r as usize].nodes.push(node as u32);
