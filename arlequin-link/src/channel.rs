@@ -212,7 +212,8 @@ impl Channel {
     }
 }
 
-/// Returns whether to try again. A read that timed out is tried again; [`Self::time_left`] then ends the wait.
+/// Returns whether to try again. A read that timed out is tried again; [`Channel::time_left`] then ends the
+/// wait.
 fn passing(e: &std::io::Error) -> bool {
     matches!(
         e.kind(),

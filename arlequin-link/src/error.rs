@@ -28,7 +28,7 @@ pub enum Error {
     Command {
         /// The command.
         command: String,
-        /// What happened to it.
+        /// Reason, in words, as a predicate of the command.
         what: String,
     },
     /// No connection, or no answer, within the time limit.
@@ -108,7 +108,7 @@ pub enum Error {
         peer: String,
         /// Kind of the message.
         kind: Kind,
-        /// What is wrong, in words.
+        /// Rule that the content breaks, in words.
         rule: String,
     },
     /// The other side reports a failure.

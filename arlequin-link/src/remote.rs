@@ -88,7 +88,7 @@ impl Remote {
     /// Waits for a solver at a listener that is already open.
     ///
     /// # Errors
-    /// Those of [`Self::await_at`].
+    /// The errors of [`Self::await_at`].
     pub fn accept(name: &str, listener: &Listener, options: Options) -> Result<Self> {
         let peer = format!("'{name}' ({})", listener.address());
         Self::meet(name, peer, listener, None, options)

@@ -369,7 +369,7 @@ impl<'a> Content<'a> {
     /// memory is allocated.
     ///
     /// # Errors
-    /// Those of [`Self::numbers`].
+    /// The errors of [`Self::numbers`].
     pub fn vector(&mut self, what: &str, count: usize) -> Result<Vec<f64>> {
         if count > self.unread.len() / 8 {
             let rule = format!(

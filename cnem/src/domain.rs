@@ -65,9 +65,9 @@ impl Domain {
     /// recover faces that are not in the Delaunay complex; see [`Domain::recovery`].
     ///
     /// # Errors
-    /// Those of [`Delaunay::new`] and [`Surface::check`]; `AllCollinear` and `AllCoplanar` also for nodes
-    /// that are so up to round-off; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`, `NodesTooClose`,
-    /// `EmptyDomain`; `TooManyNeighbours` for more than 1000 nodes on one sphere.
+    /// The errors of [`Delaunay::new`] and [`Surface::check`]; `AllCollinear` and `AllCoplanar` also for
+    /// nodes that are so up to round-off; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`,
+    /// `NodesTooClose`, `EmptyDomain`; `TooManyNeighbours` for more than 1000 nodes on one sphere.
     pub fn new(points: &[Point3<f64>], surface: &Surface) -> Result<Self> {
         let faces = surface.boundary_faces().len() + surface.crack_faces().len();
         Self::with_limit(points, surface, 1000 + 4 * faces)
@@ -77,7 +77,7 @@ impl Domain {
     /// inserting any).
     ///
     /// # Errors
-    /// As [`Domain::new`].
+    /// The errors of [`Domain::new`].
     pub fn with_limit(points: &[Point3<f64>], surface: &Surface, limit: usize) -> Result<Self> {
         surface.check(points)?;
         checks::check_span(points)?;

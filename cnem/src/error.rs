@@ -89,7 +89,7 @@ pub enum Error {
         /// Nodes of the face.
         nodes: [usize; 3],
     },
-    /// The same three nodes are given as a face twice.
+    /// Two faces have the same three nodes.
     #[error("faces {first} and {second} have the same nodes {nodes:?}; keep one of them")]
     RepeatedFace {
         /// First face.

@@ -82,7 +82,7 @@ impl NaturalField {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Domain::new`].
+    /// The errors of [`Domain::new`].
     pub fn from_points(points: &[Point3<f64>], kind: Interpolant) -> Result<Self> {
         Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
     }
@@ -91,7 +91,7 @@ impl NaturalField {
     /// inserted.
     ///
     /// # Errors
-    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where recovery would need
+    /// The errors of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where recovery would need
     /// inserted points; [`crate::Error::Parameter`] where cracks would split nodes.
     pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Interpolant) -> Result<Self> {
         let domain = Domain::with_limit(points, surface, 0)?;
@@ -119,7 +119,7 @@ impl NaturalField {
     /// tetrahedra.
     ///
     /// # Errors
-    /// Those of [`Domain::voronoi`].
+    /// The errors of [`Domain::voronoi`].
     pub fn with_voronoi_cells(mut self) -> Result<Self> {
         let cells = self.domain.voronoi()?;
         let mut work = crate::voronoi::CellBodies::default();

@@ -103,7 +103,7 @@ impl Cylinder {
     /// Creates the domain: the convex hull of the nodes.
     ///
     /// # Errors
-    /// Those of [`Cylinder::nodes`] and of [`Domain::new`].
+    /// The errors of [`Cylinder::nodes`] and of [`Domain::new`].
     pub fn domain(&self) -> Result<Domain> {
         Domain::new(&self.nodes()?, &Surface::convex_hull())
     }

@@ -108,9 +108,9 @@ impl CnemModel {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Domain::voronoi`]; [`Error::Parameter`] for an amount of stabilisation that is negative or
-    /// above 1; [`Error::WrongForces`] if a rigid motion or a constant strain leaves more than 1e-8 of the
-    /// forces around a node that is in equilibrium, or a force that is NaN.
+    /// The errors of [`Domain::voronoi`]; [`Error::Parameter`] for an amount of stabilisation that is
+    /// negative or above 1; [`Error::WrongForces`] if a rigid motion or a constant strain leaves more than
+    /// 1e-8 of the forces around a node that is in equilibrium, or a force that is NaN.
     pub fn new(name: &str, domain: Domain, material: Elastic<f64>, options: Options) -> Result<Self> {
         let amount = match options.stabilisation {
             Stabilisation::None => 0.0,

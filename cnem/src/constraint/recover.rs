@@ -25,7 +25,7 @@ pub(crate) fn recover(
     if work.missing_faces().is_empty() {
         return Ok((work.mesh, work.record));
     }
-    // Checked only if a face is missing: crossing faces cannot all be faces of the complex.
+    // Checked only if a face is missing: if all faces are in the complex, none can cross another.
     surface.check_intersections(&work.delaunay.points)?;
     work.swap_diagonals();
     work.split_at_nodes();

@@ -71,7 +71,7 @@ impl Delaunay {
     /// Like [`Delaunay::new`], but leaves out points that repeat another; see [`Delaunay::duplicates`].
     ///
     /// # Errors
-    /// Those of [`Delaunay::new`] except `DuplicateNodes`.
+    /// The errors of [`Delaunay::new`] except `DuplicateNodes`.
     pub fn merging_duplicates(points: &[Point3<f64>]) -> Result<Self> {
         build::build(points)
     }
