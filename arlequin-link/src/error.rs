@@ -28,7 +28,7 @@ pub enum Error {
     Command {
         /// The command.
         command: String,
-        /// Reason, in words, as a predicate of the command.
+        /// Description of the event, worded to follow the command.
         what: String,
     },
     /// No connection, or no answer, within the time limit.
