@@ -1,11 +1,11 @@
-//! Uniform bins over axis-aligned boxes: which boxes may touch a given one.
+//! Uniform bins over axis-aligned boxes: finds the boxes that overlap a given one.
 
 use nalgebra::Point3;
 
 /// An axis-aligned box: lower and upper corner.
 pub(crate) type Aabb = [Point3<f64>; 2];
 
-/// Smallest box around some points, grown by `margin`.
+/// Returns the smallest box around some points, grown by `margin`.
 pub(crate) fn around<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>, margin: f64) -> Aabb {
     let mut low = Point3::from([f64::INFINITY; 3]);
     let mut high = Point3::from([f64::NEG_INFINITY; 3]);
@@ -22,7 +22,7 @@ fn overlap(a: &Aabb, b: &Aabb) -> bool {
     (0..3).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
 }
 
-/// Compressed bins of box indices.
+/// Bins of box indices in compressed storage: the indices of bin `i` are `items[start[i]..start[i + 1]]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Bins {
     boxes: Vec<Aabb>,
@@ -34,18 +34,20 @@ pub(crate) struct Bins {
 }
 
 impl Bins {
-    /// About one box per bin.
+    /// Sorts boxes into bins, about as many bins as boxes.
     pub(crate) fn new(boxes: Vec<Aabb>) -> Self {
         let corners = boxes.iter().flat_map(|b| b.iter());
-        let all = if boxes.is_empty() {
+        let bounds = if boxes.is_empty() {
             [Point3::origin(); 2]
         } else {
             around(corners, 0.0)
         };
-        let extent = all[1] - all[0];
+        let extent = bounds[1] - bounds[0];
         let longest = extent.max().max(f64::MIN_POSITIVE);
+        // Flat sets have no volume: at least a thousandth of the longest extent keeps the bin size positive.
         let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-3)).product();
         let size = longest * (filled / boxes.len().max(1) as f64).cbrt();
+        // At most 2^24 bins in all, whatever the boxes.
         let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).clamp(1, 256));
         let inverse = [0, 1, 2].map(|k| {
             if extent[k] > 0.0 {
@@ -57,7 +59,7 @@ impl Bins {
         let bins = counts.iter().product::<usize>();
         let mut out = Self {
             boxes: Vec::new(),
-            low: all[0],
+            low: bounds[0],
             inverse,
             counts,
             start: vec![0; bins + 1],
@@ -88,7 +90,7 @@ impl Bins {
         }
     }
 
-    /// Indices of the boxes that overlap `query`, sorted.
+    /// Writes the indices of the boxes that overlap `query` to `out`, sorted.
     pub(crate) fn overlapping(&self, query: &Aabb, out: &mut Vec<u32>) {
         out.clear();
         self.visit(query, |bin| {
@@ -102,16 +104,16 @@ impl Bins {
         out.dedup();
     }
 
-    /// True if any box overlaps `query`.
-    pub(crate) fn any(&self, query: &Aabb) -> bool {
-        let mut found = false;
+    /// Returns whether any box overlaps `query`.
+    pub(crate) fn overlaps_any(&self, query: &Aabb) -> bool {
+        let mut hit = false;
         self.visit(query, |bin| {
             let range = self.start[bin] as usize..self.start[bin + 1] as usize;
-            found = found
+            hit = hit
                 || self.items[range]
                     .iter()
                     .any(|&i| overlap(&self.boxes[i as usize], query));
         });
-        found
+        hit
     }
 }

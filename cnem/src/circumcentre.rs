@@ -1,14 +1,14 @@
 //! Circumcentres that stay accurate on nearly flat tetrahedra.
 //!
-//! Double precision loses `1e-16 * size^3 / volume` of the centre. Below a relative volume of 1e-3 the
-//! numerator and the determinant are computed in double-double arithmetic from exact differences, which
-//! carries the loss to below 1e-16 down to the flattest tetrahedra that exact predicates let through in
-//! practice.
+//! In double precision the centre has a relative error of `1e-16 * size^3 / volume`. Below a relative volume
+//! of 1e-3 the numerator and the determinant are computed in double-double arithmetic from exact differences.
+//! The error then stays below 1e-16 down to the flattest tetrahedra that occur with exact predicates.
 
 use nalgebra::{Point3, Vector3};
 use std::ops::{Add, Mul, Sub};
 
-/// Squared relative volume below which double-double arithmetic is used.
+/// Squared ratio of six volumes to the product of the three edges at the first corner below which
+/// double-double arithmetic is used.
 const FLAT: f64 = 1e-6;
 
 /// Unevaluated sum of two doubles.
@@ -22,6 +22,7 @@ fn two_sum(a: f64, b: f64) -> Dd {
 }
 
 fn split(a: f64) -> (f64, f64) {
+    // Veltkamp's split: `2^27 + 1` leaves two halves whose products are exact.
     let c = 134_217_729.0 * a;
     let high = c - (c - a);
     (high, a - high)
@@ -64,15 +65,16 @@ fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Vector from the first corner to the centre of the sphere through four points, and `b x c . d` (six
-/// volumes). The centre is not finite if the determinant is zero.
+/// Returns the vector from the first corner to the centre of the sphere through four points, and `b × c · d`
+/// (six times the volume). The centre is not finite if this determinant is zero.
 #[inline]
 pub(crate) fn circumcentre(corners: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
     let [o, p, q, r] = corners;
     quick(&(p - o), &(q - o), &(r - o)).unwrap_or_else(|| accurate(corners))
 }
 
-/// As [`circumcentre`], from vectors relative to the first corner; `None` if the tetrahedron is nearly flat.
+/// Like [`circumcentre`], from vectors relative to the first corner; `None` if the tetrahedron is nearly
+/// flat.
 #[inline]
 pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
     let (b2, c2, d2) = (b.norm_squared(), c.norm_squared(), d.norm_squared());
@@ -85,7 +87,8 @@ pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Opt
     }
 }
 
-/// Six times the signed volume of a tetrahedron, to the last digits for nearly flat ones too.
+/// Returns six times the signed volume of a tetrahedron, accurate to the last digits also if it is nearly
+/// flat.
 #[inline]
 pub(crate) fn six_volumes(corners: [&Point3<f64>; 4]) -> f64 {
     let [o, p, q, r] = corners;
@@ -98,7 +101,7 @@ pub(crate) fn six_volumes(corners: [&Point3<f64>; 4]) -> f64 {
     dot(difference(p), cross(difference(q), difference(r))).0
 }
 
-/// As [`circumcentre`], in double-double arithmetic.
+/// Like [`circumcentre`], in double-double arithmetic.
 #[cold]
 pub(crate) fn accurate([o, p, q, r]: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
     let difference = |e: &Point3<f64>| [0, 1, 2].map(|k| two_sum(e[k], -o[k]));

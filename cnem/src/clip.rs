@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// Convex polyhedron as faces with a tag each, counter-clockwise from outside.
+/// Convex polyhedron: faces with a tag each, corners counter-clockwise from outside.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Polyhedron {
     points: Vec<Vector3<f64>>,
@@ -14,7 +14,7 @@ pub(crate) struct Polyhedron {
     angles: Vec<(f64, Vector3<f64>)>,
 }
 
-/// Area vector and its first moment, of one face.
+/// Area vector and centroid of one face.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct FaceSum {
     pub(crate) area: Vector3<f64>,
@@ -22,8 +22,7 @@ pub(crate) struct FaceSum {
 }
 
 impl Polyhedron {
-    /// Starts again from a tetrahedron of positive volume, faces tagged in the order of
-    /// [`crate::tet::FACES`].
+    /// Resets to a tetrahedron of positive volume, with faces tagged in the order of [`crate::tet::FACES`].
     pub(crate) fn set_tetrahedron(&mut self, corners: [Vector3<f64>; 4], tags: [u64; 4]) {
         self.points.clear();
         self.faces.clear();
@@ -33,7 +32,7 @@ impl Polyhedron {
         }
     }
 
-    /// Starts again from a cube about the origin.
+    /// Resets to a cube about the origin.
     pub(crate) fn set_cube(&mut self, half: f64, tag: u64) {
         self.points.clear();
         self.faces.clear();
@@ -51,30 +50,30 @@ impl Polyhedron {
         }
     }
 
-    /// True if nothing is left.
+    /// Returns whether nothing is left.
     pub(crate) fn is_empty(&self) -> bool {
         self.faces.is_empty()
     }
 
-    /// Largest squared distance of a corner from the origin.
+    /// Returns the largest squared distance of a corner from the origin.
     pub(crate) fn reach(&self) -> f64 {
         self.points.iter().map(Vector3::norm_squared).fold(0.0, f64::max)
     }
 
-    /// Largest distance of a corner beyond a plane.
+    /// Returns the largest distance of a corner beyond a plane.
     pub(crate) fn excess(&self, normal: &Vector3<f64>, offset: f64) -> f64 {
-        let beyond = self.points.iter().map(|p| normal.dot(p) - offset);
-        beyond.fold(f64::NEG_INFINITY, f64::max)
+        let distances = self.points.iter().map(|p| normal.dot(p) - offset);
+        distances.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. True if anything was cut off.
+    /// Keeps the part with `normal . y <= offset`; the cut gets `tag`. Returns whether anything was cut off.
     pub(crate) fn clip(&mut self, normal: &Vector3<f64>, offset: f64, tag: u64) -> bool {
         self.clip_near(normal, offset, tag, 0.0, |_| false)
     }
 
-    /// As `clip`; corners with `|normal . y - offset| <= snap` lie on the plane. A face with such corners
-    /// only is the cut itself and gets `tag`, if `free` says so of the tag it has: whether round-off puts
-    /// it before or behind the plane must not decide over its area.
+    /// Like `clip`; corners with `|normal . y - offset| <= snap` count as lying on the plane. A face all of
+    /// whose corners lie on the plane coincides with the cut. It gets `tag` if `free` accepts the face's tag:
+    /// round-off, which puts such a face before or behind the plane, must not decide about its area.
     pub(crate) fn clip_near(
         &mut self,
         normal: &Vector3<f64>,
@@ -87,19 +86,19 @@ impl Polyhedron {
             let s = normal.dot(p) - offset;
             if s.abs() <= snap { 0.0 } else { s }
         };
-        let (mut before, mut on, mut behind) = (false, false, false);
+        let (mut before, mut on_plane, mut behind) = (false, false, false);
         for p in &self.points {
             let s = place(p);
             before |= s < 0.0;
             behind |= s > 0.0;
-            on |= s == 0.0;
+            on_plane |= s == 0.0;
         }
         if !before {
             self.points.clear();
             self.faces.clear();
             return true;
         }
-        if on {
+        if on_plane {
             let mut start = 0;
             for (end, face_tag) in &mut self.faces {
                 let polygon = &self.points[start..*end];
@@ -115,7 +114,7 @@ impl Polyhedron {
         behind
     }
 
-    /// Cuts off what is behind the plane.
+    /// Removes the part behind the plane.
     fn cut(&mut self, normal: &Vector3<f64>, place: impl Fn(&Vector3<f64>) -> f64, tag: u64) {
         self.spare.clear();
         self.spare_faces.clear();
@@ -149,26 +148,27 @@ impl Polyhedron {
         self.push_cap(normal, tag);
         std::mem::swap(&mut self.points, &mut self.spare);
         std::mem::swap(&mut self.faces, &mut self.spare_faces);
+        // Fewer than four faces bound no volume.
         if self.faces.len() < 4 {
             self.points.clear();
             self.faces.clear();
         }
     }
 
-    /// Orders the points of the cut around its middle.
+    /// Orders the points of the cut around their mean and adds the polygon as a face.
     fn push_cap(&mut self, normal: &Vector3<f64>, tag: u64) {
         if self.cap.len() < 3 {
             return;
         }
         let middle = self.cap.iter().sum::<Vector3<f64>>() / self.cap.len() as f64;
-        let far = self
+        let farthest = self
             .cap
             .iter()
             .map(|p| p - middle)
             .fold(Vector3::zeros(), |a: Vector3<f64>, b| {
                 if b.norm_squared() > a.norm_squared() { b } else { a }
             });
-        let v = normal.cross(&far);
+        let v = normal.cross(&farthest);
         let u = v.cross(normal);
         let (u, v) = (u / u.norm(), v / v.norm());
         self.angles.clear();
@@ -179,6 +179,7 @@ impl Polyhedron {
         self.angles.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let first = self.spare.len();
         for (_, p) in &self.angles {
+            // Two faces meet at each corner of the cut and contribute it with the same bits; it counts once.
             if self.spare.len() == first || self.spare.last() != Some(p) {
                 self.spare.push(*p);
             }
@@ -190,7 +191,7 @@ impl Polyhedron {
         }
     }
 
-    /// Corners of every face.
+    /// Returns the corners of every face.
     pub(crate) fn loops(&self) -> impl Iterator<Item = &[Vector3<f64>]> {
         let mut start = 0;
         self.faces.iter().map(move |&(end, _)| {
@@ -200,7 +201,7 @@ impl Polyhedron {
         })
     }
 
-    /// Tag, area vector and centroid of every face.
+    /// Returns tag, area vector and centroid of every face.
     pub(crate) fn faces(&self) -> impl Iterator<Item = (u64, FaceSum)> + '_ {
         let mut start = 0;
         self.faces.iter().map(move |&(end, tag)| {
@@ -210,7 +211,7 @@ impl Polyhedron {
         })
     }
 
-    /// Volume.
+    /// Returns the volume.
     pub(crate) fn volume(&self) -> f64 {
         let o = self.points.first().copied().unwrap_or_default();
         self.faces()
@@ -220,7 +221,8 @@ impl Polyhedron {
     }
 }
 
-/// Point where an edge meets the plane, the same from both sides.
+/// Returns the point where an edge meets the plane. Both faces at the edge get the same bits: the computation
+/// always starts from the end in front of the plane.
 fn crossing(p: &Vector3<f64>, q: &Vector3<f64>, sp: f64, sq: f64) -> Vector3<f64> {
     if sp < 0.0 {
         p + (q - p) * (sp / (sp - sq))

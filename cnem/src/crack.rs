@@ -1,10 +1,10 @@
-//! Cracks that open: every lip has its own copy of the nodes on it.
+//! Cracks that open: each lip has its own copies of the nodes on it.
 //!
-//! At a node of a crack face the tetrahedra of the domain fall into groups that are joined over faces
-//! without a wall. Each group is one unknown: the first keeps the node, every other one gets a copy of it
-//! at the same place. Around a node of the crack front the tetrahedra are one group, so the front is
-//! shared; a crack that cuts the whole body leaves no common unknown. The tetrahedra themselves carry the
-//! copies, hence shape functions, cells, gradients, masses and loads use them without further ado.
+//! At a node of a crack face the tetrahedra of the domain fall into groups, each joined over faces without a
+//! wall. Each group has its own unknowns: the first group keeps the node, every other group gets a copy at
+//! the same position. Around a node of the crack front the tetrahedra are one group, so the front is shared.
+//! A crack that cuts the whole body leaves no common unknown. The tetrahedra themselves refer to the copies,
+//! so that shape functions, cells, gradients, masses and loads need no special rule.
 
 use crate::delaunay::Delaunay;
 use crate::domain::Domain;
@@ -12,27 +12,27 @@ use crate::tet::NONE;
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
-/// Tetrahedra looked at in the search for the copy that belongs to a place.
+/// Largest number of tetrahedra visited in the search for a node's copy near a tetrahedron.
 const MAX_REACHED: usize = 4096;
 
-/// Node of a crack lip that was given an unknown of its own.
+/// Node of a crack lip that has its own unknowns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CrackCopy {
-    /// Its index among the nodes of the domain.
+    /// Index of the copy among the nodes of the domain.
     pub node: usize,
-    /// The node it is a copy of, at the same place.
+    /// Index of the node that was copied, at the same position.
     pub original: usize,
 }
 
-/// One triangle of a crack with the nodes of its two lips.
+/// Triangle of a crack, with the nodes of its two lips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lips {
     /// Index of the triangle in [`Domain::constrained_faces`].
     pub face: usize,
-    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle; none
-    /// where the domain has only flat tetrahedra on that side, whose other triangles are listed instead.
+    /// Nodes of the lip that the triangle's normal points away from, in the order of the triangle. `None`
+    /// where the domain has only flat tetrahedra on this side; their other triangles are listed instead.
     pub below: Option<[usize; 3]>,
-    /// Nodes of the lip on the side of the normal, in the same order.
+    /// Nodes of the lip on the side of the normal, in the same order; `None` as for `below`.
     pub above: Option<[usize; 3]>,
 }
 
@@ -41,10 +41,10 @@ pub struct Lips {
 pub(crate) struct Copies {
     /// Number of nodes before the first copy.
     first: u32,
-    /// Originals of the copies.
+    /// Original node of each copy.
     originals: Vec<u32>,
-    /// All unknowns of a node with copies, itself first.
-    of: HashMap<u32, Vec<u32>>,
+    /// For each node that has copies: the node itself, then its copies.
+    unknowns: HashMap<u32, Vec<u32>>,
     /// `tetrahedron << 2 | slot` below and above every constrained face.
     pub(crate) sides: Vec<[u32; 2]>,
 }
@@ -58,7 +58,7 @@ impl Copies {
         }
     }
 
-    /// The node that a vertex is a copy of, itself for all others.
+    /// Returns the node that a vertex is a copy of; the vertex itself if it is no copy.
     #[inline]
     pub(crate) fn original(&self, v: u32) -> u32 {
         if v < self.first || v == crate::tet::INF {
@@ -68,19 +68,19 @@ impl Copies {
         }
     }
 
-    /// All unknowns of a node, none if there is only itself.
+    /// Returns a node and its copies; empty if there are no copies.
     #[inline]
-    pub(crate) fn of(&self, original: u32) -> &[u32] {
+    pub(crate) fn unknowns_of(&self, original: u32) -> &[u32] {
         if self.originals.is_empty() {
             &[]
         } else {
-            self.of.get(&original).map_or(&[], Vec::as_slice)
+            self.unknowns.get(&original).map_or(&[], Vec::as_slice)
         }
     }
 
     fn add(&mut self, original: u32, copy: u32) {
         self.originals.push(original);
-        self.of
+        self.unknowns
             .entry(original)
             .or_insert_with(|| vec![original])
             .push(copy);
@@ -88,8 +88,9 @@ impl Copies {
 }
 
 impl Domain {
-    /// Nodes that were copied because a crack separates what is around them, in order of their indices,
-    /// which follow those of all other nodes. A node with several copies lies where cracks cross.
+    /// Returns the nodes that were copied because a crack separates the tetrahedra around them. Copies come
+    /// in order of their indices, which follow those of all other nodes. A node has several copies where
+    /// cracks cross.
     pub fn copies(&self) -> impl Iterator<Item = CrackCopy> + '_ {
         let first = self.copies.first as usize;
         let copy = move |(k, &v): (usize, &u32)| CrackCopy {
@@ -99,7 +100,7 @@ impl Domain {
         self.copies.originals.iter().enumerate().map(copy)
     }
 
-    /// The node of which `node` is a copy, itself if it is none.
+    /// Returns the node of which `node` is a copy, or `node` itself if it is no copy.
     pub fn original(&self, node: usize) -> usize {
         match node.checked_sub(self.copies.first as usize) {
             Some(k) => self.copies.originals.get(k).map_or(node, |&v| v as usize),
@@ -107,7 +108,7 @@ impl Domain {
         }
     }
 
-    /// Crack triangles with the nodes of both lips; on the front the two agree.
+    /// Returns the crack triangles with the nodes of both lips; on the front the two agree.
     pub fn lips(&self) -> impl Iterator<Item = Lips> + '_ {
         let cracks = self.mesh.faces.iter().enumerate().filter(|f| f.1.crack);
         cracks.map(|(face, _)| {
@@ -120,17 +121,19 @@ impl Domain {
         })
     }
 
-    /// Vertices of a constrained face as the tetrahedron below (0) or above (1) it has them.
+    /// Returns the vertices of a constrained face as the tetrahedron below (0) or above (1) the face has
+    /// them.
     pub(crate) fn face_on_side(&self, face: u32, side: usize) -> [u32; 3] {
         let tet = self.copies.sides[face as usize][side] >> 2;
         let corners = self.delaunay.tets[tet as usize].v;
         self.mesh.faces[face as usize].v.map(|v| {
-            let same = corners.iter().find(|&&w| self.copies.original(w) == v);
-            same.copied().unwrap_or(v)
+            let twin = corners.iter().find(|&&w| self.copies.original(w) == v);
+            twin.copied().unwrap_or(v)
         })
     }
 
-    /// The side of a constrained face, below (0) or above (1), on which a direction from the face leads.
+    /// Returns the side of a constrained face, below (0) or above (1), to which a direction from the face
+    /// leads.
     pub(crate) fn side_towards(&self, face: u32, direction: &Vector3<f64>) -> usize {
         let [a, b, c] = self.mesh.faces[face as usize]
             .v
@@ -138,36 +141,37 @@ impl Domain {
         usize::from((b - a).cross(&(c - a)).dot(direction) > 0.0)
     }
 
-    /// The unknown that a node with copies has in and around a tetrahedron: that of the tetrahedron with
-    /// the node that is reached over the fewest faces without crossing a wall; of several the first.
-    pub(crate) fn copy_at(&self, tet: u32, original: u32, reached: &mut Vec<u32>) -> u32 {
-        let all = self.copies.of(original);
-        let Some(&itself) = all.first() else {
+    /// Returns the copy of a node that counts in and around a tetrahedron. It is the copy that is reached
+    /// over the fewest faces without crossing a wall; the smallest index breaks ties.
+    pub(crate) fn copy_at(&self, tet: u32, original: u32, visited: &mut Vec<u32>) -> u32 {
+        let unknowns = self.copies.unknowns_of(original);
+        let Some(&itself) = unknowns.first() else {
             return original;
         };
-        reached.clear();
-        reached.push(tet);
+        visited.clear();
+        visited.push(tet);
         let (mut next, mut level) = (0, 1);
-        let mut found = None;
-        while next < reached.len() && next < MAX_REACHED {
-            let tet = reached[next];
+        let mut nearest = None;
+        while next < visited.len() && next < MAX_REACHED {
+            let tet = visited[next];
             let t = &self.delaunay.tets[tet as usize];
-            let here = t.v.into_iter().find(|v| all.contains(v));
-            found = here.map_or(found, |v| Some(found.map_or(v, |f: u32| f.min(v))));
+            let corner = t.v.into_iter().find(|v| unknowns.contains(v));
+            nearest = corner.map_or(nearest, |v| Some(nearest.map_or(v, |f: u32| f.min(v))));
             for (slot, &n) in t.n.iter().enumerate() {
-                if self.walls[tet as usize] >> slot & 1 == 0 && !reached.contains(&(n >> 2)) {
-                    reached.push(n >> 2);
+                if self.walls[tet as usize] >> slot & 1 == 0 && !visited.contains(&(n >> 2)) {
+                    visited.push(n >> 2);
                 }
             }
             next += 1;
+            // All tetrahedra at one distance are seen before the choice, so that their order does not matter.
             if next == level {
-                if let Some(copy) = found {
+                if let Some(copy) = nearest {
                     return copy;
                 }
-                level = reached.len();
+                level = visited.len();
             }
         }
-        found.unwrap_or(itself)
+        nearest.unwrap_or(itself)
     }
 
     /// Gives every group of tetrahedra around a crack node its own vertex.
@@ -177,19 +181,20 @@ impl Domain {
         for (i, f) in self.mesh.faces.iter().enumerate().filter(|f| f.1.crack) {
             nodes.extend(f.v.map(|v| (v, self.copies.sides[i][0] >> 2)));
         }
-        // Of the faces at a node the first decides which lip keeps it.
+        // The first crack face at a node decides which lip keeps the node.
         nodes.sort_by_key(|n| n.0);
         nodes.dedup_by_key(|n| n.0);
         let (mut star, mut group) = (Vec::new(), Vec::new());
         for (node, below) in nodes {
             self.delaunay.star(node, &mut star);
             star.retain(|&t| self.inside[t as usize] || self.glued[t as usize]);
-            // A triangle may lie outside the domain; then any group keeps the node.
+            // If the triangle lies outside the domain, any group may keep the node.
             let keeps = star.iter().copied().find(|&t| t == below);
             let Some(start) = keeps.or(star.first().copied()) else {
                 continue;
             };
             self.take_group(node, start, &mut star, &mut group);
+            // Stars of the node start in the group that keeps it.
             self.delaunay.at_vertex[node as usize] = start;
             while let Some(&start) = star.first() {
                 self.take_group(node, start, &mut star, &mut group);
@@ -200,7 +205,7 @@ impl Domain {
         self.delaunay.rank_copies(&self.copies.originals);
     }
 
-    /// Moves the tetrahedra around a node that are joined to `start` out of `star`.
+    /// Moves the tetrahedra around a node that are joined to `start` from `star` to `group`.
     fn take_group(&self, node: u32, start: u32, star: &mut Vec<u32>, group: &mut Vec<u32>) {
         group.clear();
         group.push(start);
@@ -211,24 +216,25 @@ impl Domain {
             next += 1;
             let t = &self.delaunay.tets[tet as usize];
             for slot in 0..4 {
-                let other = t.n[slot] >> 2;
+                let neighbour = t.n[slot] >> 2;
+                // Only faces that contain the node join tetrahedra around it.
                 let free = self.walls[tet as usize] >> slot & 1 == 0;
-                if free && t.v[slot] != node && star.contains(&other) {
-                    star.retain(|&t| t != other);
-                    group.push(other);
+                if free && t.v[slot] != node && star.contains(&neighbour) {
+                    star.retain(|&t| t != neighbour);
+                    group.push(neighbour);
                 }
             }
         }
     }
 
-    /// Tetrahedra below and above every constrained face.
+    /// Returns the tetrahedra below and above every constrained face.
     fn sides(&self) -> Vec<[u32; 2]> {
         let mut out = vec![[NONE; 2]; self.mesh.faces.len()];
         for (&side, &face) in &self.face_at {
             let outward = self.delaunay.tets[(side >> 2) as usize].face((side & 3) as usize);
             let v = self.mesh.faces[face as usize].v;
             let turned = outward.iter().position(|&w| w == v[0]);
-            // A face whose vertices run as seen from outside a tetrahedron has it below.
+            // If the vertices run counter-clockwise as seen from outside a tetrahedron, it is below the face.
             let below = turned.is_some_and(|k| outward[(k + 1) % 3] == v[1]);
             out[face as usize][usize::from(!below)] = side;
         }
@@ -237,15 +243,15 @@ impl Domain {
 }
 
 impl Delaunay {
-    /// Ties between spheres are broken as if the copies were their originals.
+    /// Breaks ties between spheres as if copies were their originals.
     fn rank_copies(&mut self, originals: &[u32]) {
         if !originals.is_empty() {
-            let own = 0..(self.points.len() - originals.len()) as u32;
-            self.rank = own.chain(originals.iter().copied()).collect();
+            let uncopied = 0..(self.points.len() - originals.len()) as u32;
+            self.rank = uncopied.chain(originals.iter().copied()).collect();
         }
     }
 
-    /// A second vertex at the place of `v` for some of the tetrahedra around it.
+    /// Adds a vertex at the position of `v` for some of the tetrahedra around it.
     fn copy_vertex(&mut self, v: u32, tets: &[u32]) -> u32 {
         let copy = self.points.len() as u32;
         self.points.push(self.points[v as usize]);

@@ -1,4 +1,4 @@
-//! The domain: Delaunay complex, constrained faces, what is inside.
+//! The domain: the Delaunay complex, the constrained faces, and which tetrahedra are inside.
 
 mod checks;
 mod flat;
@@ -15,9 +15,9 @@ use nalgebra::{Point3, Vector3};
 use search::Starts;
 use std::collections::HashMap;
 
-/// Distance to the domain, relative to the largest coordinate, at which a point counts as being on its
-/// boundary. Centroids of boundary faces computed in double precision are within 1e-15 of it; linear
-/// precision to 1e-12 asks for less than 1e-12.
+/// Distance to the domain, relative to the largest coordinate, up to which a point counts as being on the
+/// boundary. Centroids of boundary faces, computed in double precision, are within 1e-15 of it. Linear
+/// precision to 1e-12 needs a value below 1e-12.
 pub(crate) const ON_BOUNDARY: f64 = 1e-13;
 
 /// Domain of the constrained natural element method: nodes, the constrained Delaunay complex, and its inside.
@@ -34,15 +34,15 @@ pub(crate) const ON_BOUNDARY: f64 = 1e-13;
 #[derive(Debug, Clone)]
 pub struct Domain {
     pub(crate) delaunay: Delaunay,
-    /// Tetrahedra of the domain, without flat ones.
+    /// True for tetrahedra of the domain that are not flat.
     pub(crate) inside: Vec<bool>,
-    /// Tetrahedra without thickness, anywhere.
+    /// True for flat tetrahedra anywhere in the complex.
     flat: Vec<bool>,
-    /// Tetrahedra without thickness between tetrahedra of the domain.
+    /// True for flat tetrahedra between tetrahedra of the domain.
     pub(crate) glued: Vec<bool>,
-    /// Per tetrahedron, bit `slot`: the face opposite to `slot` is not seen through.
+    /// For each tetrahedron, bit `slot`: the face opposite to `slot` is constrained and blocks the sight.
     pub(crate) walls: Vec<u8>,
-    /// Vector from the first vertex to the circumcentre.
+    /// Vector from the first vertex to the circumcentre \[m\].
     pub(crate) centre: Vec<Vector3<f64>>,
     pub(crate) mesh: FaceMesh,
     /// Constrained face at `tetrahedron << 2 | slot`.
@@ -54,35 +54,36 @@ pub struct Domain {
     volume: f64,
 }
 
-/// Largest magnitude of a coordinate.
+/// Returns the largest magnitude of a coordinate.
 pub(crate) fn largest_coordinate(points: &[Point3<f64>]) -> f64 {
-    let all = points.iter().flat_map(|p| p.iter());
-    all.fold(0.0, |m: f64, x| m.max(x.abs()))
+    let coordinates = points.iter().flat_map(|p| p.iter());
+    coordinates.fold(0.0, |m: f64, x| m.max(x.abs()))
 }
 
 impl Domain {
-    /// Builds the domain of `points` bounded by `surface`. Up to `1000 + 4 * faces` points may be inserted
-    /// on faces that are not in the Delaunay complex; see [`Domain::recovery`].
+    /// Builds the domain of `points` bounded by `surface`. Up to `1000 + 4 * faces` points may be inserted to
+    /// recover faces that are not in the Delaunay complex; see [`Domain::recovery`].
     ///
     /// # Errors
-    /// Those of [`Delaunay::new`] and [`Surface::check`], `AllCollinear` and `AllCoplanar` up to round-off
-    /// too; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`, `NodesTooClose`, `EmptyDomain`,
-    /// `TooManyNeighbours` for more than 1000 nodes on one sphere.
+    /// The errors of [`Delaunay::new`] and [`Surface::check`]; `AllCollinear` and `AllCoplanar` also for
+    /// nodes that are so up to round-off; `SelfIntersection`, `FacesNotRecovered`, `NodeOutside`,
+    /// `NodesTooClose`, `EmptyDomain`; `TooManyNeighbours` for more than 1000 nodes on one sphere.
     pub fn new(points: &[Point3<f64>], surface: &Surface) -> Result<Self> {
         let faces = surface.boundary_faces().len() + surface.crack_faces().len();
         Self::with_limit(points, surface, 1000 + 4 * faces)
     }
 
-    /// As [`Domain::new`], with the largest number of points that may be inserted (0: stop with an error
-    /// instead).
+    /// Like [`Domain::new`], with a limit for the number of inserted points (0: return an error instead of
+    /// inserting any).
     ///
     /// # Errors
-    /// As [`Domain::new`].
+    /// The errors of [`Domain::new`].
     pub fn with_limit(points: &[Point3<f64>], surface: &Surface, limit: usize) -> Result<Self> {
         surface.check(points)?;
         checks::check_span(points)?;
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
+        // From here on tetrahedra keep their numbers: the lists below are indexed by them.
         delaunay.tidy();
         let tets = delaunay.tets.len();
         let mut domain = Self {
@@ -104,6 +105,8 @@ impl Domain {
             domain.take_hull();
         }
         domain.raise_walls()?;
+        // Order: walls bound the flood; flat tetrahedra leave the inside before nodes are checked and cracks
+        // are opened; centres and volume come last, from the final vertices.
         domain.flood(surface.boundary_faces().len())?;
         domain.level()?;
         domain.check_nodes()?;
@@ -112,8 +115,8 @@ impl Domain {
         Ok(domain)
     }
 
-    /// All nodes: the given ones, those inserted on constrained faces (see [`Domain::recovery`]), and the
-    /// copies for the second lips of cracks (see [`Domain::copies`]).
+    /// Returns all nodes: the given ones, then the points inserted on constrained faces (see
+    /// [`Domain::recovery`]), then the copies for the second lips of cracks (see [`Domain::copies`]).
     pub fn nodes(&self) -> &[Point3<f64>] {
         &self.delaunay.points
     }
@@ -123,7 +126,7 @@ impl Domain {
         self.volume
     }
 
-    /// What had to be done to recover the constrained faces.
+    /// Returns the steps that the recovery of the constrained faces took.
     pub fn recovery(&self) -> &Recovery {
         &self.recovery
     }
@@ -133,15 +136,15 @@ impl Domain {
         &self.delaunay
     }
 
-    /// Tetrahedra of the domain, each with a positive volume.
+    /// Returns the tetrahedra of the domain, each with a positive volume.
     pub fn elements(&self) -> impl Iterator<Item = [usize; 4]> + '_ {
         let inside = self.delaunay.tets.iter().zip(&self.inside).filter(|t| *t.1);
         inside.map(|t| t.0.v.map(|v| v as usize))
     }
 
-    /// Constrained faces after recovery: nodes, whether it is a crack face, and the input face it comes
-    /// from. Of a crack face the nodes of one lip are given, of a boundary face those on the inside; see
-    /// also [`Domain::lips`].
+    /// Returns the constrained faces after recovery: nodes, whether it is a crack face, and the input face it
+    /// comes from. The nodes of a crack face are those of one lip; the nodes of a boundary face are those of
+    /// the inner side. See also [`Domain::lips`].
     pub fn constrained_faces(&self) -> impl Iterator<Item = ([usize; 3], bool, usize)> + '_ {
         self.mesh.faces.iter().enumerate().map(|(i, f)| {
             let inside = |side: &usize| self.inside[(self.copies.sides[i][*side] >> 2) as usize];
@@ -151,7 +154,7 @@ impl Domain {
         })
     }
 
-    /// Distance from the domain up to which a point counts as being on the boundary \[m\].
+    /// Distance \[m\] from the domain up to which a point counts as being on the boundary.
     pub fn tolerance(&self) -> f64 {
         self.tolerance
     }
@@ -181,10 +184,11 @@ impl Domain {
                     limit: 0,
                 });
             };
-            let one = tet << 2 | slot as u32;
-            let other = self.delaunay.tets[tet as usize].n[slot];
-            for side in [one, other] {
+            let this_side = tet << 2 | slot as u32;
+            let far_side = self.delaunay.tets[tet as usize].n[slot];
+            for side in [this_side, far_side] {
                 let wall = 1 << (side & 3);
+                // Two constrained faces at one place are an error: the map has room for one.
                 let repeated = self.face_at.insert(side, i as u32);
                 if let Some(first) = repeated {
                     let [first, second] =
@@ -201,7 +205,7 @@ impl Domain {
         Ok(())
     }
 
-    /// Inside and outside by crossing parity from the ghosts.
+    /// Marks the tetrahedra inside by crossing parity, starting from the ghosts outside.
     fn flood(&mut self, faces: usize) -> Result<()> {
         let tets = &self.delaunay.tets;
         let mut seen = vec![false; tets.len()];
@@ -211,16 +215,17 @@ impl Domain {
         queue.iter().for_each(|&t| seen[t as usize] = true);
         while let Some(t) = queue.pop() {
             for &n in &tets[t as usize].n {
-                let other = (n >> 2) as usize;
-                if seen[other] {
+                let neighbour = (n >> 2) as usize;
+                if seen[neighbour] {
                     continue;
                 }
+                // Crack faces do not separate inside from outside.
                 let boundary = self
                     .face_at
                     .get(&n)
                     .is_some_and(|&f| !self.mesh.faces[f as usize].crack);
-                seen[other] = true;
-                self.inside[other] = self.inside[t as usize] ^ boundary;
+                seen[neighbour] = true;
+                self.inside[neighbour] = self.inside[t as usize] ^ boundary;
                 queue.push(n >> 2);
             }
         }

@@ -1,4 +1,4 @@
-//! Everything that can go wrong, with the numbers and the way out.
+//! Errors of this crate, each with the relevant numbers and a remedy.
 
 /// Result of this crate's functions.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
@@ -10,9 +10,9 @@ pub enum Error {
     /// A coordinate is NaN or infinite.
     #[error("node {node} has the coordinates {point:?}, which are not finite; remove or repair it")]
     NonFinite {
-        /// Index of the first such node.
+        /// Index of the first node with such a coordinate.
         node: usize,
-        /// Its coordinates.
+        /// Coordinates of the node.
         point: [f64; 3],
     },
     /// Fewer than four distinct nodes.
@@ -39,11 +39,11 @@ pub enum Error {
          remove them or build with Delaunay::merging_duplicates"
     )]
     DuplicateNodes {
-        /// The node kept.
+        /// The first node at this position.
         first: usize,
         /// The node with the same coordinates.
         second: usize,
-        /// Their position.
+        /// Common position of both nodes \[m\].
         point: [f64; 3],
         /// Number of nodes that repeat an earlier one.
         count: usize,
@@ -58,9 +58,9 @@ pub enum Error {
         first: usize,
         /// The other node.
         second: usize,
-        /// Their distance \[m\].
+        /// Distance between both nodes \[m\].
         distance: f64,
-        /// Distance that is needed \[m\].
+        /// Smallest distance accepted \[m\].
         tolerance: f64,
     },
     /// More nodes or tetrahedra than 32-bit indices can name.
@@ -76,7 +76,7 @@ pub enum Error {
     UnknownNode {
         /// Index of the face (or element) in its list.
         face: usize,
-        /// The node named.
+        /// The index given for the node.
         node: usize,
         /// Number of nodes.
         nodes: usize,
@@ -86,17 +86,17 @@ pub enum Error {
     FlatFace {
         /// Index of the face in its list.
         face: usize,
-        /// Its nodes.
+        /// Nodes of the face.
         nodes: [usize; 3],
     },
-    /// The same three nodes are given as a face twice.
+    /// Two faces have the same three nodes.
     #[error("faces {first} and {second} have the same nodes {nodes:?}; keep one of them")]
     RepeatedFace {
         /// First face.
         first: usize,
         /// Second face.
         second: usize,
-        /// Their nodes.
+        /// Nodes of both faces.
         nodes: [usize; 3],
     },
     /// The boundary surface does not enclose a volume.
@@ -131,9 +131,9 @@ pub enum Error {
          remove it or enlarge the surface"
     )]
     NodeOutside {
-        /// First such node.
+        /// First node outside.
         node: usize,
-        /// Its position.
+        /// Position of the node \[m\].
         point: [f64; 3],
         /// Number of nodes outside.
         count: usize,
@@ -144,11 +144,11 @@ pub enum Error {
          (limit {limit}), first ones {faces:?}; refine the surface there or allow more points"
     )]
     FacesNotRecovered {
-        /// The first of the missing input faces (at most 16).
+        /// The first missing input faces (at most 16).
         faces: Vec<usize>,
         /// Number of missing input faces.
         count: usize,
-        /// Points inserted so far.
+        /// Number of points inserted so far.
         inserted: usize,
         /// Largest number of points allowed.
         limit: usize,
@@ -167,9 +167,9 @@ pub enum Error {
          move it inside or ask only for points of the closed domain"
     )]
     OutsideDomain {
-        /// The point.
+        /// Coordinates of the point \[m\].
         point: [f64; 3],
-        /// Absolute tolerance used \[m\].
+        /// Absolute tolerance \[m\].
         tolerance: f64,
     },
     /// The Voronoi cells do not fill the domain.
@@ -198,7 +198,7 @@ pub enum Error {
         /// Largest value accepted.
         tolerance: f64,
     },
-    /// A linear displacement field leaves forces where it has none.
+    /// Linear displacements leave forces on nodes that should be in equilibrium.
     #[error(
         "model '{model}': {field} leaves {defect:e} of the forces around node {node} at {point:?} out of balance \
          (limit {tolerance:e}): the integration of this body cannot be trusted; move the nodes there by a fraction of their \
@@ -207,58 +207,58 @@ pub enum Error {
     WrongForces {
         /// Name of the model.
         model: String,
-        /// The field: a rigid motion or a constant strain.
+        /// Field that was tested: a rigid motion or a constant strain.
         field: &'static str,
-        /// Node with the largest part.
+        /// Node with the largest relative defect.
         node: usize,
-        /// Its position.
+        /// Position of the node \[m\].
         point: [f64; 3],
-        /// Force left over, relative to the forces of the cells around the node before they cancel.
+        /// Unbalanced force, relative to the forces of the cells around the node before they cancel \[–\].
         defect: f64,
-        /// Largest part accepted.
+        /// Largest defect accepted \[–\].
         tolerance: f64,
     },
-    /// Points have so many natural neighbours that the method makes no sense.
+    /// Points have so many natural neighbours that cells and shape functions lose their meaning.
     #[error(
         "a point inside has {mean:.0} natural neighbours on average (limit {limit:.0}): {on_surface} of {nodes} nodes lie \
          on the surface; add nodes inside, about as dense as on the surface"
     )]
     TooManyNeighbours {
-        /// Mean number of natural neighbours.
+        /// Mean number of natural neighbours \[–\].
         mean: f64,
-        /// Largest mean accepted.
+        /// Largest mean accepted \[–\].
         limit: f64,
-        /// Nodes on constrained faces.
+        /// Number of nodes on constrained faces.
         on_surface: usize,
-        /// All nodes.
+        /// Number of all nodes.
         nodes: usize,
     },
-    /// A parameter has a value that makes no sense.
+    /// A parameter is outside its valid range.
     #[error("{name} = {value}: {rule}")]
     Parameter {
         /// Name of the parameter.
         name: &'static str,
-        /// Its value.
+        /// Value given.
         value: String,
-        /// What it must satisfy.
+        /// Rule that the value must satisfy.
         rule: &'static str,
     },
-    /// A selection found nothing.
+    /// A selection contains nothing.
     #[error("no {what} of '{model}' satisfies the condition ({candidates} were looked at); check it")]
     EmptySelection {
         /// Name of the model.
         model: String,
-        /// What was looked for.
+        /// Kind of item that was selected from.
         what: &'static str,
-        /// How many there are.
+        /// Number of items that the condition was applied to.
         candidates: usize,
     },
-    /// An error of the core.
+    /// An error of `arlequin-core`.
     #[error(transparent)]
     Core(#[from] arlequin_core::Error),
 }
 
-/// Shorthand for [`Error::Parameter`].
+/// Creates an [`Error::Parameter`].
 pub(crate) fn parameter(name: &'static str, value: impl std::fmt::Display, rule: &'static str) -> Error {
     Error::Parameter {
         name,

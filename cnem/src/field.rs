@@ -1,7 +1,7 @@
-//! Natural-neighbour fields and multiplier spaces: what the coupling evaluates.
+//! Natural-neighbour fields and multiplier spaces: the interpolation that a coupling evaluates.
 //!
-//! Shape functions sum to one and reproduce linear fields at every point of the closed domain, whatever the
-//! nodes: the centres of particles will do, without any mesh or connectivity.
+//! Shape functions sum to one and reproduce linear fields at every point of the closed domain, on any set of
+//! nodes: the centres of particles are enough, without a mesh or connectivity.
 
 use crate::constraint::Surface;
 use crate::delaunay::linear_gradients;
@@ -13,13 +13,13 @@ use arlequin_core::{Interpolation, Mediator, ShapeRow, outside};
 use nalgebra::Point3;
 use std::sync::{Mutex, PoisonError};
 
-/// Distance outside the domain, relative to its largest coordinate, up to which points are served by the
-/// linear functions of the nearest tetrahedron. Intersections of cells and points moved to a surface are
-/// off by 1e-12 or so.
+/// Distance outside the domain, relative to the largest coordinate, up to which the linear functions of the
+/// nearest tetrahedron are used. Intersections of cells and points moved to a surface are off by 1e-12 or so.
 const NEAR: f64 = 1e-9;
 
-/// Volume of a cell over the cube of its longest edge below which it is left out: of a needle no face has a
-/// direction, so that the half-spaces of one of 1e-20 would hold the bodies beside it.
+/// Ratio of volume to the cube of the longest edge below which a tetrahedron is left out of the integration
+/// cells. The faces of such a needle have no reliable normals: the half-spaces of one with a ratio of 1e-20
+/// would contain the bodies beside it.
 const NEEDLE: f64 = 64.0 * f64::EPSILON;
 
 /// A natural-neighbour field on nodes or particle centres.
@@ -27,11 +27,11 @@ const NEEDLE: f64 = 64.0 * f64::EPSILON;
 pub struct NaturalField {
     domain: Domain,
     kind: Interpolant,
-    /// Tetrahedron of every cell, without needles; none with Voronoi cells.
+    /// Tetrahedron of every integration cell, without needles; empty if Voronoi cells are used.
     elements: Vec<u32>,
-    /// Voronoi cells of the nodes where they are asked for.
+    /// Voronoi cells of the nodes, if they are used for integration.
     bodies: Option<Vec<Cell<f64>>>,
-    /// Working memory that is not in use.
+    /// Working buffers that no thread is using.
     pool: Mutex<Vec<Scratch>>,
 }
 
@@ -48,7 +48,7 @@ impl Clone for NaturalField {
 }
 
 impl NaturalField {
-    /// Field on the nodes of a domain.
+    /// Creates the field on the nodes of a domain.
     pub fn new(domain: Domain, kind: Interpolant) -> Self {
         let mut elements = domain.element_ids();
         elements.retain(|t| {
@@ -67,7 +67,7 @@ impl NaturalField {
         }
     }
 
-    /// Field on points alone, such as the centres of particles; its domain is their convex hull.
+    /// Creates a field on points alone, such as the centres of particles. Its domain is their convex hull.
     ///
     /// ```
     /// use arlequin_core::{Interpolation, ShapeRow};
@@ -82,16 +82,17 @@ impl NaturalField {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Domain::new`].
+    /// The errors of [`Domain::new`].
     pub fn from_points(points: &[Point3<f64>], kind: Interpolant) -> Result<Self> {
         Ok(Self::new(Domain::new(points, &Surface::convex_hull())?, kind))
     }
 
-    /// Field on points within a surface. The nodes are the given points: nothing is inserted.
+    /// Creates a field on points within a surface. The nodes are exactly the given points: no point is
+    /// inserted.
     ///
     /// # Errors
-    /// Those of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where points would have to be
-    /// inserted; [`crate::Error::Parameter`] where cracks would split nodes.
+    /// The errors of [`Domain::with_limit`]; [`crate::Error::FacesNotRecovered`] where recovery would need
+    /// inserted points; [`crate::Error::Parameter`] where cracks would split nodes.
     pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Interpolant) -> Result<Self> {
         let domain = Domain::with_limit(points, surface, 0)?;
         match domain.copies().count() {
@@ -109,15 +110,16 @@ impl NaturalField {
         &self.domain
     }
 
-    /// Which shape functions.
+    /// Returns the kind of shape functions.
     pub fn interpolant(&self) -> Interpolant {
         self.kind
     }
 
-    /// The same field with the Voronoi cells of its nodes for integration instead of the tetrahedra.
+    /// Returns the field with the Voronoi cells of its nodes as integration cells, in place of the
+    /// tetrahedra.
     ///
     /// # Errors
-    /// Those of [`Domain::voronoi`].
+    /// The errors of [`Domain::voronoi`].
     pub fn with_voronoi_cells(mut self) -> Result<Self> {
         let cells = self.domain.voronoi()?;
         let mut work = crate::voronoi::CellBodies::default();
@@ -127,7 +129,7 @@ impl NaturalField {
         Ok(self)
     }
 
-    /// Corners of the cells.
+    /// Corners of the tetrahedra that serve as integration cells.
     fn tetrahedra(&self) -> impl Iterator<Item = [Point3<f64>; 4]> {
         let corners = |t: &u32| self.domain.corners_of(*t).map(|v| self.domain.nodes()[v]);
         self.elements.iter().map(corners)
@@ -140,36 +142,42 @@ impl NaturalField {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin_core::Result<()> {
+        // The trait passes no scratch: each evaluation borrows one from the pool, so threads do not share it.
         let free = || self.pool.lock().unwrap_or_else(PoisonError::into_inner);
         let popped = free().pop();
         let mut scratch = popped.unwrap_or_default();
         row.clear();
-        let found = match tet {
+        let shape = match tet {
             Some(tet) => Ok(self
                 .domain
                 .shape_within(self.kind, x, tet, &mut scratch, gradient)),
             None if gradient => self.domain.shape_with_gradients(self.kind, x, &mut scratch),
             None => self.domain.shape(self.kind, x, &mut scratch),
         };
-        let done = match found {
-            Ok(found) => {
-                for (k, (&node, &value)) in found.nodes.iter().zip(&found.values).enumerate() {
+        let outcome = match shape {
+            Ok(shape) => {
+                for (k, (&node, &value)) in shape.nodes.iter().zip(&shape.values).enumerate() {
                     if gradient {
-                        row.push_with_gradient(node, value, found.gradients[k]);
+                        row.push_with_gradient(node, value, shape.gradients[k]);
                     } else if value != 0.0 {
                         row.push(node, value);
                     }
                 }
                 Ok(())
             }
-            Err(_) => self.near(x, gradient, row),
+            Err(_) => self.extrapolate(x, gradient, row),
         };
         free().push(scratch);
-        done
+        outcome
     }
 
-    /// Linear functions of the nearest tetrahedron, for points that are outside by round-off.
-    fn near(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> arlequin_core::Result<()> {
+    /// Uses the linear functions of the nearest tetrahedron, for points that are outside by round-off.
+    fn extrapolate(
+        &self,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin_core::Result<()> {
         let Some(tet) = self.domain.locate_near(x, NEAR) else {
             return Err(outside(x, self.kind()));
         };
@@ -212,7 +220,7 @@ impl Interpolation<f64> for NaturalField {
         self.evaluate(self.elements.get(cell).copied(), x, gradient, row)
     }
 
-    /// The tetrahedra of the domain, or the cells of [`NaturalField::with_voronoi_cells`].
+    /// Returns the tetrahedra of the domain, or the Voronoi cells after [`NaturalField::with_voronoi_cells`].
     fn cells(&self) -> Vec<Cell<f64>> {
         if let Some(bodies) = &self.bodies {
             return bodies.clone();
@@ -227,17 +235,17 @@ impl Interpolation<f64> for NaturalField {
             return Some(bodies.iter().cloned().enumerate().collect());
         }
         let meets = |p: &[Point3<f64>; 4]| {
-            let end = |of: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| of(m, x[k]));
+            let end = |pick: fn(f64, f64) -> f64, k: usize| p[1..].iter().fold(p[0][k], |m, x| pick(m, x[k]));
             (0..3).all(|k| end(f64::min, k) <= high[k] && low[k] <= end(f64::max, k))
         };
-        let near = self.tetrahedra().enumerate().filter(|(_, p)| meets(p));
+        let hits = self.tetrahedra().enumerate().filter(|(_, p)| meets(p));
         Some(
-            near.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
+            hits.map(|(k, p)| (k, Cell::Polyhedron(Polyhedron::tetrahedron(p))))
                 .collect(),
         )
     }
 
-    /// Natural-neighbour functions are no polynomials; linear functions are their best fit on a tetrahedron.
+    /// Natural-neighbour functions are no polynomials; on a tetrahedron linear functions fit them best.
     fn degree(&self) -> usize {
         1
     }
@@ -247,8 +255,7 @@ impl Interpolation<f64> for NaturalField {
     }
 }
 
-/// A multiplier space on nodes of its own, which need no mesh: `h_B` is the mean edge length of the
-/// tetrahedra.
+/// A multiplier space on its own nodes, which need no mesh: `h_B` is the mean edge length of the tetrahedra.
 impl Mediator<f64> for NaturalField {
     fn spacing(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);

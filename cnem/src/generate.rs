@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 /// A solid cylinder along x: layers of rings, with `6 k` nodes on ring `k`.
 ///
-/// The outermost ring is a polygon with the area of the circle, its corners lie a little outside the radius.
+/// The outermost ring is a polygon with the area of the circle; its corners lie a little outside the radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cylinder {
     /// Ends of the axis \[m\].
@@ -17,16 +17,17 @@ pub struct Cylinder {
     pub radius: f64,
     /// Rings around the axis.
     pub rings: usize,
-    /// Layers of nodes along the axis, those at the ends included.
+    /// Layers of nodes along the axis, including those at the ends.
     pub layers: usize,
-    /// Random moves of the nodes \[spacings\]: free inside, along the surface on it, none on its edges.
+    /// Random displacement of the nodes \[spacings\]: free inside, along the surface for nodes on it, none on
+    /// edges.
     pub jitter: f64,
-    /// Start of the random sequence.
+    /// Seed of the random sequence.
     pub seed: u64,
 }
 
 impl Cylinder {
-    /// Rings and layers of about the given spacing \[m\], without jitter.
+    /// Creates a cylinder with rings and layers of about the given spacing \[m\], without jitter.
     ///
     /// ```
     /// use cnem::generate::Cylinder;
@@ -59,15 +60,17 @@ impl Cylinder {
         self.layers * (1 + 3 * self.rings * (self.rings + 1))
     }
 
-    /// The nodes, layer by layer from the first end, ring by ring from the axis.
+    /// Returns the nodes, layer by layer from the first end, ring by ring from the axis.
     ///
     /// # Errors
-    /// [`crate::Error::Parameter`] for an axis without a length, a radius that is not positive, less than
+    /// [`crate::Error::Parameter`] for an axis without a length, a radius that is not positive, fewer than
     /// one ring or two layers, or a jitter outside `[0, 0.45]`.
     pub fn nodes(&self) -> Result<Vec<Point3<f64>>> {
         self.check()?;
         let mut next = noise(self.seed);
         let outer = 6.0 * self.rings as f64;
+        // A regular polygon with `n` corners at `R` has the area `n/2 R² sin(2π/n)`; this `R` makes it
+        // `π r²`.
         let radius = self.radius * (2.0 * PI / outer / (2.0 * PI / outer).sin()).sqrt();
         let (dr, steps) = (radius / self.rings as f64, self.layers.saturating_sub(1).max(1));
         let dx = (self.x[1] - self.x[0]) / steps as f64;
@@ -97,10 +100,10 @@ impl Cylinder {
         Ok(out)
     }
 
-    /// The domain: the convex hull of the nodes.
+    /// Creates the domain: the convex hull of the nodes.
     ///
     /// # Errors
-    /// Those of [`Cylinder::nodes`] and of [`Domain::new`].
+    /// The errors of [`Cylinder::nodes`] and of [`Domain::new`].
     pub fn domain(&self) -> Result<Domain> {
         Domain::new(&self.nodes()?, &Surface::convex_hull())
     }
@@ -128,8 +131,8 @@ impl Cylinder {
     }
 }
 
-/// Nodes of a box on a grid with the given numbers of steps, x fastest; those inside are moved by up to
-/// `jitter` steps.
+/// Returns the nodes of a box on a grid with the given numbers of steps, x fastest. Nodes inside are moved by
+/// up to `jitter` steps.
 ///
 /// # Errors
 /// [`crate::Error::Parameter`] for an empty box, no steps, or a jitter outside `[0, 0.45]`.
@@ -163,7 +166,7 @@ pub fn block(
                 out.push(Point3::from([0, 1, 2].map(|a| {
                     let border = index[a] == 0 || index[a] == steps[a];
                     let shift = next() * if border { 0.0 } else { jitter };
-                    // The far side exactly, so that hull faces are flat.
+                    // The far side takes the exact coordinate, so that hull faces are flat.
                     if index[a] == steps[a] {
                         high[a]
                     } else {
@@ -176,7 +179,7 @@ pub fn block(
     Ok(out)
 }
 
-/// A repeatable sequence in (−1, 1).
+/// Returns a repeatable sequence of numbers in (−1, 1).
 fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {

@@ -1,17 +1,18 @@
-//! Insertion order: biased random rounds, each along a Hilbert curve.
+//! Order of insertion: biased random rounds, each along a Hilbert curve.
 //!
-//! Random rounds (each eight times the one before) keep the expected work of incremental insertion
-//! near-linear for any input; the curve inside a round keeps consecutive points close, so walks are short
-//! and memory accesses local.
+//! Random rounds, each eight times as large as the one before, keep the expected work of incremental
+//! insertion near-linear for any input. The curve inside a round keeps consecutive points close, so that
+//! walks are short and memory accesses local.
 
 use nalgebra::Point3;
 
 /// Bits of a Hilbert key per axis.
 const BITS: u32 = 16;
-/// Points below which no further random round is split off.
+/// Number of points below which no further random round is split off.
 const FIRST_ROUND: usize = 256;
 
-/// Order of insertion of `points`: a permutation of their indices, the same for the same input.
+/// Returns the order of insertion of `points`: a permutation of their indices, always the same for the same
+/// input.
 pub(crate) fn insertion_order(points: &[Point3<f64>]) -> Vec<u32> {
     let (low, scale) = frame(points);
     let rounds = round_count(points.len());
@@ -28,12 +29,12 @@ pub(crate) fn insertion_order(points: &[Point3<f64>]) -> Vec<u32> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Order of points along the curve: a permutation of their indices.
+/// Returns the order of points along the Hilbert curve: a permutation of their indices.
 ///
-/// Nodes that are close in space should be close in memory: the internal forces of a model on nodes in a
-/// random order wait for it. Number nodes this way before the domain is made, and translate surfaces with
-/// [`crate::constraint::Surface::renumbered`]; the node sets of [`crate::generate`] are in a good order
-/// already.
+/// Nodes that are close in space should be close in memory: with nodes in a random order the internal forces
+/// of a model wait for memory. Number nodes in this order before creating the domain, and translate surfaces
+/// with [`crate::constraint::Surface::renumbered`]. The node sets of [`crate::generate`] are already in a
+/// good order.
 ///
 /// ```
 /// use nalgebra::Point3;
@@ -51,7 +52,7 @@ pub fn spatial_order(points: &[Point3<f64>]) -> Vec<usize> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Lower corner of the bounding box and the factor from coordinates to key units.
+/// Returns the lower corner of the bounding box, and the factor from coordinates to key units.
 fn frame(points: &[Point3<f64>]) -> ([f64; 3], f64) {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
@@ -76,8 +77,9 @@ fn round_count(points: usize) -> u32 {
     rounds
 }
 
-/// Round of point `i`: the last with probability 7/8, the one before with 7/64, and so on.
+/// Returns the round of point `i`: the last with probability 7/8, the one before with 7/64, and so on.
 fn round_of(i: u64, rounds: u32) -> u32 {
+    // A hash of the index (splitmix64) in place of random numbers: the same order in every run.
     let mut h = i.wrapping_add(0x9e37_79b9_7f4a_7c15);
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -86,7 +88,7 @@ fn round_of(i: u64, rounds: u32) -> u32 {
     (rounds - 1).saturating_sub(earlier)
 }
 
-/// Position on the 3D Hilbert curve (Skilling's transform).
+/// Returns the position on the 3D Hilbert curve (Skilling's transform).
 fn key(mut x: [u32; 3]) -> u64 {
     let mut q = 1_u32 << (BITS - 1);
     while q > 1 {
@@ -127,17 +129,17 @@ mod tests {
 
     #[test]
     fn neighbours_on_the_curve_are_neighbours_in_space() {
-        let mut all: Vec<(u64, [u32; 3])> = Vec::new();
+        let mut cells: Vec<(u64, [u32; 3])> = Vec::new();
         for i in 0..8 {
             for j in 0..8 {
                 for k in 0..8 {
                     let x = [i, j, k].map(|v| v << (BITS - 3));
-                    all.push((key(x) >> (3 * (BITS - 3)), [i, j, k]));
+                    cells.push((key(x) >> (3 * (BITS - 3)), [i, j, k]));
                 }
             }
         }
-        all.sort_unstable();
-        for (n, pair) in all.windows(2).enumerate() {
+        cells.sort_unstable();
+        for (n, pair) in cells.windows(2).enumerate() {
             assert_eq!(pair[0].0, n as u64);
             let step: u32 = (0..3).map(|k| pair[0].1[k].abs_diff(pair[1].1[k])).sum();
             assert_eq!(step, 1);

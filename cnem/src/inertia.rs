@@ -1,4 +1,4 @@
-//! Which nodes carry the mass of a cell.
+//! Distribution of the cell masses to nodes.
 
 use crate::domain::Domain;
 use crate::natural::{Interpolant, Scratch};
@@ -6,45 +6,45 @@ use crate::voronoi::Voronoi;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// Share below zero that counts as round-off.
+/// Deviation of a share (below zero) or of a row sum (from one) that counts as round-off.
 const ROUND_OFF: f64 = 1e-12;
 
-/// Which nodes carry the mass `m_I = ρ V_I` of a cell. Body forces go with the masses.
+/// Nodes that carry the mass `m_I = ρ V_I` of a cell. Body forces are distributed like the masses.
 ///
 /// Measured against the three-dimensional solution of a cylinder five times as long as wide, clamped at one
-/// end (see decision 0019), 209, 629 and 1586 nodes: torsional frequencies −5.5, −2.9, −1.8 % with
-/// [`Inertia::Cells`], −0.8, +0.3, +0.3 % with [`Inertia::Centroids`]. What that costs: 4 to 7 % of the
-/// critical step, and twice the error of a static solution under body forces where all of the surface is
+/// end (see decision 0019), with 209, 629 and 1586 nodes: errors of the torsional frequencies −5.5, −2.9,
+/// −1.8 % with [`Inertia::Cells`], −0.8, +0.3, +0.3 % with [`Inertia::Centroids`]. The price: a critical step
+/// 4 to 7 % smaller, and twice the error of a static solution under body forces if all of the surface is
 /// held; its order stays 2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Inertia {
-    /// The cell's own node, `M_I = m_I`. That of a cell on the surface is outside its centroid, which makes
-    /// the rotational inertia of coarse bodies too large.
+    /// The cell's own node, `M_I = m_I`. The node of a cell on the surface lies outside the cell's centroid,
+    /// which makes the rotational inertia of coarse bodies too large.
     #[default]
     Cells,
-    /// The nodes around the centroid `c_I` of the cell, `M_j = Σ_I m_I N_j(c_I)`: the first moments of the
-    /// mass are those of the body, since the functions interpolate linear fields. A cell stays on its own
-    /// node where its centroid lies outside the domain, next to a re-entrant edge, or where a function is
+    /// The nodes around the centroid `c_I` of the cell, `M_j = Σ_I m_I N_j(c_I)`. The first moments of the
+    /// mass are exact, since the functions interpolate linear fields. The mass of a cell stays on its own
+    /// node where the centroid lies outside the domain, next to a re-entrant edge, or where a function is
     /// negative.
     Centroids,
 }
 
-/// Sparse rows: the shares \[–\] of every cell that nodes carry. Every row adds up to one.
+/// Sparse rows: for each cell the nodes and their shares \[–\] of the cell's mass. Every row sums to one.
 #[derive(Debug, Clone)]
 pub(crate) struct Spread(Vec<Vec<(u32, f64)>>);
 
 impl Spread {
-    /// That of [`Inertia::Centroids`].
+    /// Creates the distribution of [`Inertia::Centroids`].
     pub(crate) fn centroids(domain: &Domain, cells: &Voronoi, kind: Interpolant) -> Self {
         let shares = |scratch: &mut Scratch, i: usize| {
-            let own = vec![(i as u32, 1.0)];
+            let unspread = vec![(i as u32, 1.0)];
             let Ok(row) = domain.shape(kind, &centroid(domain, cells, i), scratch) else {
-                return own;
+                return unspread;
             };
             let sum: f64 = row.values.iter().sum();
             let good = row.values.iter().all(|v| *v >= -ROUND_OFF) && (sum - 1.0).abs() <= ROUND_OFF;
             if !good {
-                return own;
+                return unspread;
             }
             let nodes = row.nodes.iter().map(|&n| n as u32);
             nodes.zip(row.values.iter().copied()).collect()
@@ -53,7 +53,7 @@ impl Spread {
         Self(rows.map_init(Scratch::new, shares).collect())
     }
 
-    /// `M_j = Σ_I s_Ij m_I`, in the order of the cells.
+    /// Returns `M_j = Σ_I s_Ij m_I`, summed in the order of the cells.
     pub(crate) fn gathered(&self, masses: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; masses.len()];
         for (row, m) in self.0.iter().zip(masses) {
@@ -63,10 +63,13 @@ impl Spread {
     }
 }
 
-/// Centroid of a cell \[m\]: of the pyramids from its node to its facets, those behind the node negative.
+/// Returns the centroid of a cell \[m\], from the pyramids between its node and its facets; a pyramid counts
+/// as negative if the node is on the outer side of its facet.
 fn centroid(domain: &Domain, cells: &Voronoi, node: usize) -> Point3<f64> {
     let x = domain.nodes()[node];
     let arms = cells.facets(node).iter().map(|f| (f.area, f.centroid - x));
-    let whole: f64 = arms.clone().map(|(area, arm)| area.dot(&arm)).sum();
-    arms.fold(x, |c, (area, arm)| c + arm * (0.75 * area.dot(&arm) / whole))
+    let triple_volume: f64 = arms.clone().map(|(area, arm)| area.dot(&arm)).sum();
+    arms.fold(x, |c, (area, arm)| {
+        c + arm * (0.75 * area.dot(&arm) / triple_volume)
+    })
 }

@@ -4,13 +4,14 @@
 //!
 //! - [`delaunay`]: Delaunay tetrahedralisation with exact [`predicates`], for any set of distinct nodes;
 //! - [`constraint`]: boundary and crack faces, and their recovery in the complex;
-//! - [`domain`]: what is inside; the object everything else is asked from;
-//! - [`crack`]: nodes on a crack, one unknown for each lip;
+//! - [`domain`]: which tetrahedra are inside; every query starts from a [`Domain`];
+//! - [`crack`]: nodes on a crack, copied so that each lip has its own unknowns;
 //! - [`natural`]: Sibson and Laplace shape functions with the visibility criterion;
 //! - [`voronoi`]: the cells of the nodes, cut off at the constrained faces;
 //! - [`scni`]: stabilised conforming nodal integration on these cells;
-//! - [`CnemModel`]: linear elastodynamics, for both roles of a coupling;
-//! - [`NaturalField`]: fields and multiplier spaces on any points, also those of particles.
+//! - [`CnemModel`]: linear elastodynamics, as the coarse or the fine model of a coupling;
+//! - [`NaturalField`]: interpolation and multiplier spaces on any set of points, also on the centres of
+//!   particles.
 //!
 //! ```
 //! use cnem::constraint::Surface;
@@ -34,7 +35,7 @@
 //! # Ok::<(), cnem::Error>(())
 //! ```
 //!
-//! A cantilever that is pulled at its end:
+//! A cantilever pulled at its end:
 //!
 //! ```
 //! use arlequin_core::{Real, LinearModel, Model};

@@ -1,19 +1,19 @@
-//! The natural element model: weighted stiffness by nodal integration, lumped mass, both roles of the
-//! coupling.
+//! The natural element model: weighted stiffness by nodal integration and lumped mass. It can be the coarse
+//! or the fine model of a coupling.
 //!
-//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and `M_β,I = β_I
-//! ρ V_I`, where `V_I` is the volume of the constrained Voronoi cell of node `I` and `α_I`, `β_I` are the
-//! means of the weights over it. The mass of a cell can go to the nodes around its centroid instead
-//! ([`Inertia`]). With nodal weighting, kept for comparison with the literature, the unweighted force and
-//! mass of node `I` are multiplied by `α(x_I)` and `β(x_I)`; such a model has no symmetric stiffness and is
-//! not offered as a linear one.
+//! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_I α_I V_I B̃_Iᵀ A B̃_I` (see [`crate::scni`]) and
+//! `M_β,I = β_I ρ V_I`. Here `V_I` is the volume of the constrained Voronoi cell of node `I`, and `α_I`,
+//! `β_I` are the means of the weights over this cell. The mass of a cell can go to the nodes around its
+//! centroid instead ([`Inertia`]). Nodal weighting ([`arlequin_core::NodallyWeighted`]), kept for comparison
+//! with the literature, multiplies the unweighted force and mass of node `I` by `α(x_I)` and `β(x_I)`. It
+//! leaves no symmetric stiffness, so a model weighted in this way is not offered as a linear one.
 //!
-//! By default the mass of a node is that of its own cell alone, but its stiffness comes from the cells
-//! around it as well: a weight that falls to zero within one spacing leaves light nodes on stiff
-//! neighbours. The critical step therefore depends on the smallest weight, unlike that of models whose mass
-//! is shared over elements. Measured with a weight that falls to `ε` over four spacings: 0.99 / 0.87 / 0.35
-//! of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005, and 1.00 / 1.00 / 0.76 with masses around the
-//! centroids.
+//! By default a node carries the mass of its own cell alone, but its stiffness comes from the surrounding
+//! cells as well: a weight that falls to zero within one spacing leaves light nodes on stiff neighbours. The
+//! critical step therefore depends on the smallest weight, unlike the step of models whose mass is
+//! distributed over elements. Measured with a weight that falls to `ε` over four spacings: 0.99 / 0.87 / 0.35
+//! of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005, and 1.00 / 1.00 / 0.76 with
+//! [`Inertia::Centroids`].
 
 mod patch_test;
 
@@ -37,8 +37,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// Locking: Poisson's ratio, share by which a thick-walled ring under inner pressure is too stiff, error of
-/// its hoop stress at the inner face. Measured in `apps/scene/tests/locking.rs`.
+/// Volumetric locking, one row per measurement: Poisson's ratio \[–\], relative excess stiffness of a
+/// thick-walled ring under inner pressure, relative error of its hoop stress at the inner face. Measured in
+/// `apps/scene/tests/it/locking.rs`.
 const LOCKING: [[f64; 3]; 6] = [
     [0.3, -0.007, 0.048],
     [0.4, -0.004, 0.079],
@@ -48,12 +49,12 @@ const LOCKING: [[f64; 3]; 6] = [
     [0.4999, 2.329, 17.924],
 ];
 
-/// Choices of the method.
+/// Options of the discretisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Shape functions.
     pub kind: Interpolant,
-    /// Cure of the spurious modes.
+    /// Stabilisation against spurious modes.
     pub stabilisation: Stabilisation,
     /// Nodes that carry the mass of a cell.
     pub inertia: Inertia,
@@ -80,18 +81,18 @@ pub struct CnemModel {
     smoothing: Smoothing,
     sub: SubCells,
     pub(crate) forces: MatrixFree,
-    /// Where cells do not keep their mass.
+    /// How cell masses go to the nodes around the cell centroids; `None` for [`Inertia::Cells`].
     spread: Option<Spread>,
     neighbours: Neighbours,
-    /// How stresses come to the nodes, once they are asked for.
+    /// Patches for the recovery of stresses, built when they are first needed.
     patches: OnceLock<Patches<f64>>,
-    /// What is here of a body in parts.
+    /// This rank's part of a partitioned body; `None` for a body that is not partitioned.
     pub(crate) part: Option<Part>,
 }
 
 impl CnemModel {
-    /// Model with all weights one: a body that is not coupled. Its nodes are those of the domain, in the
-    /// same order.
+    /// Creates a model with all weights equal to one: a body that is not coupled. Its nodes are those of the
+    /// domain, in the same order.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -107,9 +108,9 @@ impl CnemModel {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Domain::voronoi`]; [`Error::Parameter`] for an amount of stabilisation that is negative or
-    /// above 1; [`Error::WrongForces`] if a rigid motion or a constant strain leaves more than 1e-8 of the
-    /// forces around a node that is in equilibrium, or what is not a number.
+    /// The errors of [`Domain::voronoi`]; [`Error::Parameter`] for an amount of stabilisation that is
+    /// negative or above 1; [`Error::WrongForces`] if a rigid motion or a constant strain leaves more than
+    /// 1e-8 of the forces around a node that is in equilibrium, or a force that is NaN.
     pub fn new(name: &str, domain: Domain, material: Elastic<f64>, options: Options) -> Result<Self> {
         let amount = match options.stabilisation {
             Stabilisation::None => 0.0,
@@ -145,7 +146,8 @@ impl CnemModel {
         Ok(model)
     }
 
-    /// What is odd about the model although it is sound, in words.
+    /// Returns warnings about a model that works but may be inaccurate: too many natural neighbours,
+    /// volumetric locking.
     pub fn warnings(&self) -> Vec<String> {
         let locking = advice::locking("natural elements", self.material.poisson(), &LOCKING);
         let neighbours = self.neighbours.warning();
@@ -179,38 +181,39 @@ impl CnemModel {
         self.patches.get_or_init(|| stress::patches(self))
     }
 
-    /// Nodes and gradients of the shape functions of one cell, smoothed over it.
+    /// Nodes with a shape function on one cell, and its smoothed gradients \[1/m\].
     pub(crate) fn smoothed_row(&self, cell: usize) -> (&[u32], &[Vector3<f64>]) {
         self.smoothing.row(cell)
     }
 
-    /// The field that others see.
-    fn seen(&self) -> Arc<dyn Interpolation<f64>> {
+    /// Returns the interpolation that the coupling uses: this rank's part of a partitioned body, else the
+    /// whole body.
+    fn coupling_field(&self) -> Arc<dyn Interpolation<f64>> {
         match &self.part {
             Some(part) => part.field.clone(),
             None => self.field.clone(),
         }
     }
 
-    /// The displacement field of the whole body.
+    /// Returns the displacement field of the whole body, also for a partitioned one.
     pub fn field(&self) -> Arc<NaturalField> {
         self.field.clone()
     }
 
-    /// Facets of cells whose centroid lies outside the domain, next to a re-entrant edge; the linear
-    /// functions of a tetrahedron are used there.
+    /// Number of cell facets whose centroid lies outside the domain, next to a re-entrant edge. On these
+    /// facets the linear functions of a tetrahedron replace the natural-neighbour functions.
     pub fn extrapolated_facets(&self) -> usize {
         self.smoothing.extrapolated
     }
 
-    /// The parts of the boundary and of crack faces that belong to the cells.
+    /// Boundary of the cells on the body's surface and on crack faces, one facet per cell and triangle.
     pub fn boundary(&self) -> &[BoundaryFacet] {
         &self.smoothing.boundary
     }
 
-    /// Surface facets for loads, those of [`CnemModel::boundary`] that satisfy a condition. A facet's share
-    /// of a node is its area times the node's shape function at its centre: the rule of the nodal
-    /// integration, so that a constant stress is in equilibrium with its tractions to round-off.
+    /// Returns the facets of [`CnemModel::boundary`] that satisfy a condition, for loads. The share of a node
+    /// \[m²\] is the facet's area times the node's shape function at the centroid. The nodal integration uses
+    /// the same rule, so a constant stress is in equilibrium with its tractions to round-off.
     ///
     /// # Errors
     /// [`Error::EmptySelection`].
@@ -224,32 +227,32 @@ impl CnemModel {
                 normal: f.area / area,
             }
         };
-        let found: Vec<_> = self
+        let facets: Vec<_> = self
             .boundary()
             .iter()
             .filter(|f| select(f))
             .map(to_core)
             .collect();
-        if found.is_empty() {
-            return Err(self.nothing("boundary facet", self.boundary().len()));
+        if facets.is_empty() {
+            return Err(self.empty_selection("boundary facet", self.boundary().len()));
         }
-        Ok(found)
+        Ok(facets)
     }
 
-    /// Nodes that satisfy a condition, for supports and probes.
+    /// Returns the nodes that satisfy a condition, for supports and probes.
     ///
     /// # Errors
     /// [`Error::EmptySelection`].
     pub fn select_nodes(&self, select: impl Fn(&Point3<f64>) -> bool) -> Result<Vec<usize>> {
         let nodes = self.domain().nodes();
-        let found: Vec<_> = (0..nodes.len()).filter(|&i| select(&nodes[i])).collect();
-        if found.is_empty() {
-            return Err(self.nothing("node", nodes.len()));
+        let selected: Vec<_> = (0..nodes.len()).filter(|&i| select(&nodes[i])).collect();
+        if selected.is_empty() {
+            return Err(self.empty_selection("node", nodes.len()));
         }
-        Ok(found)
+        Ok(selected)
     }
 
-    /// Masses of the nodes \[kg\] from those of the cells, weighted by their `means`.
+    /// Returns the masses of the nodes \[kg\] from the cell masses, weighted by the cell `means`.
     fn masses(&self, means: &[f64]) -> Vec<f64> {
         let cells = self.cells.volumes().iter().zip(means);
         let masses: Vec<f64> = cells.map(|(v, w)| self.material.density() * v * w).collect();
@@ -259,7 +262,7 @@ impl CnemModel {
         }
     }
 
-    fn nothing(&self, what: &'static str, candidates: usize) -> Error {
+    fn empty_selection(&self, what: &'static str, candidates: usize) -> Error {
         Error::EmptySelection {
             model: self.name.clone(),
             what,
@@ -267,7 +270,7 @@ impl CnemModel {
         }
     }
 
-    /// Mean of a weight over every cell \[–\].
+    /// Returns the mean of a weight over every cell \[–\].
     fn cell_means(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let mean = |work: &mut CellBodies, i: usize| {
             let bodies = self.domain().cell_bodies(&self.cells, i, work);
@@ -314,7 +317,7 @@ impl Model<f64> for CnemModel {
         check_size(self, "inertia", out.len())?;
         let mut masses = self.masses(&self.cell_means(weight));
         if let Some(part) = &self.part {
-            masses = part.own.iter().map(|k| masses[*k as usize]).collect();
+            masses = part.owned.iter().map(|k| masses[*k as usize]).collect();
         }
         out.chunks_exact_mut(3)
             .zip(masses)
@@ -329,8 +332,8 @@ impl Model<f64> for CnemModel {
             self.forces.set_weights(&self.sub, means);
             return Ok(());
         };
-        let named = [&part.own[..], &part.cells, &part.named];
-        self.forces.set_weights_of(&self.sub, &means, named);
+        let lists = [&part.owned[..], &part.cells, &part.needed];
+        self.forces.set_part_weights(&self.sub, &means, lists);
         part.alpha = means;
         Ok(())
     }
@@ -348,19 +351,19 @@ impl Model<f64> for CnemModel {
     fn advance_with_energy(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<f64> {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
-            // What the forces have heard is still there.
-            Some(part) => self.forces.energy(q, part.heard(), Some(part.portion())),
+            // The part still holds the ghost displacements received for the forces.
+            Some(part) => self.forces.energy(q, part.received(), Some(part.portion())),
             None => self.forces.energy(q, q, None),
         })
     }
 
-    /// `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
+    /// Returns `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let Some(part) = &self.part else {
             return self.forces.energy(q, q, None);
         };
-        // A failure is kept for the portion, whose sums are then not numbers.
-        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        // The portion remembers a failed exchange, and its sums are then NaN.
+        let x = part.receive(q).unwrap_or_else(|_| part.received().to_vec());
         self.forces.energy(q, &x, Some(part.portion()))
     }
 
@@ -394,7 +397,7 @@ impl Model<f64> for CnemModel {
 }
 
 impl LinearModel<f64> for CnemModel {
-    /// `K_α` of the whole body, assembled here.
+    /// Assembles `K_α` of the whole body, also on a rank that owns only a part.
     fn stiffness(&self) -> CsMat<f64> {
         let part = self.part.as_ref();
         let weights = part.map_or_else(|| self.forces.weights(), |p| &p.alpha);
@@ -404,12 +407,12 @@ impl LinearModel<f64> for CnemModel {
 
 impl CoarseModel<f64> for CnemModel {
     fn coarse_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.seen()
+        self.coupling_field()
     }
 }
 
 impl FineModel<f64> for CnemModel {
     fn fine_field(&self) -> Arc<dyn Interpolation<f64>> {
-        self.seen()
+        self.coupling_field()
     }
 }

@@ -1,9 +1,10 @@
-//! A body in parts on several ranks, its geometry whole on all of them.
+//! A body partitioned among ranks. Its geometry is complete on every rank.
 //!
-//! A rank has whole units of nodes in their order. It finds the stresses of all cells that its nodes gather
-//! from, those of nodes of other ranks as well: they cost less than a second round of messages.
-//! Displacements of the nodes that these cells name come from their ranks, once per evaluation. What is
-//! gathered is in the order of the whole body, so that forces have its bits.
+//! A rank owns whole units of nodes, in their order. It computes the stresses of all cells that its nodes
+//! gather from, also of cells that belong to nodes of other ranks: this costs less than a second round of
+//! messages. The displacements of ghosts (nodes that these cells name and other ranks own) are received once
+//! per evaluation. Sums run in the order of the whole body, so that forces have the same bits on any number
+//! of ranks.
 
 use crate::field::NaturalField;
 use crate::model::CnemModel;
@@ -14,39 +15,41 @@ use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// Entries of rows that take as long as moving a node.
+/// Cost of moving one node, as a number of row entries that take the same time.
 const MOVING: usize = 10;
 
-/// Cells per thread between two looks at messages that are on their way: fractions of a millisecond.
+/// Cells per thread between two checks for arrived messages: fractions of a millisecond of work.
 const PIECE: usize = 1_024;
 
-/// What a rank holds of a body.
+/// This rank's part of a partitioned body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part {
-    /// Own nodes \[m\].
+    /// Reference positions of the owned nodes \[m\].
     pub(crate) nodes: Vec<Point3<f64>>,
     pub(crate) field: Arc<PartField>,
-    /// Cells that own nodes gather from, and own ones, ascending.
+    /// Cells that the owned nodes gather from, and the owned nodes' cells, ascending.
     pub(crate) cells: Vec<u32>,
-    /// Numbers in the whole body of the nodes whose displacements the forces name, ascending.
-    pub(crate) named: Vec<u32>,
-    /// Those of own nodes.
-    pub(crate) own: Vec<u32>,
-    /// Weights \[–\] of all cells of the body.
+    /// Global numbers of the nodes whose displacements the force evaluation reads, ascending.
+    pub(crate) needed: Vec<u32>,
+    /// Global numbers of the owned nodes, ascending.
+    pub(crate) owned: Vec<u32>,
+    /// Weights \[–\] of all cells of the whole body.
     pub(crate) alpha: Vec<f64>,
-    /// Among the named ones.
+    /// Where owned nodes and ghosts stand in `needed`.
     reach: Reach,
-    /// Of recovered stresses among all nodes, once they are asked for.
+    /// Where owned nodes and ghosts stand among all nodes of the body, for the recovery of stresses; built
+    /// when first needed.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
-    /// Displacements of the named nodes.
+    /// Displacements \[m\] of the nodes `needed`, as last received.
     x: Vec<f64>,
 }
 
-/// The field of a body where all nodes that it names are here.
+/// The field of a partitioned body, with local node numbers. Points whose shape functions name a node that
+/// this rank does not own count as outside.
 #[derive(Debug)]
 pub(crate) struct PartField {
-    whole: Arc<NaturalField>,
+    body: Arc<NaturalField>,
     portion: Arc<Portion>,
     nodes: Vec<Point3<f64>>,
 }
@@ -57,18 +60,18 @@ impl Interpolation<f64> for PartField {
     }
 
     fn shape_at(&self, x: &Point3<f64>, gradient: bool, row: &mut ShapeRow<f64>) -> Result<()> {
-        self.whole.shape_at(x, gradient, row)?;
+        self.body.shape_at(x, gradient, row)?;
         for node in &mut row.nodes {
             *node = self
                 .portion
                 .local(*node)
-                .ok_or_else(|| outside(x, self.whole.kind()))?;
+                .ok_or_else(|| outside(x, self.body.kind()))?;
         }
         Ok(())
     }
 
     fn kind(&self) -> &'static str {
-        self.whole.kind()
+        self.body.kind()
     }
 }
 
@@ -77,41 +80,41 @@ impl Part {
         self.reach.halo().portion()
     }
 
-    /// Subtracts internal forces at displacements `q` of own nodes: stresses of cells that name no others
-    /// are found while displacements of these are on their way.
+    /// Subtracts the internal forces at displacements `q` of the owned nodes from `f`. While ghost
+    /// displacements are on their way, the stresses of cells that name owned nodes only are computed.
     pub(crate) fn subtract_product(
         &mut self,
         forces: &mut MatrixFree,
         q: &[f64],
         f: &mut [f64],
     ) -> Result<()> {
-        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
+        let (mut computed, size) = (0, PIECE * rayon::current_num_threads());
         let meanwhile = &mut |x: &[f64]| {
-            done += size;
-            forces.stress_inner(done - size..done, x)
+            computed += size;
+            forces.stress_inner(computed - size..computed, x)
         };
         self.reach
             .spread_meanwhile::<f64, 3>(&mut self.messages, q, &mut self.x, meanwhile)?;
-        forces.subtract_rest(&self.x, f);
+        forces.subtract_outer(&self.x, f);
         Ok(())
     }
 
-    /// What was heard last.
-    pub(crate) fn heard(&self) -> &[f64] {
+    /// Displacements of the nodes `needed` from the last force evaluation.
+    pub(crate) fn received(&self) -> &[f64] {
         &self.x
     }
 
-    /// As [`Self::hear`], kept apart.
-    pub(crate) fn heard_at(&self, q: &[f64]) -> Result<Vec<f64>> {
+    /// Returns the displacements of the nodes `needed` for `q`, in a new vector. Collective.
+    pub(crate) fn receive(&self, q: &[f64]) -> Result<Vec<f64>> {
         let mut x = vec![0.0; self.x.len()];
         self.reach
             .spread::<f64, 3>(&mut self.reach.halo().messages(3), q, &mut x)?;
         Ok(x)
     }
 
-    /// Displacements of the whole body's nodes, those that own patches name, and the numbers there of some
-    /// own `nodes`.
-    pub(crate) fn heard_around(
+    /// Returns a displacement vector of the whole body, filled at the nodes that the owned nodes' recovery
+    /// patches name, and the global numbers of the local `nodes`. Collective.
+    pub(crate) fn receive_around(
         &self,
         model: &CnemModel,
         q: &[f64],
@@ -125,41 +128,41 @@ impl Part {
     }
 }
 
-/// Links between nodes and those that the cells of their patches name.
+/// Builds the halo of the stress recovery: links each node to the nodes that the cells of its patch name.
 fn patched(model: &CnemModel, portion: &Arc<Portion>) -> Halo {
     let patches = model.patches();
     let mut links = Vec::new();
     for i in 0..portion.division().nodes() {
-        let here = portion.local(i).is_some();
+        let is_local = portion.local(i).is_some();
         for (cell, _) in patches.row(i) {
-            let named = model.smoothed_row(cell).0;
-            let other = named
+            let needed = model.smoothed_row(cell).0;
+            let remote = needed
                 .iter()
-                .filter(|k| here != portion.local(**k as usize).is_some());
-            links.extend(other.map(|k| [i as u32, *k]));
+                .filter(|k| is_local != portion.local(**k as usize).is_some());
+            links.extend(remote.map(|k| [i as u32, *k]));
         }
     }
     Halo::of_links(portion.clone(), links.into_iter())
 }
 
-/// Nodes whose displacements a rank needs, ascending, and its own linked with those of others.
-struct Named {
+/// Nodes whose displacements a rank reads, ascending, and the links from its owned nodes to ghosts.
+struct Needed {
     nodes: Vec<u32>,
     links: Vec<[u32; 2]>,
 }
 
-impl Named {
-    fn new(forces: &MatrixFree, own: &[u32], cells: &[u32], portion: &Portion) -> Self {
+impl Needed {
+    fn new(forces: &MatrixFree, owned: &[u32], cells: &[u32], portion: &Portion) -> Self {
         let (mut nodes, mut links) = (Vec::new(), Vec::new());
-        let mine = |k: &u32| portion.local(*k as usize).is_some();
+        let is_local = |k: &u32| portion.local(*k as usize).is_some();
         for c in cells {
-            let (here, there): (Vec<u32>, Vec<u32>) = forces.named_by(*c).partition(mine);
-            links.extend(here.iter().flat_map(|i| there.iter().map(|j| [*i, *j])));
-            nodes.extend(here.into_iter().chain(there));
+            let (local, remote): (Vec<u32>, Vec<u32>) = forces.nodes_of_cell(*c).partition(is_local);
+            links.extend(local.iter().flat_map(|i| remote.iter().map(|j| [*i, *j])));
+            nodes.extend(local.into_iter().chain(remote));
         }
-        for i in own {
+        for i in owned {
             let around = forces.tetrahedra_of(*i);
-            links.extend(around.iter().filter(|k| !mine(k)).map(|k| [*i, *k]));
+            links.extend(around.iter().filter(|k| !is_local(k)).map(|k| [*i, *k]));
             nodes.extend(around);
         }
         nodes.sort_unstable();
@@ -169,22 +172,23 @@ impl Named {
 }
 
 impl CnemModel {
-    /// The units of the body: middle \[m\], and entries of the rows that the forces are gathered from, the
-    /// motion of nodes included.
+    /// Returns the units into which the body can be partitioned: middle \[m\], and work counted in row
+    /// entries of the force evaluation, plus the motion of the nodes.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let entries = |i: usize| self.forces.entries(i) + MOVING;
         Unit::all(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
-    /// other side. None for a whole body.
+    /// Returns the halo of this rank: ghosts to receive, owned nodes to send, and the ranks to exchange with.
+    /// `None` for a body that is not partitioned.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Reduces this model to the part of the rank of `communicator`. The body is bisected by the work of its
+    /// units.
     pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
         let name = self.name().to_owned();
         if self.part.is_some() {
@@ -196,26 +200,27 @@ impl CnemModel {
         let what = format!("the cells of '{name}', its material or its weights");
         let digest = (&*what, self.digest());
         let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
-        let own: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
-        let cells = self.forces.cells_of(&own);
-        let Named { nodes: named, links } = Named::new(&self.forces, &own, &cells, &portion);
+        let owned: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
+        let cells = self.forces.cells_of(&owned);
+        let Needed { nodes: needed, links } = Needed::new(&self.forces, &owned, &cells, &portion);
         let halo = Halo::of_links(portion.clone(), links.into_iter());
-        let nodes: Vec<Point3<f64>> = own.iter().map(|k| self.nodes()[*k as usize]).collect();
+        let nodes: Vec<Point3<f64>> = owned.iter().map(|k| self.nodes()[*k as usize]).collect();
         let field = Arc::new(PartField {
-            whole: self.field(),
+            body: self.field(),
             portion: portion.clone(),
             nodes: nodes.clone(),
         });
+        // Kept for the assembled stiffness, which stays that of the whole body.
         let alpha = self.forces.weights().to_vec();
-        self.forces = self.forces.part(&own, &cells, &named);
-        let reach = Reach::new(halo, |k| named.partition_point(|n| *n < k) as u32);
+        self.forces = self.forces.part(&owned, &cells, &needed);
+        let reach = Reach::new(halo, |k| needed.partition_point(|n| *n < k) as u32);
         self.part = Some(Part {
             nodes,
             field: field.clone(),
-            x: vec![0.0; 3 * named.len()],
+            x: vec![0.0; 3 * needed.len()],
             cells,
-            named,
-            own,
+            needed,
+            owned,
             alpha,
             messages: reach.halo().messages(3),
             reach,
@@ -224,7 +229,7 @@ impl CnemModel {
         Ok(Shared { portion, field })
     }
 
-    /// A number that tells bodies apart.
+    /// Hash of cells, material and weights: equal on ranks that hold the same body.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());

@@ -1,4 +1,4 @@
-//! Stress and strain at the nodes: patch recovery from the smoothed gradients of the cells.
+//! Stress and strain at the nodes: patch recovery from the smoothed gradients of the Voronoi cells.
 
 use crate::model::CnemModel;
 use arlequin_core::adjacency::Adjacency;
@@ -7,7 +7,8 @@ use arlequin_core::{
 };
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Centroid of a cell from the cones of its facets over the node, `Σ V_q (¾ x_q + ¼ x_I)/V`.
+/// Returns the centroid of a cell \[m\]: the mean over the cones from its node `x_I` to its facets `q`,
+/// weighted by volume, `Σ V_q (¾ x_q + ¼ x_I)/V`.
 fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
     let x = model.domain().nodes()[cell].coords;
     let (mut sum, mut volume) = (Vector3::zeros(), 0.0);
@@ -23,7 +24,7 @@ fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
     }
 }
 
-/// Patches of all nodes: a cell and those it has shape functions of.
+/// Builds the recovery patch of each node: its own cell and the cells of all nodes that an edge joins to it.
 pub(crate) fn patches(model: &CnemModel) -> Patches<f64> {
     let nodes = model.domain().nodes();
     let samples: Vec<Point3<f64>> = (0..nodes.len()).map(|i| centroid(model, i)).collect();
@@ -49,8 +50,8 @@ pub(crate) fn patches(model: &CnemModel) -> Patches<f64> {
 }
 
 impl CnemModel {
-    /// Strain and stress of one cell.
-    fn of_cell(&self, cell: usize, q: &[f64]) -> [SymmetricTensor<f64>; 2] {
+    /// Returns strain \[–\] and stress \[Pa\] of one cell at displacements `q`.
+    fn cell_values(&self, cell: usize, q: &[f64]) -> [SymmetricTensor<f64>; 2] {
         let (nodes, gradients) = self.smoothed_row(cell);
         let mut h = Matrix3::zeros();
         for (node, g) in nodes.iter().zip(gradients) {
@@ -71,17 +72,17 @@ impl Recovery<f64> for CnemModel {
         true
     }
 
-    /// Of a part of a body all ranks must ask.
+    /// Collective for a partitioned body: every rank must call it.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
         let cells = self.cells().len();
         let Some(part) = &self.part else {
-            let of = |k: usize| self.of_cell(k, q);
-            return self.patches().recover(self.name(), nodes, cells, of, out);
+            let values = |k: usize| self.cell_values(k, q);
+            return self.patches().recover(self.name(), nodes, cells, values, out);
         };
-        let (x, numbers) = part.heard_around(self, q, nodes)?;
-        let of = |k: usize| self.of_cell(k, &x);
-        self.patches().recover(self.name(), &numbers, cells, of, out)
+        let (x, numbers) = part.receive_around(self, q, nodes)?;
+        let values = |k: usize| self.cell_values(k, &x);
+        self.patches().recover(self.name(), &numbers, cells, values, out)
     }
 }
 

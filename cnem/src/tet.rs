@@ -1,16 +1,16 @@
-//! Tetrahedra with adjacency, and the edge table that glues the new ones of a cavity together.
+//! Tetrahedra with adjacency, and the edge table that joins the new tetrahedra of a cavity.
 
 use std::collections::HashMap;
 
-/// The vertex at infinity: tetrahedra with it in slot 3 stand on the faces of the convex hull.
+/// The vertex at infinity. Ghost tetrahedra have it in slot 3 and a face of the convex hull in the others.
 pub(crate) const INF: u32 = u32::MAX;
 /// Unset index.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Slots of the face opposite to each slot, ordered with the normal pointing out of a positive tetrahedron.
+/// Slots of the face opposite to each slot, ordered so that the normal points out of a positive tetrahedron.
 pub(crate) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
-/// A tetrahedron of positive volume: vertices and, opposite to each, the neighbour.
+/// A tetrahedron of positive volume: its vertices and, opposite to each, its neighbour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Tet {
     /// Vertices.
@@ -20,25 +20,25 @@ pub(crate) struct Tet {
 }
 
 impl Tet {
-    /// Stands on a hull face.
+    /// Returns whether this is a ghost, which stands on a hull face.
     #[inline]
     pub(crate) fn is_ghost(&self) -> bool {
         self.v[3] == INF
     }
 
-    /// Vertices of the face opposite to `slot`, normal outward.
+    /// Returns the vertices of the face opposite to `slot`, normal outward.
     #[inline]
     pub(crate) fn face(&self, slot: usize) -> [u32; 3] {
         FACES[slot].map(|k| self.v[k])
     }
 
-    /// Slot of a vertex.
+    /// Returns the slot of a vertex.
     #[inline]
     pub(crate) fn slot_of(&self, vertex: u32) -> Option<usize> {
         self.v.iter().position(|&v| v == vertex)
     }
 
-    /// Slot opposite to the face with the given vertices.
+    /// Returns the slot opposite to the face with the given vertices.
     pub(crate) fn slot_opposite(&self, face: [u32; 3]) -> Option<usize> {
         let outside = |s: &usize| !face.contains(&self.v[*s]);
         let hits = face.iter().filter(|f| self.v.contains(f)).count();
@@ -49,7 +49,8 @@ impl Tet {
 /// Side of the square table of [`EdgeTable`]; cavities with more vertices spill into a hash map.
 const SIDE: usize = 128;
 
-/// Matches the two halves of every edge of a closed triangulated surface. Cleans itself when all are matched.
+/// Matches the two halves of every edge of a closed triangulated surface. The table is empty again when all
+/// halves are matched.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct EdgeTable {
     local: Vec<u32>,
@@ -59,7 +60,7 @@ pub(crate) struct EdgeTable {
 }
 
 impl EdgeTable {
-    /// Makes room for vertices `0..vertices` (and the one at infinity).
+    /// Makes room for vertices `0..vertices` and the vertex at infinity.
     pub(crate) fn reserve(&mut self, vertices: usize) {
         self.square.resize(SIDE * SIDE, NONE);
         if self.local.len() < vertices + 1 {
@@ -67,7 +68,8 @@ impl EdgeTable {
         }
     }
 
-    /// Forgets the vertex numbering of the last cavity, and what is left of a surface that was not closed.
+    /// Forgets the vertex numbering of the last cavity. With `clean = false` also removes unmatched edges of
+    /// a surface that was not closed.
     pub(crate) fn reset(&mut self, clean: bool) {
         if !clean {
             self.square.fill(NONE);
@@ -78,20 +80,21 @@ impl EdgeTable {
         }
     }
 
-    /// Number of the vertex within the cavity, in order of first sight.
+    /// Returns the number of the vertex within the cavity, in order of first use.
     #[inline]
     pub(crate) fn local(&mut self, vertex: u32) -> u32 {
-        let at = vertex.wrapping_add(1);
-        let slot = &mut self.local[at as usize];
+        // Infinity is `u32::MAX`: shifted by one it takes slot 0.
+        let key = vertex.wrapping_add(1);
+        let slot = &mut self.local[key as usize];
         if *slot == NONE {
             *slot = self.touched.len() as u32;
-            self.touched.push(at);
+            self.touched.push(key);
         }
         *slot
     }
 
-    /// Stores `payload` for the edge between two local vertices, or returns the payload its other half has
-    /// stored.
+    /// Stores `payload` for the edge between two local vertices. If the other half of the edge is already
+    /// stored, returns the payload of that half instead.
     #[inline]
     pub(crate) fn pair(&mut self, a: u32, b: u32, payload: u32) -> Option<u32> {
         let (low, high) = if a < b { (a, b) } else { (b, a) };
@@ -104,7 +107,7 @@ impl EdgeTable {
             return Some(std::mem::replace(entry, NONE));
         }
         match self.spill.remove(&(low, high)) {
-            Some(other) => Some(other),
+            Some(twin) => Some(twin),
             None => {
                 self.spill.insert((low, high), payload);
                 None

@@ -1,4 +1,4 @@
-//! Where two processes meet, and the streams between them.
+//! Addresses at which two processes meet, and the streams between them.
 
 use crate::error::{Error, Result};
 use std::io::{Read, Write};
@@ -8,18 +8,18 @@ use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Environment variable in which a command that a run starts finds the address.
+/// Environment variable that passes the address to a command that a run starts.
 pub const VARIABLE: &str = "ARLEQUIN_LINK";
 
 /// An address: `unix:PATH`, `tcp:127.0.0.1:PORT`, or `tcp-open:IP:PORT`.
 ///
-/// `tcp` takes addresses of this machine alone. The protocol has no password and no cipher: whoever wants
-/// it on a network that is closed to strangers says so with `tcp-open`.
+/// `tcp` accepts addresses of this machine only. The protocol has no password and no encryption; `tcp-open`
+/// allows it on a network that is closed to strangers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
-    /// A socket in the file system: who may open the file may speak.
+    /// A socket in the file system: whoever may open the file may connect.
     Unix(PathBuf),
-    /// A port.
+    /// An IP address and a port.
     Tcp(SocketAddr),
 }
 
@@ -32,27 +32,27 @@ impl std::str::FromStr for Address {
             rule: rule.to_owned(),
         };
         let form = "must be unix:PATH or tcp:127.0.0.1:PORT";
-        let (scheme, rest) = text.split_once(':').ok_or_else(|| wrong(form))?;
+        let (scheme, location) = text.split_once(':').ok_or_else(|| wrong(form))?;
         match scheme {
-            "unix" if rest.is_empty() => Err(wrong("has no path; write unix:PATH")),
-            "unix" if cfg!(unix) => Ok(Self::Unix(PathBuf::from(rest))),
+            "unix" if location.is_empty() => Err(wrong("has no path; write unix:PATH")),
+            "unix" if cfg!(unix) => Ok(Self::Unix(PathBuf::from(location))),
             "unix" => Err(wrong("this system has no such sockets; write tcp:127.0.0.1:PORT")),
             "tcp" | "tcp-open" => {
-                let named = rest
+                let localhost = location
                     .strip_prefix("localhost:")
                     .map(|port| format!("{}:{port}", Ipv4Addr::LOCALHOST));
-                let at: SocketAddr = named
+                let socket: SocketAddr = localhost
                     .as_deref()
-                    .unwrap_or(rest)
+                    .unwrap_or(location)
                     .parse()
                     .map_err(|_| wrong("needs an IP address and a port, as in tcp:127.0.0.1:7007"))?;
-                if scheme == "tcp" && !at.ip().is_loopback() {
+                if scheme == "tcp" && !socket.ip().is_loopback() {
                     return Err(wrong(
                         "is not of this machine, and the protocol has no password; on a network that is closed to strangers, \
                          write tcp-open in place of tcp",
                     ));
                 }
-                Ok(Self::Tcp(at))
+                Ok(Self::Tcp(socket))
             }
             _ => Err(wrong(form)),
         }
@@ -69,7 +69,7 @@ impl std::fmt::Display for Address {
     }
 }
 
-/// What a process that a run started is told, if it was.
+/// Returns the address in [`VARIABLE`], which a run sets for the command it starts.
 pub fn given() -> Option<String> {
     std::env::var(VARIABLE).ok()
 }
@@ -82,7 +82,7 @@ fn system(what: &str, address: &Address) -> impl Fn(std::io::Error) -> Error {
     }
 }
 
-/// A stream of either kind.
+/// A stream over either kind of socket.
 #[derive(Debug)]
 pub(crate) enum Stream {
     #[cfg(unix)]
@@ -91,7 +91,7 @@ pub(crate) enum Stream {
 }
 
 impl Stream {
-    /// Connects to a run that waits.
+    /// Connects to a waiting run.
     pub(crate) fn connect(address: &Address) -> Result<Self> {
         let failed = system("connecting to", address);
         match address {
@@ -106,7 +106,7 @@ impl Stream {
         }
     }
 
-    /// How long a read may take from now on.
+    /// Limits the time of the next reads.
     pub(crate) fn read_within(&self, limit: Duration) -> std::io::Result<()> {
         match self {
             #[cfg(unix)]
@@ -115,7 +115,7 @@ impl Stream {
         }
     }
 
-    /// How long a write may take from now on.
+    /// Limits the time of the next writes.
     pub(crate) fn write_within(&self, limit: Duration) -> std::io::Result<()> {
         match self {
             #[cfg(unix)]
@@ -148,7 +148,7 @@ impl Write for Stream {
     }
 }
 
-/// Listens at a path, also where the socket of a run lies that was killed: nobody listens at it any more.
+/// Listens at a path. A socket that a killed run has left there, and at which nobody listens, is replaced.
 #[cfg(unix)]
 fn bind(path: &Path) -> std::io::Result<UnixListener> {
     use std::io::ErrorKind::{AddrInUse, ConnectionRefused};
@@ -158,7 +158,8 @@ fn bind(path: &Path) -> std::io::Result<UnixListener> {
         other => return other,
     };
     let is_socket = std::fs::symlink_metadata(path).is_ok_and(|m| m.file_type().is_socket());
-    // Of another type than what listens there, which so does not hear of it.
+    // A datagram socket is of another type than the listener: its attempt to connect shows whether somebody
+    // listens, and the listener never sees it.
     match UnixDatagram::unbound()?.connect(path) {
         Err(e) if is_socket && e.kind() == ConnectionRefused => {
             std::fs::remove_file(path)?;
@@ -175,33 +176,35 @@ enum Door {
     Tcp(TcpListener),
 }
 
-/// An address at which a run waits for the other side. What it left in the file system goes with it.
+/// An address at which a run waits for the other side. Its socket file and private folder are removed with
+/// it.
 #[derive(Debug)]
 pub struct Listener {
     door: Door,
     address: Address,
-    /// File, and folder of its own, to be removed.
-    left: Option<PathBuf>,
+    /// Socket file to remove.
+    socket_file: Option<PathBuf>,
+    /// Private folder to remove.
     folder: Option<PathBuf>,
 }
 
-/// Pause between two looks at the door.
+/// Pause between two checks for a connection.
 const GLANCE: Duration = Duration::from_millis(1);
 
 impl Listener {
-    /// Waits at an address.
+    /// Starts listening at an address.
     ///
     /// # Errors
-    /// [`Error::System`], such as an address that is in use.
+    /// [`Error::System`], for example if the address is in use.
     pub fn at(address: &Address) -> Result<Self> {
         let failed = system("waiting at", address);
-        let mut left = None;
-        let mut at = address.clone();
+        let mut socket_file = None;
+        let mut bound = address.clone();
         let door = match address {
             #[cfg(unix)]
             Address::Unix(path) => {
                 let listener = bind(path).map_err(&failed)?;
-                left = Some(path.clone());
+                socket_file = Some(path.clone());
                 listener.set_nonblocking(true).map_err(&failed)?;
                 Door::Unix(listener)
             }
@@ -210,21 +213,21 @@ impl Listener {
             Address::Tcp(socket) => {
                 let listener = TcpListener::bind(socket).map_err(&failed)?;
                 listener.set_nonblocking(true).map_err(&failed)?;
-                at = Address::Tcp(listener.local_addr().map_err(&failed)?);
+                bound = Address::Tcp(listener.local_addr().map_err(&failed)?);
                 Door::Tcp(listener)
             }
         };
-        let (address, folder) = (at, None);
+        let (address, folder) = (bound, None);
         Ok(Self {
             door,
             address,
-            left,
+            socket_file,
             folder,
         })
     }
 
-    /// Waits at an address that nobody else knows: a socket in a new folder that only this user may enter;
-    /// a free port of the loopback where there are no such sockets.
+    /// Starts listening at an address that nobody else knows: a socket in a new folder that only this user
+    /// may enter. On systems without such sockets it is a free port of the loopback interface.
     ///
     /// # Errors
     /// [`Error::System`].
@@ -239,7 +242,7 @@ impl Listener {
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let folder = base.join(format!("arlequin-{}-{number}", std::process::id()));
                 match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
-                    // Left by a process of the same number that was killed.
+                    // A killed process with the same number has left this folder.
                     Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
                     Err(e) => {
                         return Err(Error::System {
@@ -264,12 +267,13 @@ impl Listener {
         Self::at(&Address::Tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, 0))))
     }
 
-    /// The address, with the port that was chosen where it was left open.
+    /// Returns the address, with the port that the system has chosen if none was given.
     pub fn address(&self) -> &Address {
         &self.address
     }
 
-    /// Takes the first who comes, until `until`; `watch` is asked meanwhile whether it is worth waiting.
+    /// Accepts the first connection, until the deadline `until`. Between the checks `watch` may end the wait
+    /// by an error.
     pub(crate) fn accept(
         &self,
         until: Instant,
@@ -277,19 +281,22 @@ impl Listener {
     ) -> Result<Option<Stream>> {
         let failed = system("waiting at", &self.address);
         loop {
-            let came = match &self.door {
+            let attempt = match &self.door {
                 #[cfg(unix)]
                 Door::Unix(l) => l.accept().and_then(|(s, _)| {
+                    // Some systems pass the listener's mode on to the stream.
                     s.set_nonblocking(false)?;
                     Ok(Stream::Unix(s))
                 }),
                 Door::Tcp(l) => l.accept().and_then(|(s, _)| {
                     s.set_nonblocking(false)?;
+                    // Messages are small and each waits for its answer: without this TCP would hold them
+                    // back.
                     s.set_nodelay(true)?;
                     Ok(Stream::Tcp(s))
                 }),
             };
-            match came {
+            match attempt {
                 Ok(stream) => return Ok(Some(stream)),
                 Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {}
                 Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
@@ -306,7 +313,7 @@ impl Listener {
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        if let Some(path) = &self.left {
+        if let Some(path) = &self.socket_file {
             let _ = std::fs::remove_file(path);
         }
         if let Some(path) = &self.folder {

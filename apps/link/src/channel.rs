@@ -1,4 +1,4 @@
-//! Whole messages over a stream: limits on their length, limits on the time they take.
+//! Complete messages over a stream, with limits on their length and on the time they take.
 
 use crate::address::Stream;
 use crate::error::{Error, Result};
@@ -8,30 +8,31 @@ use arlequin_core::interrupt;
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
 
-/// Most that memory grows by before the bytes for it have come.
+/// Largest step by which the buffer grows \[bytes\]. A peer that announces much and sends little so costs
+/// little memory.
 const PIECE: usize = 1 << 20;
-/// Time between two looks for Ctrl-C.
+/// Time between two checks for Ctrl-C.
 const GLANCE: Duration = Duration::from_millis(50);
-/// How long the other side may still take for its answer after Ctrl-C: with it the run ends at a whole step.
+/// Time the other side has for its answer after Ctrl-C: an answer lets the run end at a whole step.
 const GRACE: Duration = Duration::from_secs(1);
 
-/// A stream of messages.
+/// A channel that sends and receives complete messages.
 #[derive(Debug)]
 pub(crate) struct Channel {
     stream: Stream,
-    /// The other side, for messages.
+    /// Name of the other side, for error messages.
     pub(crate) peer: String,
-    /// How long one message may take; `None` for ever.
+    /// Time that one message may take; `None` for no limit.
     timeout: Option<Duration>,
-    /// Longest message that is taken.
+    /// Longest message accepted \[bytes\].
     limit: u64,
-    /// Longest that the other side takes.
+    /// Longest message that the other side accepts \[bytes\].
     pub(crate) peer_limit: u64,
-    /// The message that is written.
+    /// The message being written.
     pub(crate) out: Message,
-    /// What was read last; only ever grows.
+    /// Content read last; the buffer never shrinks.
     buffer: Vec<u8>,
-    /// When Ctrl-C was noticed.
+    /// Time at which Ctrl-C was noticed.
     interrupted: Option<Instant>,
 }
 
@@ -49,21 +50,21 @@ impl Channel {
         }
     }
 
-    /// When a message that begins now must be through.
+    /// Returns the deadline of a message that begins now.
     fn until(&self) -> Option<Instant> {
         self.timeout.map(|t| Instant::now() + t)
     }
 
-    /// How long to wait now: what is left of the time, at most until the next look for Ctrl-C. None if it
-    /// may last for ever.
+    /// Returns how long to wait now: until the deadline, but at most until the next check for Ctrl-C. `None`
+    /// if there is no deadline.
     ///
     /// # Errors
-    /// [`Error::Silent`] if no time is left, [`Error::Interrupted`].
-    fn left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
+    /// [`Error::Silent`] if no time is left; [`Error::Interrupted`].
+    fn time_left(&mut self, until: Option<Instant>, waited: &str) -> Result<Option<Duration>> {
         let Some(until) = until else { return Ok(None) };
         let now = Instant::now();
-        let left = until.saturating_duration_since(now);
-        if left.is_zero() {
+        let remaining = until.saturating_duration_since(now);
+        if remaining.is_zero() {
             return Err(self.silent(waited));
         }
         self.interrupted = interrupt::is_requested().then(|| self.interrupted.unwrap_or(now));
@@ -73,7 +74,7 @@ impl Channel {
                 waited: waited.to_owned(),
             });
         }
-        Ok(Some(left.min(GLANCE)))
+        Ok(Some(remaining.min(GLANCE)))
     }
 
     fn silent(&self, waited: &str) -> Error {
@@ -100,7 +101,7 @@ impl Channel {
         }
     }
 
-    /// Sends what stands in [`Self::out`].
+    /// Sends the message in [`Self::out`].
     pub(crate) fn send(&mut self) -> Result<()> {
         let (kind, length) = (self.out.kind(), self.out.length());
         if length > self.peer_limit {
@@ -112,22 +113,23 @@ impl Channel {
             });
         }
         let until = self.until();
+        // Taken out, since writing borrows the channel; it comes back with its buffer.
         let mut message = std::mem::take(&mut self.out);
         let outcome = self.write(message.finish(), until, kind);
         self.out = message;
         outcome
     }
 
-    fn write(&mut self, mut rest: &[u8], until: Option<Instant>, kind: Kind) -> Result<()> {
+    fn write(&mut self, mut bytes: &[u8], until: Option<Instant>, kind: Kind) -> Result<()> {
         let what = || format!("the reading of {kind}");
-        while !rest.is_empty() {
-            if let Some(left) = self.left(until, &what())? {
-                let set = self.stream.write_within(left);
+        while !bytes.is_empty() {
+            if let Some(remaining) = self.time_left(until, &what())? {
+                let set = self.stream.write_within(remaining);
                 set.map_err(|e| self.failed(&e, &what()))?;
             }
-            match self.stream.write(rest) {
+            match self.stream.write(bytes) {
                 Ok(0) => return Err(self.failed(&ErrorKind::BrokenPipe.into(), &what())),
-                Ok(n) => rest = &rest[n..],
+                Ok(n) => bytes = &bytes[n..],
                 Err(e) if passing(&e) => {}
                 Err(e) => return Err(self.failed(&e, &what())),
             }
@@ -136,20 +138,20 @@ impl Channel {
     }
 
     /// Reads until `buffer[..to]` is full.
-    fn fill(&mut self, to: usize, until: Option<Instant>, what: &str) -> Result<()> {
-        let mut have = 0;
-        while have < to {
-            let room = to.min(have + PIECE);
+    fn fill(&mut self, end: usize, until: Option<Instant>, what: &str) -> Result<()> {
+        let mut filled = 0;
+        while filled < end {
+            let room = end.min(filled + PIECE);
             if self.buffer.len() < room {
                 self.buffer.resize(room, 0);
             }
-            if let Some(left) = self.left(until, what)? {
-                let set = self.stream.read_within(left);
+            if let Some(remaining) = self.time_left(until, what)? {
+                let set = self.stream.read_within(remaining);
                 set.map_err(|e| self.failed(&e, what))?;
             }
-            match self.stream.read(&mut self.buffer[have..room]) {
+            match self.stream.read(&mut self.buffer[filled..room]) {
                 Ok(0) => return Err(self.failed(&ErrorKind::UnexpectedEof.into(), what)),
-                Ok(n) => have += n,
+                Ok(n) => filled += n,
                 Err(e) if passing(&e) => {}
                 Err(e) => return Err(self.failed(&e, what)),
             }
@@ -157,8 +159,9 @@ impl Channel {
         Ok(())
     }
 
-    /// Receives one of these kinds, of which the first is named in messages, with `lengths` in bytes that
-    /// it may have; [`Kind::Failed`] becomes the error it tells. What came lies in [`Self::content`].
+    /// Receives a message of one of the kinds `due`; error messages name the first of them. `lengths` are the
+    /// lengths \[bytes\] that it may have. [`Kind::Failed`] is returned as the error it reports, and
+    /// [`Kind::Working`] restarts the wait. [`Self::content`] reads the message.
     pub(crate) fn receive(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
         let expected = due.first().map_or(String::new(), Kind::to_string);
         loop {
@@ -167,11 +170,12 @@ impl Channel {
             let mut bytes = [0; HEADER];
             bytes.copy_from_slice(&self.buffer[..HEADER]);
             let header = Header::read(&bytes, &self.peer)?;
-            let due = due.contains(&header.kind);
+            let is_due = due.contains(&header.kind);
             let lengths = match header.kind {
                 Kind::Working => 0..=0,
+                // A text: its length in four bytes, and at most `SMALL` bytes.
                 Kind::Failed => 4..=SMALL + 4,
-                _ if due => *lengths.start()..=self.limit.min(*lengths.end()),
+                _ if is_due => *lengths.start()..=self.limit.min(*lengths.end()),
                 found => {
                     return Err(Error::Unexpected {
                         peer: self.peer.clone(),
@@ -196,19 +200,20 @@ impl Channel {
             self.fill(header.length as usize, until, &header.kind.to_string())?;
             match header.kind {
                 Kind::Working => {}
-                Kind::Failed if !due => return Err(read_failure(self.content(header), &self.peer)?),
+                Kind::Failed if !is_due => return Err(read_failure(self.content(header), &self.peer)?),
                 _ => return Ok(header),
             }
         }
     }
 
-    /// What was received last.
+    /// Returns the content of the message received last.
     pub(crate) fn content(&self, header: Header) -> Content<'_> {
         Content::new(&self.peer, header.kind, &self.buffer[..header.length as usize])
     }
 }
 
-/// Whether to try again: reads that timed out do so, and find that their time is over.
+/// Returns whether to try again. A read that timed out is tried again; [`Channel::time_left`] then ends the
+/// wait.
 fn passing(e: &std::io::Error) -> bool {
     matches!(
         e.kind(),

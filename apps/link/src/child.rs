@@ -1,4 +1,4 @@
-//! A solver that a run starts, and ends on every path.
+//! A solver that a run starts, and that is ended on every path.
 
 use crate::address::{Address, VARIABLE};
 use crate::error::{Error, Result};
@@ -6,23 +6,23 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a solver may take to leave by itself, and after it was asked to.
+/// Time a solver has to leave by itself, and again after SIGTERM.
 const GRACE: Duration = Duration::from_secs(1);
-/// Pause between two looks at it.
+/// Pause between two checks of the process.
 const GLANCE: Duration = Duration::from_millis(2);
 
-/// A process with all that it started itself.
+/// A started process, together with all processes that it has started.
 #[derive(Debug)]
 pub(crate) struct Started {
     child: Child,
     command: String,
-    /// Whether it was told to leave, and may take a moment for it.
-    pub(crate) told: bool,
-    /// How it ended. Its number may be another process's from then on.
-    over: Option<ExitStatus>,
+    /// True if the solver has confirmed the end, and so may take a moment to leave.
+    pub(crate) confirmed: bool,
+    /// Exit status. Once it is known, the process number may belong to another process.
+    status: Option<ExitStatus>,
 }
 
-/// A command as a user would type it.
+/// Returns a command as a user would type it in a shell.
 pub fn shown(command: &[String]) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+:,@%".contains(c);
     let word = |w: &String| {
@@ -36,8 +36,8 @@ pub fn shown(command: &[String]) -> String {
 }
 
 impl Started {
-    /// Starts a command in a folder; it finds the address in its environment. What it prints goes to where
-    /// this process prints its errors.
+    /// Starts a command in a folder. The command finds the address in its environment; its output goes to the
+    /// error output of this process.
     pub(crate) fn new(command: &[String], folder: &Path, address: &Address) -> Result<Self> {
         let text = shown(command);
         let Some((program, arguments)) = command.split_first() else {
@@ -52,15 +52,15 @@ impl Started {
             .env(VARIABLE, address.to_string())
             .stdin(Stdio::null())
             .stdout(std::io::stderr());
-        // Of an empty one the present folder is meant.
+        // An empty path means the present folder.
         if !folder.as_os_str().is_empty() {
             start.current_dir(folder);
         }
         #[cfg(unix)]
         {
             use std::os::unix::process::CommandExt;
-            // A group of its own: all that it starts can be ended, and Ctrl-C reaches the run alone, which
-            // ends it in order.
+            // With its own process group everything that the command starts can be ended, and Ctrl-C reaches
+            // the run alone, which then ends the command in order.
             start.process_group(0);
         }
         let child = start.spawn().map_err(|e| Error::Command {
@@ -70,37 +70,38 @@ impl Started {
         Ok(Self {
             child,
             command: text,
-            told: false,
-            over: None,
+            confirmed: false,
+            status: None,
         })
     }
 
-    /// How it ended, if it did so within a time.
-    pub(crate) fn ended(&mut self, within: Duration) -> Option<String> {
-        self.wait(within).map(|status| format!("ended with {status}"))
+    /// Returns how the process ended, in words, if it ends within a time.
+    pub(crate) fn ended(&mut self, limit: Duration) -> Option<String> {
+        self.wait(limit).map(|status| format!("ended with {status}"))
     }
 
-    /// The error that it ended too early.
-    pub(crate) fn early(&self, ended: &str, due: &str) -> Error {
+    /// Creates the error of a process that ended too early.
+    pub(crate) fn ended_early(&self, ended: &str, due: &str) -> Error {
         Error::Command {
             command: self.command.clone(),
             what: format!("{ended} before {due}"),
         }
     }
 
-    fn wait(&mut self, within: Duration) -> Option<ExitStatus> {
-        if self.over.is_none() {
-            self.over = self.look(within);
+    fn wait(&mut self, limit: Duration) -> Option<ExitStatus> {
+        if self.status.is_none() {
+            self.status = self.look(limit);
         }
-        self.over
+        self.status
     }
 
     #[cfg(unix)]
-    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
+    fn look(&mut self, limit: Duration) -> Option<ExitStatus> {
         use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
-        let until = Instant::now() + within;
+        let until = Instant::now() + limit;
         let pid = Pid::from_child(&self.child);
-        // It is looked at without being reaped: as long as its number is taken, so is that of its group.
+        // The process is watched without being reaped: as long as its number is taken, the number of its
+        // group cannot be used again.
         let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         while let Ok(None) = waitid(WaitId::Pid(pid), look) {
             if Instant::now() >= until {
@@ -108,13 +109,14 @@ impl Started {
             }
             std::thread::sleep(GLANCE);
         }
+        // The leader has ended; what it has started and left behind ends here.
         let _ = kill_process_group(pid, Signal::KILL);
         self.child.wait().ok()
     }
 
     #[cfg(not(unix))]
-    fn look(&mut self, within: Duration) -> Option<ExitStatus> {
-        let until = Instant::now() + within;
+    fn look(&mut self, limit: Duration) -> Option<ExitStatus> {
+        let until = Instant::now() + limit;
         loop {
             if let Ok(Some(status)) = self.child.try_wait() {
                 return Some(status);
@@ -148,11 +150,12 @@ impl Started {
 impl Drop for Started {
     fn drop(&mut self) {
         if self
-            .wait(if self.told { GRACE } else { Duration::ZERO })
+            .wait(if self.confirmed { GRACE } else { Duration::ZERO })
             .is_some()
         {
             return;
         }
+        // SIGTERM before SIGKILL: killed at once, an MPI job would leave its ranks to their daemon.
         self.ask_to_leave();
         if self.wait(GRACE).is_none() {
             self.kill();

@@ -1,5 +1,4 @@
-//! What can go wrong between two processes: each error names the other side, the value, the limit and a way
-//! out.
+//! Errors of a link. Each names the other side, the value, the limit and a remedy.
 
 use crate::wire::Kind;
 use std::time::Duration;
@@ -8,40 +7,40 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// An address that is none, or none that a link may have.
+    /// An address that cannot be read, or that a link must not use.
     #[error("address '{address}': {rule}")]
     Address {
-        /// As it was given.
+        /// Address as given.
         address: String,
-        /// What it must be.
+        /// Rule that the address must satisfy.
         rule: String,
     },
-    /// The operating system refused something.
+    /// The operating system refused an operation.
     #[error("{what}: {reason}")]
     System {
-        /// What was tried.
+        /// Operation that was tried.
         what: String,
-        /// Its answer.
+        /// Reason that the system gave.
         reason: String,
     },
-    /// A command that does not run, or ended before its time.
+    /// A command that cannot be started, or that ended too early.
     #[error("command '{command}' {what}; try it by hand")]
     Command {
         /// The command.
         command: String,
-        /// What became of it.
+        /// Description of the event, worded to follow the command.
         what: String,
     },
-    /// Nobody came, or no answer.
+    /// No connection, or no answer, within the time limit.
     #[error(
         "{peer}: {waited} was due within {:.1} s and did not come; see what it does, or allow it more by timeout (by start_timeout to connect)", limit.as_secs_f64()
     )]
     Silent {
         /// The other side.
         peer: String,
-        /// What was waited for.
+        /// Connection or message that was expected.
         waited: String,
-        /// For how long.
+        /// Time limit.
         limit: Duration,
     },
     /// The user ended the run, by Ctrl-C or SIGTERM, while it waited.
@@ -49,18 +48,18 @@ pub enum Error {
     Interrupted {
         /// The other side.
         peer: String,
-        /// What was waited for.
+        /// Connection or message that was expected.
         waited: String,
     },
-    /// The other side is gone.
+    /// The other side has closed the link.
     #[error("{peer} closed the link where {expected} was due; see its own messages for the reason")]
     Closed {
         /// The other side.
         peer: String,
-        /// What was due.
+        /// Message that was expected.
         expected: String,
     },
-    /// Not this protocol at all.
+    /// The other side speaks another protocol.
     #[error("{peer} does not speak this protocol: a message begins with {found:?}, not with \"ARLQ\"")]
     Stranger {
         /// The other side.
@@ -68,59 +67,59 @@ pub enum Error {
         /// First four bytes.
         found: [u8; 4],
     },
-    /// Another version of it.
+    /// The other side speaks another version of the protocol.
     #[error(
         "{peer} speaks version {found} of the protocol, this side version {own}; take the client that came with this version"
     )]
     Version {
         /// The other side.
         peer: String,
-        /// Its version.
+        /// Version of the other side.
         found: u16,
-        /// That of this side.
+        /// Version of this side.
         own: u16,
     },
-    /// A message that is not due.
+    /// A message of a kind that was not expected.
     #[error("{peer} sent {found} where {expected} was due")]
     Unexpected {
         /// The other side.
         peer: String,
-        /// What it sent.
+        /// Kind of the message received.
         found: String,
-        /// What was due.
+        /// Kind of message that was expected.
         expected: String,
     },
-    /// A message of another length than it must have.
+    /// A message of the wrong length.
     #[error("{peer} sent {kind} of {found} bytes, {rule}")]
     Length {
         /// The other side.
         peer: String,
-        /// Which message.
+        /// Kind of the message.
         kind: Kind,
-        /// Its length.
+        /// Length of the message \[bytes\].
         found: u64,
-        /// What it must be.
+        /// Rule that the length must satisfy.
         rule: String,
     },
-    /// A message whose content makes no sense.
+    /// A message whose content breaks a rule.
     #[error("{peer} sent {kind} in which {rule}")]
     Content {
         /// The other side.
         peer: String,
-        /// Which message.
+        /// Kind of the message.
         kind: Kind,
-        /// What is wrong with it.
+        /// Rule that the content breaks, in words.
         rule: String,
     },
-    /// The other side says that it failed.
+    /// The other side reports a failure.
     #[error("{peer} failed: {text}")]
     Failed {
         /// The other side.
         peer: String,
-        /// Its words.
+        /// Reason that the other side gave.
         text: String,
     },
-    /// It changes velocities by something else than impulse over the inertia that it told.
+    /// The solver changes a velocity by something other than impulse over the inertia it has sent.
     #[error(
         "{peer} changed the velocity of unknown {unknown} by {found:e} under an impulse that makes {wanted:e} of the inertia \
          {inertia:e} which it told; let it tell the mass that it moves"
@@ -128,38 +127,38 @@ pub enum Error {
     Mass {
         /// The other side.
         peer: String,
-        /// Which unknown.
+        /// Index of the unknown.
         unknown: usize,
-        /// Its inertia \[kg, kg m²\].
+        /// Inertia of the unknown \[kg, kg m²\].
         inertia: f64,
-        /// Change of its velocity.
+        /// Change of velocity that was found.
         found: f64,
-        /// What the change should be.
+        /// Change of velocity that was expected.
         wanted: f64,
     },
-    /// Its inertia under weights is more than without.
+    /// The solver's inertia with weights exceeds its inertia without weights.
     #[error(
         "{peer} has inertia {found:e} at unknown {unknown} under its weights, more than {whole:e} without; weights are at most one"
     )]
     Heavier {
         /// The other side.
         peer: String,
-        /// Which unknown.
+        /// Index of the unknown.
         unknown: usize,
         /// Inertia with weights \[kg, kg m²\].
         found: f64,
-        /// Without.
+        /// Inertia without weights \[kg, kg m²\].
         whole: f64,
     },
-    /// A link that was used again after an error.
+    /// A link was used again after an error.
     #[error("the link to {peer} is broken since an earlier error: {earlier}")]
     Broken {
         /// The other side.
         peer: String,
-        /// That error.
+        /// The earlier error.
         earlier: String,
     },
 }
 
-/// Result of the operations of a link.
+/// Result of an operation on a link.
 pub type Result<V, E = Error> = std::result::Result<V, E>;

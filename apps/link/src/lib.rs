@@ -1,15 +1,16 @@
-//! Solvers in other processes as participants of the Arlequin coupling: a small protocol over Unix sockets
-//! and the loopback, and both of its ends.
+//! Solvers in other processes as participants of an Arlequin coupling: a small protocol over Unix sockets and
+//! the loopback interface, with both of its ends.
 //!
-//! [`Remote`] is the run's end: it starts a command or waits at an [`Address`], and is a [`Participant`]
-//! like one in this process. [`serve`] is the solver's end in Rust: it takes any [`Participant`], and
-//! [`Verlet`] makes one of any [`Model`](arlequin_core::Model). Clients in Python (numpy alone) and C stand
-//! in `clients/`; `docs/link.md` of the repository has the protocol byte by byte.
+//! [`Remote`] is the run's end: it starts a command or waits at an [`Address`], and acts as a [`Participant`]
+//! like a solver in the same process. [`serve`] is the solver's end in Rust: it serves any [`Participant`],
+//! and [`Verlet`] makes a participant of any [`Model`](arlequin_core::Model). Clients in Python (numpy alone)
+//! and C are in `clients/`; `docs/link.md` of the repository describes the protocol byte by byte.
 //!
-//! Nothing that comes from the other side is trusted: lengths are held against a limit before memory is
-//! taken, numbers must be finite, and every wait ends. What it says is data; none of it is ever run.
+//! Nothing that the other side sends is trusted: lengths are compared with a limit before memory is
+//! allocated, numbers must be finite, and every wait has an end. Received bytes are data; none are ever
+//! executed.
 //!
-//! # A chain in a thread of its own, behind a socket
+//! # A chain in its own thread, behind a socket
 //!
 //! ```
 //! use arlequin_core::{Model, Participant, Weights};

@@ -1,4 +1,4 @@
-//! A link as the run has it: what was said last, and whether it is still to be believed.
+//! A link as the run uses it: the values received last, and whether they are still valid.
 
 use crate::channel::Channel;
 use crate::child::Started;
@@ -7,28 +7,28 @@ use crate::message::{Description, Fields};
 use crate::wire::{Header, Kind, SMALL};
 use std::time::Duration;
 
-/// Relative error of a result of few operations that is let pass. No solver says in what precision it
-/// computes: four roundings, of impulse, mass, quotient and sum, to single precision and as much again for
-/// those that convert units.
+/// Relative error of a result of few operations that is accepted. No solver says in what precision it
+/// computes. Four roundings in single precision (of impulse, mass, quotient and sum) are allowed, and as much
+/// again for solvers that convert units.
 pub(crate) const ROUNDED: f64 = 8.0 * f32::EPSILON as f64;
-/// An impulse tells of the mass if round-off hides no more than this share of what it does.
+/// An impulse tests the mass if round-off hides at most this share of the change of velocity.
 const TELLING: f64 = 1e-3;
 
-/// What changes when the other side is asked.
+/// State of the link, which changes with every exchange.
 #[derive(Debug)]
 pub(crate) struct Link {
     pub(crate) channel: Channel,
     child: Option<Started>,
     pub(crate) offers: Fields,
-    /// What is known of the state that the other side is in.
+    /// Fields that are known for the present state of the solver.
     pub(crate) known: Fields,
     pub(crate) v: Vec<f64>,
     pub(crate) q: Vec<f64>,
     pub(crate) a: Vec<f64>,
     pub(crate) invariant: f64,
-    /// Under the weights it has.
+    /// Inertia under the present weights \[kg, kg m²\].
     pub(crate) inertia: Vec<f64>,
-    /// Whether an impulse was seen to do what it must.
+    /// True once an impulse has changed velocities as the inertia predicts.
     pub(crate) trusted: bool,
     broken: Option<Error>,
 }
@@ -50,17 +50,17 @@ impl Link {
         }
     }
 
-    /// Takes what the other side said of itself.
-    pub(crate) fn know_of(&mut self, it: &Description) {
-        self.channel.peer_limit = it.limit;
-        self.offers = it.offers;
-        self.inertia.clone_from(&it.inertia);
+    /// Stores the description of the solver.
+    pub(crate) fn store_description(&mut self, description: &Description) {
+        self.channel.peer_limit = description.limit;
+        self.offers = description.offers;
+        self.inertia.clone_from(&description.inertia);
         for x in [&mut self.v, &mut self.q, &mut self.a] {
-            x.resize(it.layout.dofs(), 0.0);
+            x.resize(description.layout.dofs(), 0.0);
         }
     }
 
-    /// Does something, unless an earlier error broke the link; an error breaks it.
+    /// Runs an operation unless an earlier error has broken the link; an error breaks it.
     pub(crate) fn guarded<V>(&mut self, what: impl FnOnce(&mut Self) -> Result<V>) -> Result<V> {
         if let Some(earlier) = &self.broken {
             return Err(Error::Broken {
@@ -75,20 +75,20 @@ impl Link {
         })
     }
 
-    /// A link that was closed because its process ended: how it did so.
+    /// Replaces "closed" by the way the process ended, if the run started the process.
     fn explained(&mut self, e: Error) -> Error {
         let (Some(child), Error::Closed { expected, .. }) = (&mut self.child, &e) else {
             return e;
         };
-        // The stream closes a moment before the process is gone.
+        // The stream closes a moment before the process has ended.
         match child.ended(Duration::from_millis(200)) {
             // "the reading of …", or the message that was due.
-            Some(how) => child.early(&how, &format!("its {}", expected.trim_start_matches("the "))),
+            Some(how) => child.ended_early(&how, &format!("its {}", expected.trim_start_matches("the "))),
             None => e,
         }
     }
 
-    /// Sends the message that was written and receives its answer.
+    /// Sends the message in the channel and receives its answer.
     pub(crate) fn exchange(&mut self, due: Kind, lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
         self.exchange_of(&[due], lengths)
     }
@@ -102,38 +102,38 @@ impl Link {
         self.channel.receive(due, lengths)
     }
 
-    pub(crate) fn done(&mut self) -> Result<()> {
+    pub(crate) fn expect_done(&mut self) -> Result<()> {
         self.exchange(Kind::Done, 0..=0).map(|_| ())
     }
 
-    /// Bytes of a state with these fields.
+    /// Returns the length of a state with these fields \[bytes\].
     fn state_length(&self, fields: Fields) -> u64 {
         let arrays = [Fields::VELOCITIES, Fields::DISPLACEMENTS, Fields::ACCELERATIONS];
         let arrays = arrays.iter().filter(|f| fields.has(**f)).count();
         16 + 8 * (arrays * self.v.len()) as u64
     }
 
-    /// Sends the request that was written, receives the state and keeps it.
+    /// Sends the request in the channel, receives the state and stores it.
     pub(crate) fn read_state(&mut self, wanted: Fields) -> Result<()> {
         let length = self.state_length(wanted);
         let header = self.exchange(Kind::State, length..=length)?;
-        // Taken out while the content borrows the channel.
+        // Taken out, since the content borrows the channel.
         let [mut v, mut q, mut a] = [&mut self.v, &mut self.q, &mut self.a].map(std::mem::take);
         let mut content = self.channel.content(header);
         let mut read = || {
-            let has = Fields(content.u32()?);
-            if has != wanted {
-                let (a, b) = (has.0, wanted.0);
+            let fields = Fields(content.u32()?);
+            if fields != wanted {
+                let (a, b) = (fields.0, wanted.0);
                 return Err(content.wrong(format!("the fields are {a:#b}, and {b:#b} were asked for")));
             }
             content.u32()?;
             let invariant = content.f64()?;
-            let all = [
+            let arrays = [
                 (Fields::VELOCITIES, "velocities", &mut v),
                 (Fields::DISPLACEMENTS, "displacements", &mut q),
                 (Fields::ACCELERATIONS, "accelerations", &mut a),
             ];
-            for (field, name, out) in all {
+            for (field, name, out) in arrays {
                 if wanted.has(field) {
                     content.numbers(name, out)?;
                 }
@@ -150,7 +150,7 @@ impl Link {
         Ok(())
     }
 
-    /// Asks for what is not known of these fields.
+    /// Requests those of the fields that are not known yet.
     pub(crate) fn know(&mut self, fields: Fields) -> Result<()> {
         if self.known.has(fields) {
             return Ok(());
@@ -162,14 +162,13 @@ impl Link {
         })
     }
 
-    /// What a step tells.
-    pub(crate) fn of_step(&self) -> Fields {
+    /// Returns the fields that are requested with every step.
+    pub(crate) fn step_fields(&self) -> Fields {
         Fields::MOTION.and(Fields::INVARIANT.among(self.offers))
     }
 
     pub(crate) fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        // Impulses show whether the mass that was told is the one that moves, from the first that is strong
-        // enough on.
+        // Impulses are tested until one was strong enough to show that the solver moves the mass it has sent.
         let test = !self.trusted && impulse.iter().any(|p| *p != 0.0);
         let before = if test {
             self.know(Fields::VELOCITIES)?;
@@ -179,8 +178,8 @@ impl Link {
         };
         self.guarded(|link| {
             link.channel.out.begin(Kind::Impulse).numbers(impulse);
-            link.done()?;
-            // Positions stay where they are.
+            link.expect_done()?;
+            // An impulse changes neither positions nor, therefore, displacements.
             link.known = link.known.among(Fields::DISPLACEMENTS);
             Ok(())
         })?;
@@ -191,26 +190,27 @@ impl Link {
         Ok(())
     }
 
-    /// Refuses changes of velocity by something else than impulse over inertia; whether the impulse was
-    /// strong enough to tell.
+    /// Returns an error if a velocity has changed by something other than impulse over inertia. Else returns
+    /// whether the impulse was strong enough to test the mass.
     fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<bool> {
-        let wanted = |i: usize| {
+        let expected = |i: usize| {
             let m = self.inertia[i];
             if m > 0.0 { impulse[i] / m } else { 0.0 }
         };
         let largest = |x: &mut dyn Iterator<Item = f64>| x.fold(0.0_f64, |m, x| m.max(x.abs()));
-        let top = largest(&mut (0..impulse.len()).map(wanted));
+        let top = largest(&mut (0..impulse.len()).map(expected));
         let fast = largest(&mut before.iter().chain(&self.v).copied());
+        // Round-off of a difference is relative to the velocities, not to their change.
         let allowed = ROUNDED * (top + fast);
-        let off = |i: &usize| (self.v[*i] - before[*i] - wanted(*i)).abs() > allowed;
-        match (0..impulse.len()).find(off) {
+        let is_off = |i: &usize| (self.v[*i] - before[*i] - expected(*i)).abs() > allowed;
+        match (0..impulse.len()).find(is_off) {
             None => Ok(allowed < TELLING * top),
             Some(unknown) => Err(Error::Mass {
                 peer: self.channel.peer.clone(),
                 unknown,
                 inertia: self.inertia[unknown],
                 found: self.v[unknown] - before[unknown],
-                wanted: wanted(unknown),
+                wanted: expected(unknown),
             }),
         }
     }
@@ -222,10 +222,10 @@ impl Drop for Link {
             return;
         }
         self.channel.out.begin(Kind::End);
-        // An answer is not waited for: who does not leave by itself is ended.
-        let told = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
+        // No error here: a solver that does not leave by itself is ended.
+        let confirmed = self.channel.send().is_ok() && self.channel.receive(&[Kind::Done], 0..=SMALL).is_ok();
         if let Some(child) = &mut self.child {
-            child.told = told;
+            child.confirmed = confirmed;
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Messages with more than numbers in them, and how they are written and read.
+//! Messages with structured content, and how they are written and read.
 
 use crate::error::{Error, Result};
 use crate::wire::{Content, Kind, Message, NAME};
@@ -7,7 +7,7 @@ use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Share, Weight, Weights};
 
-/// What the solver can tell beside velocities and displacements, and what a message asks for or has: bits.
+/// Set of quantities as bits: what a solver offers, what a message requests, or what a message contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Fields(pub u32);
 
@@ -18,32 +18,32 @@ impl Fields {
     pub const DISPLACEMENTS: Self = Self(2);
     /// Accelerations.
     pub const ACCELERATIONS: Self = Self(4);
-    /// The energy that its stepping keeps.
+    /// Energy that the solver's own time stepping conserves.
     pub const INVARIANT: Self = Self(8);
-    /// That it can be saved and restored; of an offer only.
+    /// The solver can be saved and restored; used in offers only.
     pub const MEMORY: Self = Self(16);
-    /// What every solver offers.
+    /// Velocities and displacements, which every solver must offer.
     pub const MOTION: Self = Self(3);
 
-    /// Whether these are among them.
-    pub fn has(self, which: Self) -> bool {
-        self.0 & which.0 == which.0
+    /// Returns whether this set contains all of `fields`.
+    pub fn has(self, fields: Self) -> bool {
+        self.0 & fields.0 == fields.0
     }
 
-    /// These and those.
+    /// Returns the union of both sets.
     #[must_use]
     pub fn and(self, others: Self) -> Self {
         Self(self.0 | others.0)
     }
 
-    /// These, if they are among those.
+    /// Returns the intersection of both sets.
     #[must_use]
     pub fn among(self, others: Self) -> Self {
         Self(self.0 & others.0)
     }
 }
 
-/// Elements of the mesh of a solver, in the order of nodes that Gmsh and VTK have.
+/// Kind of element in a solver's mesh, with nodes in the order of Gmsh and VTK.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Element {
     /// Lines of two nodes.
@@ -55,7 +55,7 @@ pub enum Element {
 }
 
 impl Element {
-    /// Nodes of an element.
+    /// Returns the number of nodes of an element.
     pub fn nodes(self) -> usize {
         match self {
             Self::Line => 2,
@@ -65,20 +65,19 @@ impl Element {
     }
 }
 
-/// What interfaces see of a solver: where it is, and its shape functions.
+/// Geometry of a solver as an interface uses it: positions and shape functions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// It exists at its nodes only (spheres): the volume that each stands for \[m³\], and pairs of
-    /// neighbours, from which gradients come; none if it has none.
+    /// Particles: values exist at the nodes only. Gradients come from pairs of neighbours.
     Particles {
-        /// Volume of every node \[m³\].
+        /// Volume that each node represents \[m³\].
         volumes: Vec<f64>,
-        /// Neighbours.
+        /// Pairs of neighbours; empty if there are no gradients.
         pairs: Vec<[u32; 2]>,
     },
     /// Linear elements.
     Mesh {
-        /// Which.
+        /// Kind of all elements.
         element: Element,
         /// Nodes of the elements, one element after another.
         connectivity: Vec<u32>,
@@ -87,33 +86,36 @@ pub enum Shape {
     },
 }
 
-/// What a solver says of itself when it is greeted.
+/// Description that a solver sends in answer to the greeting.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
-    /// Longest message it takes, in bytes.
+    /// Longest message it accepts \[bytes\].
     pub limit: u64,
-    /// What it can tell.
+    /// Quantities it offers.
     pub offers: Fields,
-    /// Its name, for messages.
+    /// Name of the solver, for error messages.
     pub name: String,
-    /// What it is, for reports.
+    /// Kind of the solver, for reports.
     pub kind: String,
-    /// Arrangement of its unknowns.
+    /// Numbers of nodes, displacements and rotations.
     pub layout: DofLayout,
     /// Reference positions \[m\].
     pub nodes: Vec<Point3<f64>>,
-    /// Its field.
+    /// Shape functions, or particles.
     pub shape: Shape,
     /// Lumped inertia of every unknown without weights \[kg, kg m²\].
     pub inertia: Vec<f64>,
-    /// Largest stable step without weights \[s\]; infinite if it takes any.
+    /// Critical step without weights \[s\]; infinite if every step is stable.
     pub critical_step: f64,
 }
 
 impl Description {
-    /// Writes it.
-    pub fn write(&self, to: &mut Message) {
-        to.begin(Kind::Description).u64(self.limit).u32(self.offers.0);
+    /// Writes the description to a message.
+    pub fn write(&self, message: &mut Message) {
+        message
+            .begin(Kind::Description)
+            .u64(self.limit)
+            .u32(self.offers.0);
         let (number, section, parts) = match &self.shape {
             Shape::Particles { pairs, .. } => (0, 1.0, pairs.len()),
             Shape::Mesh {
@@ -127,7 +129,8 @@ impl Description {
             components,
             rotations,
         } = self.layout;
-        to.raw(&[components as u8, rotations as u8, number, 0])
+        message
+            .raw(&[components as u8, rotations as u8, number, 0])
             .u64(nodes as u64)
             .u64(parts as u64)
             .f64(section)
@@ -135,67 +138,68 @@ impl Description {
             .text(&self.name, NAME)
             .text(&self.kind, NAME);
         self.nodes.iter().for_each(|x| {
-            to.numbers(x.coords.as_slice());
+            message.numbers(x.coords.as_slice());
         });
-        to.numbers(&self.inertia);
+        message.numbers(&self.inertia);
         match &self.shape {
             Shape::Particles { volumes, pairs } => {
-                to.numbers(volumes);
+                message.numbers(volumes);
                 pairs.iter().flatten().for_each(|k| {
-                    to.u32(*k);
+                    message.u32(*k);
                 });
             }
             Shape::Mesh { connectivity, .. } => connectivity.iter().for_each(|k| {
-                to.u32(*k);
+                message.u32(*k);
             }),
         }
     }
 
-    /// Reads one.
+    /// Reads a description.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
-    pub fn read(mut from: Content<'_>) -> Result<Self> {
-        let (limit, offers) = (from.u64()?, Fields(from.u32()?));
+    pub fn read(mut content: Content<'_>) -> Result<Self> {
+        let (limit, offers) = (content.u64()?, Fields(content.u32()?));
         if !offers.has(Fields::MOTION) {
             return Err(
-                from.wrong("velocities or displacements are not offered; every solver must tell both")
+                content.wrong("velocities or displacements are not offered; every solver must tell both")
             );
         }
-        let [components, rotations, number, _] = [from.u8()?, from.u8()?, from.u8()?, from.u8()?];
+        let [components, rotations, number, _] = [content.u8()?, content.u8()?, content.u8()?, content.u8()?];
         if !matches!(components, 1..=3) || !matches!(rotations, 0 | 3) {
             let rule = format!(
                 "nodes have {components} displacements and {rotations} rotations; 1 to 3 and 0 or 3 they have"
             );
-            return Err(from.wrong(rule));
+            return Err(content.wrong(rule));
         }
         let element = match number {
             0 => None,
             1 => Some(Element::Line),
             2 => Some(Element::Tetrahedron),
             3 => Some(Element::Hexahedron),
-            _ => return Err(from.wrong(format!("the shape is {number}; 0 to 3 there are"))),
+            _ => return Err(content.wrong(format!("the shape is {number}; 0 to 3 there are"))),
         };
         let per_node = 8 * (3 + usize::from(components) + usize::from(rotations));
-        let nodes = from.count("nodes", per_node)?;
+        // Counts are checked against the bytes that each node or element needs, before anything is allocated.
+        let nodes = content.count("nodes", per_node)?;
         if nodes == 0 {
-            return Err(from.wrong("there is no node"));
+            return Err(content.wrong("there is no node"));
         }
-        let parts = from.count("elements or pairs", 4 * element.map_or(2, Element::nodes))?;
-        let section = from.finite("the cross-section")?;
-        let critical_step = from.f64()?;
-        check_step(&from, critical_step)?;
-        let (name, kind) = (from.text("the name", NAME)?, from.text("the kind", NAME)?);
+        let parts = content.count("elements or pairs", 4 * element.map_or(2, Element::nodes))?;
+        let section = content.finite("the cross-section")?;
+        let critical_step = content.f64()?;
+        check_step(&content, critical_step)?;
+        let (name, kind) = (content.text("the name", NAME)?, content.text("the kind", NAME)?);
         let layout = DofLayout {
             nodes,
             components: usize::from(components),
             rotations: usize::from(rotations),
         };
-        let positions = from.vector("positions", 3 * nodes)?;
-        let inertia = from.vector("inertia", layout.dofs())?;
-        check_inertia(&from, &inertia)?;
-        let shape = read_shape(&mut from, element, [nodes, parts], section)?;
-        from.end()?;
+        let positions = content.vector("positions", 3 * nodes)?;
+        let inertia = content.vector("inertia", layout.dofs())?;
+        check_inertia(&content, &inertia)?;
+        let shape = read_shape(&mut content, element, [nodes, parts], section)?;
+        content.end()?;
         let (positions, _) = positions.as_chunks::<3>();
         Ok(Self {
             limit,
@@ -212,18 +216,18 @@ impl Description {
 }
 
 fn read_shape(
-    from: &mut Content<'_>,
+    content: &mut Content<'_>,
     element: Option<Element>,
     [nodes, parts]: [usize; 2],
     section: f64,
 ) -> Result<Shape> {
     let volumes = match element {
-        None => from.vector("volumes", nodes)?,
+        None => content.vector("volumes", nodes)?,
         Some(_) => Vec::new(),
     };
-    let ends = from.integers(parts * element.map_or(2, Element::nodes))?;
+    let ends = content.integers(parts * element.map_or(2, Element::nodes))?;
     if let Some(beyond) = ends.iter().find(|k| **k as usize >= nodes) {
-        return Err(from.wrong(format!("an element or pair names node {beyond} of {nodes}")));
+        return Err(content.wrong(format!("an element or pair names node {beyond} of {nodes}")));
     }
     Ok(match element {
         None => Shape::Particles {
@@ -238,44 +242,44 @@ fn read_shape(
     })
 }
 
-pub(crate) fn check_step(from: &Content<'_>, step: f64) -> Result<()> {
+pub(crate) fn check_step(content: &Content<'_>, step: f64) -> Result<()> {
     if step > 0.0 {
         return Ok(());
     }
-    Err(from.wrong(format!(
+    Err(content.wrong(format!(
         "the critical step is {step} s; it is positive, or infinite for a solver that takes any"
     )))
 }
 
-pub(crate) fn check_inertia(from: &Content<'_>, inertia: &[f64]) -> Result<()> {
+pub(crate) fn check_inertia(content: &Content<'_>, inertia: &[f64]) -> Result<()> {
     match inertia.iter().position(|m| *m < 0.0) {
         None => Ok(()),
-        Some(at) => Err(from.wrong(format!(
-            "the inertia of unknown {at} is {:e}, below zero",
-            inertia[at]
+        Some(unknown) => Err(content.wrong(format!(
+            "the inertia of unknown {unknown} is {:e}, below zero",
+            inertia[unknown]
         ))),
     }
 }
 
-/// What the solver asks a weight for.
+/// Places at which a solver requests a weight.
 #[derive(Debug, Clone)]
 pub enum Places {
-    /// Values at points.
+    /// Requests the value at each point.
     Points(Vec<Point3<f64>>),
-    /// Means over cells.
+    /// Requests the mean over each cell.
     Cells(Vec<Cell<f64>>),
 }
 
-/// A question for weights.
+/// Request for weights.
 #[derive(Debug, Clone)]
 pub struct Ask {
-    /// Of which energy.
+    /// The energy whose weight is requested.
     pub share: Share,
-    /// Where.
+    /// Points or cells.
     pub places: Places,
 }
 
-/// Numbers of the kinds of places.
+/// Codes of the kinds of places.
 const POINTS: u8 = 0;
 const SEGMENTS: u8 = 1;
 const TETRAHEDRA: u8 = 2;
@@ -283,61 +287,61 @@ const HEXAHEDRA: u8 = 3;
 const POLYHEDRA: u8 = 4;
 
 impl Ask {
-    /// Writes the question for the value at a point.
-    pub fn write_point(to: &mut Message, share: Share, x: &Point3<f64>) {
-        begin_ask(to, share, POINTS, 1.0);
-        to.numbers(x.coords.as_slice());
+    /// Writes a request for the value at a point.
+    pub fn write_point(message: &mut Message, share: Share, x: &Point3<f64>) {
+        begin_ask(message, share, POINTS, 1.0);
+        message.numbers(x.coords.as_slice());
     }
 
-    /// Writes the question for the mean over a cell.
-    pub fn write_cell(to: &mut Message, share: Share, cell: &Cell<f64>) {
+    /// Writes a request for the mean over a cell.
+    pub fn write_cell(message: &mut Message, share: Share, cell: &Cell<f64>) {
         match cell {
             Cell::Segment { ends, section } => {
-                begin_ask(to, share, SEGMENTS, *section);
+                begin_ask(message, share, SEGMENTS, *section);
                 ends.iter().for_each(|x| {
-                    to.numbers(x.coords.as_slice());
+                    message.numbers(x.coords.as_slice());
                 });
             }
             Cell::Polyhedron(p) => {
-                begin_ask(to, share, POLYHEDRA, 1.0);
-                to.u32(p.faces.len() as u32);
+                begin_ask(message, share, POLYHEDRA, 1.0);
+                message.u32(p.faces.len() as u32);
                 for face in &p.faces {
-                    to.u32(face.len() as u32);
+                    message.u32(face.len() as u32);
                     face.iter().for_each(|x| {
-                        to.numbers(x.coords.as_slice());
+                        message.numbers(x.coords.as_slice());
                     });
                 }
             }
         }
     }
 
-    /// Reads one.
+    /// Reads a request.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`].
-    pub fn read(mut from: Content<'_>) -> Result<Self> {
-        let share = match from.u8()? {
+    pub fn read(mut content: Content<'_>) -> Result<Self> {
+        let share = match content.u8()? {
             0 => Share::Internal,
             1 => Share::Kinetic,
             2 => Share::External,
-            other => return Err(from.wrong(format!("weight {other} is asked for; 0 to 2 there are"))),
+            other => return Err(content.wrong(format!("weight {other} is asked for; 0 to 2 there are"))),
         };
-        let (what, _, _) = (from.u8()?, from.u8()?, from.u8()?);
-        let count = from.u32()? as usize;
-        let section = from.finite("the cross-section")?;
-        let corners = match what {
+        let (kind, _, _) = (content.u8()?, content.u8()?, content.u8()?);
+        let count = content.u32()? as usize;
+        let section = content.finite("the cross-section")?;
+        let corners = match kind {
             POINTS => 1,
             SEGMENTS => 2,
             TETRAHEDRA => 4,
             HEXAHEDRA => 8,
             POLYHEDRA => 0,
-            _ => return Err(from.wrong(format!("places of kind {what} are asked for; 0 to 4 there are"))),
+            _ => return Err(content.wrong(format!("places of kind {kind} are asked for; 0 to 4 there are"))),
         };
         let places = if corners == 0 {
-            Places::Cells(polyhedra(&mut from, count)?)
+            Places::Cells(polyhedra(&mut content, count)?)
         } else {
-            let points = points(&mut from, count.saturating_mul(corners))?;
-            match what {
+            let points = points(&mut content, count.saturating_mul(corners))?;
+            match kind {
                 POINTS => Places::Points(points),
                 SEGMENTS => {
                     let (ends, _) = points.as_chunks::<2>();
@@ -345,22 +349,22 @@ impl Ask {
                     Places::Cells(ends.iter().map(cell).collect())
                 }
                 TETRAHEDRA => {
-                    let (all, _) = points.as_chunks::<4>();
+                    let (groups, _) = points.as_chunks::<4>();
                     let cell = |p: &[Point3<f64>; 4]| Cell::Polyhedron(Polyhedron::tetrahedron(*p));
-                    Places::Cells(all.iter().map(cell).collect())
+                    Places::Cells(groups.iter().map(cell).collect())
                 }
                 _ => {
-                    let (all, _) = points.as_chunks::<8>();
+                    let (groups, _) = points.as_chunks::<8>();
                     let cell = |p: &[Point3<f64>; 8]| Cell::Polyhedron(Polyhedron::hexahedron(*p));
-                    Places::Cells(all.iter().map(cell).collect())
+                    Places::Cells(groups.iter().map(cell).collect())
                 }
             }
         };
-        from.end()?;
+        content.end()?;
         Ok(Self { share, places })
     }
 
-    /// How many places it names.
+    /// Returns the number of places.
     pub fn count(&self) -> usize {
         match &self.places {
             Places::Points(p) => p.len(),
@@ -368,95 +372,101 @@ impl Ask {
         }
     }
 
-    /// Writes the answer.
-    pub fn answer(&self, weights: &Weights<f64>, to: &mut Message) {
+    /// Writes the answer to this request.
+    pub fn answer(&self, weights: &Weights<f64>, message: &mut Message) {
         let weight: &dyn Weight<f64> = match self.share {
             Share::Internal => &*weights.internal,
             Share::Kinetic => &*weights.kinetic,
             Share::External => &*weights.external,
         };
-        to.begin(Kind::Shares);
+        message.begin(Kind::Shares);
         match &self.places {
             Places::Points(points) => points.iter().for_each(|x| {
-                to.f64(weight.at(x));
+                message.f64(weight.at(x));
             }),
             Places::Cells(cells) => cells.iter().for_each(|c| {
-                to.f64(weight.mean(c));
+                message.f64(weight.mean(c));
             }),
         }
     }
 }
 
-fn begin_ask(to: &mut Message, share: Share, what: u8, section: f64) {
+fn begin_ask(message: &mut Message, share: Share, kind: u8, section: f64) {
     let share = match share {
         Share::Internal => 0,
         Share::Kinetic => 1,
         Share::External => 2,
     };
-    to.begin(Kind::Ask).raw(&[share, what, 0, 0]).u32(1).f64(section);
+    message
+        .begin(Kind::Ask)
+        .raw(&[share, kind, 0, 0])
+        .u32(1)
+        .f64(section);
 }
 
-fn points(from: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
-    let flat = from.vector("points", count.saturating_mul(3))?;
+fn points(content: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
+    let flat = content.vector("points", count.saturating_mul(3))?;
     Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
 }
 
-/// Cells are at most what the message has bytes for: each takes four at least, and so does each face.
-fn polyhedra(from: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
+/// Reads polyhedra. The announced counts allocate nothing: each cell and each face takes at least four bytes
+/// of the message, so that a wrong count ends the reading.
+fn polyhedra(content: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
     let mut out = Vec::new();
     for _ in 0..count {
-        let faces = from.u32()?;
+        let faces = content.u32()?;
         let mut p = Polyhedron::default();
         for _ in 0..faces {
-            let corners = from.u32()? as usize;
+            let corners = content.u32()? as usize;
             if corners < 3 {
-                return Err(from.wrong(format!("a face has {corners} corners")));
+                return Err(content.wrong(format!("a face has {corners} corners")));
             }
-            p.faces.push(points(from, corners)?);
+            p.faces.push(points(content, corners)?);
         }
         if p.faces.len() < 4 {
-            return Err(from.wrong(format!("a polyhedron has {} faces", p.faces.len())));
+            return Err(content.wrong(format!("a polyhedron has {} faces", p.faces.len())));
         }
         out.push(Cell::Polyhedron(p));
     }
     Ok(out)
 }
 
-/// Writes what a solver must remember, as [`Kind::Record`] or [`Kind::Restore`].
-pub fn write_record(to: &mut Message, kind: Kind, record: &Record<f64>) {
-    to.begin(kind)
+/// Writes the state that a solver saves, as [`Kind::Record`] or [`Kind::Restore`].
+pub fn write_record(message: &mut Message, kind: Kind, record: &Record<f64>) {
+    message
+        .begin(kind)
         .u64(record.numbers.len() as u64)
         .u64(record.integers.len() as u64)
         .numbers(&record.numbers);
     record.integers.iter().for_each(|k| {
-        to.u64(*k);
+        message.u64(*k);
     });
 }
 
-/// Reads it; numbers may be any, they are the solver's own.
+/// Reads a saved state. The numbers may have any value, also NaN: they are the solver's own.
 ///
 /// # Errors
 /// [`Error::Length`], [`Error::Content`].
-pub fn read_record(mut from: Content<'_>) -> Result<Record<f64>> {
-    let numbers = from.count("numbers", 8)?;
-    let integers = from.count("integers", 8)?;
+pub fn read_record(mut content: Content<'_>) -> Result<Record<f64>> {
+    let numbers = content.count("numbers", 8)?;
+    let integers = content.count("integers", 8)?;
     let record = Record {
-        numbers: from
+        numbers: content
             .long_integers(numbers)?
             .into_iter()
             .map(f64::from_bits)
             .collect(),
-        integers: from.long_integers(integers)?,
+        integers: content.long_integers(integers)?,
     };
-    from.end()?;
+    content.end()?;
     Ok(record)
 }
 
-/// Reads the words of [`Kind::Failed`] as the error that they are.
-pub(crate) fn read_failure(mut from: Content<'_>, peer: &str) -> Result<Error> {
-    let most = crate::wire::SMALL as usize;
-    let text = from.text("the reason", most)?;
-    from.end()?;
+/// Reads the text of [`Kind::Failed`] as an error.
+pub(crate) fn read_failure(mut content: Content<'_>, peer: &str) -> Result<Error> {
+    let limit = crate::wire::SMALL as usize;
+    let text = content.text("the reason", limit)?;
+    content.end()?;
     let peer = peer.to_owned();
     Ok(Error::Failed { peer, text })
 }

@@ -14,28 +14,29 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Difference of weighted from unweighted inertia that is round-off, of a solver in single precision as well.
+/// Relative excess of weighted over unweighted inertia that is round-off, also for a solver in single
+/// precision.
 const WEIGHED: f64 = ROUNDED;
-/// Questions for weights that a solver may ask before it answers, beside some for each of its nodes.
+/// Number of requests for weights that a solver may send before its answer, in addition to
+/// [`QUESTIONS_PER_NODE`] for each node: a solver that asks for ever must not hold the run.
 const QUESTIONS: usize = 10_000;
-/// The same per node: elements and bonds, for each of three weights.
+/// Number of requests per node: elements and bonds, for each of three weights.
 const QUESTIONS_PER_NODE: usize = 200;
 
-/// What a run allows the other side.
+/// Limits that a run sets for the other side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// How long it may take to start and to connect: an interpreter with its packages takes seconds on a
-    /// busy machine.
+    /// Time to start and to connect: an interpreter with its packages takes seconds on a busy machine.
     pub start: Duration,
-    /// How long it may take to answer once it is connected; a solver that needs longer sends
-    /// [`Kind::Working`] meanwhile.
+    /// Time to answer once it is connected; a solver that needs longer sends [`Kind::Working`] meanwhile.
     pub timeout: Duration,
-    /// Longest message in bytes.
+    /// Longest message accepted \[bytes\].
     pub limit: u64,
 }
 
 impl Default for Options {
-    /// 30 s to start, 4 s to answer and 1 GiB. A command that ends before it connects is noticed at once.
+    /// Returns 30 s to start, 4 s to answer and 1 GiB. A command that ends before it connects is noticed at
+    /// once.
     fn default() -> Self {
         Self {
             start: Duration::from_secs(30),
@@ -45,7 +46,7 @@ impl Default for Options {
     }
 }
 
-/// A solver in another process, as a run sees it. When it goes, so does the process, if the run started it.
+/// A solver in another process, as a run uses it. Dropping it ends the process if the run started it.
 ///
 /// ```no_run
 /// use arlequin_link::{Options, Remote};
@@ -63,12 +64,12 @@ pub struct Remote {
 }
 
 impl Remote {
-    /// Starts a command in a folder and waits for it to connect. It finds the address in the environment
-    /// variable [`crate::VARIABLE`]. `name` is that of the model in the run.
+    /// Starts a command in a folder and waits for it to connect. The command finds the address in the
+    /// environment variable [`crate::VARIABLE`]. `name` is the model's name in the run.
     ///
     /// # Errors
-    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and everything that may be wrong with
-    /// what it says of itself.
+    /// [`Error::Command`], [`Error::Silent`], [`Error::Interrupted`], and any error in the description that
+    /// the solver sends.
     pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
         let listener = Listener::private()?;
         let child = Started::new(command, folder, listener.address())?;
@@ -76,18 +77,18 @@ impl Remote {
         Self::meet(name, peer, &listener, Some(child), options)
     }
 
-    /// Waits at an address for a solver that somebody else starts.
+    /// Waits at an address for a solver that is started by somebody else.
     ///
     /// # Errors
-    /// [`Error::System`] for an address that is in use; else as [`Self::start`].
+    /// [`Error::System`] for an address that is in use; else those of [`Self::start`].
     pub fn await_at(name: &str, address: &Address, options: Options) -> Result<Self> {
         Self::accept(name, &Listener::at(address)?, options)
     }
 
-    /// The same with a door that is open already.
+    /// Waits for a solver at a listener that is already open.
     ///
     /// # Errors
-    /// As [`Self::await_at`].
+    /// The errors of [`Self::await_at`].
     pub fn accept(name: &str, listener: &Listener, options: Options) -> Result<Self> {
         let peer = format!("'{name}' ({})", listener.address());
         Self::meet(name, peer, listener, None, options)
@@ -110,11 +111,11 @@ impl Remote {
                 None => Ok(()),
                 Some(c) => c
                     .ended(Duration::ZERO)
-                    .map_or(Ok(()), |how| Err(c.early(&how, "it connected"))),
+                    .map_or(Ok(()), |how| Err(c.ended_early(&how, "it connected"))),
             }
         };
-        let came = listener.accept(Instant::now() + options.start, &mut watch)?;
-        let Some(stream) = came else {
+        let accepted = listener.accept(Instant::now() + options.start, &mut watch)?;
+        let Some(stream) = accepted else {
             return Err(Error::Silent {
                 peer,
                 waited: waited(),
@@ -130,7 +131,7 @@ impl Remote {
             Description::read(link.channel.content(header))
         };
         let description = link.guarded(greet)?;
-        link.know_of(&description);
+        link.store_description(&description);
         Ok(Self {
             name: name.to_owned(),
             critical_step: description.critical_step,
@@ -139,22 +140,22 @@ impl Remote {
         })
     }
 
-    /// What the other side said of itself.
+    /// Returns the description that the solver has sent.
     pub fn description(&self) -> &Description {
         &self.description
     }
 
-    /// Its field, of which the junction is made.
+    /// Returns the solver's geometry, from which the junction is built.
     pub fn shape(&self) -> &Shape {
         &self.description.shape
     }
 
-    fn of_model<V>(&self, result: Result<V>) -> arlequin_core::Result<V> {
+    fn with_name<V>(&self, result: Result<V>) -> arlequin_core::Result<V> {
         result.map_err(|e| arlequin_core::Error::of_model(&self.name, e))
     }
 
     fn weigh_all(&self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<f64> {
-        let whole = &self.description.inertia;
+        let unweighted = &self.description.inertia;
         let nodes = self.description.nodes.len();
         self.link.borrow_mut().guarded(|link| {
             let nodal = u64::from(weights.weighting == Weighting::Nodal);
@@ -165,8 +166,8 @@ impl Remote {
             while header.kind == Kind::Ask {
                 let ask = Ask::read(link.channel.content(header))?;
                 questions = questions.checked_sub(1).ok_or_else(|| {
-                    let asked = QUESTIONS + QUESTIONS_PER_NODE * nodes;
-                    let rule = format!("nothing new is asked: {asked} questions for {nodes} nodes; ask for many places at once");
+                    let limit = QUESTIONS + QUESTIONS_PER_NODE * nodes;
+                    let rule = format!("nothing new is asked: {limit} questions for {nodes} nodes; ask for many places at once");
                     link.channel.content(header).wrong(rule)
                 })?;
                 ask.answer(weights, &mut link.channel.out);
@@ -179,14 +180,15 @@ impl Remote {
             check_inertia(&content, inertia)?;
             content.end()?;
             let heavier = |(m, w): (&f64, &f64)| *m > *w * (1.0 + WEIGHED);
-            if let Some(unknown) = inertia.iter().zip(whole).position(heavier) {
+            if let Some(unknown) = inertia.iter().zip(unweighted).position(heavier) {
                 return Err(Error::Heavier {
                     peer: link.channel.peer.clone(),
                     unknown,
                     found: inertia[unknown],
-                    whole: whole[unknown],
+                    whole: unweighted[unknown],
                 });
             }
+            // The new inertia must prove itself by an impulse, too.
             link.inertia.copy_from_slice(inertia);
             link.known = Fields::default();
             link.trusted = false;
@@ -211,27 +213,27 @@ impl Participant<f64> for Remote {
 
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> arlequin_core::Result<()> {
         let critical = self.weigh_all(weights, inertia);
-        self.critical_step = self.of_model(critical)?;
+        self.critical_step = self.with_name(critical)?;
         Ok(())
     }
 
-    fn advance(&mut self, from: f64, step: f64) -> arlequin_core::Result<()> {
+    fn advance(&mut self, time: f64, step: f64) -> arlequin_core::Result<()> {
         let outcome = self.link.borrow_mut().guarded(|link| {
-            let wanted = link.of_step();
+            let wanted = link.step_fields();
             link.known = Fields::default();
             link.channel
                 .out
                 .begin(Kind::Advance)
-                .f64(from)
+                .f64(time)
                 .f64(step)
                 .u32(wanted.0)
                 .u32(0);
             link.read_state(wanted)
         });
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 
-    /// Numbers that are none where the other side does not answer; the next step says why.
+    /// Writes NaN if the other side does not answer; the next step returns the error.
     fn velocities(&self, out: &mut [f64]) {
         let mut link = self.link.borrow_mut();
         match link.know(Fields::VELOCITIES) {
@@ -240,7 +242,7 @@ impl Participant<f64> for Remote {
         }
     }
 
-    /// As [`Self::velocities`].
+    /// Writes NaN if the other side does not answer, like [`Self::velocities`].
     fn displacements(&self, out: &mut [f64]) {
         let mut link = self.link.borrow_mut();
         match link.know(Fields::DISPLACEMENTS) {
@@ -251,16 +253,16 @@ impl Participant<f64> for Remote {
 
     fn kick(&mut self, impulse: &[f64]) -> arlequin_core::Result<()> {
         let outcome = self.link.borrow_mut().kick(impulse);
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
         let mut link = self.link.borrow_mut();
-        let has = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
-        if has {
+        let is_known = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
+        if is_known {
             out.copy_from_slice(&link.a);
         }
-        has
+        is_known
     }
 
     fn critical_step(&self) -> Option<f64> {
@@ -269,8 +271,8 @@ impl Participant<f64> for Remote {
 
     fn invariant(&self) -> Option<f64> {
         let mut link = self.link.borrow_mut();
-        let has = link.offers.has(Fields::INVARIANT) && link.know(Fields::INVARIANT).is_ok();
-        has.then_some(link.invariant)
+        let is_known = link.offers.has(Fields::INVARIANT) && link.know(Fields::INVARIANT).is_ok();
+        is_known.then_some(link.invariant)
     }
 
     fn save(&self) -> arlequin_core::Result<Record<f64>> {
@@ -287,10 +289,10 @@ impl Participant<f64> for Remote {
             let header = link.exchange(Kind::Record, 16..=u64::MAX)?;
             read_record(link.channel.content(header))
         });
-        self.of_model(record)
+        self.with_name(record)
     }
 
-    fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
+    fn restore(&mut self, record: &Record<f64>) -> arlequin_core::Result<()> {
         let mut link = self.link.borrow_mut();
         if !link.offers.has(Fields::MEMORY) {
             return Err(arlequin_core::Error::Unsupported {
@@ -299,11 +301,11 @@ impl Participant<f64> for Remote {
             });
         }
         let outcome = link.guarded(|link| {
-            write_record(&mut link.channel.out, Kind::Restore, from);
+            write_record(&mut link.channel.out, Kind::Restore, record);
             link.known = Fields::default();
-            link.done()
+            link.expect_done()
         });
         drop(link);
-        self.of_model(outcome)
+        self.with_name(outcome)
     }
 }

@@ -11,14 +11,14 @@ use arlequin_core::{Participant, Share, Weight, Weighting, Weights};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long a run is looked for that does not wait yet.
+/// Time to look for a run that does not listen yet.
 const LOOK: Duration = Duration::from_secs(5);
-/// Pause between two looks.
+/// Pause between two attempts.
 const GLANCE: Duration = Duration::from_millis(20);
 
 type Shared = Arc<Mutex<Talk>>;
 
-/// The channel, and what went wrong within a call that cannot say so.
+/// The channel, and the error of a call that cannot return one.
 #[derive(Debug)]
 struct Talk {
     channel: Channel,
@@ -29,14 +29,14 @@ fn lock(talk: &Shared) -> MutexGuard<'_, Talk> {
     talk.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One of the weights that a run has, asked for over the link: one question per point or cell.
+/// A weight that the run evaluates: each point or cell is one request over the link.
 struct Asked {
     talk: Shared,
     share: Share,
 }
 
 impl Asked {
-    /// NaN where the run does not answer; why is kept.
+    /// Sends a request and returns the answer; NaN if there is none, with the error kept in [`Talk::failed`].
     fn ask(&self, write: impl FnOnce(&mut Channel)) -> f64 {
         let mut talk = lock(&self.talk);
         if talk.failed.is_some() {
@@ -64,13 +64,13 @@ impl Weight<f64> for Asked {
     }
 }
 
-/// Offers a solver to the run that waits at an address, and does as the run says until it ends. `shape` is
-/// what interfaces see of the solver.
+/// Serves a solver to the run that waits at an address, until the run ends. `shape` is the geometry that
+/// interfaces use.
 ///
 /// # Errors
-/// [`Error::System`] where nobody waits within 5 s, [`Error::Closed`] where the run is gone before it says
-/// so, and everything that may be wrong with what it sends. Errors of the solver are told to the run and
-/// are none here.
+/// [`Error::System`] if nobody listens within 5 s; [`Error::Closed`] if the run is gone before it has
+/// announced its end; any error in what the run sends. Errors of the solver are sent to the run and not
+/// returned here.
 pub fn serve(address: &Address, solver: &mut dyn Participant<f64>, shape: &Shape) -> Result<()> {
     let until = Instant::now() + LOOK;
     let stream = loop {
@@ -102,7 +102,7 @@ struct Server<'a> {
     numbers: Vec<f64>,
 }
 
-/// Whether the outcome is to be sent, as it was written, or an error of the solver's told.
+/// `Ok`: the answer is written and can be sent. `Err`: the solver's error, which is sent instead.
 type Answer = std::result::Result<(), arlequin_core::Error>;
 
 impl Server<'_> {
@@ -110,7 +110,7 @@ impl Server<'_> {
         let talk = self.talk.clone();
         let mut talk = lock(&talk);
         let header = match talk.channel.receive(&[Kind::Hello], 12..=SMALL) {
-            // The header of what is said now tells the run which version this side has.
+            // The header of this answer shows the run which version this side has.
             Err(e @ Error::Version { .. }) => {
                 fail(&mut talk.channel, &e.to_string())?;
                 return Err(e);
@@ -141,7 +141,7 @@ impl Server<'_> {
         let mut inertia = vec![0.0; self.numbers.len()];
         self.solver.weigh(&Weights::uncoupled(), &mut inertia)?;
         let mut offers = Fields::MOTION;
-        let has = [
+        let optional = [
             (
                 self.solver.accelerations(&mut self.numbers),
                 Fields::ACCELERATIONS,
@@ -149,7 +149,7 @@ impl Server<'_> {
             (self.solver.invariant().is_some(), Fields::INVARIANT),
             (self.solver.save().is_ok(), Fields::MEMORY),
         ];
-        for (_, field) in has.into_iter().filter(|h| h.0) {
+        for (_, field) in optional.into_iter().filter(|h| h.0) {
             offers = offers.and(field);
         }
         Ok(Description {
@@ -165,7 +165,7 @@ impl Server<'_> {
         })
     }
 
-    /// Answers one request; false when it was the last.
+    /// Answers one request. Returns false after the last one.
     fn answer(&mut self) -> Result<bool> {
         const DUE: [Kind; 7] = [
             Kind::Advance,
@@ -184,7 +184,7 @@ impl Server<'_> {
                 let mut content = talk.channel.content(header);
                 let nodal = content.u64()? == 1;
                 content.end()?;
-                // The questions of its weights need the channel.
+                // The solver's requests for weights need the channel.
                 drop(talk);
                 let outcome = self.weigh(nodal);
                 talk = lock(&shared);
@@ -205,17 +205,17 @@ impl Server<'_> {
         Ok(header.kind != Kind::End)
     }
 
-    /// Does what a message says and writes the answer.
+    /// Carries out a request and writes the answer.
     fn act(&mut self, header: Header, channel: &mut Channel) -> Result<Answer> {
         let mut content = channel.content(header);
         Ok(match header.kind {
             Kind::Advance => {
-                let (from, step) = (content.finite("the time")?, content.finite("the step")?);
+                let (time, step) = (content.finite("the time")?, content.finite("the step")?);
                 let wanted = Fields(content.u32()?);
                 content.u32()?;
                 content.end()?;
                 self.solver
-                    .advance(from, step)
+                    .advance(time, step)
                     .map(|()| self.write_state(wanted, channel))
             }
             Kind::Tell => {

@@ -1,10 +1,10 @@
-//! Any model as a solver that steps itself: what a server of models needs.
+//! Velocity Verlet for any model: makes it a solver that a link can serve.
 
 use arlequin_core::nalgebra::Point3;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Error, Model, Participant, Result, Weighting, Weights};
 
-/// A [`Model`] with velocity Verlet of its own, and with the supports and loads of nobody.
+/// A [`Model`] that steps itself by velocity Verlet, without supports and loads.
 pub struct Verlet {
     model: Box<dyn Model<f64>>,
     inertia: Vec<f64>,
@@ -12,7 +12,7 @@ pub struct Verlet {
     q: Vec<f64>,
     v: Vec<f64>,
     force: Vec<f64>,
-    /// Length of the last step \[s\].
+    /// Length of the last step \[s\], for the invariant.
     step: f64,
     critical: Option<f64>,
 }
@@ -24,11 +24,11 @@ impl std::fmt::Debug for Verlet {
 }
 
 impl Verlet {
-    /// A model in the state given, displacements \[m, rad\] and velocities \[m/s, rad/s\].
+    /// Creates the solver in a given state: displacements \[m, rad\] and velocities \[m/s, rad/s\].
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] unless there is one of each per unknown; [`Error::Unsupported`] for a model
-    /// that changes itself, such as one whose bonds break.
+    /// that changes as it moves, such as one whose bonds break.
     pub fn new(mut model: Box<dyn Model<f64>>, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         arlequin_core::check_size(&*model, "displacements", q.len())?;
         arlequin_core::check_size(&*model, "velocities", v.len())?;
@@ -57,7 +57,7 @@ impl Verlet {
         }
     }
 
-    fn find_forces(&mut self) -> Result<()> {
+    fn compute_forces(&mut self) -> Result<()> {
         self.force.fill(0.0);
         self.model.advance(&self.q, &mut self.force)
     }
@@ -78,7 +78,7 @@ impl Participant<f64> for Verlet {
     }
 
     /// # Errors
-    /// [`Error::Unsupported`] for weights at the nodes; [`Error::InvalidParameter`] for an unknown without
+    /// [`Error::Unsupported`] for nodal weighting; [`Error::InvalidParameter`] for an unknown without
     /// inertia.
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         if weights.weighting == Weighting::Nodal {
@@ -101,13 +101,14 @@ impl Participant<f64> for Verlet {
         }
         self.inertia.copy_from_slice(inertia);
         self.critical = Some(self.model.critical_step(&self.inverse)?);
-        self.find_forces()
+        // The first half step needs the forces under the new weights.
+        self.compute_forces()
     }
 
     fn advance(&mut self, _from: f64, step: f64) -> Result<()> {
         self.half_kick(step);
         self.q.iter_mut().zip(&self.v).for_each(|(q, v)| *q += step * v);
-        self.find_forces()?;
+        self.compute_forces()?;
         self.half_kick(step);
         self.step = step;
         Ok(())
@@ -121,14 +122,17 @@ impl Participant<f64> for Verlet {
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let all = self.force.iter().zip(&self.inverse);
-        out.iter_mut().zip(all).for_each(|(a, (f, w))| *a = f * w);
+        let unknowns = self.force.iter().zip(&self.inverse);
+        out.iter_mut().zip(unknowns).for_each(|(a, (f, w))| *a = f * w);
         true
     }
 
     fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        let all = impulse.iter().zip(&self.inverse);
-        self.v.iter_mut().zip(all).for_each(|(v, (p, w))| *v += p * w);
+        let unknowns = impulse.iter().zip(&self.inverse);
+        self.v
+            .iter_mut()
+            .zip(unknowns)
+            .for_each(|(v, (p, w))| *v += p * w);
         Ok(())
     }
 
@@ -136,15 +140,16 @@ impl Participant<f64> for Verlet {
         self.critical
     }
 
-    /// `½vᵀMv + U(q) − ⅛Δt² fᵀM⁻¹f`: what velocity Verlet keeps of a linear model at whole steps.
+    /// Returns `½vᵀMv + U(q) − ⅛Δt² fᵀM⁻¹f` \[J\]: velocity Verlet conserves this energy of a linear model at
+    /// whole steps.
     fn invariant(&self) -> Option<f64> {
-        let all = self
+        let unknowns = self
             .v
             .iter()
             .zip(&self.force)
             .zip(&self.inertia)
             .zip(&self.inverse);
-        let nodes: f64 = all
+        let nodes: f64 = unknowns
             .map(|(((v, f), m), w)| 0.5 * m * v * v - 0.125 * self.step.powi(2) * f * f * w)
             .sum();
         Some(nodes + self.model.internal_energy(&self.q))
@@ -152,24 +157,24 @@ impl Participant<f64> for Verlet {
 
     fn save(&self) -> Result<Record<f64>> {
         let mut record = self.model.save();
-        let own = [&self.q, &self.v, &self.force].into_iter().flatten();
-        record.numbers.extend(own.chain([&self.step]));
+        let state = [&self.q, &self.v, &self.force].into_iter().flatten();
+        record.numbers.extend(state.chain([&self.step]));
         Ok(record)
     }
 
-    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+    fn restore(&mut self, record: &Record<f64>) -> Result<()> {
         let n = self.q.len();
-        let Some(at) = from.numbers.len().checked_sub(3 * n + 1) else {
-            return from.expect(self.model.name(), 3 * n + 1, from.integers.len());
+        let Some(split) = record.numbers.len().checked_sub(3 * n + 1) else {
+            return record.expect(self.model.name(), 3 * n + 1, record.integers.len());
         };
-        let (of_model, own) = from.numbers.split_at(at);
+        let (of_model, state) = record.numbers.split_at(split);
         self.model.restore(&Record {
             numbers: of_model.to_vec(),
-            integers: from.integers.clone(),
+            integers: record.integers.clone(),
         })?;
-        let (q, rest) = own.split_at(n);
-        let (v, rest) = rest.split_at(n);
-        let (force, step) = rest.split_at(n);
+        let (q, tail) = state.split_at(n);
+        let (v, tail) = tail.split_at(n);
+        let (force, step) = tail.split_at(n);
         self.q.copy_from_slice(q);
         self.v.copy_from_slice(v);
         self.force.copy_from_slice(force);

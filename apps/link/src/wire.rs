@@ -1,58 +1,58 @@
-//! Bytes of the protocol: headers, numbers and texts, little-endian. What it means is in docs/link.md, byte
-//! by byte.
+//! Bytes of the protocol: headers, numbers and texts, little-endian. docs/link.md describes the meaning of
+//! every byte.
 
 use crate::error::{Error, Result};
 
-/// Version of the protocol. Both sides must have the same.
+/// Version of the protocol. Both sides must have the same version.
 pub const VERSION: u16 = 1;
 /// First bytes of every message.
 pub const MAGIC: [u8; 4] = *b"ARLQ";
-/// Bytes of a header: magic, version, kind, length of what follows.
+/// Length of a header \[bytes\]: magic, version, kind, length of the content.
 pub const HEADER: usize = 16;
-/// Longest message unless a side says otherwise in the handshake, in bytes.
+/// Longest message accepted by default \[bytes\].
 pub const LIMIT: u64 = 1 << 30;
-/// Longest message of fixed size or text, in bytes: all but those that carry numbers per node.
+/// Longest message of fixed size or text \[bytes\]: any message but those with numbers per node.
 pub(crate) const SMALL: u64 = 1 << 16;
-/// Longest name, in bytes.
+/// Longest name \[bytes\].
 pub(crate) const NAME: usize = 1024;
 
 /// Kinds of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Kind {
-    /// The run greets: the longest message it takes.
+    /// The run greets, and names the longest message it accepts.
     Hello = 1,
-    /// The run asks for the inertia under its weights.
+    /// The run requests the inertia under its weights.
     Weigh = 2,
     /// The run answers [`Self::Ask`].
     Shares = 3,
-    /// The solver is to go on.
+    /// The run requests a step.
     Advance = 4,
-    /// An impulse for every unknown.
+    /// The run sends an impulse for every unknown.
     Impulse = 5,
-    /// The solver is to tell its state.
+    /// The run requests the state.
     Tell = 6,
-    /// The solver is to tell what it must remember.
+    /// The run requests the solver's memory, for a checkpoint.
     Save = 7,
-    /// The solver goes back to what it told.
+    /// The run sends a saved memory to go back to.
     Restore = 8,
-    /// The run is over.
+    /// The run has ended.
     End = 9,
-    /// What the solver is: name, nodes, field, inertia, critical step.
+    /// Description of the solver: name, nodes, shape functions, inertia, critical step.
     Description = 65,
-    /// The solver asks for weights at points or for their means.
+    /// The solver requests weights at points, or their means over cells.
     Ask = 66,
-    /// Critical step, and inertia of every unknown.
+    /// Critical step, and inertia of every unknown, under the weights.
     Inertia = 67,
-    /// Velocities, displacements, accelerations, invariant, as asked for.
+    /// Velocities, displacements, accelerations, invariant, as requested.
     State = 68,
-    /// What the solver must remember.
+    /// The solver's memory.
     Record = 69,
-    /// Done; nothing to tell.
+    /// Confirmation without content.
     Done = 70,
-    /// Still at it: the wait begins anew.
+    /// The solver needs more time: the time limit starts again.
     Working = 71,
-    /// It cannot be done; in words.
+    /// The request has failed; the reason in words.
     Failed = 72,
 }
 
@@ -78,7 +78,7 @@ impl Kind {
         (Self::Failed, "failed"),
     ];
 
-    /// The kind of a number.
+    /// Returns the kind with a number.
     pub fn of(number: u16) -> Option<Self> {
         Self::NAMES.iter().map(|k| k.0).find(|k| *k as u16 == number)
     }
@@ -91,17 +91,17 @@ impl std::fmt::Display for Kind {
     }
 }
 
-/// A header that was read.
+/// Header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// Which message.
+    /// Kind of the message.
     pub kind: Kind,
-    /// Bytes that follow.
+    /// Length of the content \[bytes\].
     pub length: u64,
 }
 
 impl Header {
-    /// Its bytes.
+    /// Returns the bytes of the header.
     pub fn bytes(&self) -> [u8; HEADER] {
         let mut out = [0; HEADER];
         out[..4].copy_from_slice(&MAGIC);
@@ -111,10 +111,10 @@ impl Header {
         out
     }
 
-    /// Reads one of `peer`.
+    /// Reads a header sent by `peer`.
     ///
     /// # Errors
-    /// [`Error::Stranger`], [`Error::Version`], [`Error::Unexpected`] for a kind that there is not.
+    /// [`Error::Stranger`], [`Error::Version`]; [`Error::Unexpected`] for an unknown kind.
     pub fn read(bytes: &[u8; HEADER], peer: &str) -> Result<Self> {
         let [a, b, c, d, v, w, k, l, length @ ..] = *bytes;
         let (peer, found) = (peer.to_owned(), [a, b, c, d]);
@@ -139,7 +139,7 @@ impl Header {
     }
 }
 
-/// A message that is written: header and content in one buffer, which is kept from one to the next.
+/// A message being written: header and content in one buffer, which is reused for the next message.
 #[derive(Debug)]
 pub struct Message {
     kind: Kind,
@@ -163,56 +163,56 @@ impl Message {
         self
     }
 
-    /// Adds bytes as they are.
+    /// Appends bytes unchanged.
     pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
         self.bytes.extend_from_slice(bytes);
         self
     }
 
-    /// Adds an integer.
+    /// Appends a 32-bit integer.
     pub fn u32(&mut self, x: u32) -> &mut Self {
         self.raw(&x.to_le_bytes())
     }
 
-    /// Adds an integer.
+    /// Appends a 64-bit integer.
     pub fn u64(&mut self, x: u64) -> &mut Self {
         self.raw(&x.to_le_bytes())
     }
 
-    /// Adds a number.
+    /// Appends a number.
     pub fn f64(&mut self, x: f64) -> &mut Self {
         self.raw(&x.to_le_bytes())
     }
 
-    /// Adds numbers, without their count.
+    /// Appends numbers, without their count.
     pub fn numbers(&mut self, x: &[f64]) -> &mut Self {
-        let from = self.bytes.len();
-        self.bytes.resize(from + 8 * x.len(), 0);
-        let (slots, _) = self.bytes[from..].as_chunks_mut::<8>();
+        let start = self.bytes.len();
+        self.bytes.resize(start + 8 * x.len(), 0);
+        let (slots, _) = self.bytes[start..].as_chunks_mut::<8>();
         slots.iter_mut().zip(x).for_each(|(b, x)| *b = x.to_le_bytes());
         self
     }
 
-    /// Adds a text: its length in bytes, and its bytes in UTF-8.
-    pub fn text(&mut self, text: &str, most: usize) -> &mut Self {
-        let mut end = text.len().min(most);
+    /// Appends a text: its length in bytes, then its bytes in UTF-8. A text longer than `limit` bytes is cut.
+    pub fn text(&mut self, text: &str, limit: usize) -> &mut Self {
+        let mut end = text.len().min(limit);
         while !text.is_char_boundary(end) {
             end -= 1;
         }
         self.u32(end as u32).raw(&text.as_bytes()[..end])
     }
 
-    /// Bytes behind the header.
+    /// Returns the length of the content \[bytes\].
     pub fn length(&self) -> u64 {
         (self.bytes.len() - HEADER) as u64
     }
 
-    /// Which message.
+    /// Returns the kind of the message.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// The whole message with its header.
+    /// Completes the header and returns the whole message.
     pub fn finish(&mut self) -> &[u8] {
         let header = Header {
             kind: self.kind,
@@ -223,27 +223,27 @@ impl Message {
     }
 }
 
-/// A message that is read, from its front to its end.
+/// Content of a received message, read from front to end.
 #[derive(Debug)]
 pub struct Content<'a> {
     peer: &'a str,
     kind: Kind,
     length: u64,
-    rest: &'a [u8],
+    unread: &'a [u8],
 }
 
 impl<'a> Content<'a> {
-    /// What followed a header.
+    /// Wraps the bytes that followed a header.
     pub fn new(peer: &'a str, kind: Kind, bytes: &'a [u8]) -> Self {
         Self {
             peer,
             kind,
             length: bytes.len() as u64,
-            rest: bytes,
+            unread: bytes,
         }
     }
 
-    /// The error that something in this message is not as it must be.
+    /// Creates the error that something in this message breaks a rule.
     pub fn wrong(&self, rule: impl Into<String>) -> Error {
         Error::Content {
             peer: self.peer.to_owned(),
@@ -261,21 +261,21 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// The next bytes.
+    /// Reads the next bytes.
     ///
     /// # Errors
-    /// [`Error::Length`] if there are not so many.
+    /// [`Error::Length`] if there are fewer bytes.
     pub fn raw(&mut self, count: usize) -> Result<&'a [u8]> {
-        let Some((head, rest)) = self.rest.split_at_checked(count) else {
+        let Some((head, unread)) = self.unread.split_at_checked(count) else {
             let rule = format!("{count} more were due behind the first {}", self.read());
             return Err(self.length(rule));
         };
-        self.rest = rest;
+        self.unread = unread;
         Ok(head)
     }
 
     fn read(&self) -> u64 {
-        self.length - self.rest.len() as u64
+        self.length - self.unread.len() as u64
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
@@ -284,7 +284,7 @@ impl<'a> Content<'a> {
         Ok(out)
     }
 
-    /// The next byte.
+    /// Reads the next byte.
     ///
     /// # Errors
     /// [`Error::Length`] at the end.
@@ -292,7 +292,7 @@ impl<'a> Content<'a> {
         self.array::<1>().map(|[b]| b)
     }
 
-    /// The next integer.
+    /// Reads the next 32-bit integer.
     ///
     /// # Errors
     /// [`Error::Length`] at the end.
@@ -300,7 +300,7 @@ impl<'a> Content<'a> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// The next integer.
+    /// Reads the next 64-bit integer.
     ///
     /// # Errors
     /// [`Error::Length`] at the end.
@@ -308,7 +308,7 @@ impl<'a> Content<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// The next number.
+    /// Reads the next number.
     ///
     /// # Errors
     /// [`Error::Length`] at the end.
@@ -316,7 +316,7 @@ impl<'a> Content<'a> {
         self.array().map(f64::from_le_bytes)
     }
 
-    /// The next number, which must be finite.
+    /// Reads the next number, which must be finite.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Content`] naming `what`.
@@ -328,14 +328,14 @@ impl<'a> Content<'a> {
         Err(self.wrong(format!("{what} is {x}, not a finite number")))
     }
 
-    /// A count of things of `size` bytes each, of which the message has room for no more than it has bytes
-    /// left.
+    /// Reads a count of items of `size` bytes each. The rest of the message must have room for them, so that
+    /// the count may be used to allocate memory.
     ///
     /// # Errors
     /// [`Error::Content`] naming `what`.
     pub fn count(&mut self, what: &str, size: usize) -> Result<usize> {
         let count = self.u64()?;
-        let room = self.rest.len() / size.max(1);
+        let room = self.unread.len() / size.max(1);
         match usize::try_from(count) {
             Ok(count) if count <= room => Ok(count),
             _ => Err(self.wrong(format!("{count} {what} are announced, with room for {room}"))),
@@ -345,10 +345,11 @@ impl<'a> Content<'a> {
     /// Fills `out` with the next numbers, which must be finite.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Content`] naming `what` and the first that is not finite.
+    /// [`Error::Length`]; [`Error::Content`] naming `what` and the first number that is not finite.
     pub fn numbers(&mut self, what: &str, out: &mut [f64]) -> Result<()> {
         let bytes = self.raw(8 * out.len())?;
         let (chunks, _) = bytes.as_chunks::<8>();
+        // Tested once after the loop: the search for the entry costs time only if there is an error.
         let mut finite = true;
         for (x, b) in out.iter_mut().zip(chunks) {
             *x = f64::from_le_bytes(*b);
@@ -357,17 +358,20 @@ impl<'a> Content<'a> {
         if finite {
             return Ok(());
         }
-        let at = out.iter().position(|x| !x.is_finite()).unwrap_or_default();
-        Err(self.wrong(format!("{what}: entry {at} is {}, not a finite number", out[at])))
+        let entry = out.iter().position(|x| !x.is_finite()).unwrap_or_default();
+        Err(self.wrong(format!(
+            "{what}: entry {entry} is {}, not a finite number",
+            out[entry]
+        )))
     }
 
-    /// The next numbers, finite, as many as said; the message must be long enough before anything is
-    /// allocated.
+    /// Reads the next `count` numbers, which must be finite. The length of the message is checked before
+    /// memory is allocated.
     ///
     /// # Errors
-    /// Those of [`Self::numbers`].
+    /// The errors of [`Self::numbers`].
     pub fn vector(&mut self, what: &str, count: usize) -> Result<Vec<f64>> {
-        if count > self.rest.len() / 8 {
+        if count > self.unread.len() / 8 {
             let rule = format!(
                 "{count} numbers ({what}) were due behind the first {}",
                 self.read()
@@ -379,7 +383,7 @@ impl<'a> Content<'a> {
         Ok(out)
     }
 
-    /// The next 32-bit integers, as many as said.
+    /// Reads the next `count` 32-bit integers.
     ///
     /// # Errors
     /// [`Error::Length`].
@@ -389,7 +393,7 @@ impl<'a> Content<'a> {
         Ok(chunks.iter().map(|b| u32::from_le_bytes(*b)).collect())
     }
 
-    /// The next 64-bit integers, as many as said.
+    /// Reads the next `count` 64-bit integers.
     ///
     /// # Errors
     /// [`Error::Length`].
@@ -399,15 +403,15 @@ impl<'a> Content<'a> {
         Ok(chunks.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// The next text; control characters in it become blanks, so that no message of a stranger moves a
+    /// Reads the next text. Control characters become blanks, so that no message from outside can move a
     /// terminal's cursor.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Content`] for one that is too long or not UTF-8.
-    pub fn text(&mut self, what: &str, most: usize) -> Result<String> {
+    /// [`Error::Length`]; [`Error::Content`] for a text that is too long or not UTF-8.
+    pub fn text(&mut self, what: &str, limit: usize) -> Result<String> {
         let count = self.u32()? as usize;
-        if count > most {
-            return Err(self.wrong(format!("{what} has {count} bytes, more than {most}")));
+        if count > limit {
+            return Err(self.wrong(format!("{what} has {count} bytes, more than {limit}")));
         }
         match std::str::from_utf8(self.raw(count)?) {
             Ok(text) => Ok(text
@@ -418,12 +422,12 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Whether everything was read.
+    /// Checks that the whole message was read.
     ///
     /// # Errors
-    /// [`Error::Length`] if not.
+    /// [`Error::Length`] if bytes are left.
     pub fn end(self) -> Result<()> {
-        if self.rest.is_empty() {
+        if self.unread.is_empty() {
             return Ok(());
         }
         let rule = format!("{} were due", self.read());

@@ -1,13 +1,13 @@
-//! Recovery of faces without points: the tetrahedra that a missing face cuts are divided anew on both sides
-//! of it.
+//! Recovery of faces without inserted points: the tetrahedra that a missing face cuts are replaced by others
+//! that have the face.
 //!
-//! A constrained Delaunay complex holds the constrained faces, and the sphere of every tetrahedron is empty
-//! of nodes that can be seen from inside it. Its faces need not have empty spheres: nodes close behind a
-//! face, as those of the other flank of a notch, do not count. Where all edges of a flat region of missing
-//! faces are in the complex, the tetrahedra that the region cuts form a cavity with two halves. Each half
-//! is filled with those tetrahedra of the Delaunay complex of its own nodes that lie in it, if that complex
-//! has all faces of the half; if not, the cavity grows by the tetrahedron behind such a face. What cannot
-//! be filled in this way is left to points on the faces.
+//! A constrained Delaunay complex contains the constrained faces, and the sphere of every tetrahedron is
+//! empty of nodes that are visible from its inside. The constrained faces need not have empty spheres: nodes
+//! close behind a face, as on the other flank of a notch, do not count. Where all edges of a flat region of
+//! missing faces are in the complex, the tetrahedra that the region cuts form a cavity with two halves. Each
+//! half is filled with tetrahedra of the Delaunay complex of its own nodes, if that complex has all faces of
+//! the half. If not, the cavity grows by the tetrahedron behind each absent face. Faces that cannot be
+//! recovered in this way are left to inserted points.
 
 use super::FaceMesh;
 use super::mesh::{ON_FACE, key};
@@ -18,26 +18,28 @@ use nalgebra::Point3;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-/// How often a cavity may grow.
+/// Largest number of times that a cavity may grow.
 const MAX_GROWTH: usize = 64;
-/// Largest relative difference of volumes, by round-off, of a cavity and what fills it.
+/// Largest relative difference between the volumes of a cavity and of its new tetrahedra; larger differences
+/// are no round-off.
 const SAME_VOLUME: f64 = 1e-9;
 
 /// A connected flat region of missing faces.
 struct Region {
     triangles: Vec<[u32; 3]>,
     nodes: BTreeSet<u32>,
-    /// A triangle of the region that tells above from below.
+    /// A triangle of the region; its plane separates above from below.
     plane: [u32; 3],
 }
 
-/// Carves every missing region it can; returns the faces that are still missing.
+/// Recovers every missing region it can. Returns the faces that are still missing.
 pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -> Vec<u32> {
+    // Faces in the complex, which no cavity may swallow; a recovered face becomes one of them.
     let mut walls: HashSet<[u32; 3]> = mesh.faces.iter().map(|f| face_key(f.v)).collect();
     missing.iter().for_each(|&f| {
         walls.remove(&face_key(mesh.faces[f as usize].v));
     });
-    let mut left = Vec::new();
+    let mut unrecovered = Vec::new();
     let mut todo: BTreeSet<u32> = missing.iter().copied().collect();
     let mut star = Vec::new();
     while let Some(first) = todo.pop_first() {
@@ -53,15 +55,16 @@ pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -
             Some((old, new)) if delaunay.replace(&old, &new) => {
                 walls.extend(region.triangles.iter().map(|v| face_key(*v)));
             }
-            _ => left.extend(faces),
+            _ => unrecovered.extend(faces),
         }
     }
-    // A later cavity may have swallowed an earlier face only if that was not yet a wall; look at all again.
-    left.retain(|&f| delaunay.face(mesh.faces[f as usize].v, &mut star).is_none());
-    left
+    // A later cavity may have destroyed an earlier face if that was not yet a wall: check again.
+    unrecovered.retain(|&f| delaunay.face(mesh.faces[f as usize].v, &mut star).is_none());
+    unrecovered
 }
 
-/// Missing faces joined to the first one over edges inside a flat patch; they leave `todo`.
+/// Returns the missing faces that are connected to the first one over edges inside a flat patch, and removes
+/// them from `todo`.
 fn connected(delaunay: &Delaunay, mesh: &FaceMesh, first: u32, todo: &mut BTreeSet<u32>) -> Vec<u32> {
     let mut out = vec![first];
     let mut next = 0;
@@ -81,10 +84,10 @@ fn connected(delaunay: &Delaunay, mesh: &FaceMesh, first: u32, todo: &mut BTreeS
     out
 }
 
-/// One half of a cavity: faces as seen from outside it.
+/// One half of a cavity, bounded by faces as seen from outside.
 struct Half {
     faces: Vec<[u32; 3]>,
-    /// Tetrahedron behind each face, `None` for those of the region.
+    /// Tetrahedron behind each face; `None` for faces of the region.
     behind: Vec<Option<u32>>,
     nodes: BTreeSet<u32>,
 }
@@ -99,12 +102,14 @@ impl Region {
         }
     }
 
-    /// The cavity and the tetrahedra that are to fill it.
+    /// Returns the cavity and the tetrahedra that fill it; `None` if it cannot be filled.
     fn fill(&self, delaunay: &Delaunay, walls: &HashSet<[u32; 3]>) -> Option<(Vec<u32>, Vec<[u32; 4]>)> {
         let mut cavity = self.cut(delaunay)?;
         for _ in 0..MAX_GROWTH {
             let mut new = Vec::new();
             let mut grown = Vec::new();
+            // A half that cannot be closed, or that would grow through a wall or out of the hull, ends the
+            // attempt.
             for side in [Ordering::Greater, Ordering::Less] {
                 let half = self.half(delaunay, &cavity, side)?;
                 match half.tetrahedra(delaunay)? {
@@ -123,16 +128,18 @@ impl Region {
             }
             if grown.is_empty() {
                 let size = |v: &[u32; 4]| volume(v.map(|v| &delaunay.points[v as usize]));
-                let was: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
-                let is: f64 = new.iter().map(size).sum();
-                return ((is - was).abs() <= SAME_VOLUME * was).then(|| (cavity.into_iter().collect(), new));
+                let old_volume: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
+                let new_volume: f64 = new.iter().map(size).sum();
+                return ((new_volume - old_volume).abs() <= SAME_VOLUME * old_volume)
+                    .then(|| (cavity.into_iter().collect(), new));
             }
             cavity.extend(grown);
         }
         None
     }
 
-    /// Above or below the region, `Equal` for its own nodes and those within round-off of its plane.
+    /// Returns whether a node is above or below the region; `Equal` for nodes of the region and nodes within
+    /// round-off of its plane.
     fn place(&self, delaunay: &Delaunay, v: u32) -> Ordering {
         if self.nodes.contains(&v) {
             return Ordering::Equal;
@@ -146,7 +153,8 @@ impl Region {
         orient3d(a, b, c, p)
     }
 
-    /// Tetrahedra with an edge that passes through the region.
+    /// Returns the tetrahedra with an edge that passes through the region; `None` if there are none or if
+    /// they reach the outside.
     fn cut(&self, delaunay: &Delaunay) -> Option<BTreeSet<u32>> {
         let (mut out, mut queue) = (BTreeSet::new(), Vec::new());
         let mut star = Vec::new();
@@ -154,36 +162,37 @@ impl Region {
             delaunay.star(v, &mut star);
             queue.extend(star.iter().copied());
         }
-        let mut seen: BTreeSet<u32> = queue.iter().copied().collect();
+        let mut visited: BTreeSet<u32> = queue.iter().copied().collect();
         while let Some(t) = queue.pop() {
             let tet = &delaunay.tets[t as usize];
-            let mut any = false;
+            let mut is_cut = false;
             for i in 0..4 {
                 for j in 0..i {
-                    any |= self.pierced(delaunay, tet.v[i], tet.v[j]);
+                    is_cut |= self.pierced(delaunay, tet.v[i], tet.v[j]);
                 }
             }
-            if !any {
+            if !is_cut {
                 continue;
             }
             if tet.is_ghost() {
                 return None;
             }
             out.insert(t);
-            queue.extend(tet.n.iter().map(|n| n >> 2).filter(|n| seen.insert(*n)));
+            queue.extend(tet.n.iter().map(|n| n >> 2).filter(|n| visited.insert(*n)));
         }
         (!out.is_empty()).then_some(out)
     }
 
-    /// True if an edge passes through a triangle of the region or an edge between two of them.
+    /// Returns whether an edge passes through a triangle of the region or through an edge between two of
+    /// them.
     fn pierced(&self, delaunay: &Delaunay, p: u32, q: u32) -> bool {
         if p == INF || q == INF || self.nodes.contains(&p) || self.nodes.contains(&q) {
             return false;
         }
-        let at = |v: u32| &delaunay.points[v as usize];
-        let [p, q] = [p, q].map(at);
+        let point = |v: u32| &delaunay.points[v as usize];
+        let [p, q] = [p, q].map(point);
         self.triangles.iter().any(|t| {
-            let [a, b, c] = t.map(at);
+            let [a, b, c] = t.map(point);
             let sides = [orient3d(a, b, c, p), orient3d(a, b, c, q)];
             if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
                 return false;
@@ -193,7 +202,8 @@ impl Region {
         })
     }
 
-    /// The half of a cavity on one side; `None` if its border is not clear.
+    /// Returns the half of a cavity on one side of the region; `None` if a face of the cavity crosses the
+    /// plane or the border is not closed.
     fn half(&self, delaunay: &Delaunay, cavity: &BTreeSet<u32>, side: Ordering) -> Option<Half> {
         let mut out = Half {
             faces: Vec::new(),
@@ -202,9 +212,9 @@ impl Region {
         };
         for &t in cavity {
             let tet = &delaunay.tets[t as usize];
-            // Those that growth has put inside the cavity, too.
-            let here = tet.v.into_iter().filter(|&v| self.place(delaunay, v) == side);
-            out.nodes.extend(here);
+            // Also nodes that growth has moved from the border into the cavity.
+            let on_side = tet.v.into_iter().filter(|&v| self.place(delaunay, v) == side);
+            out.nodes.extend(on_side);
             for (slot, &n) in tet.n.iter().enumerate() {
                 if cavity.contains(&(n >> 2)) {
                     continue;
@@ -232,7 +242,7 @@ impl Region {
     }
 }
 
-/// The triangle as seen from outside the half on one side of it.
+/// Orders a triangle of the region as seen from outside the half on one side of it.
 fn seen_from_outside(
     delaunay: &Delaunay,
     v: &[u32; 3],
@@ -252,10 +262,11 @@ fn seen_from_outside(
     }
 }
 
-/// Whether the complex of a half has all its faces.
+/// Result of filling a half with tetrahedra of its own Delaunay complex.
 enum Filled {
+    /// The complex has all faces of the half: the tetrahedra inside.
     All(Vec<[u32; 4]>),
-    /// Numbers of the faces it has not.
+    /// Indices of the faces that the complex does not have.
     Without(Vec<usize>),
 }
 
@@ -271,25 +282,25 @@ impl Half {
         edges.values().all(|n| *n == 0)
     }
 
-    /// Tetrahedra inside the half of the Delaunay complex of its nodes; ties fall as in the large complex,
-    /// since the order of the nodes is kept.
+    /// Builds the Delaunay complex of the half's nodes and returns its tetrahedra inside the half. The nodes
+    /// keep their order, so that ties are broken as in the large complex.
     fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
         let nodes: Vec<u32> = self.nodes.iter().copied().collect();
         let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();
-        let own = Delaunay::new(&points).ok()?;
+        let complex = Delaunay::new(&points).ok()?;
         let local = |v: u32| nodes.binary_search(&v).map(|k| k as u32).ok();
         let mut star = Vec::new();
         let (mut border, mut missing, mut queue) = (HashSet::new(), Vec::new(), Vec::new());
         for (k, f) in self.faces.iter().enumerate() {
             let v = [local(f[0])?, local(f[1])?, local(f[2])?];
-            match own.face(v, &mut star) {
+            match complex.face(v, &mut star) {
                 Some((tet, slot)) => {
                     border.insert(face_key(v));
-                    let same = same_turn(own.tets[tet as usize].face(slot), v);
-                    queue.push(if same {
+                    let same_orientation = same_turn(complex.tets[tet as usize].face(slot), v);
+                    queue.push(if same_orientation {
                         tet
                     } else {
-                        own.tets[tet as usize].n[slot] >> 2
+                        complex.tets[tet as usize].n[slot] >> 2
                     });
                 }
                 None => missing.push(k),
@@ -300,7 +311,7 @@ impl Half {
         }
         let mut inside: BTreeSet<u32> = queue.iter().copied().collect();
         while let Some(t) = queue.pop() {
-            let tet: &Tet = &own.tets[t as usize];
+            let tet: &Tet = &complex.tets[t as usize];
             if tet.is_ghost() {
                 return None;
             }
@@ -310,12 +321,12 @@ impl Half {
                 }
             }
         }
-        let global = |t: &u32| own.tets[*t as usize].v.map(|v| nodes[v as usize]);
+        let global = |t: &u32| complex.tets[*t as usize].v.map(|v| nodes[v as usize]);
         Some(Filled::All(inside.iter().map(global).collect()))
     }
 }
 
-/// True if two triples of the same three vertices turn the same way.
+/// Returns whether two orderings of the same three vertices have the same orientation.
 fn same_turn(a: [u32; 3], b: [u32; 3]) -> bool {
     (0..3).any(|k| (0..3).all(|i| a[i] == b[(i + k) % 3]))
 }

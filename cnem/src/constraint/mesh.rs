@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
-/// Distance from a face, relative to its size, at which a point counts as lying on it.
+/// Distance from a face, relative to its size, up to which a point counts as lying on it.
 pub(crate) const ON_FACE: f64 = 1e-10;
 
 /// One constrained face.
@@ -13,18 +13,18 @@ pub(crate) const ON_FACE: f64 = 1e-10;
 pub(crate) struct Face {
     pub(crate) v: [u32; 3],
     pub(crate) crack: bool,
-    /// Input face it is part of.
+    /// Input face that this face is part of.
     pub(crate) origin: u32,
 }
 
-/// Constrained faces with the faces at every edge.
+/// Constrained faces, and the faces at every edge.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct FaceMesh {
     pub(crate) faces: Vec<Face>,
     pub(crate) edges: HashMap<(u32, u32), Vec<u32>>,
 }
 
-/// Key of an undirected edge.
+/// Returns the key of an undirected edge.
 pub(crate) fn key(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
@@ -69,18 +69,19 @@ impl FaceMesh {
         }
     }
 
-    /// Gives a face other corners.
+    /// Replaces the corners of a face.
     pub(crate) fn replace(&mut self, id: u32, v: [u32; 3]) {
         self.unlink(id);
         self.faces[id as usize].v = v;
         self.link(id);
     }
 
-    /// The two faces at an edge and their apexes `(f, g, c, d)`, if the edge is inside a flat patch of one
-    /// kind.
+    /// Returns the two faces at an edge and their apexes `(f, g, c, d)`, if the edge is inside a flat patch
+    /// of boundary or of crack faces.
     pub(crate) fn flat_pair(&self, points: &[Point3<f64>], edge: (u32, u32)) -> Option<[u32; 4]> {
         let list = self.edges.get(&edge)?;
         let &[f, g] = list.as_slice() else { return None };
+        // A swap must not make a boundary face of a crack face.
         if self.faces[f as usize].crack != self.faces[g as usize].crack {
             return None;
         }
@@ -99,20 +100,21 @@ impl FaceMesh {
         (c != d && flat && n.dot(&m) > 0.0).then_some([f, g, c, d])
     }
 
-    /// True if the edge of a flat pair can be swapped: the quadrilateral is strictly convex.
+    /// Returns whether the diagonal of a flat pair can be swapped: the quadrilateral is strictly convex.
     pub(crate) fn swappable(&self, points: &[Point3<f64>], edge: (u32, u32), c: u32, d: u32) -> bool {
         let [a, b, c, d] = [edge.0, edge.1, c, d].map(|v| &points[v as usize]);
         let n = (b - a).cross(&(c - a));
         let area = |p: &Point3<f64>, q: &Point3<f64>, r: &Point3<f64>| (q - p).cross(&(r - p)).dot(&n);
+        // Above round-off: a swap must not make triangles without area.
         let small = 1e-12 * n.norm_squared();
         area(c, a, d) > small && area(d, b, c) > small
     }
 
-    /// Swaps the diagonal of a flat pair.
+    /// Swaps the diagonal of the two faces `[f, g, c, d]` from [`Self::flat_pair`].
     pub(crate) fn swap(&mut self, edge: (u32, u32), [f, g, c, d]: [u32; 4]) {
         let old = self.faces[f as usize].v;
         let with_edge = (0..3).any(|k| old[k] == edge.0 && old[(k + 1) % 3] == edge.1);
-        // Seen from where `old` runs counter-clockwise, so do the new faces.
+        // The new faces run counter-clockwise as seen from where `old` does.
         let (c, d) = if with_edge { (c, d) } else { (d, c) };
         self.unlink(f);
         self.unlink(g);
@@ -122,17 +124,17 @@ impl FaceMesh {
         self.link(g);
     }
 
-    /// Splits every face at an edge at the node `m`.
+    /// Splits an edge at the node `m`, and with it every face at the edge.
     pub(crate) fn split_edge(&mut self, edge: (u32, u32), m: u32) {
         let Some(list) = self.edges.get(&edge).cloned() else {
             return;
         };
         for id in list {
             let face = self.faces[id as usize];
-            let with = |from: u32| face.v.map(|v| if v == from { m } else { v });
-            self.replace(id, with(edge.0));
+            let replace_by_m = |end: u32| face.v.map(|v| if v == end { m } else { v });
+            self.replace(id, replace_by_m(edge.0));
             self.push(Face {
-                v: with(edge.1),
+                v: replace_by_m(edge.1),
                 ..face
             });
         }
@@ -148,14 +150,15 @@ impl FaceMesh {
     }
 }
 
-/// True if `d` is inside the circle through `a`, `b`, `c` in their common plane, ties broken by index as in
-/// the Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any such point
-/// will do.
+/// Returns whether `d` is inside the circle through `a`, `b`, `c` in their common plane. Ties are broken by
+/// index as in the Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any
+/// such point gives the same answer.
 pub(crate) fn in_circle(points: &[Point3<f64>], [a, b, c, d]: [u32; 4]) -> bool {
     let [pa, pb, pc, pd] = [a, b, c, d].map(|v| &points[v as usize]);
     let n: Vector3<f64> = (pb - pa).cross(&(pc - pa));
     let size = (pb - pa).norm();
     let aux = pa + n * (size / n.norm());
+    // Rank 0 goes to the auxiliary point, so that it never decides a tie before a node.
     let rank = |v: u32| u64::from(v) + 1;
     let (corners, ranks) = match orient3d(pa, pb, pc, &aux) {
         Ordering::Greater => ([pa, pb, pc, &aux], [rank(a), rank(b), rank(c), 0, rank(d)]),

@@ -1,23 +1,23 @@
 //! Constrained faces: the boundary of the domain and internal cracks.
 //!
-//! A [`Surface`] names triangles on the nodes. The boundary must be closed (every edge in an even number of
-//! faces); its orientation does not matter, several bodies and holes are told apart by crossing parity.
-//! Crack faces are free faces inside the domain that are not seen through.
+//! A [`Surface`] lists triangles on the nodes. The boundary must be closed (every edge in an even number of
+//! faces). Its orientation does not matter: crossing parity tells several bodies and holes apart. Crack faces
+//! are faces inside the domain that block the sight between nodes.
 //!
-//! Every constrained face must be a face of the complex. Where one is not a face of the Delaunay complex,
-//! in this order:
-//! 1. flat patches take the triangles that the Delaunay complex has on one side of them, or single
-//!    diagonals are swapped to those it has (same geometry),
-//! 2. faces and edges are split at nodes that lie on them (to 1e-10 of the edge length; faces that are there
-//!    to round-off),
-//! 3. points are inserted on missing edges, until all are there; they are nodes of the domain and are
-//!    reported,
-//! 4. the tetrahedra that missing faces cut are divided anew on both sides of them, without points: the
-//!    complex is then the constrained Delaunay complex, whose spheres are empty of what can be seen from
-//!    inside them,
-//! 5. points are inserted on the faces for which that is not possible.
+//! Every constrained face must become a face of the complex. Where a face is not in the Delaunay complex,
+//! these steps follow in this order:
+//! 1. flat patches adopt the triangles that the Delaunay complex has on one side of them, or single diagonals
+//!    are swapped (same geometry),
+//! 2. faces and edges are split at nodes that lie on them (within 1e-10 of the edge length; within round-off
+//!    for faces that are in the complex),
+//! 3. points are inserted on missing edges until all edges are present; these points become nodes of the
+//!    domain and are reported,
+//! 4. the tetrahedra that missing faces cut are divided again on both sides of the faces, without points: the
+//!    result is the constrained Delaunay complex, whose spheres are empty of the nodes visible from their
+//!    inside,
+//! 5. points are inserted on the faces for which step 4 is not possible.
 //!
-//! If that does not end within the allowed number of points, the error names the faces.
+//! If the steps need more than the allowed number of points, the error names the faces.
 
 mod carve;
 mod mesh;
@@ -45,32 +45,32 @@ pub struct Surface {
 /// A point inserted on a constrained face to recover it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InsertedPoint {
-    /// Its index among the nodes of the domain.
+    /// Index of the point among the nodes of the domain.
     pub node: usize,
-    /// Input face it lies on (boundary faces first, then crack faces).
+    /// Input face on which the point lies (boundary faces first, then crack faces).
     pub face: usize,
 }
 
-/// What the recovery of the constrained faces had to do.
+/// Steps that the recovery of the constrained faces took.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recovery {
-    /// Points added to the nodes, in order of their indices.
+    /// Points added to the nodes, in ascending order of their indices.
     pub inserted: Vec<InsertedPoint>,
-    /// Diagonals swapped within flat patches.
+    /// Faces changed in flat patches, by swapped diagonals or adopted triangles.
     pub swapped: usize,
-    /// Faces recovered without a point, by dividing the tetrahedra that they cut anew on both sides.
+    /// Faces recovered without a point, by dividing the tetrahedra that they cut.
     pub divided: usize,
-    /// Splits of edges and faces at nodes that were given and lie on them.
+    /// Splits of edges and faces at given nodes that lie on them.
     pub split_at_nodes: usize,
 }
 
 impl Surface {
-    /// The boundary is the convex hull of the nodes.
+    /// Creates a surface whose boundary is the convex hull of the nodes.
     pub fn convex_hull() -> Self {
         Self::default()
     }
 
-    /// The boundary is a closed triangle surface.
+    /// Creates a surface whose boundary is a closed triangle surface.
     pub fn boundary(faces: Vec<[usize; 3]>) -> Self {
         Self {
             boundary: faces,
@@ -78,17 +78,17 @@ impl Surface {
         }
     }
 
-    /// The boundary of a tetrahedral mesh: the faces that belong to one element only. An element that is
-    /// listed twice, in whatever order of its nodes, counts once.
+    /// Creates the boundary of a tetrahedral mesh: the faces that belong to one element only. An element that
+    /// is listed twice, in any order of its nodes, counts once.
     pub fn of_elements(elements: &[[usize; 4]]) -> Self {
         let mut count: HashMap<[usize; 3], ([usize; 3], usize)> = HashMap::new();
-        let mut known = HashSet::with_capacity(elements.len());
+        let mut counted = HashSet::with_capacity(elements.len());
         let sorted = |e: &[usize; 4]| {
             let mut nodes = *e;
             nodes.sort_unstable();
             nodes
         };
-        for e in elements.iter().filter(|e| known.insert(sorted(e))) {
+        for e in elements.iter().filter(|e| counted.insert(sorted(e))) {
             for f in crate::tet::FACES {
                 let face = f.map(|k| e[k]);
                 let mut sorted = face;
@@ -104,17 +104,17 @@ impl Surface {
         }
     }
 
-    /// Adds crack faces: inside the domain, not seen through.
+    /// Adds crack faces: inside the domain, opaque for the visibility criterion.
     #[must_use]
     pub fn with_cracks(mut self, faces: Vec<[usize; 3]>) -> Self {
         self.cracks.extend(faces);
         self
     }
 
-    /// The same faces on nodes in a new order, `order[new] = old`; see [`crate::spatial_order`].
+    /// Returns the same faces with renumbered nodes, `order[new] = old`; see [`crate::spatial_order`].
     ///
     /// # Errors
-    /// `UnknownNode` for faces on nodes that are not in the order.
+    /// `UnknownNode` for faces on nodes that `order` does not contain.
     pub fn renumbered(&self, order: &[usize]) -> Result<Self> {
         let mut place = vec![usize::MAX; order.len()];
         for (new, &old) in order.iter().enumerate() {
@@ -137,12 +137,12 @@ impl Surface {
         Ok(out)
     }
 
-    /// Boundary faces; empty for the convex hull.
+    /// Returns the boundary faces; empty for the convex hull.
     pub fn boundary_faces(&self) -> &[[usize; 3]] {
         &self.boundary
     }
 
-    /// Crack faces.
+    /// Returns the crack faces.
     pub fn crack_faces(&self) -> &[[usize; 3]] {
         &self.cracks
     }
@@ -191,6 +191,7 @@ impl Surface {
             }
         }
         let mut open: Vec<_> = edges.into_iter().filter(|e| e.1 % 2 == 1).collect();
+        // Sorted, so that the edge in the error does not depend on hashing.
         open.sort_unstable();
         match open.first() {
             None => Ok(()),
@@ -214,32 +215,32 @@ impl Surface {
             .collect();
         let bins = Bins::new(boxes.clone());
         let mut near = Vec::new();
-        let mut found: Vec<(usize, usize)> = Vec::new();
+        let mut pairs: Vec<(usize, usize)> = Vec::new();
         for (i, f) in faces.iter().enumerate() {
             bins.overlapping(&boxes[i], &mut near);
             for &j in &near {
                 let g = &faces[j as usize];
                 let pierced = (0..3).any(|k| pierces(points, [f[k], f[(k + 1) % 3]], g));
                 if j as usize != i && pierced {
-                    found.push((i.min(j as usize), i.max(j as usize)));
+                    pairs.push((i.min(j as usize), i.max(j as usize)));
                 }
             }
         }
-        found.sort_unstable();
-        found.dedup();
-        match found.first() {
+        pairs.sort_unstable();
+        pairs.dedup();
+        match pairs.first() {
             None => Ok(()),
             Some(&(first, second)) => Err(Error::SelfIntersection {
                 first,
                 second,
-                count: found.len(),
+                count: pairs.len(),
             }),
         }
     }
 }
 
-/// True if the segment passes through the face: ends strictly on opposite sides, piercing point in the
-/// closed face, no common node.
+/// Returns whether a segment passes through a face: the ends are strictly on opposite sides, the piercing
+/// point is in the closed face, and no node is common.
 fn pierces(points: &[Point3<f64>], segment: [usize; 2], face: &[usize; 3]) -> bool {
     if segment.iter().any(|v| face.contains(v)) {
         return false;

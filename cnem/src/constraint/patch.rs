@@ -1,10 +1,9 @@
-//! Flat patches take over the triangles that the complex has on them.
+//! Flat patches adopt the triangles that the Delaunay complex has on them.
 //!
-//! Nodes that are coplanar and cocircular up to round-off have many triangulations that are equally good,
-//! and the ones of the surface, of the tetrahedra above it and of those below it may all differ; flat
-//! tetrahedra fill the space between. A patch of which the complex has all of one side is recovered by
-//! taking the triangles of that side, whatever their diagonals: the same nodes, the same border, the same
-//! place.
+//! Nodes that are coplanar and cocircular up to round-off have many equally good triangulations. The
+//! triangles of the surface, of the tetrahedra above it and of the tetrahedra below it may all differ; flat
+//! tetrahedra fill the space between them. If the complex covers one side of a patch, the patch is recovered
+//! by adopting the triangles of this side, whatever their diagonals: nodes, border and position are the same.
 
 use super::FaceMesh;
 use super::mesh::{ON_FACE, key};
@@ -15,7 +14,7 @@ use crate::tet::INF;
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Faces in one plane, connected over edges, and the nodes and the border they have.
+/// Faces in one plane, connected over edges, with their nodes and their border.
 struct Patch {
     faces: Vec<u32>,
     nodes: BTreeSet<u32>,
@@ -24,8 +23,8 @@ struct Patch {
     area: f64,
 }
 
-/// Replaces the faces of the patches around `missing` where the complex covers one side of them; the number
-/// replaced.
+/// Replaces the faces of the patches around `missing` where the complex covers one side of the patch. Returns
+/// the number of faces replaced.
 pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -> usize {
     let limit = ON_BOUNDARY * largest_coordinate(&delaunay.points);
     let (mut seen, mut replaced) = (BTreeSet::<u32>::new(), 0);
@@ -35,11 +34,12 @@ pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -
         }
         let patch = Patch::around(mesh, &delaunay.points, face);
         seen.extend(&patch.faces);
-        let found = [1.0, -1.0]
+        // Either side will do; both cover the same plane patch.
+        let covering = [1.0, -1.0]
             .into_iter()
             .map(|side| patch.one_side(delaunay, patch.normal * side, limit))
             .find(|triangles| patch.is_covered_by(triangles, &delaunay.points));
-        if let Some(triangles) = found {
+        if let Some(triangles) = covering {
             replaced += patch.take_over(mesh, &delaunay.points, &triangles);
         }
     }
@@ -71,9 +71,9 @@ impl Patch {
                 let Some([f, g, ..]) = mesh.flat_pair(points, edge) else {
                     continue;
                 };
-                for other in [f, g] {
-                    if known.insert(other) {
-                        out.faces.push(other);
+                for neighbour in [f, g] {
+                    if known.insert(neighbour) {
+                        out.faces.push(neighbour);
                     }
                 }
             }
@@ -82,8 +82,8 @@ impl Patch {
         out
     }
 
-    /// Faces of the complex on nodes of the patch, below tetrahedra with a thickness on the side `up`
-    /// points to, seen from there.
+    /// Returns the faces of the complex on nodes of the patch that lie below tetrahedra with a thickness, on
+    /// the side that `up` points to. The faces are ordered as seen from that side.
     fn one_side(&self, delaunay: &Delaunay, up: Vector3<f64>, limit: f64) -> Vec<[u32; 3]> {
         let mut out = Vec::new();
         let mut star = Vec::new();
@@ -107,7 +107,7 @@ impl Patch {
         out
     }
 
-    /// True if triangles on the nodes of the patch have its border and its area.
+    /// Returns whether triangles on the nodes of the patch have its border and its area.
     fn is_covered_by(&self, triangles: &[[u32; 3]], points: &[Point3<f64>]) -> bool {
         let mut border = BTreeSet::new();
         let mut area = 0.0;
@@ -115,20 +115,22 @@ impl Patch {
             area += twice_area(points, *v).norm() * 0.5;
             (0..3).for_each(|k| toggle(&mut border, key(v[k], v[(k + 1) % 3])));
         }
+        // The same border alone could be that of a folded set of triangles. The limit is above the 1e-10 to
+        // which patches are flat.
         triangles.len() == self.faces.len()
             && border == self.border
             && (area - self.area).abs() <= 1e-9 * self.area
     }
 
-    /// Gives the faces new corners; each comes from the input face that holds its centroid. Returns how
-    /// many are new.
+    /// Gives the faces new corners. The input face of a new triangle is the one that holds its centroid.
+    /// Returns the number of new faces.
     fn take_over(&self, mesh: &mut FaceMesh, points: &[Point3<f64>], triangles: &[[u32; 3]]) -> usize {
         let sorted = |mut v: [u32; 3]| {
             v.sort_unstable();
             v
         };
-        let of = |id: &u32| sorted(mesh.faces[*id as usize].v);
-        let mut old: BTreeMap<[u32; 3], u32> = self.faces.iter().map(|id| (of(id), *id)).collect();
+        let corners_of = |id: &u32| sorted(mesh.faces[*id as usize].v);
+        let mut old: BTreeMap<[u32; 3], u32> = self.faces.iter().map(|id| (corners_of(id), *id)).collect();
         let mut new: Vec<[u32; 3]> = Vec::new();
         for v in triangles {
             if old.remove(&sorted(*v)).is_none() {
@@ -149,6 +151,7 @@ impl Patch {
             bins.overlapping(&around([&middle], ON_FACE * self.area.sqrt()), &mut near);
             let depth = |k: &u32| depth(corners[*k as usize].map(|v| &points[v as usize]), &middle);
             let holds = near.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
+            // The new corners keep the orientation of the face that they replace.
             let turn = if twice_area(points, *v).dot(&twice_area(points, mesh.faces[id as usize].v)) < 0.0 {
                 [v[0], v[2], v[1]]
             } else {
@@ -168,7 +171,7 @@ fn twice_area(points: &[Point3<f64>], v: [u32; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }
 
-/// Smallest barycentric coordinate of a point of the plane of a triangle \[–\].
+/// Returns the smallest barycentric coordinate \[–\] of a point in the plane of a triangle.
 pub(crate) fn depth(corners: [&Point3<f64>; 3], x: &Point3<f64>) -> f64 {
     let n = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
     let part = |k: usize| {
@@ -179,7 +182,7 @@ pub(crate) fn depth(corners: [&Point3<f64>; 3], x: &Point3<f64>) -> f64 {
     part(0).min(part(1)).min(part(2)) / n.norm_squared()
 }
 
-/// Adds an edge, or removes it if it is there.
+/// Adds an edge, or removes it if it is already there: after all triangles the border remains.
 fn toggle(edges: &mut BTreeSet<(u32, u32)>, edge: (u32, u32)) {
     if !edges.remove(&edge) {
         edges.insert(edge);

@@ -8,7 +8,8 @@ use crate::domain::{ON_BOUNDARY, largest_coordinate};
 use crate::error::{Error, Result};
 use nalgebra::Point3;
 
-/// Makes every constrained face a face of the complex; returns the faces and what was done.
+/// Makes every constrained face a face of the complex. Returns the faces and a record of the steps taken. At
+/// most `limit` points are inserted.
 pub(crate) fn recover(
     delaunay: &mut Delaunay,
     surface: &Surface,
@@ -16,37 +17,39 @@ pub(crate) fn recover(
 ) -> Result<(FaceMesh, Recovery)> {
     let mut work = Work {
         mesh: FaceMesh::new(surface),
-        done: Recovery::default(),
+        record: Recovery::default(),
         star: Vec::new(),
         limit,
         delaunay,
     };
     if work.missing_faces().is_empty() {
-        return Ok((work.mesh, work.done));
+        return Ok((work.mesh, work.record));
     }
+    // Checked only if a face is missing: if all faces are in the complex, none can cross another.
     surface.check_intersections(&work.delaunay.points)?;
     work.swap_diagonals();
     work.split_at_nodes();
     loop {
         work.swap_diagonals();
         if work.missing_faces().is_empty() {
-            return Ok((work.mesh, work.done));
+            return Ok((work.mesh, work.record));
         }
+        // Edges before faces: a region can be divided only if all of its edges are in the complex.
         if work.insert_on_edges()? {
             continue;
         }
-        let left = work.divide();
-        if left.is_empty() {
-            return Ok((work.mesh, work.done));
+        let unrecovered = work.divide();
+        if unrecovered.is_empty() {
+            return Ok((work.mesh, work.record));
         }
-        work.insert_on_faces(&left)?;
+        work.insert_on_faces(&unrecovered)?;
     }
 }
 
 struct Work<'a> {
     delaunay: &'a mut Delaunay,
     mesh: FaceMesh,
-    done: Recovery,
+    record: Recovery,
     star: Vec<u32>,
     limit: usize,
 }
@@ -69,7 +72,8 @@ impl Work<'_> {
             .collect()
     }
 
-    /// Constrained edges that are not in the complex, sorted (so results do not depend on hashing).
+    /// Returns the edges of `faces` that are not in the complex, sorted (so that results do not depend on
+    /// hashing).
     fn missing_edges(&mut self, faces: &[u32]) -> Vec<(u32, u32)> {
         let mut edges: Vec<_> = faces
             .iter()
@@ -84,17 +88,18 @@ impl Work<'_> {
         edges
     }
 
-    /// Lawson swaps in the flat patches around missing faces. The perturbed circle test is the restriction
-    /// of the sphere test to the plane, so a flat patch ends in the triangulation the complex has there, if
-    /// it has one.
+    /// Swaps diagonals (Lawson) in the flat patches around missing faces. The perturbed circle test is the
+    /// restriction of the sphere test to the plane, so a flat patch ends in the triangulation that the
+    /// complex has on it, if there is one.
     fn swap_diagonals(&mut self) {
         let missing = self.missing_faces();
-        self.done.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
+        self.record.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
         let mut queue: Vec<(u32, u32)> = Vec::new();
         for f in self.missing_faces() {
             let v = self.mesh.faces[f as usize].v;
             queue.extend([key(v[0], v[1]), key(v[1], v[2]), key(v[2], v[0])]);
         }
+        // Bounded: on patches that are flat up to round-off only, swaps need not come to an end.
         let mut allowed = 100 * (queue.len() + 10);
         while let Some(edge) = queue.pop() {
             let Some(pair) = self.mesh.flat_pair(&self.delaunay.points, edge) else {
@@ -114,15 +119,15 @@ impl Work<'_> {
             if after > before || (after == before && before < 2 && illegal) {
                 allowed -= 1;
                 self.mesh.swap(edge, pair);
-                self.done.swapped += 1;
+                self.record.swapped += 1;
                 queue.extend([key(a, c), key(c, b), key(b, d), key(d, a)]);
             }
         }
     }
 
-    /// Splits missing faces and edges at given nodes that lie on them, and faces that are there only because
-    /// the round-off of coordinates has put nodes of their plane behind them: a flat patch can take over the
-    /// triangles of the complex only if it has all its nodes.
+    /// Splits missing faces and edges at given nodes that lie on them. Also splits faces that are in the
+    /// complex only because round-off of the coordinates puts nodes of their plane behind them: a flat patch
+    /// can adopt the triangles of the complex only if it has all nodes of that plane.
     fn split_at_nodes(&mut self) {
         let round_off = ON_BOUNDARY * largest_coordinate(&self.delaunay.points);
         let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
@@ -147,13 +152,13 @@ impl Work<'_> {
             let hit = near
                 .iter()
                 .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
-            let on = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
-            // The node nearest to the middle keeps the pieces well shaped.
+            let locate = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
+            // The node nearest to the middle gives well-shaped pieces.
             let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
-            let off = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
+            let off_middle = |m: u32| (self.delaunay.points[m as usize] - middle).norm_squared();
             let best = hit
-                .filter_map(|&m| on(m).map(|place| (m, place)))
-                .min_by(|x, y| off(x.0).total_cmp(&off(y.0)));
+                .filter_map(|&m| locate(m).map(|place| (m, place)))
+                .min_by(|x, y| off_middle(x.0).total_cmp(&off_middle(y.0)));
             let Some((m, place)) = best else { continue };
             let before = self.mesh.faces.len() as u32;
             match place {
@@ -164,37 +169,38 @@ impl Work<'_> {
                     self.mesh.split_edge(edge, m);
                 }
             }
-            self.done.split_at_nodes += 1;
+            self.record.split_at_nodes += 1;
             queue.push(f);
             queue.extend(before..self.mesh.faces.len() as u32);
         }
     }
 
-    /// Inserts points on missing edges that no swap can bring back. False if there is none.
+    /// Inserts points on missing edges that no swap can recover. Returns false if there are no such edges.
     fn insert_on_edges(&mut self) -> Result<bool> {
         let faces = self.missing_faces();
-        let mut any = false;
+        let mut has_inserted = false;
         for edge in self.missing_edges(&faces) {
             if self.mesh.edges.contains_key(&edge)
                 && !self.has_edge(edge)
                 && self.mesh.flat_pair(&self.delaunay.points, edge).is_none()
             {
                 self.insert_on_edge(edge)?;
-                any = true;
+                has_inserted = true;
             }
         }
-        Ok(any)
+        Ok(has_inserted)
     }
 
-    /// Splits at the middle, or, next to one given node, at a power of two from it, so that edges that meet
-    /// there at a small angle are cut at equal distances and stop encroaching on each other.
+    /// Splits an edge at its middle. Next to one given node the edge is split at a distance that is a power
+    /// of two: edges that meet there at a small angle are then cut at equal distances and stop encroaching on
+    /// each other.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
-        let first_new = self.done.inserted.first().map_or(usize::MAX, |i| i.node);
+        let first_new = self.record.inserted.first().map_or(usize::MAX, |i| i.node);
         let old = [edge.0, edge.1].map(|v| (v as usize) < first_new);
         let length = (b - a).norm();
         let shell = (0.5 * length).log2().round().exp2() / length;
-        let at = match old {
+        let fraction = match old {
             [true, false] => shell,
             [false, true] => 1.0 - shell,
             _ => 0.5,
@@ -205,33 +211,34 @@ impl Work<'_> {
             .get(&edge)
             .and_then(|l| l.first())
             .map_or(0, |&f| self.mesh.faces[f as usize].origin);
-        let m = self.insert(a + (b - a) * at, origin, edge.0)?;
+        let m = self.insert(a + (b - a) * fraction, origin, edge.0)?;
         if m != edge.0 && m != edge.1 {
             self.mesh.split_edge(edge, m);
         }
         Ok(())
     }
 
-    /// Divides the tetrahedra that missing faces cut. Points can be inserted in a Delaunay complex only:
-    /// unless all faces are recovered, the complex stays as it is, and those that are not are returned.
+    /// Divides the tetrahedra that missing faces cut. Later points can only be inserted in a Delaunay
+    /// complex: unless all faces are recovered, the complex is restored, and the faces that could not be
+    /// recovered are returned.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
-        let whole = self.delaunay.clone();
-        let mut left = super::carve::carve(self.delaunay, &self.mesh, &missing);
-        if left.is_empty() {
-            left = self.missing_faces();
+        let undivided = self.delaunay.clone();
+        let mut unrecovered = super::carve::carve(self.delaunay, &self.mesh, &missing);
+        if unrecovered.is_empty() {
+            unrecovered = self.missing_faces();
         }
-        if left.is_empty() {
-            self.done.divided = missing.len();
-            self.delaunay.before = Some(joined(&whole));
+        if unrecovered.is_empty() {
+            self.record.divided = missing.len();
+            self.delaunay.before = Some(joined(&undivided));
         } else {
-            *self.delaunay = whole;
+            *self.delaunay = undivided;
         }
-        left
+        unrecovered
     }
 
-    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else the
-    /// middle of the longest edge.
+    /// Inserts a point on each of some missing faces: the circumcentre if it is well inside, else a point on
+    /// the longest edge.
     fn insert_on_faces(&mut self, faces: &[u32]) -> Result<()> {
         for &f in faces {
             let face = self.mesh.faces[f as usize];
@@ -243,10 +250,11 @@ impl Work<'_> {
             let longest = (0..3)
                 .max_by(|&i, &j| square(i).total_cmp(&square(j)))
                 .unwrap_or(0);
-            // Barycentric coordinates of the circumcentre.
+            // Barycentric coordinates of the circumcentre, times a common factor.
             let l = [square(1), square(2), square(0)];
             let w = [0, 1, 2].map(|k: usize| l[k] * (l[(k + 1) % 3] + l[(k + 2) % 3] - l[k]));
             let sum = w[0] + w[1] + w[2];
+            // Closer to an edge than this the three pieces would be slivers.
             if w.iter().all(|x| *x > 0.1 * sum) {
                 let centre = (p[0].coords * w[0] + p[1].coords * w[1] + p[2].coords * w[2]) / sum;
                 let m = self.insert(centre.into(), face.origin, face.v[0])?;
@@ -260,14 +268,17 @@ impl Work<'_> {
         Ok(())
     }
 
-    fn insert(&mut self, p: Point3<f64>, origin: u32, near: u32) -> Result<u32> {
-        if self.done.inserted.len() >= self.limit {
+    fn insert(&mut self, p: Point3<f64>, origin: u32, start_node: u32) -> Result<u32> {
+        if self.record.inserted.len() >= self.limit {
             return Err(self.give_up());
         }
         let count = self.delaunay.points.len();
-        let v = self.delaunay.insert(p, self.delaunay.at_vertex[near as usize]).0;
+        let v = self
+            .delaunay
+            .insert(p, self.delaunay.at_vertex[start_node as usize])
+            .0;
         if v as usize == count {
-            self.done.inserted.push(InsertedPoint {
+            self.record.inserted.push(InsertedPoint {
                 node: count,
                 face: origin as usize,
             });
@@ -288,7 +299,7 @@ impl Work<'_> {
         Error::FacesNotRecovered {
             faces,
             count,
-            inserted: self.done.inserted.len(),
+            inserted: self.record.inserted.len(),
             limit: self.limit,
         }
     }
@@ -299,7 +310,8 @@ enum Place {
     Edge(usize),
 }
 
-/// Whether a point lies on a face within a distance, away from its corners.
+/// Returns where a point lies on a face (its interior or edge `k`), within a distance; `None` off the face or
+/// at a corner.
 fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, tolerance: f64) -> Option<Place> {
     let [a, b, c] = corners;
     let n = (b - a).cross(&(c - a));

@@ -1,4 +1,4 @@
-//! Construction from a set of points.
+//! Construction of the complex from a set of points.
 
 use super::Delaunay;
 use super::insert::Inserted;
@@ -9,7 +9,7 @@ use crate::tet::{INF, NONE, Tet};
 use nalgebra::Point3;
 use std::cmp::Ordering;
 
-/// Tetrahedra are numbered with 30 bits, and there may be about eight per node.
+/// Tetrahedra are numbered with 30 bits (two bits are for the slot), and there may be about eight per node.
 const MAX_NODES: usize = 100_000_000;
 
 pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
@@ -17,6 +17,7 @@ pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
     let order = insertion_order(points);
     let sorted: Vec<Point3<f64>> = order.iter().map(|&i| points[i as usize]).collect();
     let first = first_simplex(&sorted)?;
+    // The rank is the caller's index: ties do not depend on the order of insertion.
     let mut delaunay = Delaunay::empty(sorted, order);
     delaunay.start(first);
     let mut hint = 0;
@@ -52,7 +53,7 @@ fn check(points: &[Point3<f64>]) -> Result<()> {
     }
 }
 
-/// Four affinely independent points, positively oriented.
+/// Returns four affinely independent points, positively oriented.
 fn first_simplex(points: &[Point3<f64>]) -> Result<[u32; 4]> {
     let nodes = points.len();
     let a = points.first().ok_or(Error::TooFewNodes { found: 0 })?;
@@ -68,7 +69,7 @@ fn first_simplex(points: &[Point3<f64>]) -> Result<[u32; 4]> {
     Ok(if positive { [0, b, c, d] } else { [0, c, b, d] })
 }
 
-/// The given error, or `TooFewNodes` if fewer than four points are distinct.
+/// Returns the given error, or `TooFewNodes` if fewer than four points are distinct.
 fn few_or(points: &[Point3<f64>], error: Error) -> Error {
     let mut distinct: Vec<Point3<f64>> = Vec::with_capacity(4);
     for p in points {
@@ -85,7 +86,7 @@ fn few_or(points: &[Point3<f64>], error: Error) -> Error {
 }
 
 impl Delaunay {
-    /// One finite tetrahedron and its four ghosts.
+    /// Creates one finite tetrahedron and its four ghosts.
     fn start(&mut self, v: [u32; 4]) {
         let mut tets = vec![Tet { v, n: [NONE; 4] }];
         for slot in 0..4 {
@@ -98,8 +99,8 @@ impl Delaunay {
         for i in 0..tets.len() {
             for slot in 0..4 {
                 let face = tets[i].face(slot);
-                for (j, other) in tets.iter().enumerate() {
-                    if let (true, Some(back)) = (j != i, other.slot_opposite(face)) {
+                for (j, candidate) in tets.iter().enumerate() {
+                    if let (true, Some(back)) = (j != i, candidate.slot_opposite(face)) {
                         tets[i].n[slot] = (j << 2 | back) as u32;
                         break;
                     }
@@ -111,7 +112,7 @@ impl Delaunay {
         self.work.grow_marks(self.tets.len());
     }
 
-    /// Back to the caller's numbering; drops unused slots.
+    /// Returns to the caller's numbering; drops unused slots.
     fn finish(&mut self, points: &[Point3<f64>]) {
         self.compact();
         let order = std::mem::take(&mut self.rank);
@@ -129,7 +130,7 @@ impl Delaunay {
         self.refresh_at_vertex(0);
     }
 
-    /// Records a tetrahedron at the vertices of all tetrahedra from `first` on.
+    /// Records one tetrahedron for each vertex of the tetrahedra from `first` on.
     pub(super) fn refresh_at_vertex(&mut self, first: usize) {
         for (i, t) in self.tets.iter().enumerate().skip(first) {
             for &v in &t.v {

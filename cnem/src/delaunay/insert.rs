@@ -1,14 +1,14 @@
-//! Insertion of one point: cavity, star, gluing.
+//! Insertion of one point: find the cavity, build the star, join its tetrahedra.
 
 use super::Delaunay;
 use crate::tet::{EdgeTable, FACES, INF, NONE, Tet};
 use nalgebra::Point3;
 
-/// Buffers of the insertion, kept between points.
+/// Working buffers of the insertion, kept between points.
 #[derive(Debug, Clone)]
 pub(super) struct Work {
     table: EdgeTable,
-    /// Per tetrahedron `2 * stamp + in_cavity` of its last visit.
+    /// For each tetrahedron `2 * stamp + in_cavity` of its last visit.
     mark: Vec<u32>,
     stamp: u32,
     cavity: Vec<u32>,
@@ -17,33 +17,33 @@ pub(super) struct Work {
     created: Vec<u32>,
 }
 
-/// A face of the cavity seen from inside, and the tetrahedron behind it.
+/// Face of the cavity seen from inside, and the tetrahedron behind it.
 #[derive(Debug, Clone, Copy)]
 struct Border {
     face: [u32; 3],
     behind: u32,
 }
 
-/// Outcome of an insertion.
+/// Result of an insertion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Inserted {
-    /// One of the new tetrahedra.
+    /// Index of one of the new tetrahedra.
     At(u32),
-    /// The vertex that is already there.
+    /// Index of the vertex that is already at this position.
     Duplicate(u32),
 }
 
 impl Work {
     pub(super) fn new(table: EdgeTable) -> Self {
-        let none = Vec::new;
+        let empty = Vec::new;
         Self {
             table,
-            mark: none(),
+            mark: empty(),
             stamp: 0,
-            cavity: none(),
+            cavity: empty(),
             border: Vec::new(),
-            free: none(),
-            created: none(),
+            free: empty(),
+            created: empty(),
         }
     }
 
@@ -53,7 +53,7 @@ impl Work {
         }
     }
 
-    /// Forgets everything that belongs to one numbering of the tetrahedra.
+    /// Clears the buffers that depend on the numbering of the tetrahedra.
     fn reset(&mut self) {
         self.mark.clear();
         self.stamp = 0;
@@ -71,7 +71,8 @@ impl Work {
 }
 
 impl Delaunay {
-    /// Adds a point with the highest rank; returns its index, or that of the vertex already there.
+    /// Adds a point with the highest rank. Returns its index, or the index of the vertex already at this
+    /// position.
     pub(crate) fn insert(&mut self, p: Point3<f64>, hint: u32) -> (u32, Inserted) {
         let v = self.points.len() as u32;
         self.points.push(p);
@@ -114,6 +115,7 @@ impl Delaunay {
     fn find_cavity(&mut self, start: u32, q: &Point3<f64>, rank: u64) {
         let mut work = std::mem::replace(&mut self.work, Work::new(EdgeTable::default()));
         let stamp = work.next_stamp();
+        // Marks of earlier points are smaller than `out`: they need not be cleared.
         let (out, inside) = (2 * stamp, 2 * stamp + 1);
         work.cavity.clear();
         work.border.clear();
@@ -124,15 +126,15 @@ impl Delaunay {
             let t = self.tets[work.cavity[next] as usize];
             next += 1;
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = n >> 2;
-                let mark = &mut work.mark[other as usize];
+                let neighbour = n >> 2;
+                let mark = &mut work.mark[neighbour as usize];
                 if *mark == inside {
                     continue;
                 }
                 if *mark != out {
-                    if self.conflicts(other, q, rank) {
+                    if self.conflicts(neighbour, q, rank) {
                         *mark = inside;
-                        work.cavity.push(other);
+                        work.cavity.push(neighbour);
                         continue;
                     }
                     *mark = out;
@@ -150,6 +152,7 @@ impl Delaunay {
     /// Replaces the cavity by the star of `v`.
     fn fill_cavity(&mut self, v: u32) -> Inserted {
         let mut work = std::mem::replace(&mut self.work, Work::new(EdgeTable::default()));
+        // The border holds copies, so the slots of the cavity can be reused at once.
         work.free.append(&mut work.cavity);
         work.created.clear();
         let mut last = 0;
@@ -168,6 +171,7 @@ impl Delaunay {
             };
             last = id;
             work.created.push(id);
+            // Ghosts must have infinity in slot 3, see `Tet::is_ghost`.
             let (corners, apex) = with_infinity_last([face[0], face[1], face[2], v]);
             let mut t = Tet {
                 v: corners,
@@ -175,6 +179,8 @@ impl Delaunay {
             };
             t.n[apex] = behind;
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = id << 2 | apex as u32;
+            // Two new tetrahedra meet over each edge of the cavity's border: its two vertices identify the
+            // pair.
             let local = corners.map(|w| if w == v { NONE } else { work.table.local(w) });
             for (slot, face) in FACES.iter().enumerate() {
                 if slot == apex {
@@ -185,9 +191,9 @@ impl Delaunay {
                     continue;
                 };
                 let payload = id << 2 | slot as u32;
-                if let Some(other) = work.table.pair(a, b, payload) {
-                    t.n[slot] = other;
-                    let (tet, back) = ((other >> 2) as usize, (other & 3) as usize);
+                if let Some(twin) = work.table.pair(a, b, payload) {
+                    t.n[slot] = twin;
+                    let (tet, back) = ((twin >> 2) as usize, (twin & 3) as usize);
                     if tet == id as usize {
                         t.n[back] = payload;
                     } else {
@@ -202,13 +208,13 @@ impl Delaunay {
         Inserted::At(last)
     }
 
-    /// Leaves tetrahedra that nothing refers to any more to later insertions.
+    /// Frees tetrahedra that nothing refers to any more, for later insertions.
     pub(super) fn release(&mut self, tets: &[u32]) {
         self.work.free.extend(tets);
         self.work.grow_marks(self.tets.len());
     }
 
-    /// Removes the free slots left over by insertions.
+    /// Removes the free slots that insertions have left.
     pub(super) fn compact(&mut self) {
         let free = std::mem::take(&mut self.work.free);
         if !free.is_empty() {
@@ -220,8 +226,8 @@ impl Delaunay {
                 renumbered.push(if *d { NONE } else { count });
                 count += u32::from(!d);
             }
-            let mut kept = dead.iter();
-            self.tets.retain(|_| kept.next() == Some(&false));
+            let mut flags = dead.iter();
+            self.tets.retain(|_| flags.next() == Some(&false));
             for t in &mut self.tets {
                 t.n = t.n.map(|n| renumbered[(n >> 2) as usize] << 2 | (n & 3));
             }
@@ -231,15 +237,16 @@ impl Delaunay {
     }
 }
 
-/// Even permutation that brings infinity to slot 3; also the slot where the vertex of slot 3 went.
+/// Moves infinity to slot 3 by an even permutation, which keeps the orientation. Also returns the slot to
+/// which the vertex of slot 3 went.
 fn with_infinity_last(mut v: [u32; 4]) -> ([u32; 4], usize) {
     match v[..3].iter().position(|&w| w == INF) {
         None => (v, 3),
-        Some(at) => {
-            v.swap(at, 3);
-            let (a, b) = ((at + 1) % 3, (at + 2) % 3);
+        Some(slot) => {
+            v.swap(slot, 3);
+            let (a, b) = ((slot + 1) % 3, (slot + 2) % 3);
             v.swap(a, b);
-            (v, at)
+            (v, slot)
         }
     }
 }

@@ -6,7 +6,7 @@ use crate::tet::NONE;
 use nalgebra::Point3;
 use std::cmp::Ordering;
 
-/// Where a point lies in the complex.
+/// Position of a point relative to the complex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Location {
@@ -26,46 +26,47 @@ pub enum Location {
     },
 }
 
-/// Steps of a walk after which the faces are tried in changing order.
+/// Steps of a walk after which the faces are tested in changing order.
 const ORDERLY: usize = 4096;
 
 impl Delaunay {
-    /// Locates a point by an exact visibility walk from `hint` (any number; the last hint is best).
+    /// Locates a point by an exact visibility walk that starts at `hint` (any number; the last hint is best).
     ///
-    /// Points on a common face, edge or vertex are reported in one of the tetrahedra that share it.
+    /// A point on a common face, edge or vertex is reported in one of the tetrahedra that share it.
     pub fn locate(&self, p: &Point3<f64>, hint: usize) -> Location {
-        let at = self.walk(p, if hint < self.tets.len() { hint as u32 } else { 0 });
-        let t = &self.tets[at as usize];
+        let tet = self.walk(p, if hint < self.tets.len() { hint as u32 } else { 0 });
+        let t = &self.tets[tet as usize];
         let v = t.v.map(|v| v as usize);
         if t.is_ghost() {
             Location::Outside {
                 face: [v[0], v[1], v[2]],
-                hint: at as usize,
+                hint: tet as usize,
             }
         } else {
             Location::Inside {
                 nodes: v,
-                hint: at as usize,
+                hint: tet as usize,
             }
         }
     }
 
-    /// Tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility walks in a
-    /// Delaunay complex never cycle; in a constrained one the faces are tried in changing order after a
-    /// while, so that no cycle lasts.
+    /// Returns the tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility
+    /// walks in a Delaunay complex never cycle. In a constrained complex they can: after a while the faces
+    /// are tested in changing order, so that no cycle lasts.
     pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
-        let mut at = hint;
-        let mut from = NONE;
-        let mut t = &self.tets[at as usize];
+        let mut current = hint;
+        let mut previous = NONE;
+        let mut t = &self.tets[current as usize];
         if t.is_ghost() {
-            from = at;
-            at = t.n[3] >> 2;
-            t = &self.tets[at as usize];
+            previous = current;
+            current = t.n[3] >> 2;
+            t = &self.tets[current as usize];
         }
         let mut steps = 0_usize;
         'step: loop {
             let mut exit = NONE;
             steps += 1;
+            // A hash of the step count: varied, and the same in every run.
             let turn = if steps > ORDERLY {
                 steps.wrapping_mul(0x9e37_79b9) >> 7
             } else {
@@ -74,19 +75,19 @@ impl Delaunay {
             for k in 0..4 {
                 let slot = (k + turn) & 3;
                 let n = t.n[slot];
-                if n >> 2 == from {
+                if n >> 2 == previous {
                     continue;
                 }
                 let [a, b, c] = t.face(slot).map(|v| &self.points[v as usize]);
                 if orient3d(a, b, c, q) == Ordering::Greater {
                     let next = &self.tets[(n >> 2) as usize];
                     if next.is_ghost() {
-                        // Leave the hull only where nothing else leads closer.
+                        // Leave the hull only if no other face leads on.
                         exit = n >> 2;
                         continue;
                     }
-                    from = at;
-                    at = n >> 2;
+                    previous = current;
+                    current = n >> 2;
                     t = next;
                     continue 'step;
                 }
@@ -94,15 +95,15 @@ impl Delaunay {
             if exit != NONE {
                 return exit;
             }
-            // Coming from a ghost the first face was not tested; it is the only one that can be left.
-            if from != NONE && self.tets[from as usize].is_ghost() {
-                let g = &self.tets[from as usize];
+            // After a start at a ghost its hull face was not tested; it is the only way out that remains.
+            if previous != NONE && self.tets[previous as usize].is_ghost() {
+                let g = &self.tets[previous as usize];
                 let [a, b, c] = [g.v[0], g.v[1], g.v[2]].map(|v| &self.points[v as usize]);
                 if orient3d(a, b, c, q) == Ordering::Greater {
-                    return from;
+                    return previous;
                 }
             }
-            return at;
+            return current;
         }
     }
 }

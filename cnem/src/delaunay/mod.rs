@@ -1,11 +1,11 @@
 //! Delaunay tetrahedralisation of a set of points, by incremental insertion with exact predicates.
 //!
 //! Bowyer-Watson: the tetrahedra whose circumsphere holds the new point form a star-shaped cavity, which is
-//! replaced by the star of the point. The outside of the convex hull is filled with ghost tetrahedra, so
-//! the complex has no border. Ties are broken by node index (see [`crate::predicates`]): the result does
-//! not depend on the order of insertion, and no flat tetrahedron arises on grids, cylinders or spheres.
+//! replaced by the star of the point. Ghost tetrahedra fill the outside of the convex hull, so the complex
+//! has no border. Ties are broken by node index (see [`crate::predicates`]): the result does not depend on
+//! the order of insertion, and no flat tetrahedra arise on grids, cylinders or spheres.
 //!
-//! The complex fills the convex hull; constrained faces are the business of [`crate::constraint`].
+//! The complex fills the convex hull; [`crate::constraint`] adds constrained faces.
 
 mod build;
 mod insert;
@@ -35,17 +35,17 @@ pub(crate) use replace::{face_key, joined};
 /// ```
 #[derive(Debug, Clone)]
 pub struct Delaunay {
-    /// Points in the numbering of `tets`.
+    /// Points, numbered as in `tets`.
     pub(crate) points: Vec<Point3<f64>>,
     pub(crate) tets: Vec<Tet>,
     /// A tetrahedron at every vertex; `NONE` for duplicates.
     pub(crate) at_vertex: Vec<u32>,
     duplicates: Vec<(usize, usize)>,
-    /// Rank of the vertices in the tie-break; empty when it is the index.
+    /// Rank of the vertices in the tie-break; empty if the rank is the index.
     pub(crate) rank: Vec<u32>,
     work: insert::Work,
-    /// Neighbours in the Delaunay complex, if tetrahedra were then divided along constrained faces: spheres
-    /// are empty of visible nodes only.
+    /// Neighbours of each node in the Delaunay complex, if tetrahedra were later divided along constrained
+    /// faces. Spheres are then empty of visible nodes only.
     pub(crate) before: Option<Adjacency>,
 }
 
@@ -68,25 +68,25 @@ impl Delaunay {
         }
     }
 
-    /// As [`Delaunay::new`], but leaves out points that repeat another; see [`Delaunay::duplicates`].
+    /// Like [`Delaunay::new`], but leaves out points that repeat another; see [`Delaunay::duplicates`].
     ///
     /// # Errors
-    /// As [`Delaunay::new`], without `DuplicateNodes`.
+    /// The errors of [`Delaunay::new`] except `DuplicateNodes`.
     pub fn merging_duplicates(points: &[Point3<f64>]) -> Result<Self> {
         build::build(points)
     }
 
-    /// Pairs `(left out, kept)` of equal points, sorted.
+    /// Returns the pairs `(left out, kept)` of equal points, sorted.
     pub fn duplicates(&self) -> &[(usize, usize)] {
         &self.duplicates
     }
 
-    /// The points, those inserted later at the end.
+    /// Returns the points; points inserted later are at the end.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }
 
-    /// Vertices of the tetrahedra, each with a positive volume.
+    /// Returns the vertices of the tetrahedra, each with a positive volume.
     pub fn tetrahedra(&self) -> impl Iterator<Item = [usize; 4]> + '_ {
         self.tets
             .iter()
@@ -99,7 +99,7 @@ impl Delaunay {
         self.tets.iter().filter(|t| !t.is_ghost()).count()
     }
 
-    /// Faces of the convex hull, normals outward.
+    /// Returns the faces of the convex hull, normals outward.
     pub fn hull(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
         self.tets
             .iter()
@@ -107,20 +107,20 @@ impl Delaunay {
             .map(|t| [t.v[0], t.v[1], t.v[2]].map(|v| v as usize))
     }
 
-    /// Corner points of a finite tetrahedron.
+    /// Returns the corner points of a finite tetrahedron.
     #[inline]
     pub(crate) fn corners(&self, t: &Tet) -> [&Point3<f64>; 4] {
         t.v.map(|v| &self.points[v as usize])
     }
 
-    /// Rank of a vertex in the tie-break.
+    /// Returns the rank of a vertex in the tie-break.
     #[inline]
     pub(crate) fn rank(&self, v: u32) -> u64 {
         u64::from(self.rank.get(v as usize).copied().unwrap_or(v))
     }
 
-    /// True if `t` is in conflict with the point `q` of the given rank: its (perturbed) circumsphere holds
-    /// `q`.
+    /// Returns whether a tetrahedron is in conflict with the point `q` of the given rank: its (perturbed)
+    /// circumsphere holds `q`.
     #[inline]
     pub(crate) fn conflicts(&self, tet: u32, q: &Point3<f64>, rank: u64) -> bool {
         let t = &self.tets[tet as usize];
@@ -145,8 +145,9 @@ impl Delaunay {
         }
     }
 
-    /// A ghost holds the open half space beyond its hull face and, in the plane of the face, the circle
-    /// that the circumsphere of the tetrahedron behind cuts out of it.
+    /// Returns whether a ghost holds `q`. A ghost holds the open half space beyond its hull face. In the
+    /// plane of the face it holds the circle that the circumsphere of the tetrahedron behind the face cuts
+    /// out of the plane.
     fn ghost_conflicts(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
         use std::cmp::Ordering::{Equal, Greater, Less};
         let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
@@ -157,8 +158,8 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedra (ghosts too) that contain a vertex. Behind a crack there are those of its copy, which are
-    /// left out.
+    /// Writes the tetrahedra that contain a vertex to `out`, ghosts included. Tetrahedra behind a crack
+    /// belong to a copy of the vertex and are not among them.
     pub(crate) fn star(&self, vertex: u32, out: &mut Vec<u32>) {
         out.clear();
         let first = self.at_vertex[vertex as usize];
@@ -171,16 +172,16 @@ impl Delaunay {
             let t = &self.tets[out[next] as usize];
             next += 1;
             for (&v, &n) in t.v.iter().zip(&t.n) {
-                let other = n >> 2;
-                let same = || self.tets[other as usize].slot_of(vertex).is_some();
-                if v != vertex && !out.contains(&other) && same() {
-                    out.push(other);
+                let neighbour = n >> 2;
+                let has_vertex = || self.tets[neighbour as usize].slot_of(vertex).is_some();
+                if v != vertex && !out.contains(&neighbour) && has_vertex() {
+                    out.push(neighbour);
                 }
             }
         }
     }
 
-    /// Tetrahedron and slot of the face with the given vertices, if it is in the complex.
+    /// Returns tetrahedron and slot of the face with the given vertices, if the face is in the complex.
     pub(crate) fn face(&self, v: [u32; 3], star: &mut Vec<u32>) -> Option<(u32, usize)> {
         self.star(v[0], star);
         star.iter()
@@ -194,8 +195,8 @@ impl Delaunay {
     }
 
     /// Checks adjacency, orientation and the empty-sphere property over every face by exact predicates;
-    /// returns the number of violations. Locally Delaunay everywhere is globally Delaunay. After faces were
-    /// recovered without points (see [`crate::constraint::Recovery::divided`]) these faces violate it.
+    /// returns the number of violations. A complex that is Delaunay over every face is Delaunay as a whole.
+    /// Faces recovered without points (see [`crate::constraint::Recovery::divided`]) violate the property.
     pub fn violations(&self) -> usize {
         let mut bad = 0;
         for (i, t) in self.tets.iter().enumerate() {
@@ -204,10 +205,10 @@ impl Delaunay {
                 bad += usize::from(crate::predicates::orient3d(a, b, c, d) != std::cmp::Ordering::Greater);
             }
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = &self.tets[(n >> 2) as usize];
-                let back = other.n[(n & 3) as usize];
+                let neighbour = &self.tets[(n >> 2) as usize];
+                let back = neighbour.n[(n & 3) as usize];
                 bad += usize::from(back != ((i as u32) << 2 | slot as u32));
-                let apex = other.v[(n & 3) as usize];
+                let apex = neighbour.v[(n & 3) as usize];
                 if apex != INF && !t.is_ghost() {
                     let q = &self.points[apex as usize];
                     bad += usize::from(self.sphere_holds(t, q, self.rank(apex)));
@@ -225,13 +226,14 @@ impl Delaunay {
     }
 }
 
-/// Signed volume of a tetrahedron \[m³\], positive for the orientation of [`crate::predicates::orient3d`].
+/// Returns the signed volume of a tetrahedron \[m³\], positive for the orientation of
+/// [`crate::predicates::orient3d`].
 pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
     let [a, b, c, d] = t;
     (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
 }
 
-/// Gradients \[1/m\] of the linear functions of a tetrahedron, and its volume \[m³\].
+/// Returns the gradients \[1/m\] of the linear functions of a tetrahedron, and its volume \[m³\].
 pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
     let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
     let gradients = crate::tet::FACES.map(|f| {
@@ -241,7 +243,7 @@ pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64)
     (gradients, six / 6.0)
 }
 
-/// Linear functions of a tetrahedron at any point, from their gradients.
+/// Returns the linear functions of a tetrahedron at any point, from their gradients.
 pub(crate) fn linear_values(
     p: &[Point3<f64>; 4],
     gradients: &[Vector3<f64>; 4],

@@ -1,17 +1,17 @@
-//! Replacement of some tetrahedra by others that fill the same space.
+//! Replacement of tetrahedra by others that fill the same space.
 
 use super::Delaunay;
 use crate::tet::{INF, NONE, Tet};
 use arlequin_core::adjacency::Adjacency;
 use std::collections::HashMap;
 
-/// Key of a face whatever the order of its vertices.
+/// Returns the key of a face, independent of the order of its vertices.
 pub(crate) fn face_key(mut v: [u32; 3]) -> [u32; 3] {
     v.sort_unstable();
     v
 }
 
-/// Nodes joined to each by edges, ascending.
+/// Returns the nodes that an edge joins to each node, ascending.
 pub(crate) fn joined(delaunay: &Delaunay) -> Adjacency {
     // Slots that insertions have left unused are in no star.
     let mut star = Vec::new();
@@ -26,8 +26,8 @@ pub(crate) fn joined(delaunay: &Delaunay) -> Adjacency {
 }
 
 impl Delaunay {
-    /// Puts tetrahedra in the place of others. Both sets must have the same border, and the new ones
-    /// positive volumes; false, with nothing changed, if faces do not match.
+    /// Replaces tetrahedra by others. Both sets must have the same border, and the new tetrahedra positive
+    /// volumes. Returns false, with nothing changed, if faces do not match.
     pub(crate) fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) -> bool {
         let mut open: HashMap<[u32; 3], u32> = HashMap::new();
         for &t in old {
@@ -37,7 +37,7 @@ impl Delaunay {
                 }
             }
         }
-        // Ids of the new ones: those of the old, then further ones.
+        // The new tetrahedra take the ids of the old ones, then further ids.
         let id = |k: usize| {
             old.get(k)
                 .copied()
@@ -50,9 +50,9 @@ impl Delaunay {
             let t = Tet { v, n: [NONE; 4] };
             for slot in 0..4 {
                 let face = face_key(t.face(slot));
-                if let Some((j, other)) = inner.remove(&face) {
-                    links[k][slot] = id(j) << 2 | other as u32;
-                    links[j][other] = id(k) << 2 | slot as u32;
+                if let Some((j, back)) = inner.remove(&face) {
+                    links[k][slot] = id(j) << 2 | back as u32;
+                    links[j][back] = id(k) << 2 | slot as u32;
                 } else if let Some(behind) = open.remove(&face) {
                     links[k][slot] = behind;
                     outer.push((behind, id(k) << 2 | slot as u32));
@@ -66,14 +66,14 @@ impl Delaunay {
         }
         for (k, (&v, &n)) in new.iter().zip(&links).enumerate() {
             let tet = Tet { v, n };
-            let at = old.get(k).copied().unwrap_or(self.tets.len() as u32);
-            match self.tets.get_mut(at as usize) {
+            let index = old.get(k).copied().unwrap_or(self.tets.len() as u32);
+            match self.tets.get_mut(index as usize) {
                 Some(t) => *t = tet,
                 None => self.tets.push(tet),
             }
             v.into_iter()
                 .filter(|v| *v != INF)
-                .for_each(|v| self.at_vertex[v as usize] = at);
+                .for_each(|v| self.at_vertex[v as usize] = index);
         }
         for (behind, link) in outer {
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = link;

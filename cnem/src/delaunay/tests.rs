@@ -2,7 +2,7 @@ use super::*;
 use crate::Error;
 use proptest::prelude::*;
 
-/// Deterministic numbers in [0, 1).
+/// Returns deterministic numbers in [0, 1).
 pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {
@@ -42,7 +42,7 @@ fn two_planes(n: usize, seed: u64) -> Vec<Point3<f64>> {
     (0..n).map(|i| Point3::new(r(), r(), (i % 2) as f64)).collect()
 }
 
-/// Integer points at squared distance 1105 = 5 * 13 * 17 from the origin: exactly cospherical.
+/// Returns the integer points at squared distance 1105 = 5 * 13 * 17 from the origin: exactly cospherical.
 fn cospherical() -> Vec<Point3<f64>> {
     let mut out = Vec::new();
     for x in -33_i32..=33 {
@@ -65,7 +65,7 @@ fn jittered(points: &[Point3<f64>], size: f64, seed: u64) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Structure, empty spheres (exact) and the hull's volume.
+/// Checks structure, empty spheres (exact) and the hull's volume.
 fn assert_delaunay(points: &[Point3<f64>]) -> Delaunay {
     let d = Delaunay::merging_duplicates(points).expect("valid points");
     assert_eq!(d.violations(), 0);
@@ -80,7 +80,7 @@ fn assert_delaunay(points: &[Point3<f64>]) -> Delaunay {
     d
 }
 
-/// No point strictly inside any circumsphere, the definition itself.
+/// Checks the definition: no point is strictly inside any circumsphere.
 fn assert_empty_spheres(points: &[Point3<f64>]) {
     let d = assert_delaunay(points);
     for t in d.tetrahedra() {
@@ -184,15 +184,15 @@ fn insertion_order_does_not_matter() {
     }
     later.compact();
     let sorted = |d: &Delaunay| {
-        let mut all: Vec<_> = d
+        let mut tets: Vec<_> = d
             .tetrahedra()
             .map(|mut t| {
                 t.sort_unstable();
                 t
             })
             .collect();
-        all.sort_unstable();
-        all
+        tets.sort_unstable();
+        tets
     };
     assert_eq!(sorted(&d), sorted(&later));
 }
@@ -232,7 +232,7 @@ fn location_is_exact_on_faces_and_nodes() {
 proptest! {
     #![proptest_config(reader_fuzz::property_config(48))]
 
-    /// Small integer coordinates: every kind of degeneracy, duplicates included.
+    /// Small integer coordinates produce every kind of degeneracy, duplicates included.
     #[test]
     fn small_integer_sets_are_delaunay(raw in prop::collection::vec((0_u8..4, 0_u8..4, 0_u8..4), 5..40)) {
         let points: Vec<_> = raw.iter().map(|&(x, y, z)| Point3::new(x.into(), y.into(), z.into())).collect();

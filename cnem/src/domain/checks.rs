@@ -1,4 +1,4 @@
-//! What a set of nodes must have before anything is computed on it.
+//! Checks of a set of nodes before any expensive computation.
 
 use super::{Domain, ON_BOUNDARY, largest_coordinate};
 use crate::circumcentre::circumcentre;
@@ -6,32 +6,32 @@ use crate::error::{Error, Result};
 use crate::natural::{Interpolant, Scratch};
 use nalgebra::{Point3, Vector3};
 
-/// Distance from a sphere, relative to its radius, at which a node lies on it.
+/// Distance from a sphere, relative to its radius, up to which a node counts as lying on it.
 const ON_SPHERE: f64 = 1e-12;
-/// Points at which natural neighbours are counted.
+/// Number of sample points at which natural neighbours are counted.
 const SAMPLES: usize = 32;
-/// Mean number of natural neighbours above which cells and shape functions are refused.
+/// Mean number of natural neighbours above which a domain or its cells are refused.
 const MOST_NEIGHBOURS: f64 = 1000.0;
-/// Nodes times mean number of natural neighbours above which a body that has many of them is refused. Time
-/// and memory grow with it: 4e6 are about 20 s and 1 GB.
+/// Largest product of the number of nodes and the mean number of natural neighbours. Time and memory grow
+/// with this product: 4e6 takes about 20 s and 1 GB.
 const MOST_PAIRS: f64 = 4e6;
-/// Mean number above which a model warns. Random nodes have 16, grids 8 to 27.
+/// Mean number of natural neighbours above which a model warns. Random nodes have 16, grids 8 to 27.
 const MANY_NEIGHBOURS: f64 = 100.0;
 
-/// How many natural neighbours the points of a domain have.
+/// Number of natural neighbours that the points of a domain have.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbours {
-    /// Mean over some points inside \[–\].
+    /// Mean over sample points inside \[–\].
     pub mean: f64,
-    /// Nodes on constrained faces.
+    /// Number of nodes on constrained faces.
     pub on_surface: usize,
-    /// All nodes.
+    /// Number of all nodes.
     pub nodes: usize,
 }
 
 impl Neighbours {
-    /// What is odd about them: nodes on the surface only, or next to none inside, are neighbours of one
-    /// another right across the body. `None` for ordinary sets of nodes.
+    /// Returns a warning if points have more than 100 natural neighbours on average, else `None`. Nodes on
+    /// the surface with hardly any inside are neighbours of one another right across the body.
     pub fn warning(&self) -> Option<String> {
         (self.mean > MANY_NEIGHBOURS).then(|| {
             format!(
@@ -44,19 +44,20 @@ impl Neighbours {
     }
 }
 
-/// Nodes that span no volume, on a line or in a plane, exactly or up to the round-off of their coordinates;
-/// a great many on one sphere.
+/// Returns an error for nodes that span no volume (on a line or in a plane, exactly or up to the round-off of
+/// their coordinates) and for more than 1000 nodes that all lie on one sphere.
 pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     let nodes = points.len();
     let limit = ON_BOUNDARY * largest_coordinate(points);
     let Some(a) = points.first() else { return Ok(()) };
+    // `Delaunay::new` reports these cases.
     if nodes < 4 || !limit.is_finite() {
         return Ok(());
     }
-    // The farthest point each time, so that line and plane are as well determined as they can be.
-    let farthest = |off: &dyn Fn(&Point3<f64>) -> f64| {
-        let far = points.iter().map(|p| (off(p), p));
-        far.fold((0.0, a), |x, y| if y.0 > x.0 { y } else { x })
+    // Each time the farthest point, so that line and plane are as well determined as possible.
+    let farthest = |distance: &dyn Fn(&Point3<f64>) -> f64| {
+        let candidates = points.iter().map(|p| (distance(p), p));
+        candidates.fold((0.0, a), |x, y| if y.0 > x.0 { y } else { x })
     };
     let (length, b) = farthest(&|p| (p - a).norm());
     if length == 0.0 {
@@ -76,12 +77,12 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     check_sphere(points, &(a + to_centre), to_centre.norm())
 }
 
-/// Refuses many nodes on one sphere before the complex is built: every sphere through four of them holds
-/// every point.
+/// Returns an error if more than 1000 nodes all lie on one sphere. This comes before the complex is built:
+/// the sphere through any four of the nodes holds all points inside, which would be neighbours of every node.
 fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
-    let off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
+    let is_off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
     let nodes = points.len();
-    if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(off) {
+    if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(is_off) {
         return Ok(());
     }
     Err(Error::TooManyNeighbours {
@@ -93,7 +94,7 @@ fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Re
 }
 
 impl Domain {
-    /// Counts the natural neighbours at some points inside.
+    /// Counts the natural neighbours at sample points inside.
     pub fn neighbours(&self) -> Neighbours {
         let elements: Vec<[usize; 4]> = self.elements().collect();
         let step = elements.len().div_ceil(SAMPLES).max(1);
@@ -118,17 +119,17 @@ impl Domain {
         }
     }
 
-    /// Refuses sets of nodes on which every point has a great many neighbours: the fewer are allowed the more
-    /// nodes there are.
+    /// Returns an error if points have too many natural neighbours on average: more than 1000 for small sets
+    /// of nodes, fewer the more nodes there are, but never fewer than 100.
     pub(crate) fn check_neighbours(&self) -> Result<()> {
-        let found = self.neighbours();
-        let limit = (MOST_PAIRS / found.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
-        if found.mean > limit {
+        let neighbours = self.neighbours();
+        let limit = (MOST_PAIRS / neighbours.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
+        if neighbours.mean > limit {
             return Err(Error::TooManyNeighbours {
-                mean: found.mean,
+                mean: neighbours.mean,
                 limit,
-                on_surface: found.on_surface,
-                nodes: found.nodes,
+                on_surface: neighbours.on_surface,
+                nodes: neighbours.nodes,
             });
         }
         Ok(())

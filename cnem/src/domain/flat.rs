@@ -1,18 +1,18 @@
-//! Flat tetrahedra: those that the round-off of the coordinates alone has made.
+//! Flat tetrahedra: tetrahedra that exist only because of the round-off of coordinates.
 //!
-//! Nodes that ought to lie in one plane or on one circle do so up to the round-off of their coordinates
-//! only. The complex, exact for the coordinates as they are, then holds tetrahedra without thickness: on
-//! oblique planar faces, between the triangles of the face and those of its exact hull; along straight
-//! edges; and inside, between two pairs of triangles over the same four cocircular nodes. Their sign,
-//! centre and volume mean nothing. A tetrahedron is flat if its lowest height is at most the distance
-//! [`Domain::tolerance`] below which no point can be told from the boundary either.
+//! Nodes that ought to lie in one plane or on one circle do so only up to the round-off of their coordinates.
+//! The complex is exact for the coordinates as they are, and so contains tetrahedra without thickness: on
+//! oblique planar faces, between the triangles of the face and those of its exact hull; along straight edges;
+//! and inside, between two pairs of triangles over the same four cocircular nodes. Their orientation,
+//! circumcentre and volume are meaningless. A tetrahedron is flat if its lowest height is at most
+//! [`Domain::tolerance`], the distance below which a point cannot be told from the boundary either.
 //!
-//! - Flat tetrahedra next to constrained faces are taken out of the domain, one after the other from
-//!   outside. The faces behind them become the constrained ones: a planar patch is again a patch, that of
-//!   the tetrahedra with a thickness.
-//! - Those inside belong to no cell, have no volume and are no elements. They remain as connections
-//!   ([`Domain::glued`]): searches pass through them. All spheres through their four nodes that are empty
-//!   belong to the same Voronoi edge, so that the centre of a neighbour serves as their own.
+//! - Flat tetrahedra next to constrained faces leave the domain, one after the other from outside. The faces
+//!   behind them become the constrained ones: a planar patch remains a patch, made of faces of tetrahedra
+//!   with a thickness.
+//! - Flat tetrahedra inside belong to no cell, have no volume and are no elements. They remain as connections
+//!   ([`Domain::glued`]) through which searches pass. All empty spheres through their four nodes belong to
+//!   the same Voronoi edge, so that a flat tetrahedron takes the centre of a neighbour.
 
 use super::Domain;
 use crate::circumcentre::six_volumes;
@@ -22,17 +22,18 @@ use crate::tet::FACES;
 use nalgebra::{Point3, Vector3};
 
 /// Ratio of lowest height to longest edge below which a tetrahedron's own linear functions are not used:
-/// they lose `1e-16 / ratio²`, those of a thick one next to it, extrapolated, `1e-16`.
+/// their error is `1e-16 / ratio²`, while functions extrapolated from a thick tetrahedron next to it have an
+/// error of `1e-16`.
 const THIN: f64 = 1e-6;
 
-/// True if the lowest height of a tetrahedron is at most `limit`.
+/// Returns whether the lowest height of a tetrahedron is at most `limit` \[m\].
 pub(crate) fn is_flat(corners: [&Point3<f64>; 4], limit: f64) -> bool {
     let (widest, longest) = sizes(corners);
     // Four nodes on a line have neither height nor area.
     widest <= limit * longest || six_volumes(corners).abs() <= limit * widest
 }
 
-/// Twice the largest area of a face, and the longest edge.
+/// Returns twice the largest face area, and the longest edge.
 fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
     let (mut widest, mut longest) = (0.0_f64, 0.0_f64);
     for f in FACES {
@@ -45,7 +46,8 @@ fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
 }
 
 impl Domain {
-    /// Two nodes within the tolerance of each other are refused; every tetrahedron that joins them is flat.
+    /// Returns an error if two nodes are within the tolerance of each other. Every tetrahedron that joins two
+    /// such nodes is flat, so only flat ones are checked.
     fn check_distances(&self) -> Result<()> {
         let flat = self.flat.iter().zip(&self.delaunay.tets).filter(|t| *t.0);
         for (_, t) in flat {
@@ -65,7 +67,7 @@ impl Domain {
         Ok(())
     }
 
-    /// Marks flat tetrahedra and takes those next to constrained faces out of the domain.
+    /// Marks the flat tetrahedra and takes those next to constrained faces out of the domain.
     pub(super) fn level(&mut self) -> Result<()> {
         let delaunay = &self.delaunay;
         let flat = |t: &crate::tet::Tet| !t.is_ghost() && is_flat(delaunay.corners(t), self.tolerance);
@@ -80,6 +82,7 @@ impl Domain {
         for (inside, flat) in self.inside.iter_mut().zip(&self.flat) {
             *inside &= !flat;
         }
+        // A tetrahedron that gets a wall later is queued again by `take_out`.
         let mut queue: Vec<u32> = (0..self.glued.len() as u32)
             .filter(|&t| self.glued[t as usize])
             .collect();
@@ -95,14 +98,15 @@ impl Domain {
         Ok(())
     }
 
-    /// Takes one flat tetrahedron out: the faces it had no constraint on become constrained.
+    /// Takes one flat tetrahedron out of the domain: its free faces become constrained in place of its
+    /// constrained ones.
     fn take_out(&mut self, tet: u32, dropped: &mut Vec<u32>, queue: &mut Vec<u32>) -> Result<()> {
         self.glued[tet as usize] = false;
         let t = self.delaunay.tets[tet as usize];
         let walls = self.walls[tet as usize];
         let mut free = Vec::with_capacity(4);
         let mut template: Option<Face> = None;
-        for (slot, &other) in t.n.iter().enumerate() {
+        for (slot, &opposite) in t.n.iter().enumerate() {
             let side = tet << 2 | slot as u32;
             if walls >> slot & 1 == 0 {
                 continue;
@@ -111,12 +115,13 @@ impl Domain {
                 continue;
             };
             let face = self.mesh.faces[id as usize];
+            // Boundary before crack: the new faces bound the domain.
             if template.is_none_or(|f| f.crack) {
                 template = Some(face);
             }
-            // A crack face goes on bounding what is on its other side.
+            // A crack face stays: it still bounds the tetrahedra on its other side.
             if !face.crack {
-                for side in [side, other] {
+                for side in [side, opposite] {
                     self.face_at.remove(&side);
                     self.walls[(side >> 2) as usize] &= !(1 << (side & 3));
                 }
@@ -124,7 +129,7 @@ impl Domain {
             }
         }
         let Some(template) = template else { return Ok(()) };
-        for (slot, &other) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
+        for (slot, &opposite) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
             let v = t.face(slot);
             let id = match free.pop() {
                 Some(id) => {
@@ -136,17 +141,17 @@ impl Domain {
                     self.mesh.faces.len() as u32 - 1
                 }
             };
-            for side in [tet << 2 | slot as u32, other] {
+            for side in [tet << 2 | slot as u32, opposite] {
                 self.face_at.insert(side, id);
                 self.walls[(side >> 2) as usize] |= 1 << (side & 3);
             }
-            queue.push(other >> 2);
+            queue.push(opposite >> 2);
         }
         dropped.append(&mut free);
         Ok(())
     }
 
-    /// Leaves the given faces out of the numbering.
+    /// Removes the `dropped` faces and renumbers the others.
     fn renumber_faces(&mut self, dropped: &[u32]) {
         let mut place = vec![u32::MAX; self.mesh.faces.len()];
         let mut mesh = crate::constraint::FaceMesh::default();
@@ -160,7 +165,7 @@ impl Domain {
         self.face_at.values_mut().for_each(|f| *f = place[*f as usize]);
     }
 
-    /// Gives every flat tetrahedron inside the centre of the next one that has a centre of its own.
+    /// Gives every flat tetrahedron inside the centre of the nearest tetrahedron that has a reliable one.
     pub(super) fn share_centres(&mut self) {
         let mut queue: Vec<u32> = Vec::new();
         for (tet, glued) in self.glued.iter().enumerate() {
@@ -172,35 +177,36 @@ impl Domain {
         let mut done = vec![false; self.glued.len()];
         let mut next = 0;
         while next < queue.len() {
-            let from = queue[next];
+            let source = queue[next];
             next += 1;
-            let t = self.delaunay.tets[from as usize];
-            for other in t.n.map(|n| (n >> 2) as usize) {
-                if !self.glued[other] || done[other] {
+            let t = self.delaunay.tets[source as usize];
+            for neighbour in t.n.map(|n| (n >> 2) as usize) {
+                if !self.glued[neighbour] || done[neighbour] {
                     continue;
                 }
-                done[other] = true;
+                done[neighbour] = true;
                 let [p, q] =
-                    [t.v[0], self.delaunay.tets[other].v[0]].map(|v| &self.delaunay.points[v as usize]);
+                    [t.v[0], self.delaunay.tets[neighbour].v[0]].map(|v| &self.delaunay.points[v as usize]);
                 let moved: Vector3<f64> = p - q;
-                self.centre[other] = moved + self.centre[from as usize];
-                queue.push(other as u32);
+                self.centre[neighbour] = moved + self.centre[source as usize];
+                queue.push(neighbour as u32);
             }
         }
     }
 
-    /// Tetrahedra of the domain behind one that may be flat, through flat ones; itself if it is none.
-    pub(crate) fn beyond(&self, tet: u32, out: &mut Vec<u32>) {
+    /// Returns the tetrahedra of the domain that are reached from `tet` through flat tetrahedra; `tet` itself
+    /// if it is not flat.
+    pub(crate) fn behind_flat(&self, tet: u32, out: &mut Vec<u32>) {
         out.clear();
         out.push(tet);
         let mut next = 0;
         while next < out.len() {
-            let at = out[next];
+            let current = out[next];
             next += 1;
-            if !self.glued[at as usize] {
+            if !self.glued[current as usize] {
                 continue;
             }
-            for n in self.delaunay.tets[at as usize].n.map(|n| n >> 2) {
+            for n in self.delaunay.tets[current as usize].n.map(|n| n >> 2) {
                 if (self.inside[n as usize] || self.glued[n as usize]) && !out.contains(&n) {
                     out.push(n);
                 }
@@ -209,39 +215,39 @@ impl Domain {
         out.retain(|&t| !self.glued[t as usize]);
     }
 
-    /// The tetrahedron itself unless it is too thin for linear functions; else the nearest one that is not,
-    /// reached without crossing a constrained face.
+    /// Returns the tetrahedron itself unless it is too thin for linear functions. Else returns the nearest
+    /// thick tetrahedron that is reached without crossing a constrained face.
     pub(crate) fn thick(&self, tet: u32, x: &Point3<f64>) -> u32 {
         let corners = |t: u32| self.delaunay.corners(&self.delaunay.tets[t as usize]);
         let thin = |t: u32| is_flat(corners(t), THIN * sizes(corners(t)).1);
         if !thin(tet) {
             return tet;
         }
-        let mut reached = vec![tet];
+        let mut visited = vec![tet];
         let mut best = (f64::INFINITY, tet);
         let mut next = 0;
-        while next < reached.len() && next < 256 {
-            let at = reached[next];
+        while next < visited.len() && next < 256 {
+            let current = visited[next];
             next += 1;
-            if self.inside[at as usize] && !thin(at) {
-                let far = self.plane_distances(at, x).into_iter().fold(0.0, f64::max);
-                if far < best.0 {
-                    best = (far, at);
+            if self.inside[current as usize] && !thin(current) {
+                let distance = self.plane_distances(current, x).into_iter().fold(0.0, f64::max);
+                if distance < best.0 {
+                    best = (distance, current);
                 }
                 continue;
             }
-            let t = &self.delaunay.tets[at as usize];
-            for (slot, other) in t.n.iter().map(|n| n >> 2).enumerate() {
-                let wall = self.walls[at as usize] >> slot & 1 == 1;
-                if !wall && !reached.contains(&other) {
-                    reached.push(other);
+            let t = &self.delaunay.tets[current as usize];
+            for (slot, neighbour) in t.n.iter().map(|n| n >> 2).enumerate() {
+                let wall = self.walls[current as usize] >> slot & 1 == 1;
+                if !wall && !visited.contains(&neighbour) {
+                    visited.push(neighbour);
                 }
             }
         }
         best.1
     }
 
-    /// Every node belongs to a tetrahedron of the domain.
+    /// Returns an error unless every node belongs to a tetrahedron of the domain.
     pub(super) fn check_nodes(&self) -> Result<()> {
         let mut used = vec![false; self.nodes().len()];
         self.elements().flatten().for_each(|v| used[v] = true);

@@ -1,20 +1,21 @@
-//! The patch test that every model passes before it is used: forces of linear displacement fields.
+//! The patch test that every model must pass before use: internal forces of linear displacement fields.
 //!
 //! A field `u = t + g (x − x̄)` has the gradient `g` in every cell, hence one stress `σ`. The facets between
-//! cells cancel, so that the force on node `j` is the traction `σ Σ_q N_j(x_q) A_q` of the boundary facets,
-//! and nothing at nodes inside. What differs from that is the error of the integration. It is compared with
-//! `(|λ| + 2μ) |g| Σ_I V_I |b_Ij|`, the forces that the cells around the node put on it before they cancel.
-//! An energy would not do: it is quadratic in the error and a sum over the whole body.
+//! cells cancel. The force on node `j` is therefore the traction `σ Σ_q N_j(x_q) A_q` of the boundary facets,
+//! and zero at inner nodes. Any difference is the error of the integration. It is compared with
+//! `(|λ| + 2μ) |g| Σ_I V_I |b_Ij|`, the forces of the surrounding cells on the node before they cancel.
+//! Energies are no substitute: an energy is quadratic in the error and a sum over the whole body.
 
 use super::CnemModel;
 use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Largest part of the forces around a node that may be left over.
+/// Largest unbalanced force at a node, relative to the cell forces around the node before they cancel \[–\].
+/// It refuses 20 of 360 bodies with coordinates of 4 to 15 digits; they leave up to 9e-5 (decision 0018).
 pub(super) const FORCE_TOLERANCE: f64 = 1e-8;
 
-/// Names and displacement gradients of the fields: a rotation, and a strain without a component that
-/// vanishes.
+/// Names and displacement gradients of the test fields: a rotation, and a strain whose components are all
+/// non-zero.
 fn fields() -> [(&'static str, Matrix3<f64>); 2] {
     let turn = Vector3::new(0.48, -0.6, 0.64).cross_matrix();
     let strain = Matrix3::new(0.5, 0.2, -0.3, 0.2, -0.4, 0.25, -0.3, 0.25, 0.3);
@@ -22,11 +23,11 @@ fn fields() -> [(&'static str, Matrix3<f64>); 2] {
 }
 
 impl CnemModel {
-    /// Refuses a body whose integration leaves forces where linear fields have none.
+    /// Returns an error if a linear field leaves internal forces that the boundary tractions do not balance.
     pub(super) fn check_linear_fields(&mut self) -> Result<()> {
         for (field, gradient) in fields() {
             let (defect, node) = self.largest_force_defect(&gradient);
-            // Not `>`: what is not a number is not right.
+            // Not `defect > …`: a NaN must fail the test, too.
             let right = defect <= FORCE_TOLERANCE;
             if !right {
                 return Err(Error::WrongForces {
@@ -42,13 +43,13 @@ impl CnemModel {
         Ok(())
     }
 
-    /// Largest part of the forces around a node that a linear field with the given gradient leaves over, and
-    /// the node.
+    /// Returns the largest unbalanced force of the linear field with this gradient, relative to the cell
+    /// forces around the node, and that node.
     fn largest_force_defect(&mut self, gradient: &Matrix3<f64>) -> (f64, usize) {
         let [lambda, mu] = self.material.lame();
         let stress =
             Matrix3::identity() * (lambda * gradient.trace()) + (gradient + gradient.transpose()) * mu;
-        let mut forces = self.forces_of(gradient);
+        let mut forces = self.linear_field_forces(gradient);
         for facet in &self.smoothing.boundary {
             let traction = stress * facet.area;
             for (node, value) in facet.nodes.iter().zip(&facet.values) {
@@ -68,22 +69,23 @@ impl CnemModel {
         let parts = forces
             .zip(scales)
             .map(|(f, s)| Vector3::from(*f).norm() / (size * s));
+        // A NaN counts as the largest defect, so that no comparison hides it.
         let not_less = |x: f64, y: f64| x.is_nan() || x >= y;
         parts
             .zip(0..)
             .fold((0.0, 0), |x, y| if not_less(x.0, y.0) { x } else { y })
     }
 
-    /// Internal forces \[N\] of `u = t + g (x − x̄)`, where `t` is as large as the body, so that no node
-    /// stays where it is.
-    fn forces_of(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
+    /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`. The translation `t` is as large as the
+    /// displacements of the body, so that every node moves.
+    fn linear_field_forces(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
         let field = self.field.clone();
         let nodes = field.domain().nodes();
         let [low, high] = crate::bins::around(nodes, 0.0);
         let middle: Point3<f64> = nalgebra::center(&low, &high);
         let shift = Vector3::repeat((high - low).norm() * gradient.norm());
-        let at = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
-        let u: Vec<f64> = nodes.iter().flat_map(at).collect();
+        let displacement = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
+        let u: Vec<f64> = nodes.iter().flat_map(displacement).collect();
         let mut forces = vec![0.0; u.len()];
         self.forces.subtract_product(&u, &mut forces);
         forces
@@ -105,8 +107,8 @@ mod tests {
         CnemModel::new("cube", domain, material, Options::default()).expect("model")
     }
 
-    /// Gradients that are not numbers, too large by a millionth in one cell, or at one node of it, where they
-    /// do not sum to zero then. The energies of linear fields change by less than 1e-7.
+    /// Gradients are NaN, 1e-6 too large in one whole cell, or 1e-6 too large at one node of a cell, whose
+    /// gradients then do not sum to zero. The energies of linear fields change by less than 1e-7.
     #[test]
     fn models_with_forces_under_linear_fields_are_refused() {
         let broken = |change: &dyn Fn(&mut Smoothing)| {

@@ -1,4 +1,5 @@
-//! The cavity of a point: tetrahedra in reach whose circumsphere holds it, and the border around them.
+//! The cavity of a point: the tetrahedra in reach whose circumsphere holds the point, and their common
+//! border.
 
 use crate::circumcentre::{accurate, quick};
 use crate::domain::Domain;
@@ -7,28 +8,29 @@ use crate::tet::{EdgeTable, FACES};
 use nalgebra::{Point3, Vector3};
 use std::cmp::Ordering;
 
-/// Relative width of the shell around a cached circumsphere in which the exact predicate is asked.
+/// Relative width of the shell around a cached circumsphere inside which the exact predicate decides.
 const SHELL: f64 = 1e-10;
-/// Depth of a node in a sphere, relative to their sizes, that is round-off.
+/// Depth of a node in a sphere, relative to the sizes of both, that counts as round-off.
 const EMPTY: f64 = 1e-10;
 
-/// Tetrahedron of the cavity.
+/// A tetrahedron of the cavity.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Member {
     tet: u32,
     local: [u32; 4],
-    /// Circumcentre relative to the point.
+    /// Circumcentre relative to the point \[m\].
     pub(super) centre: Vector3<f64>,
 }
 
-/// Face of the cavity's border, counter-clockwise from outside, and the sphere through it and the point.
+/// Face of the cavity's border, counter-clockwise from outside, with the sphere through the face and the
+/// point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Border {
     pub(super) local: [u32; 3],
     pub(super) member: u32,
-    /// Centre of the sphere, relative to the point.
+    /// Centre of the sphere, relative to the point \[m\].
     pub(super) centre: Vector3<f64>,
-    /// Six volumes of the face and the point.
+    /// Six times the volume of the tetrahedron of face and point.
     pub(super) det: f64,
     pub(super) wall: bool,
 }
@@ -40,32 +42,33 @@ pub(super) struct Inner {
     pub(super) members: [u32; 2],
 }
 
-/// Edge of the border, directed as in its first face, with the two faces.
+/// Edge of the border, directed as in its first face, and its two faces.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ridge {
     pub(super) ends: [u32; 2],
     pub(super) faces: [u32; 2],
 }
 
-/// Buffers of the cavity.
+/// Working buffers of the cavity.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cavity {
     mark: Vec<u32>,
     stamp: u32,
-    /// Member of a marked tetrahedron.
+    /// Index of the member for each marked tetrahedron.
     index: Vec<u32>,
     table: EdgeTable,
     pub(super) members: Vec<Member>,
     pub(super) border: Vec<Border>,
     pub(super) inner: Vec<Inner>,
     pub(super) ridges: Vec<Ridge>,
-    /// Nodes of the cavity and their positions relative to the point, by local number.
+    /// Nodes of the cavity, by local number.
     pub(super) nodes: Vec<u32>,
+    /// Positions of these nodes relative to the point \[m\].
     pub(super) rel: Vec<Vector3<f64>>,
 }
 
 impl Cavity {
-    /// Makes room for a domain.
+    /// Grows the buffers to the size of a domain.
     pub(super) fn fit(&mut self, domain: &Domain) {
         let tets = domain.delaunay.tets.len();
         if self.mark.len() < tets {
@@ -75,21 +78,21 @@ impl Cavity {
         self.table.reserve(domain.nodes().len());
     }
 
-    /// Finds the cavity of `x`, which lies in the tetrahedron `start`. True if the star of `x` in it is
-    /// that of `x` in the Delaunay complex of the cavity's nodes.
+    /// Finds the cavity of `x`, which lies in the tetrahedron `start`. Returns whether the star of `x` in the
+    /// cavity is the star of `x` in the Delaunay complex of the cavity's nodes.
     pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> bool {
         self.reach(domain, x, start);
         self.build_border(domain, x) && (!self.border.iter().any(|b| b.wall) || self.is_delaunay())
     }
 
-    /// Walls at the border, by their vertices.
+    /// Returns the constrained faces on the border, by their vertices.
     pub(super) fn walls(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         let walls = self.border.iter().filter(|b| b.wall);
         walls.map(|b| b.local.map(|l| self.nodes[l as usize]))
     }
 
-    /// True if the sphere over every face of the border holds no node of the faces next to it: then the
-    /// facets of the cell of the point are convex where they meet, and the cell is the one its neighbours
+    /// Returns whether the sphere over every border face holds no node of the adjacent border faces. Then the
+    /// facets of the point's cell are convex where they meet, and the cell is the one that its neighbours
     /// bound.
     fn is_delaunay(&self) -> bool {
         self.ridges.iter().all(|ridge| {
@@ -127,9 +130,10 @@ impl Cavity {
         self.members.push(Member { tet, local, centre });
     }
 
-    /// Collects the tetrahedra in reach.
+    /// Collects the tetrahedra in reach of `x`.
     fn reach(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) {
         let stamp = self.next_stamp();
+        // Marks of earlier points are smaller than `out`: they need not be cleared.
         let (out, inside) = (2 * stamp, 2 * stamp + 1);
         self.table.reset(true);
         self.members.clear();
@@ -145,15 +149,15 @@ impl Cavity {
             let t = &domain.delaunay.tets[tet as usize];
             let walls = domain.walls[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
-                let other = n >> 2;
-                let mut mark = self.mark[other as usize];
+                let neighbour = n >> 2;
+                let mut mark = self.mark[neighbour as usize];
                 let wall = walls >> slot & 1 == 1;
                 if !wall && mark < out {
-                    let holds = holds(domain, other, x);
+                    let holds = holds(domain, neighbour, x);
                     mark = if holds { inside } else { out };
-                    self.mark[other as usize] = mark;
+                    self.mark[neighbour as usize] = mark;
                     if holds {
-                        self.add_member(domain, x, other);
+                        self.add_member(domain, x, neighbour);
                     }
                 }
                 let face = FACES[slot].map(|k| local[k]);
@@ -166,8 +170,8 @@ impl Cavity {
                         centre: Vector3::zeros(),
                         det: 0.0,
                     });
-                } else if tet < other {
-                    let members = [next as u32, self.index[other as usize]];
+                } else if tet < neighbour {
+                    let members = [next as u32, self.index[neighbour as usize]];
                     self.inner.push(Inner { local: face, members });
                 }
             }
@@ -175,7 +179,7 @@ impl Cavity {
         }
     }
 
-    /// Spheres and ridges of the border. False if faces turn away from `x`.
+    /// Computes spheres and ridges of the border. Returns false if a face turns away from `x`.
     fn build_border(&mut self, domain: &Domain, x: &Point3<f64>) -> bool {
         let mut star = true;
         self.ridges.clear();
@@ -206,7 +210,7 @@ impl Cavity {
     }
 }
 
-/// True if the circumsphere of a tetrahedron holds `x` strictly.
+/// Returns whether the circumsphere of a tetrahedron strictly holds `x`.
 #[inline]
 fn holds(domain: &Domain, tet: u32, x: &Point3<f64>) -> bool {
     let t = &domain.delaunay.tets[tet as usize];

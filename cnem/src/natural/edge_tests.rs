@@ -1,9 +1,10 @@
-//! Functions beside re-entrant edges.
+//! Shape functions beside re-entrant edges.
 
 use super::tests::{blocks, defect};
 use super::*;
 
-/// A walk past a re-entrant edge, close by, on one rule: unity, linear precision, signs, and bounded jumps.
+/// Walks past a re-entrant edge, at five distances: partition of unity, linear precision, signs and bounded
+/// jumps.
 #[test]
 fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
     for jitter in [0.0, 0.3] {
@@ -12,7 +13,7 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
         let mut s = Scratch::new();
         let mut largest: [f64; 2] = [0.0; 2];
         for (radius, z) in [(0.03, 2.1), (0.06, 2.5), (0.09, 1.7), (0.2, 2.3), (0.4, 2.5)] {
-            for (at, kind) in [Interpolant::Laplace, Interpolant::Sibson]
+            for (which, kind) in [Interpolant::Laplace, Interpolant::Sibson]
                 .into_iter()
                 .enumerate()
             {
@@ -33,15 +34,15 @@ fn weights_beside_a_re_entrant_edge_follow_the_visible_nodes() {
                             .iter()
                             .zip(&last)
                             .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-                        largest[at] = largest[at].max(step);
+                        largest[which] = largest[which].max(step);
                     }
                     last = Some(dense);
                 }
             }
         }
-        // Jumps of 0.5 before, when some points took cut cavities and others the functions of one
-        // tetrahedron. Measured: 0.06 and 0.02 on a grid, 0.18 and 0.09 with jitter, where a node comes
-        // into sight past the edge.
+        // Jumps were 0.5 when some points took cut cavities and others the functions of one tetrahedron. Now
+        // measured: 0.06 and 0.02 on a grid, 0.18 and 0.09 with jitter, where a node comes into sight past
+        // the edge.
         assert!(
             largest[0] < 0.19 && largest[1] < 0.1,
             "jitter {jitter}: {largest:?}"

@@ -1,30 +1,30 @@
 //! Natural-neighbour shape functions on the constrained domain: Sibson and Laplace, values and gradients.
 //!
 //! The natural neighbours of `x` are the nodes of the tetrahedra whose circumsphere holds `x` and that are
-//! reached from the one around `x` without crossing a constrained face. With the dual facet `f_i` (area
-//! `a_i`, centroid `c_i`) between `x` and neighbour `n_i`:
+//! reached from the tetrahedron around `x` without crossing a constrained face. With the dual facet `f_i`
+//! (area `a_i`, centroid `c_i`) between `x` and neighbour `n_i`:
 //!
 //! - Laplace: `alpha_i = a_i / |n_i - x|`, `phi_i = alpha_i / sum alpha`;
-//! - Sibson: `phi_i = V_i / sum V`, `V_i` the volume the cell of `x` takes from the cell of `n_i`;
-//!   `grad V_i = alpha_i (c_i - x)`.
+//! - Sibson: `phi_i = V_i / sum V`, where `V_i` is the volume that the cell of `x` takes from the cell of
+//!   `n_i`; `grad V_i = alpha_i (c_i - x)`.
 //!
-//! **Limits.** At a node: Kronecker delta. On an edge between two different constrained planes: linear. On
-//! a flat patch of constrained faces: 2D Sibson for Laplace, and the moments `integral of |y - n_i|^2 - |y
-//! - x|^2` over the 2D stolen areas (the C2 coordinate of Hiyoshi and Sugihara) for Sibson, of the nodes of
-//! the patch alone. Gradients there are taken 1e-6 of an element inside; at nodes they are one of the
-//! one-sided limits.
+//! **Limits.** At a node: Kronecker delta. On an edge between two different constrained planes: linear
+//! functions. On a flat patch of constrained faces, with the nodes of the patch alone: for Laplace the 2D
+//! Sibson functions, for Sibson the moments `integral of |y - n_i|^2 - |y - x|^2` over the 2D stolen areas
+//! (the C2 coordinate of Hiyoshi and Sugihara). Gradients there are evaluated 1e-6 of an element inside; at
+//! nodes they are one of the one-sided limits.
 //!
 //! **Re-entrant edges.** In 3D the reach of `x` can go round a re-entrant edge or a crack front. One rule
-//! holds there as everywhere: the functions are those of the nodes in reach that `x` sees in a straight
-//! line, the cell of `x` clipped by their bisectors alone (`visible.rs`; such evaluations are counted and
-//! allocate). Weights are positive and linearly precise for any such set. A node comes into sight with the
-//! weight it has at that moment: next to a re-entrant edge the functions jump where the way to a node
-//! grazes the edge, the less the denser the nodes on the edge.
+//! holds everywhere: the functions are those of the nodes in reach that `x` sees in a straight line, with the
+//! cell of `x` clipped by the bisectors of these nodes alone (`visible.rs`; such evaluations are counted and
+//! allocate). Weights are positive and linearly precise for any such set. When a node comes into sight, it
+//! enters with a non-zero weight: next to a re-entrant edge the functions jump where the line to a node
+//! grazes the edge. The jump is smaller the denser the nodes on the edge.
 //!
-//! **Round-off.** What is left of `sum phi_i (n_i - x)` above 5e-14 of the neighbourhood's size is removed
-//! by the smallest change relative to the weights. Closer to a constrained plane than about 1e-9 of the
-//! spacing single weights lose digits (error about `1e-16 * spacing / distance`); unity and linear
-//! precision do not.
+//! **Round-off.** If the residual of `sum phi_i (n_i - x)` exceeds 5e-14 of the neighbourhood's size, it is
+//! removed by the smallest change relative to the weights. Closer to a constrained plane than about 1e-9 of
+//! the spacing single weights lose digits (error about `1e-16 * spacing / distance`); partition of unity and
+//! linear precision do not.
 
 mod cavity;
 #[cfg(test)]
@@ -43,11 +43,11 @@ use crate::tet::FACES;
 use arlequin_core::ShapeRow;
 use nalgebra::{Point3, Vector3};
 
-/// How far outside an edge or face, in its own barycentric coordinates, a point on its line or plane still
-/// counts as on it.
+/// Distance outside an edge or face, in its own barycentric coordinates \[–\], up to which a point on the
+/// edge's line or the face's plane counts as on it.
 const BESIDE: f64 = 1e-9;
 
-/// Which natural-neighbour function.
+/// Kind of natural-neighbour function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Interpolant {
     /// Stolen volumes; C1 except at the nodes.
@@ -56,23 +56,23 @@ pub enum Interpolant {
     Laplace,
 }
 
-/// How often which branch was taken.
+/// Number of evaluations that took each branch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Cavities evaluated.
     pub cavities: usize,
-    /// Points on nodes, constrained edges and patches.
+    /// Evaluations on nodes, constrained edges and patches.
     pub limits: usize,
     /// Evaluations near re-entrant edges and crack fronts, from the nodes that the point sees.
     pub reentrant: usize,
-    /// Evaluations that fell back to the linear functions of one tetrahedron (or one triangle of a patch).
+    /// Evaluations that used the linear functions of one tetrahedron (or one triangle of a patch) instead.
     pub linear: usize,
-    /// Rows whose linear residual exceeded 1e-12 of the neighbourhood's size before it was removed.
+    /// Rows whose linear residual exceeded 1e-12 of the neighbourhood's size before its removal.
     pub polished: usize,
 }
 
-/// Working memory of the evaluations, owned by the caller; one per thread. Nothing is allocated once it has
-/// grown, except beside re-entrant edges and crack fronts.
+/// Working buffers of the evaluations, owned by the caller; one per thread. Once they have grown, nothing is
+/// allocated, except beside re-entrant edges and crack fronts.
 #[derive(Debug, Clone, Default)]
 pub struct Scratch {
     row: ShapeRow<f64>,
@@ -81,28 +81,28 @@ pub struct Scratch {
     cavity: cavity::Cavity,
     weights: weights::Weights,
     planar: planar::Planar,
-    /// The domain is the hull of nodes that were chosen already.
+    /// True for the hull of visible nodes: sight was resolved when they were chosen.
     alone: bool,
 }
 
 impl Scratch {
-    /// Empty working memory; fits any domain.
+    /// Creates empty working buffers, which fit any domain.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Branches taken since creation.
+    /// Returns how often each branch was taken since creation.
     pub fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// The row of the last successful evaluation.
+    /// Returns the row of the last successful evaluation.
     pub fn row(&self) -> &ShapeRow<f64> {
         &self.row
     }
 }
 
-/// Where a located point is with respect to the constraints.
+/// Position of a located point relative to the constraints.
 enum Place {
     Node(u32),
     Edge(u32, u32),
@@ -111,7 +111,7 @@ enum Place {
 }
 
 impl Domain {
-    /// Values of the shape functions at a point of the closed domain.
+    /// Returns the values of the shape functions at a point of the closed domain.
     ///
     /// # Errors
     /// `OutsideDomain`.
@@ -124,7 +124,7 @@ impl Domain {
         self.evaluate(kind, x, scratch, false)
     }
 
-    /// Values and gradients of the shape functions at a point of the closed domain.
+    /// Returns values and gradients of the shape functions at a point of the closed domain.
     ///
     /// # Errors
     /// `OutsideDomain`.
@@ -148,7 +148,7 @@ impl Domain {
         Ok(self.shape_within(kind, x, tet, s, slopes))
     }
 
-    /// As `evaluate`, for a point known to lie in a tetrahedron of the domain.
+    /// Like `evaluate`, for a point known to lie in the tetrahedron `tet` of the domain.
     pub(crate) fn shape_within<'s>(
         &self,
         kind: Interpolant,
@@ -175,6 +175,7 @@ impl Domain {
                 .map(|p| p.coords)
                 .sum::<Vector3<f64>>()
                 * 0.25;
+            // 1e-6 of an element is far above the 1e-9 of the spacing below which weights lose digits.
             let moved = x + (middle - x.coords) * 1e-6;
             self.in_cavity(kind, &moved, tet, s, true);
             s.row.values.fill(0.0);
@@ -214,6 +215,7 @@ impl Domain {
         if count == 0 {
             return Place::Free;
         }
+        // Nodes before edges before faces: a point on a node is on its edges and faces, too.
         if let Some(&v) =
             t.v.iter()
                 .find(|&&v| (self.delaunay.points[v as usize] - x).norm() <= tolerance)
@@ -224,10 +226,10 @@ impl Domain {
         if let Some(place) = edge {
             return place;
         }
-        // Of a thin tetrahedron `x` may be close to several faces; it is on the one that holds it.
+        // `x` may be close to several faces of a thin tetrahedron; it is on the face that holds it.
         let wall = |slot: &usize| close[*slot] && self.walls[tet as usize] >> *slot & 1 == 1;
         let face_of = |slot: usize| self.face_at.get(&(tet << 2 | slot as u32));
-        let held = (0..4)
+        let holding = (0..4)
             .filter(wall)
             .map(|slot| {
                 (
@@ -237,13 +239,14 @@ impl Domain {
             })
             .filter(|(depth, _)| *depth >= -BESIDE)
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        match held.and_then(|(_, slot)| face_of(slot)) {
+        match holding.and_then(|(_, slot)| face_of(slot)) {
             Some(&face) => Place::Patch(face),
             None => Place::Free,
         }
     }
 
-    /// The constrained edge among those of a tetrahedron that `x` lies on.
+    /// Returns the constrained edge of a tetrahedron that `x` lies on, or the flat patch that this edge is
+    /// part of.
     fn on_edges(&self, v: [u32; 4], x: &Point3<f64>) -> Option<Place> {
         for i in 0..4 {
             for j in 0..i {
@@ -252,10 +255,10 @@ impl Domain {
                     continue;
                 };
                 let [p, q] = [edge.0, edge.1].map(|v| &self.delaunay.points[v as usize]);
-                let (along, to) = (q - p, x - p);
-                let at = along.dot(&to) / along.norm_squared();
-                let beside = !(-BESIDE..=1.0 + BESIDE).contains(&at);
-                if beside || along.cross(&to).norm() > self.tolerance * along.norm() {
+                let (along, arm) = (q - p, x - p);
+                let fraction = along.dot(&arm) / along.norm_squared();
+                let beside = !(-BESIDE..=1.0 + BESIDE).contains(&fraction);
+                if beside || along.cross(&arm).norm() > self.tolerance * along.norm() {
                     continue;
                 }
                 return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
@@ -274,9 +277,9 @@ impl Domain {
     fn in_cavity(&self, kind: Interpolant, x: &Point3<f64>, start: u32, s: &mut Scratch, slopes: bool) {
         s.counters.cavities += 1;
         s.row.clear();
-        // A hull has no re-entrant edge; what looks like one there is round-off.
-        let whole = s.cavity.find(self, x, start) || s.alone;
-        let filled = match whole {
+        // A convex hull has no re-entrant edge; an apparent one is round-off.
+        let is_star = s.cavity.find(self, x, start) || s.alone;
+        let filled = match is_star {
             true => s.weights.fill(kind, &s.cavity, &mut s.row, slopes),
             false => None,
         };
@@ -292,7 +295,7 @@ impl Domain {
         }
     }
 
-    /// The linear functions of one tetrahedron, or of a thick one behind it.
+    /// Fills the row with the linear functions of one tetrahedron, or of a thick one behind it.
     fn linear(&self, x: &Point3<f64>, tet: u32, row: &mut ShapeRow<f64>, slopes: bool) {
         row.clear();
         let thick = self.thick(tet, x);
@@ -324,14 +327,14 @@ impl Domain {
     }
 }
 
-/// Sets a value in a row, which may already hold the node (then it is searched).
+/// Sets the value of a node in a row. With `search` the row may already contain the node.
 fn set(row: &mut ShapeRow<f64>, node: u32, value: f64, search: bool) {
-    let at = if search {
+    let position = if search {
         row.nodes.iter().position(|&v| v == node as usize)
     } else {
         None
     };
-    match at {
+    match position {
         Some(k) => row.values[k] = value,
         None => {
             row.push(node as usize, value);

@@ -1,14 +1,14 @@
-//! Limits on a flat patch of constrained faces: 2D natural neighbours of the patch.
+//! Limits of the shape functions on a flat patch of constrained faces: 2D natural neighbours of the patch.
 
 use super::Interpolant;
 use crate::constraint::key;
 use crate::domain::Domain;
 use nalgebra::{Point3, Vector2, Vector3};
 
-/// Faces of a cavity in a patch beyond which the search stops.
+/// Largest number of faces of a cavity in a patch.
 const MAX_FACES: usize = 256;
 
-/// Buffers of the evaluation on a patch, and its result.
+/// Working buffers of the evaluation on a patch, and its result.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Planar {
     pub(super) nodes: Vec<u32>,
@@ -18,11 +18,11 @@ pub(super) struct Planar {
     rel3: Vec<Vector3<f64>>,
     area: Vec<f64>,
     moment: Vec<Vector2<f64>>,
-    /// Circumcentres of the border edges that leave and that reach a node.
+    /// For each node the circumcentres of the border edge that leaves it and of the one that reaches it.
     gates: Vec<[Vector2<f64>; 2]>,
 }
 
-/// Face of the cavity, counter-clockwise in the plane.
+/// Face of the cavity, counter-clockwise in the plane of the patch.
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
     face: u32,
@@ -34,7 +34,7 @@ fn cross(a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
     a.x * b.y - a.y * b.x
 }
 
-/// Circumcentre of three points given relative to an origin.
+/// Returns the circumcentre of three points in a plane.
 fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2<f64> {
     let (b, c) = (p - o, q - o);
     let (b2, c2) = (b.norm_squared(), c.norm_squared());
@@ -42,8 +42,8 @@ fn circumcentre(o: &Vector2<f64>, p: &Vector2<f64>, q: &Vector2<f64>) -> Vector2
 }
 
 impl Domain {
-    /// Weights of the nodes of the patch around `face`, which holds `x`, as seen from the side of it on
-    /// which `tet` is. False if the linear ones had to be used.
+    /// Computes the weights of the nodes of the patch around `face`, which holds `x`, as seen from the side
+    /// of the tetrahedron `tet`. Returns false if the linear functions of the face had to be used.
     pub(super) fn on_patch(
         &self,
         kind: Interpolant,
@@ -57,7 +57,7 @@ impl Domain {
         let v = self.face_on_side(face, side);
         let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
         let normal = (b - a).cross(&(c - a));
-        // On axis-parallel planes two coordinates are kept as they are, so that circle tests on grids are
+        // On axis-parallel planes two coordinates are kept unchanged, so that circle tests on grids are
         // exact.
         let u = (b - a).normalize();
         let w = normal.normalize().cross(&u);
@@ -85,7 +85,8 @@ impl Domain {
         }
     }
 
-    /// Flood over the edges inside the patch while the circle holds the origin.
+    /// Collects the faces whose circumcircle holds the origin, starting from the first and crossing the edges
+    /// inside the patch.
     fn flood_patch(
         &self,
         s: &mut Planar,
@@ -102,19 +103,19 @@ impl Domain {
                 let Some([f, g, ..]) = self.mesh.flat_pair(self.nodes(), edge) else {
                     continue;
                 };
-                let other = if f == face { g } else { f };
-                let ends = self.face_on_side(other, self.side_towards(other, towards));
+                let neighbour = if f == face { g } else { f };
+                let ends = self.face_on_side(neighbour, self.side_towards(neighbour, towards));
                 let Some(apex) = ends.into_iter().find(|&v| v != p && v != q) else {
                     continue;
                 };
-                if s.faces.iter().any(|t| t.face == other) {
+                if s.faces.iter().any(|t| t.face == neighbour) {
                     continue;
                 }
                 let corners = [q, p, apex].map(|v| project(&self.delaunay.points[v as usize]));
                 let o = robust::Coord { x: 0.0, y: 0.0 };
                 let [a, b, e] = corners.map(|c| robust::Coord { x: c.x, y: c.y });
                 if robust::incircle(a, b, e, o) > 0.0 {
-                    let t = s.triangle(self, other, [q, p, apex], project);
+                    let t = s.triangle(self, neighbour, [q, p, apex], project);
                     s.faces.push(t);
                 }
             }
@@ -153,7 +154,7 @@ impl Planar {
         self.nodes.iter().position(|&n| n == v).unwrap_or(0)
     }
 
-    /// Stolen areas and their moments; false if the cavity is not star-shaped.
+    /// Computes the stolen areas and their moments. Returns false if the cavity is not star-shaped.
     fn weigh(&mut self, kind: Interpolant) -> bool {
         let count = self.nodes.len();
         self.area.clear();
@@ -173,8 +174,8 @@ impl Planar {
                 let right = right.map(|t| (t.face, t.centre));
                 let (a, b) = (self.local(a), self.local(b));
                 match right {
-                    Some((other, _)) if other < face => {}
-                    Some((_, from)) => self.segment(a, b, &from, &centre),
+                    Some((neighbour, _)) if neighbour < face => {}
+                    Some((_, right_centre)) => self.segment(a, b, &right_centre, &centre),
                     None => {
                         let (p, q) = (self.rel[a], self.rel[b]);
                         if cross(&p, &q) <= 0.0 {
@@ -203,14 +204,14 @@ impl Planar {
         true
     }
 
-    /// Dual segment of edge `a -> b`, from the right of it to the left.
+    /// Adds the dual segment of edge `a -> b`, from its right side to its left.
     fn segment(&mut self, a: usize, b: usize, right: &Vector2<f64>, left: &Vector2<f64>) {
         self.add(a, right, left);
         self.add(b, left, right);
     }
 
     fn add(&mut self, i: usize, p: &Vector2<f64>, q: &Vector2<f64>) {
-        // About the node, so that far centres on a common line do not cancel.
+        // Relative to the node, so that far centres on a common line do not cancel.
         let n = self.rel[i];
         let (p, q) = (p - n, q - n);
         let area = 0.5 * cross(&p, &q);
@@ -218,11 +219,12 @@ impl Planar {
         self.moment[i] += ((p + q) / 3.0 + n) * area;
     }
 
-    /// Normalises and removes round-off; false if not usable.
+    /// Normalises the weights and removes round-off. Returns false if they are not usable.
     fn finish(&mut self, domain: &Domain, x: &Point3<f64>) -> bool {
         let total: f64 = self.weights.iter().sum();
         for w in &mut self.weights {
             *w /= total;
+            // The same limit as `NEGATIVE` for points inside.
             if w.is_nan() || *w < -1e-9 {
                 return false;
             }
@@ -235,7 +237,7 @@ impl Planar {
         super::polish::planar(&mut self.weights, &self.rel, size)
     }
 
-    /// The linear functions of the face around the origin.
+    /// Uses the linear functions of the face around the origin.
     fn linear(&mut self, v: [u32; 3], project: &dyn Fn(&Point3<f64>) -> Vector2<f64>, domain: &Domain) {
         let r = v.map(|v| project(&domain.delaunay.points[v as usize]));
         self.nodes.clear();

@@ -1,21 +1,21 @@
-//! Removal of the round-off in unity and linear precision.
+//! Removal of round-off from partition of unity and linear precision.
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 /// Largest linear residual, relative to the neighbourhood's size, that counts as round-off of the
-/// construction.
+/// construction; rows with a larger one are refused.
 pub(super) const LARGEST: f64 = 1e-4;
-/// Largest slope, per size of the neighbourhood, that says something of it: beside a line of nodes that lie
-/// on it to ten digits the slopes across it are those of the last digits.
+/// Largest gradient times the size of the neighbourhood that is accepted. Beside nodes that lie on a line to
+/// ten digits, gradients across the line are determined by the last digits alone.
 const STEEP: f64 = 1e6;
-/// Residual that is left alone.
+/// Residual that is left uncorrected.
 const SMALLEST: f64 = 5e-14;
 
 fn basis(r: &Vector3<f64>, size: f64) -> Vector4<f64> {
     Vector4::new(1.0, r.x / size, r.y / size, r.z / size)
 }
 
-/// `sum phi_i p_i p_i^T`, scaled to a unit diagonal, factored.
+/// Cholesky factor of `sum phi_i p_i p_i^T`, scaled to a unit diagonal.
 struct Moments {
     scale: Vector4<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::U4>,
@@ -28,6 +28,7 @@ impl Moments {
             let p = basis(r, size);
             m += p * p.transpose() * w;
         }
+        // Close to a plane the moments across it are tiny; a unit diagonal keeps the factorisation stable.
         let scale = m.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let scaled = Matrix4::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
         Some(Self {
@@ -43,7 +44,7 @@ impl Moments {
     }
 }
 
-/// Largest of the residuals of `sum phi = 1` and `sum phi (n_i - x) / size = 0`.
+/// Returns the residuals of `sum phi = 1` and `sum phi (n_i - x) / size = 0`, and the largest of them.
 pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64, Vector4<f64>) {
     let mut r = Vector4::new(1.0, 0.0, 0.0, 0.0);
     for (w, p) in values.iter().zip(rel) {
@@ -52,37 +53,38 @@ pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64,
     (r.amax(), r)
 }
 
-/// Removes the residual by the smallest change relative to the weights; returns the residual found, or
-/// `None` if the row is not usable.
+/// Removes the residual by the smallest change relative to the weights. Returns the residual before the
+/// correction, or `None` if the row is not usable.
 pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
-    let (found, mut r) = residual(values, rel, size);
-    if r.iter().any(|x| x.is_nan()) || found > LARGEST {
+    let (initial, mut r) = residual(values, rel, size);
+    if r.iter().any(|x| x.is_nan()) || initial > LARGEST {
         return None;
     }
-    if found <= SMALLEST {
-        return Some(found);
+    if initial <= SMALLEST {
+        return Some(initial);
     }
     for _ in 0..3 {
         let Some(moments) = Moments::new(values.iter().copied(), rel, size) else {
-            return (found <= 1e-12).then_some(found);
+            return (initial <= 1e-12).then_some(initial);
         };
         let c = moments.solve(&r);
         for (w, p) in values.iter_mut().zip(rel) {
             *w *= 1.0 + basis(p, size).dot(&c);
         }
-        let left = residual(values, rel, size);
-        if left.0 <= SMALLEST {
+        let remaining = residual(values, rel, size);
+        if remaining.0 <= SMALLEST {
             break;
         }
-        r = left.1;
+        r = remaining.1;
     }
+    // Linear precision to 1e-12 of the neighbourhood's size is what every row promises.
     let usable = values.iter().all(|w| *w >= 0.0) && residual(values, rel, size).0 <= 1e-12;
-    usable.then_some(found)
+    usable.then_some(initial)
 }
 
-/// The same for the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`; false if they are not usable.
-/// All neighbours take part in the change: next to a plane those on it have all the weight, and none of the
-/// slope across it.
+/// Removes the residual of the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`. Returns false if the
+/// gradients are not usable. The change involves all neighbours: next to a plane, the nodes on it have all of
+/// the weight but no part in the slope across the plane.
 pub(super) fn gradients(
     values: &[f64],
     slopes: &mut [Vector3<f64>],
@@ -93,7 +95,7 @@ pub(super) fn gradients(
     let Some(moments) = Moments::new(values.iter().map(|w| w + even), rel, size) else {
         return false;
     };
-    let mut left = f64::INFINITY;
+    let mut remaining = f64::INFINITY;
     for pass in 0..4 {
         let mut worst = 0.0_f64;
         for d in 0..3 {
@@ -102,10 +104,10 @@ pub(super) fn gradients(
             for (g, p) in slopes.iter().zip(rel) {
                 target -= basis(p, size) * g[d];
             }
-            let found = target.amax() * size;
-            // Not a number is no residual either.
-            worst = if found <= worst { worst } else { found };
-            if found > SMALLEST {
+            let defect = target.amax() * size;
+            // A NaN becomes the worst residual, too.
+            worst = if defect <= worst { worst } else { defect };
+            if defect > SMALLEST {
                 let c = moments.solve(&target);
                 for ((g, p), w) in slopes.iter_mut().zip(rel).zip(values) {
                     g[d] += (w + even) * basis(p, size).dot(&c);
@@ -115,25 +117,25 @@ pub(super) fn gradients(
         if worst.is_nan() || (pass == 0 && worst > LARGEST) {
             return false;
         }
-        left = worst;
+        remaining = worst;
         if worst <= SMALLEST {
             break;
         }
     }
-    left <= 1e-12 && slopes.iter().all(|g| g.norm() * size <= STEEP)
+    remaining <= 1e-12 && slopes.iter().all(|g| g.norm() * size <= STEEP)
 }
 
-/// As [`values`], for weights on a plane; true if they are usable.
+/// Like [`values`], for weights on a plane. Returns whether the weights are usable.
 pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bool {
     let basis = |r: &Vector2<f64>| Vector3::new(1.0, r.x / size, r.y / size);
-    let left = |weights: &[f64]| {
+    let remaining = |weights: &[f64]| {
         weights
             .iter()
             .zip(rel)
             .fold(Vector3::new(1.0, 0.0, 0.0), |r, (w, p)| r - basis(p) * *w)
     };
     for _ in 0..3 {
-        let r = left(weights);
+        let r = remaining(weights);
         if r.iter().any(|x| x.is_nan()) || r.amax() > LARGEST {
             return false;
         }
@@ -153,5 +155,5 @@ pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bo
             *w *= 1.0 + basis(p).dot(&c);
         }
     }
-    weights.iter().all(|w| *w >= 0.0) && left(weights).amax() <= 1e-12
+    weights.iter().all(|w| *w >= 0.0) && remaining(weights).amax() <= 1e-12
 }

@@ -1,4 +1,4 @@
-//! Shape functions against clipping: an independent route that uses neither the cavity nor circumcentres.
+//! Compares shape functions with clipping: an independent method without cavities or circumcentres.
 
 use super::*;
 use crate::clip::Polyhedron;
@@ -26,7 +26,7 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
     (0..n * n * n)
         .map(|i| {
             let index = [i % n, i / n % n, i / n / n];
-            let at = index.map(|k| {
+            let position = index.map(|k| {
                 let moved = if k == 0 || k == n - 1 {
                     0.0
                 } else {
@@ -34,12 +34,12 @@ pub(crate) fn grid(n: usize, jitter: f64, seed: u64) -> Vec<Point3<f64>> {
                 };
                 (k as f64 + moved) * h
             });
-            Point3::from(at)
+            Point3::from(position)
         })
         .collect()
 }
 
-/// Values by clipping with the bisectors of `nodes` only.
+/// Returns the values by clipping with the bisectors of `nodes` only.
 fn by_clipping(kind: Interpolant, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec<f64> {
     let rel: Vec<_> = nodes.iter().map(|p| p - x).collect();
     let mut order: Vec<usize> = (0..rel.len()).collect();
@@ -72,7 +72,7 @@ fn by_clipping(kind: Interpolant, nodes: &[Point3<f64>], x: &Point3<f64>) -> Vec
     values.iter().map(|v| v / total).collect()
 }
 
-/// Unity, linear precision, sign; returns the largest defect.
+/// Checks partition of unity, linear precision and sign; returns the largest defect.
 pub(super) fn defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64 {
     let mut sum = -1.0;
     let mut moment: Vector3<f64> = Vector3::zeros();
@@ -95,7 +95,7 @@ fn gradient_defect(domain: &Domain, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64
     sum.amax().max(moment.amax())
 }
 
-/// Largest difference to clipping with all nodes (convex domains).
+/// Returns the largest difference to clipping with all nodes (convex domains).
 fn difference(domain: &Domain, kind: Interpolant, x: &Point3<f64>, s: &mut Scratch) -> f64 {
     let row = domain.shape(kind, x, s).expect("inside").clone();
     assert!(defect(domain, x, &row) < 1e-12, "{:?}", defect(domain, x, &row));
@@ -223,20 +223,20 @@ fn boundary_values_are_limits_from_inside() {
     for kind in [Interpolant::Laplace, Interpolant::Sibson] {
         for _ in 0..100 {
             let x = Point3::new(r(), r(), 0.0);
-            let near = Point3::new(x.x, x.y, 1e-7);
+            let close = Point3::new(x.x, x.y, 1e-7);
             let mut dense = vec![0.0; points.len()];
             let row = domain.shape(kind, &x, &mut s).expect("boundary");
             row.nodes
                 .iter()
                 .zip(&row.values)
                 .for_each(|(&v, w)| dense[v] += w);
-            let row = domain.shape(kind, &near, &mut s).expect("inside");
+            let row = domain.shape(kind, &close, &mut s).expect("inside");
             row.nodes
                 .iter()
                 .zip(&row.values)
                 .for_each(|(&v, w)| dense[v] -= w);
-            let off = dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
-            assert!(off < 3e-5, "{kind:?} {x} {off:e}");
+            let largest = dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+            assert!(largest < 3e-5, "{kind:?} {x} {largest:e}");
         }
     }
 }
@@ -261,7 +261,7 @@ fn close_to_the_boundary_unity_and_linear_precision_hold() {
     }
 }
 
-/// Cubes `[0, n]^3` of a grid kept by `keep`, as elements on grid nodes; only nodes in use.
+/// Builds the cubes of a grid in `[0, n]^3` that `keep` selects, as elements on the grid nodes in use.
 pub(crate) fn blocks(
     n: usize,
     jitter: f64,
@@ -280,14 +280,14 @@ pub(crate) fn blocks(
         let corner = |c: usize| (i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
         let v: Vec<usize> = (0..8)
             .map(|c| {
-                let at = corner(c);
-                *id.entry(at).or_insert_with(|| {
+                let place = corner(c);
+                *id.entry(place).or_insert_with(|| {
                     let around = (0..8).filter(|q| {
                         let o = |a: usize, b: usize| a.wrapping_sub(b);
-                        cube(o(at.0, q & 1), o(at.1, q >> 1 & 1), o(at.2, q >> 2))
+                        cube(o(place.0, q & 1), o(place.1, q >> 1 & 1), o(place.2, q >> 2))
                     });
                     let size = if around.count() == 8 { jitter } else { 0.0 };
-                    let p = [at.0, at.1, at.2].map(|a| a as f64 + size * (r() - 0.5));
+                    let p = [place.0, place.1, place.2].map(|a| a as f64 + size * (r() - 0.5));
                     points.push(Point3::from(p));
                     points.len() - 1
                 })
@@ -363,12 +363,12 @@ fn re_entrant_edge() {
 #[test]
 fn crack_is_not_seen_through() {
     let points = grid(5, 0.0, 0);
-    let at = |i: usize, j: usize, k: usize| i + 5 * (j + 5 * k);
+    let index = |i: usize, j: usize, k: usize| i + 5 * (j + 5 * k);
     let mut crack = Vec::new();
     for i in 0..2 {
         for j in 0..4 {
-            crack.push([at(i, j, 2), at(i + 1, j, 2), at(i + 1, j + 1, 2)]);
-            crack.push([at(i, j, 2), at(i + 1, j + 1, 2), at(i, j + 1, 2)]);
+            crack.push([index(i, j, 2), index(i + 1, j, 2), index(i + 1, j + 1, 2)]);
+            crack.push([index(i, j, 2), index(i + 1, j + 1, 2), index(i, j + 1, 2)]);
         }
     }
     let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
@@ -388,8 +388,8 @@ fn crack_is_not_seen_through() {
     }
 }
 
-/// Largest difference between the constrained functions at `x` and clipping with the nodes that `keep`
-/// selects.
+/// Returns the largest difference between the constrained functions at `x` and clipping with the nodes that
+/// `keep` selects.
 fn against_part(
     domain: &Domain,
     kind: Interpolant,
@@ -413,8 +413,8 @@ fn against_part(
     dense.iter().fold(0.0, |m: f64, d| m.max(d.abs()))
 }
 
-/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: the
-/// nodes of the other leg, closer through the notch, are not seen.
+/// Close to the wall of a leg, away from the re-entrant edge, the functions are those of the leg alone: nodes
+/// of the other leg, closer through the notch, are hidden.
 #[test]
 fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
     for jitter in [0.0, 0.3] {
@@ -433,7 +433,7 @@ fn a_leg_of_a_re_entrant_block_does_not_see_the_other() {
     }
 }
 
-/// A crack through the whole section: each side is a body of its own.
+/// A crack through the whole section makes each side a body of its own.
 #[test]
 fn a_full_crack_separates() {
     for jitter in [0.0, 1e-13, 0.3] {
@@ -444,11 +444,11 @@ fn a_full_crack_separates() {
                 p.z = 0.5;
             }
         }
-        let at = |i: usize, j: usize| i + n * (j + n * 3);
+        let index = |i: usize, j: usize| i + n * (j + n * 3);
         let mut crack = Vec::new();
         for (i, j) in (0..(n - 1) * (n - 1)).map(|k| (k % (n - 1), k / (n - 1))) {
-            crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            crack.push([index(i, j), index(i + 1, j), index(i + 1, j + 1)]);
+            crack.push([index(i, j), index(i + 1, j + 1), index(i, j + 1)]);
         }
         let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
         assert!(domain.recovery().inserted.is_empty(), "{:?}", domain.recovery());

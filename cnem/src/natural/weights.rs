@@ -1,32 +1,32 @@
-//! Weights of the neighbours from the dual of a star-shaped cavity.
+//! Weights of the natural neighbours, from the dual of a star-shaped cavity.
 //!
 //! Every face of the cavity and of the star of the point has a dual segment between two circumcentres. The
-//! segments around an edge bound a Voronoi polygon, so areas and volumes are sums over segments, in any
+//! segments around an edge bound a Voronoi polygon, so that areas and volumes are sums over segments in any
 //! order. The volume taken from node `i` is the sum of the pyramids from `n_i` over its polygons inside the
-//! cell of the point, minus the pyramid over the facet between the two; both ends of an edge have the same
-//! pyramid.
+//! cell of the point, minus the pyramid over the facet between node and point. Both ends of an edge have the
+//! same pyramid.
 
 use super::cavity::{Border, Cavity, Inner, Ridge};
 use super::{Interpolant, polish};
 use arlequin_core::ShapeRow;
 use nalgebra::Vector3;
 
-/// Negative weights above this are round-off.
+/// Weights between this value and zero count as round-off and are set to zero.
 const NEGATIVE: f64 = -1e-9;
 
-/// Sums per neighbour, by local number.
+/// Sums for each neighbour, by local number.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Weights {
-    /// Facet area over distance.
+    /// Facet area over distance \[m\].
     alpha: Vec<f64>,
-    /// Volume taken (Sibson).
+    /// Volume taken from the neighbour \[m³\] (Sibson).
     volume: Vec<f64>,
-    /// Gradient of alpha (Laplace), or centroid moment of the facet (Sibson).
+    /// Gradient of alpha (Laplace), or first moment of the facet (Sibson).
     vector: Vec<Vector3<f64>>,
 }
 
 impl Weights {
-    /// Fills the row; returns the residual removed, or `None` if the weights are not usable.
+    /// Fills the row. Returns the linear residual that was removed, or `None` if the weights are not usable.
     pub(super) fn fill(
         &mut self,
         kind: Interpolant,
@@ -54,14 +54,14 @@ impl Weights {
             .map(Vector3::norm_squared)
             .fold(0.0, f64::max)
             .sqrt();
-        let found = polish::values(&mut row.values, &cavity.rel, size)?;
+        let residual = polish::values(&mut row.values, &cavity.rel, size)?;
         if slopes {
             self.slopes(kind, cavity, row, total);
             if !polish::gradients(&row.values, &mut row.gradients, &cavity.rel, size) {
                 return None;
             }
         }
-        Some(found)
+        Some(residual)
     }
 
     fn gather(&mut self, kind: Interpolant, cavity: &Cavity, slopes: bool) {
@@ -85,6 +85,7 @@ impl Weights {
             *a *= 0.5 / r.norm_squared();
         }
         if kind == Interpolant::Sibson {
+            // After the scaling: the pyramids over the facets need the final alpha.
             self.volumes(cavity);
         }
     }
@@ -99,8 +100,8 @@ impl Weights {
         self.alpha[b] -= cross.dot(&cavity.rel[b]);
     }
 
-    /// As `facet`, with the gradient of alpha: a centre moves along the dual line of its face by `(g . dx)
-    /// / det`.
+    /// Like `facet`, with the gradient of alpha. If the point moves by `dx`, the circumcentre of a face moves
+    /// along the face's dual line by `(g . dx) / det`.
     fn facet_gradient(&mut self, cavity: &Cavity, ridge: &Ridge) {
         self.facet(cavity, ridge);
         let [f, g] = ridge.faces.map(|f| &cavity.border[f as usize]);
@@ -114,18 +115,19 @@ impl Weights {
         }
     }
 
-    /// As `facet`, with triangles from the middle between point and neighbour, and their centroid moments.
+    /// Like `facet`, with triangles from the midpoint between point and neighbour, and the moments of their
+    /// centroids.
     #[inline]
     fn facet_moment(&mut self, cavity: &Cavity, ridge: &Ridge, slopes: bool) {
         let [p, q] = ridge.faces.map(|f| cavity.border[f as usize].centre);
         let [a, b] = ridge.ends.map(|v| v as usize);
-        for (v, from, to) in [(a, &q, &p), (b, &p, &q)] {
+        for (v, start, end) in [(a, &q, &p), (b, &p, &q)] {
             let r = &cavity.rel[v];
             let m = r * 0.5;
-            let area = (from - m).cross(&(to - m)).dot(r);
+            let area = (start - m).cross(&(end - m)).dot(r);
             self.alpha[v] += area;
             if slopes {
-                self.vector[v] += (m + from + to) * area;
+                self.vector[v] += (m + start + end) * area;
             }
         }
         let pyramid = (cavity.rel[b] - cavity.rel[a]).dot(&(p - cavity.rel[a]).cross(&(q - p))) / 12.0;
@@ -152,7 +154,7 @@ impl Weights {
         }
     }
 
-    /// Adds the dual segment of a face to the pyramids over the polygons of its three edges.
+    /// Adds the dual segment of a face to the pyramids over the polygons of the face's three edges.
     #[inline]
     fn segment(&mut self, cavity: &Cavity, local: &[u32; 3], p: &Vector3<f64>, q: &Vector3<f64>) {
         let [a, b, c] = local.map(|l| l as usize);
@@ -181,7 +183,7 @@ impl Weights {
     }
 }
 
-/// Normal of a border face pointing out, twice its area long.
+/// Returns the outward normal of a border face, with twice the face's area as its length.
 fn normal(cavity: &Cavity, face: &Border) -> Vector3<f64> {
     let [a, b, c] = face.local.map(|l| &cavity.rel[l as usize]);
     (b - a).cross(&(c - a))

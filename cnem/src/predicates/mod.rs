@@ -1,12 +1,13 @@
 //! Exact geometric predicates.
 //!
-//! A semi-static floating-point filter answers the clear cases, integers and numbers of twice the digits
-//! nearly all that are left (`stages`), `robust` (adaptive exact arithmetic) the rest, so every sign is the
-//! sign of the exact determinant of the given coordinates. Ties of the in-sphere test are broken by
-//! symbolic perturbation: point `i` is lifted by `eps_i` on the paraboloid, with `eps_i` growing infinitely
-//! fast in `i`. This is a consistent regular triangulation, so no flat tetrahedron can arise.
+//! The sign is always that of the exact determinant of the given coordinates. A semi-static floating-point
+//! filter decides the clear cases. Integers and double-double numbers (`stages`) decide nearly all others,
+//! and `robust` (adaptive exact arithmetic) the rest. Ties of the in-sphere test are broken by symbolic
+//! perturbation: point `i` is lifted by `eps_i` on the paraboloid, with `eps_i` growing infinitely fast in
+//! `i`. The result is a consistent regular triangulation, so no flat tetrahedron can arise.
 //!
-//! Exactness needs products of five coordinate differences not to underflow: keep differences above 1e-50.
+//! Exactness requires that products of five coordinate differences do not underflow: keep differences above
+//! 1e-50.
 
 mod stages;
 
@@ -15,11 +16,13 @@ use robust::Coord3D;
 use stages::Differences;
 use std::cmp::Ordering;
 
-/// Relative error bound of the orientation filter for products of the largest differences per axis.
+/// Relative error bound of the orientation filter, for the product of the largest differences per axis: some
+/// 46 units of `2^-53`.
 const ORIENT_BOUND: f64 = 5.110_712_782_997_33e-15;
-/// Relative error bound of the in-sphere filter, same form.
+/// Relative error bound of the in-sphere filter, for the product of the largest differences per axis and the
+/// square of the largest of all: some 1123 units of `2^-53`.
 const SPHERE_BOUND: f64 = 1.246_613_653_102_729_8e-13;
-/// Below this the filters themselves could underflow.
+/// Differences below this could make the filters themselves underflow; the exact predicates decide then.
 const TINY: f64 = 1e-58;
 
 fn coord(p: &Point3<f64>) -> Coord3D<f64> {
@@ -46,7 +49,8 @@ fn max3(a: f64, b: f64, c: f64) -> f64 {
     if m > c.abs() { m } else { c.abs() }
 }
 
-/// Sign of `(b-a) x (c-a) . (d-a)`: `Greater` if the tetrahedron `abcd` has a positive volume. Exact.
+/// Returns the exact sign of `(b-a) x (c-a) . (d-a)`: `Greater` if the tetrahedron `abcd` has a positive
+/// volume.
 #[inline]
 pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>) -> Ordering {
     let (bx, by, bz) = (b.x - a.x, b.y - a.y, b.z - a.z);
@@ -70,10 +74,12 @@ pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f6
 fn orient3d_exact(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>) -> Ordering {
     let [p, q, r, s] = [a, b, c, d].map(|x| [x.x, x.y, x.z]);
     let small = Differences::new([q, r, s], p).orientation();
+    // `robust` has the opposite sign convention, here and for the sphere.
     small.unwrap_or_else(|| sign(-robust::orient3d(coord(a), coord(b), coord(c), coord(d))))
 }
 
-/// `Greater` if `q` is inside the circumsphere of the positive tetrahedron `t`, `Equal` on it. Exact.
+/// Returns `Greater` if `q` is inside the circumsphere of the positive tetrahedron `t`, `Equal` if it is on
+/// the sphere, else `Less`. Exact.
 #[inline]
 pub fn insphere(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
     let [a, b, c, d] = t;
@@ -124,8 +130,8 @@ fn insphere_exact(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
     sign(-robust::insphere(a, b, c, d, coord(q)))
 }
 
-/// True if `q` is inside the circumsphere of the positive tetrahedron `t`, ties broken by the distinct
-/// `ranks` (those of `t` first, that of `q` last).
+/// Returns whether `q` is inside the circumsphere of the positive tetrahedron `t`. Ties are broken by the
+/// distinct `ranks` (first those of `t`, last that of `q`).
 pub fn insphere_perturbed(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     match insphere(t, q) {
         Ordering::Greater => true,
@@ -134,13 +140,15 @@ pub fn insphere_perturbed(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]
     }
 }
 
-/// The lifted point of highest rank decides, if it has a coefficient; then the next.
+/// Breaks a tie: the point of highest rank that has a non-zero coefficient in the perturbed determinant
+/// decides.
 #[cold]
 fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     let mut order = [0, 1, 2, 3, 4];
     order.sort_unstable_by_key(|&i: &usize| std::cmp::Reverse(ranks[i]));
     for i in order {
         if i == 4 {
+            // The point `q` itself is lifted, and so leaves the sphere.
             return false;
         }
         let mut s = t;
@@ -154,7 +162,7 @@ fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     false
 }
 
-/// True if the three points lie on one straight line. Exact.
+/// Returns whether the three points lie on one straight line. Exact.
 pub fn collinear(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> bool {
     let flat = |f: fn(&Point3<f64>) -> robust::Coord<f64>| {
         sign(robust::orient2d(f(a), f(b), f(c))) == Ordering::Equal

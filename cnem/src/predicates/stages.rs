@@ -1,17 +1,18 @@
-//! What lies between the floating-point filter and arithmetic on expansions.
+//! Two stages between the floating-point filter and arithmetic on expansions.
 //!
-//! Nodes on grids are the rule, not the exception: every cube of a grid has its eight corners on one
-//! sphere. Two stages answer nearly all of these cases at a tenth of the cost of expansions. Coordinates
-//! that are multiples of a power of two (`1, 2, 3 …`, `0.25, 0.5 …`) have small integer differences, whose
-//! determinant integers hold exactly. All other grids are on a sphere up to the rounding of their
-//! coordinates only, which twice the digits tell from a tie.
+//! Nodes on grids are frequent: the eight corners of every cube of a grid lie on one sphere. Two stages
+//! decide nearly all of these cases at a tenth of the cost of expansions. Coordinates that are multiples of a
+//! power of two (`1, 2, 3 …`, `0.25, 0.5 …`) have small integer differences, and integers hold their
+//! determinant exactly. Points of other grids are on a common sphere only up to the rounding of their
+//! coordinates, which double-double numbers can tell from a tie.
 
 use std::cmp::Ordering;
 
-/// Bits of an integer difference: minors of three then fit into 64 bits, the in-sphere determinant into 128.
+/// Bits of an integer difference: a minor of three rows then fits into 64 bits, the in-sphere determinant
+/// into 128.
 const BITS: i32 = 20;
 
-/// Rounded difference and what the rounding lost.
+/// Returns the rounded difference and its rounding error.
 #[inline]
 fn two_diff(a: f64, b: f64) -> [f64; 2] {
     let x = a - b;
@@ -34,8 +35,8 @@ fn fast_two_sum(a: f64, b: f64) -> [f64; 2] {
     [x, b - (x - a)]
 }
 
-/// Veltkamp's split into halves of 26 digits. No fused multiplication: without the instruction it is a
-/// library call.
+/// Veltkamp's split into halves of 26 bits. No fused multiply-add: without hardware support it is a library
+/// call.
 #[inline]
 fn split(a: f64) -> [f64; 2] {
     let c = 134_217_729.0 * a;
@@ -50,7 +51,7 @@ fn two_product(a: f64, b: f64) -> [f64; 2] {
     [x, al * bl - (((x - ah * bh) - al * bh) - ah * bl)]
 }
 
-/// A number of twice the digits: the sum of the two, the second below the last digit of the first.
+/// Double-double number: the sum of two numbers, the second below the last digit of the first.
 #[derive(Clone, Copy)]
 struct Double([f64; 2]);
 
@@ -90,19 +91,19 @@ impl std::ops::Mul for Double {
     }
 }
 
-/// Exact differences of points to the last of them, one row of three per point.
+/// Exact differences between points and a reference point, one row of three per point.
 pub(super) struct Differences<const N: usize>([[[f64; 2]; 3]; N]);
 
 impl<const N: usize> Differences<N> {
-    pub(super) fn new(points: [[f64; 3]; N], from: [f64; 3]) -> Self {
-        Self(points.map(|p| [0, 1, 2].map(|k: usize| two_diff(p[k], from[k]))))
+    pub(super) fn new(points: [[f64; 3]; N], origin: [f64; 3]) -> Self {
+        Self(points.map(|p| [0, 1, 2].map(|k: usize| two_diff(p[k], origin[k]))))
     }
 
-    /// The differences as integers, in units of a power of two; none if they do not all fit.
+    /// Returns the differences as integers, in units of a power of two; `None` if they do not all fit.
     fn integers(&self) -> Option<[[i64; 3]; N]> {
         let (mut unit, mut top) = (i32::MAX, i32::MIN);
         for [x, rest] in self.0.iter().flatten() {
-            // Not exact in one number: nothing that small integers hold. Zero has no digits.
+            // A difference that one number does not hold exactly has too many digits. Zero has no digits.
             if *rest != 0.0 {
                 return None;
             }
@@ -118,14 +119,14 @@ impl<const N: usize> Differences<N> {
         if top - unit >= BITS {
             return None;
         }
-        // Exact: a power of two, and the quotient is an integer.
+        // Exact: the scale is a power of two, and the quotient is an integer.
         let scale = f64::from_bits(((1023 - i64::from(unit)) as u64) << 52);
         Some(self.0.map(|row| row.map(|[x, _]| (x * scale) as i64)))
     }
 }
 
-/// Exponents of the lowest and the highest binary digit; none outside the middle of the range, where units
-/// are numbers.
+/// Returns the exponents of the lowest and of the highest binary digit; `None` for very small or large
+/// numbers, whose unit could not be represented.
 fn digits(x: f64) -> Option<(i32, i32)> {
     let bits = x.to_bits();
     let exponent = (bits >> 52 & 0x7ff) as i32 - 1023;
@@ -134,7 +135,7 @@ fn digits(x: f64) -> Option<(i32, i32)> {
     (exponent.abs() < 900).then_some((low, exponent))
 }
 
-/// `a × b · c`.
+/// Returns `a × b · c`.
 fn triple<V>([a, b, c]: [[V; 3]; 3]) -> V
 where
     V: Copy + std::ops::Mul<Output = V> + std::ops::Sub<Output = V> + std::ops::Add<Output = V>,
@@ -145,15 +146,17 @@ where
 }
 
 impl Differences<3> {
-    /// Sign of `(b-a) × (c-a) · (d-a)` for differences of `b`, `c`, `d` to `a`, where small integers hold it.
+    /// Returns the sign of `(b-a) × (c-a) · (d-a)` for the differences of `b`, `c`, `d` to `a`; `None` if
+    /// they are no small integers.
     pub(super) fn orientation(&self) -> Option<Ordering> {
         self.integers().map(|rows| triple(rows).cmp(&0))
     }
 }
 
 impl Differences<4> {
-    /// Sign of the in-sphere determinant, positive inside; none where neither integers nor twice the digits
-    /// tell it. `scale` is the product of the differences' largest sizes that bounds its terms.
+    /// Returns the sign of the in-sphere determinant, positive inside; `None` if neither integers nor
+    /// double-double numbers decide it. `scale` bounds the terms: the product of the differences' largest
+    /// sizes.
     pub(super) fn sphere(&self, scale: f64) -> Option<Ordering> {
         if let Some(rows) = self.integers() {
             let [a, b, c, d] = rows;
@@ -175,8 +178,8 @@ impl Differences<4> {
     }
 }
 
-/// The relative bound of the filter, for operations that lose `2⁻¹⁰²` at most instead of `2⁻⁵³`, times
-/// sixteen.
+/// Relative error bound of the double-double stage: the bound of the filter, for operations with an error of
+/// at most `2⁻¹⁰²` instead of `2⁻⁵³`, times sixteen.
 const DOUBLE_BOUND: f64 = super::SPHERE_BOUND / (1_u64 << 45) as f64;
 
 #[cfg(test)]
@@ -205,8 +208,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(reader_fuzz::property_config(256))]
-        /// Points of grids with any origin and spacing: every answer is the exact one, and on grids of
-        /// powers of two there is always one.
+        /// Points of grids with any origin and spacing: every answer is exact, and on grids of powers of two
+        /// there is always an answer.
         #[test]
         fn stages_agree_with_expansions_on_grids(
             at in prop::array::uniform5(prop::array::uniform3(0_i32..4)),

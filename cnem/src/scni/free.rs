@@ -1,17 +1,18 @@
 //! Internal forces from the smoothed gradients themselves, and a matrix for the stabilisation alone.
 //!
-//! With `G_I = Σ_k b_Ik ⊗ u_k`, `D_I = Σ_k c_Ik ⊗ u_k` and the weights of [`super::stabilise`] the forces
-//! are `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`,
-//! `Q_I = −α_I σ(G_I)` and `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. Three
-//! passes, each of which writes every value once and from its own list in a fixed order: stresses of the
-//! cells, the gathering at the nodes through the transposed rows, the product. Results have the same bits
+//! With `G_I = Σ_k b_Ik ⊗ u_k`, `D_I = Σ_k c_Ik ⊗ u_k` and the weights of [`super::stabilise`] the forces are
+//! `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`,
+//! `Q_I = −α_I σ(G_I)` and `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. There are
+//! three passes: stresses of the cells, gathering at the nodes through the transposed rows, product with `K`.
+//! Each pass writes every value once, from the value's own list in a fixed order. Results have the same bits
 //! for any number of threads.
 //!
-//! Why not one matrix: cells tie nodes to the neighbours of their neighbours, tetrahedra to neighbours
-//! only, so its rows are five times as long. Why not tetrahedra one by one: a node has 24 of them and reads
-//! what each holds, but only 15 neighbours. Figures: decision 0032, `benches/forces.rs` of the workspace.
+//! Why not one matrix: cells connect nodes to the neighbours of their neighbours, tetrahedra to neighbours
+//! only, so the rows of a single matrix would be five times as long. Why not tetrahedra one by one: a node
+//! has 24 of them and would read the data of each, but has only 15 neighbours. Figures: decision 0032,
+//! `benches/forces.rs` of the workspace.
 
-use super::matrix::{CHUNK, SERIAL, of_tetrahedra};
+use super::matrix::{CHUNK, SERIAL, tetrahedra_stiffness};
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
 use arlequin_core::adjacency::Adjacency;
@@ -22,17 +23,18 @@ use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Four lanes: three components, and whatever lies behind them in memory, which is never read.
+/// Four lanes: three components, and whatever lies behind them in memory. The fourth lane is loaded, but its
+/// result is never used.
 type Lanes = [f64; 4];
 
-/// A symmetric tensor in one line of the cache, `xx xy xz yz zz xy yy yz`: its columns are three
-/// consecutive numbers.
+/// A symmetric tensor in one cache line, `xx xy xz yz zz xy yy yz`: each of its columns is three consecutive
+/// numbers.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(align(64))]
 struct Symmetric([f64; 8]);
 
 impl Symmetric {
-    /// From columns.
+    /// Creates the tensor from its columns.
     #[inline(always)]
     fn new(s: [[f64; 3]; 3]) -> Self {
         let [xx, xy, xz] = s[0];
@@ -41,10 +43,10 @@ impl Symmetric {
     }
 }
 
-/// What a cell gives to its nodes: `S_I` and `Q_I`.
+/// Stresses that a cell passes to its nodes: `S_I` and `Q_I`.
 type Stresses = [Symmetric; 2];
 
-/// A sum of products of symmetric tensors and vectors; the parts of the middle columns are a lane further on.
+/// Sum of products of symmetric tensors and vectors. The terms of the middle columns are one lane further on.
 #[derive(Clone, Copy, Default)]
 struct Traction {
     outer: Lanes,
@@ -64,7 +66,7 @@ impl Traction {
     }
 }
 
-/// An entry of a row: its column, `b` and, where there is one, `c`.
+/// Entry of a row: column, `b` and, where it is not zero, `c`.
 type Entry = (u32, Vector3<f64>, Vector3<f64>);
 
 /// Sparse rows of `b` and `c`. Entries with a `c` come first.
@@ -72,7 +74,8 @@ type Entry = (u32, Vector3<f64>, Vector3<f64>);
 struct Rows {
     starts: Vec<usize>,
     columns: Vec<u32>,
-    /// Three numbers an entry, and one more at the end.
+    /// Three numbers per entry, and one more at the end, so that four lanes can be loaded from the last
+    /// entry.
     b: Vec<f64>,
     with_c: Vec<usize>,
     c: Vec<f64>,
@@ -86,7 +89,7 @@ struct Row<'a> {
 }
 
 impl Rows {
-    /// From rows of entries in any order.
+    /// Creates the rows from entries in any order.
     fn new<R: Iterator<Item = Entry>>(rows: impl Iterator<Item = R>) -> Self {
         let mut out = Self {
             starts: vec![0],
@@ -96,15 +99,16 @@ impl Rows {
             c: Vec::new(),
         };
         let mut row: Vec<Entry> = Vec::new();
-        let nothing = |v: &Vector3<f64>| v.iter().all(|x| x.abs() <= 0.0);
+        let is_zero = |v: &Vector3<f64>| v.iter().all(|x| x.abs() <= 0.0);
         for entries in rows {
             row.clear();
-            row.extend(entries.filter(|e| !(nothing(&e.1) && nothing(&e.2))));
-            row.sort_by_key(|e| (nothing(&e.2), e.0));
+            row.extend(entries.filter(|e| !(is_zero(&e.1) && is_zero(&e.2))));
+            // Entries with a `c` first, so that `c` needs no column numbers of its own.
+            row.sort_by_key(|e| (is_zero(&e.2), e.0));
             for (column, b, c) in &row {
                 out.columns.push(*column);
                 out.b.extend(b.iter());
-                if !nothing(c) {
+                if !is_zero(c) {
                     out.c.extend(c.iter());
                 }
             }
@@ -116,36 +120,37 @@ impl Rows {
         out
     }
 
-    /// The gradients by cell.
+    /// Creates the rows of the gradients by cell.
     fn by_cell(smoothing: &Smoothing, sub: &SubCells) -> Self {
         Self::new((0..smoothing.volumes.len()).map(|cell| {
             let range = smoothing.starts[cell]..smoothing.starts[cell + 1];
             let (nodes, b) = smoothing.row(cell);
-            let both = b.iter().zip(&sub.mixed[range]);
-            nodes.iter().zip(both).map(|(k, (b, c))| (*k, *b, *c))
+            let pairs = b.iter().zip(&sub.mixed[range]);
+            nodes.iter().zip(pairs).map(|(k, (b, c))| (*k, *b, *c))
         }))
     }
 
-    /// The same by node.
+    /// Creates the rows of the gradients by node (the transpose of [`Self::by_cell`]).
     fn by_node(smoothing: &Smoothing, sub: &SubCells) -> Self {
         let cells = smoothing.volumes.len();
-        let at = Adjacency::of_slots(cells, &smoothing.nodes);
+        let slots = Adjacency::of_slots(cells, &smoothing.nodes);
         let cell_of = |slot: usize| smoothing.starts.partition_point(|s| *s <= slot) - 1;
         Self::new((0..cells).map(|node| {
-            at.row(node).iter().map(|&slot| {
+            slots.row(node).iter().map(|&slot| {
                 let slot = slot as usize;
                 (cell_of(slot) as u32, smoothing.gradients[slot], sub.mixed[slot])
             })
         }))
     }
 
-    /// Some rows, with other numbers of columns.
-    fn some(&self, rows: &[u32], column: impl Fn(&u32) -> u32) -> Self {
+    /// Returns some of the rows, with renumbered columns.
+    fn select(&self, rows: &[u32], column: impl Fn(&u32) -> u32) -> Self {
         let mut out = Self::new(std::iter::empty::<std::iter::Empty<Entry>>());
         (out.b, out.c) = (Vec::new(), Vec::new());
         for i in rows {
             let row = self.row(*i as usize);
             out.columns.extend(row.columns.iter().map(&column));
+            // Without the extra number at the end, which belongs to the next row.
             out.b.extend(&row.b[..row.b.len() - 1]);
             out.c.extend(&row.c[..row.c.len() - 1]);
             out.starts.push(out.columns.len());
@@ -171,8 +176,8 @@ impl Rows {
 }
 
 #[inline(always)]
-fn lanes(of: &[f64], at: usize) -> Lanes {
-    let s = &of[at..at + 4];
+fn lanes(values: &[f64], start: usize) -> Lanes {
+    let s = &values[start..start + 4];
     [s[0], s[1], s[2], s[3]]
 }
 
@@ -183,7 +188,7 @@ fn add(sum: &mut Lanes, factor: f64, v: Lanes) {
     }
 }
 
-/// `G` and `D` of a cell, by rows.
+/// Returns `G` and `D` of a cell, by rows.
 #[inline(always)]
 fn gradients(row: &Row<'_>, q: &[[f64; 3]]) -> [[Lanes; 3]; 2] {
     let [mut g, mut d] = [[[0.0; 4]; 3]; 2];
@@ -200,7 +205,7 @@ fn gradients(row: &Row<'_>, q: &[[f64; 3]]) -> [[Lanes; 3]; 2] {
     [g, d]
 }
 
-/// Columns of the stress of a gradient.
+/// Returns the columns of the stress of a displacement gradient.
 #[inline(always)]
 fn stress(g: &[Lanes; 3], [lambda, mu]: [f64; 2]) -> [[f64; 3]; 3] {
     let trace = lambda * (g[0][0] + g[1][1] + g[2][2]);
@@ -214,13 +219,13 @@ fn stress(g: &[Lanes; 3], [lambda, mu]: [f64; 2]) -> [[f64; 3]; 3] {
     out
 }
 
-/// `a : g`.
+/// Returns `a : g`.
 #[inline(always)]
 fn product(a: &[[f64; 3]; 3], g: &[Lanes; 3]) -> f64 {
     (0..3).fold(0.0, |s, r| (0..3).fold(s, |s, c| s + a[c][r] * g[r][c]))
 }
 
-/// The internal forces of the weighted body, computed from gradients.
+/// Internal forces of the weighted body, computed from gradients without an assembled matrix of the cells.
 #[derive(Debug, Clone)]
 pub(crate) struct MatrixFree {
     rows: Rows,
@@ -229,38 +234,40 @@ pub(crate) struct MatrixFree {
     volumes: Vec<f64>,
     lame: [f64; 2],
     alpha: Vec<f64>,
-    /// Stiffness of the tetrahedra; none without stabilisation.
+    /// Stiffness of the tetrahedra; `None` without stabilisation.
     tets: Option<BlockMatrix<f64>>,
-    /// Places among the cells of those of the nodes that are here, for a part of a body.
-    own: Option<Vec<u32>>,
-    /// Which cells name nodes of other ranks, in a part of a body.
+    /// For a part of a body: positions of the owned nodes' cells in the list of cells.
+    owned_cells: Option<Vec<u32>>,
+    /// For a part of a body: true for cells that name nodes of other ranks.
     outer: Vec<bool>,
-    /// Computed by every call.
+    /// Stresses of the cells, computed anew by every evaluation.
     cells: Vec<Stresses>,
 }
 
-/// Stresses of consecutive cells.
+/// Task that computes the stresses of consecutive cells.
 struct Cells<'a> {
-    of: &'a MatrixFree,
+    forces: &'a MatrixFree,
     q: &'a [[f64; 3]],
     first: usize,
     out: &'a mut [Stresses],
-    /// Of outer ones alone, or of the others.
+    /// `Some(true)`: only cells that name a ghost; `Some(false)`: only cells that name none; `None`: all
+    /// cells.
     only: Option<bool>,
 }
 
+// Everything that `call` uses is `inline(always)`: `pulp` compiles for the vector unit only what is inlined.
 impl NullaryFnOnce for Cells<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         for (i, out) in (self.first..).zip(self.out) {
-            if self.only.is_some_and(|outer| self.of.outer[i] != outer) {
+            if self.only.is_some_and(|outer| self.forces.outer[i] != outer) {
                 continue;
             }
-            let [g, d] = gradients(&self.of.rows.row(i), self.q);
-            let (s, t) = (stress(&g, self.of.lame), stress(&d, self.of.lame));
-            let (volume, alpha) = (self.of.volumes[i], self.of.alpha[i]);
+            let [g, d] = gradients(&self.forces.rows.row(i), self.q);
+            let (s, t) = (stress(&g, self.forces.lame), stress(&d, self.forces.lame));
+            let (volume, alpha) = (self.forces.volumes[i], self.forces.alpha[i]);
             let weighted = |f: &dyn Fn(usize, usize) -> f64| {
                 Symmetric::new([0, 1, 2].map(|c| [0, 1, 2].map(|r| alpha * f(c, r))))
             };
@@ -272,7 +279,7 @@ impl NullaryFnOnce for Cells<'_> {
     }
 }
 
-/// Forces on consecutive nodes, subtracted from `f`.
+/// Task that subtracts the forces on consecutive nodes from `f`.
 struct Nodes<'a> {
     columns: &'a Rows,
     cells: &'a [Stresses],
@@ -301,9 +308,9 @@ impl NullaryFnOnce for Nodes<'_> {
     }
 }
 
-/// Twice the energy of consecutive cells, without the part of the tetrahedra.
+/// Task that computes twice the energy of consecutive cells, without the terms of the tetrahedra.
 struct Energies<'a> {
-    of: &'a MatrixFree,
+    forces: &'a MatrixFree,
     q: &'a [[f64; 3]],
     range: Range<usize>,
 }
@@ -315,16 +322,16 @@ impl NullaryFnOnce for Energies<'_> {
     fn call(self) -> f64 {
         let mut sum = 0.0;
         for i in self.range {
-            let [g, d] = gradients(&self.of.rows.row(i), self.q);
-            let s = stress(&g, self.of.lame);
-            sum += self.of.alpha[i] * (self.of.volumes[i] * product(&s, &g) - 2.0 * product(&s, &d));
+            let [g, d] = gradients(&self.forces.rows.row(i), self.q);
+            let s = stress(&g, self.forces.lame);
+            sum += self.forces.alpha[i] * (self.forces.volumes[i] * product(&s, &g) - 2.0 * product(&s, &d));
         }
         sum
     }
 }
 
-/// Calls `work` for chunks of the items, on all threads when there are many. Allocates nothing.
-fn each<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
+/// Calls `work` for chunks of the items, on all threads if there are many items. Allocates nothing.
+fn in_chunks<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
     if items.len() < SERIAL {
         return work(0, items);
     }
@@ -335,7 +342,7 @@ fn each<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
 }
 
 impl MatrixFree {
-    /// Forces with the weight `α_I` \[–\] of every cell.
+    /// Creates the force evaluation with the weight `α_I` \[–\] of every cell.
     pub(crate) fn new(
         smoothing: &Smoothing,
         sub: &SubCells,
@@ -351,94 +358,101 @@ impl MatrixFree {
             cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
-            own: None,
+            owned_cells: None,
             outer: Vec::new(),
         };
         out.set_weights(sub, alpha);
         out
     }
 
-    /// Changes the weights \[–\] of the cells.
+    /// Sets the weights \[–\] of the cells.
     pub(crate) fn set_weights(&mut self, sub: &SubCells, alpha: Vec<f64>) {
-        self.tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, &alpha));
+        self.tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, &alpha));
         self.alpha = alpha;
     }
 
-    /// The weights \[–\] of the cells.
+    /// Returns the weights \[–\] of the cells.
     pub(crate) fn weights(&self) -> &[f64] {
         &self.alpha
     }
 
-    /// Entries that the forces on a node are gathered from.
+    /// Number of row entries from which the forces on a node are gathered: its measure of work.
     pub(crate) fn entries(&self, node: usize) -> usize {
-        let row = |of: &Rows| of.starts[node + 1] - of.starts[node];
+        let row = |rows: &Rows| rows.starts[node + 1] - rows.starts[node];
         let tets = self.tets.as_ref().map_or(0, |t| t.columns(node).len());
         row(&self.rows) + row(&self.columns) + tets
     }
 
-    /// Cells that nodes gather from, and their own ones, ascending.
+    /// Returns the cells that some nodes gather from, and the nodes' own cells, ascending.
     pub(crate) fn cells_of(&self, nodes: &[u32]) -> Vec<u32> {
-        let from = |i: &u32| self.columns.row(*i as usize).columns;
-        let mut out: Vec<u32> = nodes.iter().flat_map(from).chain(nodes).copied().collect();
+        let gathered = |i: &u32| self.columns.row(*i as usize).columns;
+        let mut out: Vec<u32> = nodes.iter().flat_map(gathered).chain(nodes).copied().collect();
         out.sort_unstable();
         out.dedup();
         out
     }
 
-    /// Nodes that name a cell, and its own one.
-    pub(crate) fn named_by(&self, cell: u32) -> impl Iterator<Item = u32> {
+    /// Returns the nodes with a shape function on a cell, and the cell's own node.
+    pub(crate) fn nodes_of_cell(&self, cell: u32) -> impl Iterator<Item = u32> {
         let row = self.rows.row(cell as usize).columns;
         row.iter().copied().chain([cell])
     }
 
-    /// Nodes that share a tetrahedron with one, itself included.
+    /// Returns the nodes that share a tetrahedron with `node`, itself included.
     pub(crate) fn tetrahedra_of(&self, node: u32) -> &[u32] {
         self.tets.as_ref().map_or(&[], |t| t.columns(node as usize))
     }
 
-    /// What is needed for the forces on `own` nodes, from `cells` and for displacements of the nodes
-    /// `named`; all ascending.
-    pub(crate) fn part(&self, own: &[u32], cells: &[u32], named: &[u32]) -> Self {
-        let place = |of: &[u32], k: &u32| of.partition_point(|n| n < k) as u32;
-        let other = |k: &u32| own.binary_search(k).is_err();
-        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(other);
-        let of = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
+    /// Returns the data needed for the forces on the owned nodes `owned`, computed from `cells` and from
+    /// displacements of the nodes `needed`; all three lists are ascending.
+    pub(crate) fn part(&self, owned: &[u32], cells: &[u32], needed: &[u32]) -> Self {
+        let place = |list: &[u32], k: &u32| list.partition_point(|n| n < k) as u32;
+        let is_ghost = |k: &u32| owned.binary_search(k).is_err();
+        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(is_ghost);
+        let pick = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
         Self {
-            rows: self.rows.some(cells, |k| place(named, k)),
-            columns: self.columns.some(own, |k| place(cells, k)),
-            volumes: of(&self.volumes),
+            rows: self.rows.select(cells, |k| place(needed, k)),
+            columns: self.columns.select(owned, |k| place(cells, k)),
+            volumes: pick(&self.volumes),
             lame: self.lame,
-            alpha: of(&self.alpha),
-            tets: self.tets.as_ref().map(|t| some_of(t, own, named)),
-            own: Some(own.iter().map(|k| place(cells, k)).collect()),
+            alpha: pick(&self.alpha),
+            tets: self.tets.as_ref().map(|t| select_rows(t, owned, needed)),
+            owned_cells: Some(owned.iter().map(|k| place(cells, k)).collect()),
             outer: cells.iter().map(outer).collect(),
             cells: vec![Stresses::default(); cells.len()],
         }
     }
 
-    /// Changes the weights \[–\] of a part, see [`Self::part`]; `alpha` are those of all cells.
-    pub(crate) fn set_weights_of(&mut self, sub: &SubCells, alpha: &[f64], [own, cells, named]: [&[u32]; 3]) {
-        let tets = (!sub.tets.is_empty()).then(|| of_tetrahedra(sub, self.lame, alpha));
-        self.tets = tets.map(|t| some_of(&t, own, named));
+    /// Sets the weights \[–\] of a part, see [`Self::part`]. `alpha` are the weights of all cells of the
+    /// body.
+    pub(crate) fn set_part_weights(
+        &mut self,
+        sub: &SubCells,
+        alpha: &[f64],
+        [owned, cells, needed]: [&[u32]; 3],
+    ) {
+        let tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, alpha));
+        self.tets = tets.map(|t| select_rows(&t, owned, needed));
         self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
     }
 
-    /// Finds the stresses of those of some cells that name own nodes only, whose displacements `q` holds;
-    /// whether there are more behind these cells.
-    pub(crate) fn stress_inner(&mut self, some: Range<usize>, q: &[f64]) -> bool {
-        let range = some.start..some.end.min(self.cells.len());
+    /// Computes the stresses of inner cells in the range `cells`: cells that name owned nodes only, whose
+    /// displacements `q` holds. Returns whether there are cells after the range.
+    pub(crate) fn stress_inner(&mut self, cells: Range<usize>, q: &[f64]) -> bool {
+        let range = cells.start..cells.end.min(self.cells.len());
         self.stress(range, q, Some(false));
-        some.end < self.cells.len()
+        cells.end < self.cells.len()
     }
 
-    /// Stresses of a range of cells, of outer ones alone or of the others where that is said.
+    /// Computes the stresses of a range of cells; `only` restricts them as in [`Cells::only`].
     fn stress(&mut self, range: Range<usize>, q: &[f64], only: Option<bool>) {
         let (arch, q) = (Arch::new(), q.as_chunks::<3>().0);
+        // Taken out, so that tasks can write stresses while they read the rest of `self`.
         let mut cells = std::mem::take(&mut self.cells);
-        let (of, start) = (&*self, range.start);
-        each(&mut cells[range], |first, out| {
+        let (forces, start) = (&*self, range.start);
+        in_chunks(&mut cells[range], |first, out| {
             arch.dispatch(Cells {
-                of,
+                forces,
                 q,
                 first: start + first,
                 out,
@@ -448,23 +462,23 @@ impl MatrixFree {
         self.cells = cells;
     }
 
-    /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
+    /// Subtracts the internal forces \[N\] at displacements `q` from `f`. Allocates nothing.
     pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
         self.stress(0..self.cells.len(), q, None);
         self.gather(q, f);
     }
 
-    /// The same of a part, whose inner cells have their stresses: `q` are the displacements of the named
-    /// nodes.
-    pub(crate) fn subtract_rest(&mut self, q: &[f64], f: &mut [f64]) {
+    /// Subtracts the internal forces of a part from `f`, after [`Self::stress_inner`] has computed the
+    /// stresses of all inner cells. `q` are the displacements of the nodes `needed`.
+    pub(crate) fn subtract_outer(&mut self, q: &[f64], f: &mut [f64]) {
         self.stress(0..self.cells.len(), q, Some(true));
         self.gather(q, f);
     }
 
-    /// Forces from the stresses of all cells.
+    /// Subtracts the forces of the cell stresses and of the tetrahedra from `f`.
     fn gather(&self, q: &[f64], f: &mut [f64]) {
         let arch = Arch::new();
-        each(f.as_chunks_mut::<3>().0, |first, f| {
+        in_chunks(f.as_chunks_mut::<3>().0, |first, f| {
             arch.dispatch(Nodes {
                 columns: &self.columns,
                 cells: &self.cells,
@@ -477,29 +491,30 @@ impl MatrixFree {
         }
     }
 
-    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
-    /// Allocates nothing. Of a part on all ranks: `own` are the displacements of its nodes, `q` those of
-    /// the named ones.
-    pub(crate) fn energy(&self, own: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
+    /// Returns `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
+    /// Allocates nothing. With a `portion` it returns the energy of the whole body on all ranks: `owned` are
+    /// the displacements of the owned nodes, `q` those of the nodes `needed`. Collective then.
+    pub(crate) fn energy(&self, owned: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;
         let part = |unit: Range<usize>| {
-            // Cells of a unit follow each other.
+            // The cells of a unit are consecutive.
             let first = self
-                .own
+                .owned_cells
                 .as_ref()
-                .map_or(unit.start, |own| own[unit.start] as usize);
-            let (of, q, range) = (self, nodes, first..first + unit.len());
-            [arch.dispatch(Energies { of, q, range })]
+                .map_or(unit.start, |cells| cells[unit.start] as usize);
+            let (forces, q, range) = (self, nodes, first..first + unit.len());
+            [arch.dispatch(Energies { forces, q, range })]
         };
-        let [cells] = ranks::sum(own.len() / 3, portion, &part);
+        let [cells] = ranks::sum(owned.len() / 3, portion, &part);
         let tets = self.tets.as_ref();
-        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(own, q, portion))
+        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(owned, q, portion))
     }
 }
 
-/// Some rows of the stiffness of the tetrahedra, for displacements of the nodes `named`.
-fn some_of(tets: &BlockMatrix<f64>, own: &[u32], named: &[u32]) -> BlockMatrix<f64> {
-    let rows = own.iter().map(|k| *k as usize);
-    tets.some_rows(rows, named.len(), |k| named.partition_point(|n| *n < k) as u32)
+/// Returns the rows of the owned nodes from the stiffness of the tetrahedra, for displacements of the nodes
+/// `needed`.
+fn select_rows(tets: &BlockMatrix<f64>, owned: &[u32], needed: &[u32]) -> BlockMatrix<f64> {
+    let rows = owned.iter().map(|k| *k as usize);
+    tets.some_rows(rows, needed.len(), |k| needed.partition_point(|n| *n < k) as u32)
 }

@@ -1,8 +1,8 @@
 //! The assembled stiffness in rows of 3 × 3 blocks.
 //!
 //! With `P_jk = Σ_I α_I [(V_I + W_I) b_Ij ⊗ b_Ik − b_Ij ⊗ c_Ik − c_Ij ⊗ b_Ik] + Σ_T (Σ_I∋T α_I w_T) g_Tj ⊗
-//! g_Tk` (see [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered by
-//! itself and in a fixed order: results have the same bits for any number of threads.
+//! g_Tk` (see [`super::stabilise`]) the block is `K_jk = λ P + μ Pᵀ + μ tr(P) 1`. Every row is gathered on
+//! its own and in a fixed order: results have the same bits for any number of threads.
 
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
@@ -13,11 +13,11 @@ use rayon::prelude::*;
 
 /// Nodes per parallel task.
 pub(super) const CHUNK: usize = 64;
-/// Models with fewer nodes run on the calling thread: waking others costs more than it saves.
+/// Models with fewer nodes run on the calling thread: waking other threads costs more than it saves.
 pub(super) const SERIAL: usize = 512;
 const NONE: u32 = u32::MAX;
 
-/// What the rows are gathered from.
+/// Data from which the rows are gathered.
 struct Parts<'a> {
     smoothing: &'a Smoothing,
     sub: &'a SubCells,
@@ -47,10 +47,15 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// Columns of a row, ascending, and their positions in `slot`.
+    /// Returns the columns of a row, ascending, and writes their positions to `slot`.
     fn columns(&self, node: usize, slot: &mut [u32]) -> Vec<u32> {
         let mut out = Vec::new();
-        let cells = self.entries.row(node).iter().map(|&at| self.owner[at as usize]);
+        // `slot` first marks a column as seen; the sorted columns then get their positions.
+        let cells = self
+            .entries
+            .row(node)
+            .iter()
+            .map(|&entry| self.owner[entry as usize]);
         let in_cells = cells.flat_map(|c| self.smoothing.row(c as usize).0);
         for &k in in_cells {
             if slot[k as usize] == NONE {
@@ -61,18 +66,21 @@ impl<'a> Parts<'a> {
         out.sort_unstable();
         out.iter()
             .enumerate()
-            .for_each(|(at, &k)| slot[k as usize] = at as u32);
+            .for_each(|(position, &k)| slot[k as usize] = position as u32);
         out
     }
 
-    /// Sums `P_jk` over a row.
+    /// Returns the columns of a row and its blocks `P_jk`.
     fn row(&self, node: usize, slot: &mut [u32]) -> (Vec<u32>, Vec<Matrix3<f64>>) {
         let columns = self.columns(node, slot);
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        for &at in self.entries.row(node) {
-            let cell = self.owner[at as usize] as usize;
+        for &entry in self.entries.row(node) {
+            let cell = self.owner[entry as usize] as usize;
             let range = self.smoothing.starts[cell]..self.smoothing.starts[cell + 1];
-            let (bj, cj) = (self.smoothing.gradients[at as usize], self.sub.mixed[at as usize]);
+            let (bj, cj) = (
+                self.smoothing.gradients[entry as usize],
+                self.sub.mixed[entry as usize],
+            );
             let alpha = self.alpha[cell];
             let scale = alpha * (self.smoothing.volumes[cell] + self.sub.sums[cell]);
             for e in range {
@@ -86,12 +94,13 @@ impl<'a> Parts<'a> {
             }
         }
         add_tetrahedra(self.sub, &self.tet_weights, self.corners.row(node), slot, &mut p);
+        // Only the used slots: there is one per node of the body.
         columns.iter().for_each(|&k| slot[k as usize] = NONE);
         (columns, p)
     }
 }
 
-/// `Σ_I∋T α_I w_T` of every tetrahedron.
+/// Returns `Σ_I∋T α_I w_T` of every tetrahedron.
 fn tet_weights(sub: &SubCells, alpha: &[f64]) -> Vec<f64> {
     let share = |t: &[u32; 4]| t.iter().map(|&v| alpha[v as usize]).sum::<f64>();
     sub.tets
@@ -101,10 +110,11 @@ fn tet_weights(sub: &SubCells, alpha: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Adds the sum over the tetrahedra at a node, given by their corners there, to its row.
+/// Adds the terms of the tetrahedra at a node to its row. `corners` lists the node's corners in these
+/// tetrahedra.
 fn add_tetrahedra(sub: &SubCells, weights: &[f64], corners: &[u32], slot: &[u32], p: &mut [Matrix3<f64>]) {
-    for &at in corners {
-        let (t, corner) = (at as usize / 4, at as usize % 4);
+    for &place in corners {
+        let (t, corner) = (place as usize / 4, place as usize % 4);
         let (g, w) = (&sub.gradients[t], weights[t]);
         for (k, gk) in sub.tets[t].iter().zip(g) {
             let p = &mut p[slot[*k as usize] as usize];
@@ -117,18 +127,20 @@ fn add_tetrahedra(sub: &SubCells, weights: &[f64], corners: &[u32], slot: &[u32]
     }
 }
 
-/// The sum over the tetrahedra alone, in rows of 3 × 3 blocks.
-pub(super) fn of_tetrahedra(sub: &SubCells, lame: [f64; 2], alpha: &[f64]) -> BlockMatrix<f64> {
+/// Assembles the terms of the tetrahedra alone, in rows of 3 × 3 blocks.
+pub(super) fn tetrahedra_stiffness(sub: &SubCells, lame: [f64; 2], alpha: &[f64]) -> BlockMatrix<f64> {
     let weights = tet_weights(sub, alpha);
     let corners = Adjacency::of_slots(alpha.len(), sub.tets.as_flattened());
     let row = |slot: &mut Vec<u32>, node: usize| {
         let corners = corners.row(node);
-        let around = corners.iter().flat_map(|at| sub.tets[*at as usize / 4]);
+        let around = corners.iter().flat_map(|place| sub.tets[*place as usize / 4]);
         let mut columns: Vec<u32> = around.collect();
         columns.sort_unstable();
         columns.dedup();
         let mut p = vec![Matrix3::zeros(); columns.len()];
-        (0..).zip(&columns).for_each(|(at, k)| slot[*k as usize] = at);
+        (0..)
+            .zip(&columns)
+            .for_each(|(position, k)| slot[*k as usize] = position);
         add_tetrahedra(sub, &weights, corners, slot, &mut p);
         (columns, p.iter().map(|p| block(p, lame)).collect())
     };
@@ -147,8 +159,8 @@ fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
     out
 }
 
-/// Weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell; both triangles are stored and are
-/// bitwise transposes of each other.
+/// Assembles the weighted stiffness \[N/m\] with the weight `α_I` \[–\] of every cell. Both triangles are
+/// stored and are bitwise transposes of each other.
 pub(crate) fn stiffness(
     smoothing: &Smoothing,
     sub: &SubCells,
@@ -163,8 +175,8 @@ pub(crate) fn stiffness(
     })
 }
 
-/// A matrix of so many rows, each with its columns and blocks from `row`, which may use a slot per node for
-/// itself.
+/// Assembles a matrix of `n` rows. `row` returns the columns and blocks of a row; it may use the slots, one
+/// per node, as a working buffer.
 fn gathered(
     n: usize,
     row: &(impl Fn(&mut Vec<u32>, usize) -> (Vec<u32>, Vec<[f64; 9]>) + Sync),

@@ -1,9 +1,9 @@
 //! Stabilised conforming nodal integration: one smoothed gradient per Voronoi cell.
 //!
 //! `∇̃u_I = Σ_k b_Ik ⊗ u_k` with `b_Ik = 1/V_I Σ_q A_q N_k(x_q)` over the facets of the cell of node `I`,
-//! one point per facet, at its centroid. Both sides of a facet use the same point and opposite areas, and
-//! the point integrates linear fields exactly: so a linear displacement field gives the exact gradient in
-//! every cell, and the internal forces of a constant stress are those of its tractions, integrated with the
+//! with one point per facet at its centroid. Both sides of a facet use the same point and opposite areas, and
+//! the point integrates linear fields exactly. A linear displacement field therefore gives the exact gradient
+//! in every cell. The internal forces of a constant stress are those of its tractions, integrated with the
 //! same points on the boundary.
 
 mod free;
@@ -24,23 +24,23 @@ use arlequin_core::ShapeRow;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// A facet of a cell and the shape functions at its centroid.
+/// Facet of a cell, with the shape functions at its centroid.
 #[derive(Debug, Clone)]
 struct Sampled {
     facet: Facet,
     nodes: Vec<usize>,
     values: Vec<f64>,
-    /// The linear functions of a tetrahedron nearby were used.
+    /// True if the linear functions of a nearby tetrahedron were used.
     extrapolated: bool,
 }
 
-/// Part of the boundary that belongs to one cell: the piece of one boundary or crack triangle closest to
-/// one node.
+/// Part of the boundary that belongs to one cell: the part of one boundary or crack triangle that is closest
+/// to one node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryFacet {
-    /// The node whose cell it bounds.
+    /// The node whose cell this facet bounds.
     pub cell: usize,
-    /// The triangle it is part of, as an index in [`Domain::constrained_faces`].
+    /// The triangle that contains this facet, as an index in [`Domain::constrained_faces`].
     pub face: usize,
     /// Area times the outward unit normal \[m²\].
     pub area: Vector3<f64>,
@@ -48,7 +48,7 @@ pub struct BoundaryFacet {
     pub centroid: Point3<f64>,
     /// Nodes with a shape function at the centroid.
     pub nodes: Vec<usize>,
-    /// Their values \[–\].
+    /// Values of these shape functions \[–\].
     pub values: Vec<f64>,
 }
 
@@ -69,7 +69,8 @@ impl Smoothing {
             .into_par_iter()
             .map_init(Scratch::new, |scratch, i| sample(domain, cells, kind, i, scratch))
             .collect::<Result<_>>()?;
-        // Facets owned by a neighbour with a smaller number.
+        // A facet between two cells is sampled once, by the cell with the smaller number; here each cell
+        // lists the facets sampled by its neighbours.
         let mut received: Vec<Vec<(u32, u32)>> = vec![Vec::new(); cells.len()];
         for (i, list) in sampled.iter().enumerate() {
             for (k, s) in list.iter().enumerate() {
@@ -119,15 +120,15 @@ impl Smoothing {
         Ok(out)
     }
 
-    /// Nodes and gradients of one cell.
+    /// Returns nodes and gradients of one cell.
     pub(crate) fn row(&self, cell: usize) -> (&[u32], &[Vector3<f64>]) {
         let range = self.starts[cell]..self.starts[cell + 1];
         (&self.nodes[range.clone()], &self.gradients[range])
     }
 }
 
-/// Shape functions at the centroid of a facet, seen from the tetrahedron it lies in where that is known:
-/// the two lips of a crack have different values.
+/// Returns the shape functions at the centroid of a facet, seen from the facet's tetrahedron if that is
+/// known: the two lips of a crack have different values.
 fn shape_on<'s>(
     domain: &Domain,
     kind: Interpolant,
@@ -137,6 +138,7 @@ fn shape_on<'s>(
 ) -> Result<&'s ShapeRow<f64>> {
     let x = &facet.centroid;
     if tet != NONE {
+        // A facet across several tetrahedra may have its centroid outside the one with its largest part.
         let distance = domain
             .plane_distances(tet, x)
             .into_iter()
@@ -148,7 +150,7 @@ fn shape_on<'s>(
     domain.shape(kind, x, s)
 }
 
-/// Evaluates the facets that cell `i` owns: those to higher nodes and those on the boundary.
+/// Evaluates the facets that cell `i` samples: those to nodes with higher numbers and those on the boundary.
 fn sample(
     domain: &Domain,
     cells: &Voronoi,
@@ -162,8 +164,8 @@ fn sample(
         .map(|(facet, &tet)| {
             let (nodes, values, extrapolated) = match shape_on(domain, kind, facet, tet, s) {
                 Ok(row) => (row.nodes.clone(), row.values.clone(), false),
-                // The common boundary of two cells at a re-entrant edge need not be convex: its centroid
-                // may lie outside.
+                // At a re-entrant edge the common boundary of two cells need not be convex: its centroid may
+                // lie outside.
                 Err(_) => {
                     let (nodes, values) = domain.linear_at_node(i, &facet.centroid)?;
                     (nodes.to_vec(), values.to_vec(), true)
@@ -187,8 +189,9 @@ fn add(row: &mut Vec<(u32, Vector3<f64>)>, s: &Sampled, sign: f64) {
     }
 }
 
-/// Sums the entries of every node, in the order they were added.
+/// Sums the entries of every node, in the order in which they were added.
 fn gather(mut row: Vec<(u32, Vector3<f64>)>, scale: f64) -> Vec<(u32, Vector3<f64>)> {
+    // A stable sort keeps the order in which the facets were added, and with it the bits of the sums.
     row.sort_by_key(|e| e.0);
     let mut out: Vec<(u32, Vector3<f64>)> = Vec::new();
     for (node, g) in row {

@@ -1,4 +1,4 @@
-//! The cell of one node: read off the circumcentres, or clipped tetrahedron by tetrahedron.
+//! Voronoi cell of one node: read off the circumcentres, or clipped tetrahedron by tetrahedron.
 
 use super::gaps::Regions;
 use super::{Facet, Side};
@@ -8,55 +8,61 @@ use crate::domain::Domain;
 use crate::tet::{INF, NONE};
 use nalgebra::{Point3, Vector3};
 
-/// Twice the area of a facet, relative to the squared distance of its nodes, below which it is round-off.
+/// Area of a facet, relative to the largest facet of the cell, below which it is round-off and left out.
 const TINY_FACET: f64 = 1e-13;
 
-/// Distance from the middle plane of two nodes, relative to their distance, at which a corner lies on it.
+/// Distance from the bisector of two nodes, relative to their distance, up to which a corner lies on the
+/// bisector. A facet may coincide with a tetrahedron face, always where nodes are cospherical; round-off must
+/// not decide which side owns this face.
 const SNAP: f64 = 1e-12;
 
+/// Tags of faces: their kind in bits 40 and 41, an index below.
 const NODE: u64 = 1 << 40;
 const WALL: u64 = 2 << 40;
 const FREE: u64 = 3 << 40;
 const KIND: u64 = 3 << 40;
-/// Marks the side of a constrained face its normal points to: a cell at a crack may have facets on both.
+/// Marks the side of a constrained face that its normal points to: a cell at a crack may have facets on both
+/// sides.
 const LIP: u64 = 1 << 39;
 
-/// Sum over the pieces of one facet: area vector, and centroid times area, relative to the node.
+/// Sums over the parts of one facet: area vector, and centroid times area, relative to the node.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     tag: u64,
-    /// Zero, or the face of two tetrahedra that this part of the border with another copy of the node lies
-    /// on: several of them are not plane, and only a plane facet integrates linear fields with one point.
+    /// Zero, or the face between two tetrahedra that this part lies on, for the border with another copy of
+    /// the node. Several such faces are not plane, and only a plane facet integrates linear fields with one
+    /// point.
     face: u64,
     area: Vector3<f64>,
     moment: Vector3<f64>,
     weight: f64,
-    /// Tetrahedron with the largest part, and that part.
+    /// Tetrahedron that holds the largest part.
     tet: u32,
+    /// Area of the largest part \[m²\].
     largest: f64,
 }
 
-/// Working memory and result of one cell.
+/// Working buffers and result of one cell.
 #[derive(Debug, Default)]
 pub(super) struct Work {
     star: Vec<u32>,
     queue: Vec<u32>,
-    beyond: Vec<u32>,
+    behind: Vec<u32>,
     /// Neighbours with their position relative to the node, nearest first.
     near: Vec<(f64, u32, Vector3<f64>)>,
     pieces: Vec<Piece>,
     piece: Polyhedron,
-    /// Volume in every tetrahedron, if the cell was clipped.
+    /// Volume in every tetrahedron \[m³\], if the cell was clipped.
     pub(super) parts: Vec<(u32, f64)>,
-    /// Tetrahedra that the cell borders on, where another copy of the node rules.
+    /// Tetrahedra that border on the cell and belong to another copy of the node.
     pub(super) beside: Vec<u32>,
-    /// The convex parts themselves, relative to the node, if asked for.
+    /// The convex pieces relative to the node, if they are to be kept.
     pub(super) keep: Option<Vec<Polyhedron>>,
     pub(super) volume: f64,
     pub(super) facets: Vec<Facet>,
-    /// A tetrahedron in which most of each facet lies, `NONE` where no wall is near.
+    /// For each facet the tetrahedron that holds its largest part; `NONE` where no constrained face is near.
     pub(super) tets: Vec<u32>,
-    reached: Vec<u32>,
+    visited: Vec<u32>,
 }
 
 impl Work {
@@ -70,11 +76,11 @@ impl Work {
         domain.delaunay.star(node, &mut self.star);
     }
 
-    /// The cell, by the quicker way where no constrained face is near.
+    /// Computes the cell, by the quicker way where no constrained face is near.
     pub(super) fn cell(&mut self, domain: &Domain, walls: &Bins, node: u32) {
         self.start(domain, node);
         let seed = &domain.delaunay.points[node as usize];
-        let within = self
+        let is_inside = self
             .star
             .iter()
             .all(|&t| domain.inside[t as usize] || domain.glued[t as usize]);
@@ -84,13 +90,15 @@ impl Work {
             .map(|&t| domain.centre[t as usize].norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
-        // Spheres of a constrained complex are empty only where no wall reaches into them.
+        // After faces were recovered by division a sphere is sure to be empty only if no constrained face
+        // reaches into it: the search covers the whole spheres, not only their centres.
         let reach = if domain.delaunay.before.is_some() {
             2.0 * reach
         } else {
             reach
         };
-        if within && !walls.any(&around([seed], reach * (1.0 + 1e-9))) {
+        // The margin covers the round-off of the centres.
+        if is_inside && !walls.overlaps_any(&around([seed], reach * (1.0 + 1e-9))) {
             self.read_circumcentres(domain, node);
         } else {
             self.by_clipping(domain, &Regions::default(), node);
@@ -98,7 +106,7 @@ impl Work {
         self.finish(seed);
     }
 
-    /// The cell by clipping, with its share of the regions that were handed over.
+    /// Computes the cell by clipping, with its share of the `regions` that are divided again.
     pub(super) fn clipped(&mut self, domain: &Domain, regions: &Regions, node: u32) {
         self.start(domain, node);
         self.by_clipping(domain, regions, node);
@@ -106,12 +114,13 @@ impl Work {
         for region in regions.of_node(node) {
             self.near.clear();
             let seed = domain.delaunay.points[node as usize];
+            // In a region any of its nodes may be the closest, not only neighbours in the complex.
             for &v in &region.nodes {
                 self.add_near(domain, node, v);
             }
             self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
             for &tet in &region.tets {
-                if domain.copy_at(tet, original, &mut self.reached) == node {
+                if domain.copy_at(tet, original, &mut self.visited) == node {
                     self.clip_one(domain, tet, &seed);
                     self.take_piece(domain, tet, node);
                 }
@@ -138,8 +147,8 @@ impl Work {
         }
     }
 
-    /// Lists the neighbours in the Delaunay complex, hidden ones too: the cell ends where another node is
-    /// closer, whether it can be seen or not, so that cells never overlap.
+    /// Lists the neighbours in the Delaunay complex, hidden ones included: the cell ends where another node
+    /// is closer, visible or not, so that cells never overlap.
     fn list_near(&mut self, domain: &Domain, node: u32) {
         let original = domain.copies.original(node);
         if let Some(neighbours) = domain.delaunay.before.as_ref() {
@@ -148,12 +157,12 @@ impl Work {
             }
             return;
         }
-        let all = domain.copies.of(original);
-        let all = if all.is_empty() { &[original] } else { all };
-        for &copy in all {
-            domain.delaunay.star(copy, &mut self.reached);
-            for i in 0..self.reached.len() {
-                let t = self.reached[i];
+        let copies = domain.copies.unknowns_of(original);
+        let copies = if copies.is_empty() { &[original] } else { copies };
+        for &copy in copies {
+            domain.delaunay.star(copy, &mut self.visited);
+            for i in 0..self.visited.len() {
+                let t = self.visited[i];
                 for v in domain.delaunay.tets[t as usize]
                     .v
                     .into_iter()
@@ -165,7 +174,7 @@ impl Work {
         }
     }
 
-    /// Lists a neighbour once, whatever its copies.
+    /// Adds a neighbour to the list, once for all of its copies.
     fn add_near(&mut self, domain: &Domain, node: u32, v: u32) {
         let v = domain.copies.original(v);
         if v != domain.copies.original(node) && !self.near.iter().any(|n| n.1 == v) {
@@ -175,7 +184,8 @@ impl Work {
         }
     }
 
-    /// Every face at the node has a dual segment, which bounds the facets of its two other vertices.
+    /// Sums the facets from circumcentres. Each tetrahedron face at the node has a dual segment, which bounds
+    /// the facets towards the two other vertices of the face.
     fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         let centre = |t: u32| {
@@ -187,25 +197,30 @@ impl Work {
             let t = &domain.delaunay.tets[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
                 let face = t.face(slot);
-                let Some(at) = face.iter().position(|&v| v == node) else {
+                let Some(position) = face.iter().position(|&v| v == node) else {
                     continue;
                 };
+                // Each face belongs to two tetrahedra; the one with the smaller index counts it.
                 if tet > n >> 2 {
                     continue;
                 }
                 let (p, q) = (centre(tet), centre(n >> 2));
-                for (other, from, to) in [(face[(at + 1) % 3], &p, &q), (face[(at + 2) % 3], &q, &p)] {
-                    let r = domain.delaunay.points[other as usize] - seed;
+                for (neighbour, start, end) in [
+                    (face[(position + 1) % 3], &p, &q),
+                    (face[(position + 2) % 3], &q, &p),
+                ] {
+                    let r = domain.delaunay.points[neighbour as usize] - seed;
                     let m = r * 0.5;
-                    let twice = (from - m).cross(&(to - m)).dot(&r);
+                    let twice = (start - m).cross(&(end - m)).dot(&r);
                     let weight = 0.5 * twice / r.norm();
                     let area = r * (0.5 * twice / r.norm_squared());
+                    // The pyramid from the node over this triangle: its height is half of `r`.
                     self.volume += twice / 12.0;
                     self.add(Piece {
-                        tag: NODE | u64::from(other),
+                        tag: NODE | u64::from(neighbour),
                         face: 0,
                         area,
-                        moment: (m + from + to) * (weight / 3.0),
+                        moment: (m + start + end) * (weight / 3.0),
                         weight,
                         tet: NONE,
                         largest: 0.0,
@@ -231,12 +246,12 @@ impl Work {
             self.clip_one(domain, tet, &seed);
             for (tag, _) in self.piece.faces() {
                 if tag & KIND == FREE {
-                    domain.beyond((tag & !KIND) as u32, &mut self.beyond);
-                    for &id in &self.beyond {
+                    domain.behind_flat((tag & !KIND) as u32, &mut self.behind);
+                    for &id in &self.behind {
                         if self.queue.contains(&id) {
                             continue;
                         }
-                        if domain.copy_at(id, original, &mut self.reached) == node {
+                        if domain.copy_at(id, original, &mut self.visited) == node {
                             self.queue.push(id);
                         } else {
                             self.beside.push(id);
@@ -244,14 +259,15 @@ impl Work {
                     }
                 }
             }
+            // Tetrahedra of a region are divided among all of its nodes, in `clipped`.
             if !regions.holds(tet) {
                 self.take_piece(domain, tet, node);
             }
         }
     }
 
-    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron where another copy of the
-    /// node rules is a facet between the two.
+    /// Adds the piece of a tetrahedron to the cell. A face towards a tetrahedron of another copy of the node
+    /// becomes a facet between the two copies.
     fn take_piece(&mut self, domain: &Domain, tet: u32, node: u32) {
         let piece = std::mem::take(&mut self.piece);
         for (tag, face) in piece.faces() {
@@ -259,10 +275,10 @@ impl Work {
             let mut between = 0;
             let tag = match tag & KIND {
                 WALL if along(domain, id, &face.area) => tag | LIP,
-                NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.reached)),
+                NODE => NODE | u64::from(domain.copy_at(tet, id as u32, &mut self.visited)),
                 FREE => {
                     let original = domain.copies.original(node);
-                    let copy = domain.copy_at(id as u32, original, &mut self.reached);
+                    let copy = domain.copy_at(id as u32, original, &mut self.visited);
                     if copy == node {
                         continue;
                     }
@@ -294,7 +310,7 @@ impl Work {
         self.piece = piece;
     }
 
-    /// The part of one tetrahedron that is closest to the node.
+    /// Clips one tetrahedron to the part that is closest to the node.
     fn clip_one(&mut self, domain: &Domain, tet: u32, seed: &Point3<f64>) {
         let t = &domain.delaunay.tets[tet as usize];
         let walls = domain.walls[tet as usize];
@@ -311,6 +327,8 @@ impl Work {
             .set_tetrahedron(domain.delaunay.corners(t).map(|p| p - seed), tags);
         let mut reach = self.piece.reach();
         for (square, v, r) in &self.near {
+            // Neighbours are sorted by distance. Beyond twice the farthest corner no bisector meets the
+            // piece.
             if *square > 4.0 * reach {
                 break;
             }
@@ -328,6 +346,7 @@ impl Work {
     }
 
     fn finish(&mut self, seed: &Point3<f64>) {
+        // Tags put neighbours before constrained faces, both in ascending order.
         self.pieces.sort_unstable_by_key(|p| (p.tag, p.face));
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
@@ -349,7 +368,7 @@ impl Work {
     }
 }
 
-/// True if an area vector points along the normal of a constrained face.
+/// Returns whether an area vector points along the normal of a constrained face.
 fn along(domain: &Domain, face: u64, area: &Vector3<f64>) -> bool {
     let v = domain.mesh.faces[face as usize].v;
     let [a, b, c] = v.map(|v| &domain.delaunay.points[v as usize]);

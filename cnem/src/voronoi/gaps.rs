@@ -1,4 +1,4 @@
-//! Parts of the domain whose closest node is behind a constrained face, and who gets them.
+//! Parts of the domain whose closest node is behind a constrained face, and the nodes that receive them.
 
 use super::cell::Work;
 use crate::delaunay::volume;
@@ -6,16 +6,16 @@ use crate::domain::Domain;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before it is divided anew;
-/// dividing without need is harmless.
+/// Share of a tetrahedron's volume that may be uncovered, or covered twice, before the tetrahedron is divided
+/// again; dividing without need is harmless.
 const UNCOVERED: f64 = 1e-10;
 
-/// What was handed over to other nodes because its closest node is behind a constrained face.
+/// Volume that was reassigned because its closest node is behind a constrained face.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Gaps {
-    /// Tetrahedra divided anew.
+    /// Tetrahedra that were divided again.
     pub tetrahedra: usize,
-    /// Connected regions they form.
+    /// Connected regions that these tetrahedra form.
     pub regions: usize,
     /// Volume whose closest node is hidden \[m³\].
     pub volume: f64,
@@ -28,11 +28,11 @@ pub(crate) struct Region {
     pub(crate) nodes: Vec<u32>,
 }
 
-/// Where one cell is before anything is handed over.
-struct Reached {
-    /// Its volume in every tetrahedron \[m³\].
+/// Extent of one cell before any volume is reassigned.
+struct Extent {
+    /// Volume of the cell in every tetrahedron \[m³\].
     parts: Vec<(u32, f64)>,
-    /// Tetrahedra it borders on, where another copy of its node rules.
+    /// Tetrahedra that border on the cell and belong to another copy of its node.
     beside: Vec<u32>,
 }
 
@@ -55,20 +55,20 @@ impl Regions {
         list.iter().map(|&r| &self.regions[r as usize])
     }
 
-    /// Clips all cells and looks for tetrahedra that are not filled.
+    /// Clips all cells and finds the tetrahedra that they do not fill exactly once.
     pub(super) fn find(domain: &Domain) -> Self {
-        let reached: Vec<Reached> = (0..domain.nodes().len() as u32)
+        let extents: Vec<Extent> = (0..domain.nodes().len() as u32)
             .into_par_iter()
             .map_init(Work::default, |work, node| {
                 work.clipped(domain, &Self::default(), node);
-                Reached {
+                Extent {
                     parts: work.parts.clone(),
                     beside: work.beside.clone(),
                 }
             })
             .collect();
         let mut filled = vec![0.0; domain.delaunay.tets.len()];
-        for &(tet, v) in reached.iter().flat_map(|r| &r.parts) {
+        for &(tet, v) in extents.iter().flat_map(|e| &e.parts) {
             filled[tet as usize] += v;
         }
         let mut out = Self::default();
@@ -76,45 +76,46 @@ impl Regions {
             if !domain.inside[tet] {
                 continue;
             }
-            let whole = volume(domain.delaunay.corners(t));
-            if (filled[tet] - whole).abs() > whole * UNCOVERED {
+            let full = volume(domain.delaunay.corners(t));
+            if (filled[tet] - full).abs() > full * UNCOVERED {
                 out.of_tet.insert(tet as u32, u32::MAX);
-                out.gaps.volume += (whole - filled[tet]).abs();
+                out.gaps.volume += (full - filled[tet]).abs();
             }
         }
         out.connect(domain);
-        out.share(domain, &reached);
+        out.share(domain, &extents);
         out.gaps.tetrahedra = out.of_tet.len();
         out.gaps.regions = out.regions.len();
         out
     }
 
-    /// Joins tetrahedra over free faces.
+    /// Joins the tetrahedra into regions over free faces.
     fn connect(&mut self, domain: &Domain) {
-        let mut all: Vec<u32> = self.of_tet.keys().copied().collect();
-        all.sort_unstable();
-        for start in all {
+        // Sorted, so that the numbers of the regions do not depend on hashing.
+        let mut candidates: Vec<u32> = self.of_tet.keys().copied().collect();
+        candidates.sort_unstable();
+        for start in candidates {
             if self.of_tet[&start] != u32::MAX {
                 continue;
             }
             let id = self.regions.len() as u32;
             let mut tets = vec![start];
-            let mut beyond = Vec::new();
+            let mut behind = Vec::new();
             self.of_tet.insert(start, id);
             let mut next = 0;
             while next < tets.len() {
                 let tet = tets[next];
                 next += 1;
                 for slot in 0..4 {
-                    let other = domain.delaunay.tets[tet as usize].n[slot] >> 2;
+                    let neighbour = domain.delaunay.tets[tet as usize].n[slot] >> 2;
                     if domain.walls[tet as usize] >> slot & 1 == 1 {
                         continue;
                     }
-                    domain.beyond(other, &mut beyond);
-                    for &other in &beyond {
-                        if self.of_tet.get(&other) == Some(&u32::MAX) {
-                            self.of_tet.insert(other, id);
-                            tets.push(other);
+                    domain.behind_flat(neighbour, &mut behind);
+                    for &neighbour in &behind {
+                        if self.of_tet.get(&neighbour) == Some(&u32::MAX) {
+                            self.of_tet.insert(neighbour, id);
+                            tets.push(neighbour);
                         }
                     }
                 }
@@ -127,16 +128,16 @@ impl Regions {
         }
     }
 
-    /// Nodes whose cells reach a region or border on it, and the corners of its tetrahedra. Without those
-    /// that border on it the region's side of that border would go to others, and the facets there would not
-    /// match.
-    fn share(&mut self, domain: &Domain, reached: &[Reached]) {
-        for (node, reached) in reached.iter().enumerate() {
-            let tets = reached
+    /// Gives each region its nodes: those whose cells reach the region or border on it, and the corners of
+    /// its tetrahedra. Nodes of bordering cells are needed: without them the strip inside the region that is
+    /// closest to them would go to other nodes, and the facets on the border would not match.
+    fn share(&mut self, domain: &Domain, extents: &[Extent]) {
+        for (node, extent) in extents.iter().enumerate() {
+            let tets = extent
                 .parts
                 .iter()
                 .map(|p| p.0)
-                .chain(reached.beside.iter().copied());
+                .chain(extent.beside.iter().copied());
             for tet in tets {
                 if let Some(&r) = self.of_tet.get(&tet) {
                     self.regions[r as usize].nodes.push(node as u32);
@@ -147,10 +148,10 @@ impl Regions {
             for &t in &region.tets {
                 region.nodes.extend(domain.delaunay.tets[t as usize].v);
             }
-            // Which copy of a node gets its part is a matter of the tetrahedron.
+            // The tetrahedron decides later which copy of a node gets the volume.
             for i in 0..region.nodes.len() {
                 let original = domain.copies.original(region.nodes[i]);
-                region.nodes.extend(domain.copies.of(original));
+                region.nodes.extend(domain.copies.unknowns_of(original));
             }
             region.nodes.sort_unstable();
             region.nodes.dedup();

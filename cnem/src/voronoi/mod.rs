@@ -1,18 +1,18 @@
 //! Voronoi cells of the nodes, cut off at the constrained faces.
 //!
-//! The cell of a node is the part of the domain that is closer to it than to any other node and connected
-//! to it without crossing a constrained face. Copies of a node (see [`crate::crack`]) share what is closest
-//! to it by their lips. Cells far from the constraints are read off the circumcentres; the others are
-//! collected tetrahedron by tetrahedron: clip it by the bisectors of the node, continue over the free faces
-//! of what is left.
+//! The cell of a node is the part of the domain that is closer to this node than to any other and connected
+//! to it without crossing a constrained face. Copies of a node (see [`crate::crack`]) divide what is closest
+//! to the node according to their lips. Cells far from the constraints are read off the circumcentres. All
+//! other cells are collected tetrahedron by tetrahedron: clip the tetrahedron by the bisectors of the node,
+//! then continue over the free faces of the remaining piece.
 //!
-//! A part of the domain whose closest node is behind a constrained face belongs to no cell by that rule. It
-//! cannot exist where the smallest spheres around the constrained faces are empty; it is found by comparing
-//! volumes. Connected regions of tetrahedra with such a part are divided anew among the nodes whose cells
-//! reach the region, each point going to the closest of them. Facets still match on both sides, so that the
-//! cells fill the domain and close. How much was handed over is counted in [`Gaps`]. The blocks and cracks
-//! of the tests, with nodes on the faces as dense as inside, have none; a V-notch with nodes closer to its
-//! flanks than those of the flanks to each other has some.
+//! A part of the domain whose closest node is behind a constrained face belongs to no cell by this rule.
+//! There is no such part where the smallest spheres around the constrained faces are empty. A comparison of
+//! volumes detects the gap. Connected regions of tetrahedra with gaps are divided again among the nodes whose
+//! cells reach the region: each point goes to the closest of these nodes. Facets still match on both sides,
+//! so that the cells fill the domain and close. [`Gaps`] counts what was reassigned. The blocks and cracks of
+//! the tests, whose nodes on the faces are as dense as inside, have no gaps; a V-notch has some if nodes are
+//! closer to its flanks than the nodes on the flanks are to each other.
 
 mod cell;
 mod gaps;
@@ -29,14 +29,15 @@ use cell::Work;
 pub use gaps::Gaps;
 use gaps::Regions;
 
-/// Relative volume of the domain that may be left out before it is an error; round-off is below 1e-12.
+/// Relative volume of the domain that the cells may leave uncovered; round-off is below 1e-12.
 const VOLUME_TOLERANCE: f64 = 1e-9;
-/// Share of its area that a cell may leave open; round-off is below 1e-12.
+/// Largest `|sum A| / sum |A|` of a cell that counts as closed; round-off is below 1e-12.
 const AREA_TOLERANCE: f64 = 1e-9;
-/// Relative difference of volumes (areas, lengths) up to which a cell is the convex body its facets bound.
+/// Relative difference of volumes (areas, lengths) up to which a cell counts as the convex body that its
+/// facet planes bound.
 const CONVEX: f64 = 1e-10;
 
-/// What is on the other side of a facet.
+/// Neighbour of a cell across a facet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Side {
     /// The cell of another node.
@@ -45,12 +46,12 @@ pub enum Side {
     Face(usize),
 }
 
-/// Facet of a cell: all of the common boundary with one neighbour or one side of a constrained face. With
-/// another copy of its own node, beyond a crack front, a cell has a facet for every face of the tetrahedra
-/// that lies between them.
+/// Facet of a cell: the whole common boundary with one neighbour or with one side of a constrained face. Only
+/// between two copies of one node, beyond a crack front, there is one facet per tetrahedron face between the
+/// two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facet {
-    /// What is on the other side.
+    /// Neighbour on the other side.
     pub side: Side,
     /// Area times the unit normal out of the cell \[m²\].
     pub area: Vector3<f64>,
@@ -64,12 +65,12 @@ pub struct Voronoi {
     volumes: Vec<f64>,
     start: Vec<usize>,
     facets: Vec<Facet>,
-    /// A tetrahedron in which most of each facet lies, `NONE` where no wall is near.
+    /// For each facet the tetrahedron that holds its largest part; `NONE` where no constrained face is near.
     tets: Vec<u32>,
     pub(crate) regions: Regions,
 }
 
-/// How well the cells close and fill the domain, both relative.
+/// Relative errors of the cells: how well they fill the domain and how well they close.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Closure {
     /// `|sum V - V_domain| / V_domain`.
@@ -89,12 +90,13 @@ impl Voronoi {
         self.volumes.is_empty()
     }
 
-    /// Volumes of the cells \[m³\].
+    /// Returns the volumes of the cells \[m³\].
     pub fn volumes(&self) -> &[f64] {
         &self.volumes
     }
 
-    /// Facets of the cell of a node: neighbours first, then constrained faces, each in ascending order.
+    /// Returns the facets of a node's cell: neighbours first, then constrained faces, each in ascending
+    /// order.
     ///
     /// # Panics
     /// If there is no such node.
@@ -102,17 +104,18 @@ impl Voronoi {
         &self.facets[self.start[node]..self.start[node + 1]]
     }
 
-    /// A tetrahedron in which most of each facet of a node's cell lies, `NONE` where no wall is near.
+    /// For each facet of a node's cell the tetrahedron that holds its largest part; `NONE` where no
+    /// constrained face is near.
     pub(crate) fn tets(&self, node: usize) -> &[u32] {
         &self.tets[self.start[node]..self.start[node + 1]]
     }
 
-    /// What was handed over to other nodes because its closest node is behind a constrained face.
+    /// Returns how much volume was reassigned because its closest node is behind a constrained face.
     pub fn gaps(&self) -> Gaps {
         self.regions.gaps
     }
 
-    /// `|sum A| / sum |A|` of one cell.
+    /// Returns `|sum A| / sum |A|` of one cell.
     fn area_defect(&self, node: usize) -> f64 {
         let sum: Vector3<f64> = self.facets(node).iter().map(|f| f.area).sum();
         let total: f64 = self.facets(node).iter().map(|f| f.area.norm()).sum();
@@ -122,7 +125,7 @@ impl Voronoi {
     fn check_closed(&self) -> Result<()> {
         for node in 0..self.len() {
             let defect = self.area_defect(node);
-            // Not `>`: a defect that is not a number is one.
+            // Not `defect > …`: a NaN must fail, too.
             let closed = defect <= AREA_TOLERANCE;
             if !closed {
                 return Err(Error::CellOpen {
@@ -135,7 +138,7 @@ impl Voronoi {
         Ok(())
     }
 
-    /// Compares volumes with the domain and adds up the area vectors.
+    /// Compares the sum of the volumes with the domain, and sums the area vectors of each cell.
     pub fn closure(&self, domain: &Domain) -> Closure {
         let filled: f64 = self.volumes.iter().sum();
         let area = (0..self.len()).map(|i| self.area_defect(i));
@@ -147,13 +150,13 @@ impl Voronoi {
 }
 
 impl Domain {
-    /// Voronoi cells of all nodes, cut off at the constrained faces. The result does not depend on the
-    /// thread count.
+    /// Builds the Voronoi cells of all nodes, cut off at the constrained faces. The result does not depend on
+    /// the number of threads.
     ///
     /// # Errors
     /// `CellsDoNotFill` if the cells leave more than round-off of the domain uncovered, `CellOpen` if the
-    /// facets of one do not close, `TooManyNeighbours` if there are next to no nodes inside a body of many
-    /// on its surface.
+    /// facets of a cell do not close, `TooManyNeighbours` if a body with many nodes on its surface has hardly
+    /// any inside.
     pub fn voronoi(&self) -> Result<Voronoi> {
         self.check_neighbours()?;
         let boxes = self
@@ -162,7 +165,10 @@ impl Domain {
             .iter()
             .map(|f| around(f.v.iter().map(|&v| &self.delaunay.points[v as usize]), 0.0));
         let walls = Bins::new(boxes.collect());
+        // Cells are computed independently and concatenated in node order: same bits for any number of
+        // threads.
         let mut out = self.cells(|work, node| work.cell(self, &walls, node));
+        // All cells are clipped again only if there are gaps.
         if out.closure(self).volume > VOLUME_TOLERANCE {
             let regions = Regions::find(self);
             out = self.cells(|work, node| work.clipped(self, &regions, node));
@@ -203,8 +209,8 @@ impl Domain {
         out
     }
 
-    /// Convex bodies that make up the cell of a node \[m\]: one where the cell is convex, else a part per
-    /// tetrahedron.
+    /// Returns the convex bodies that make up a node's cell \[m\]: one body if the cell is convex, else one
+    /// piece per tetrahedron.
     pub(crate) fn cell_bodies(&self, cells: &Voronoi, node: usize, work: &mut CellBodies) -> Vec<Cell<f64>> {
         let seed = self.nodes()[node];
         let to_core = |p: &Polyhedron| {
@@ -213,12 +219,13 @@ impl Domain {
         };
         let body = &mut work.body;
         let [low, high] = around(self.nodes(), 0.0);
+        // A cube larger than the whole body, so that no side of it is left when the facets have cut.
         body.set_cube((high - low).norm(), 0);
         let volume = cells.volumes()[node];
         for f in cells.facets(node) {
             let normal = f.area.normalize();
             let offset = normal.dot(&(f.centroid - seed));
-            // Facets of one plane bound the body once.
+            // A second facet in the same plane, as between the halves of a flat patch, cuts nothing off.
             if body.excess(&normal, offset) > CONVEX * volume.cbrt() {
                 body.clip(&normal, offset, 0);
             }
@@ -231,13 +238,13 @@ impl Domain {
         work.work.keep = Some(Vec::new());
         work.work.clipped(self, &cells.regions, node as u32);
         let parts = work.work.keep.take().unwrap_or_default();
-        // Parts of round-off size have no volume left to average over.
+        // Pieces of round-off size have no volume to average over.
         let solid = parts.iter().filter(|p| p.volume() > CONVEX * volume);
         solid.map(to_core).collect()
     }
 }
 
-/// Working memory of [`Domain::cell_bodies`].
+/// Working buffers of [`Domain::cell_bodies`].
 #[derive(Debug, Default)]
 pub(crate) struct CellBodies {
     body: Polyhedron,

@@ -65,11 +65,11 @@ fn cells_fill_a_re_entrant_block() {
 #[test]
 fn cells_fill_a_cracked_cube() {
     let points = grid(5, 0.0, 0);
-    let at = |i: usize, j: usize| i + 5 * (j + 10);
+    let index = |i: usize, j: usize| i + 5 * (j + 10);
     let mut crack = Vec::new();
     for (i, j) in (0..8).map(|k| (k % 2, k / 2)) {
-        crack.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-        crack.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        crack.push([index(i, j), index(i + 1, j), index(i + 1, j + 1)]);
+        crack.push([index(i, j), index(i + 1, j + 1), index(i, j + 1)]);
     }
     let domain = Domain::new(&points, &Surface::convex_hull().with_cracks(crack)).expect("cracked cube");
     let cells = assert_closed(&domain);
@@ -80,10 +80,10 @@ fn cells_fill_a_cracked_cube() {
             .filter(|f| matches!(f.side, Side::Face(_)))
             .count()
     };
-    assert!(lips(at(1, 1)) > 0 && lips(at(3, 2)) == 0);
+    assert!(lips(index(1, 1)) > 0 && lips(index(3, 2)) == 0);
 }
 
-/// The part of the domain closest to a node behind the crack goes to nodes on its own side.
+/// Volume that is closest to a node behind the crack goes to nodes on its own side.
 #[test]
 fn a_node_close_to_a_coarse_crack() {
     let mut points = grid(3, 0.0, 0);
@@ -131,11 +131,11 @@ fn cells_fill_the_surroundings_of_a_coarse_hole() {
         let domain = Domain::new(&points, &surface).expect("cube with a hole");
         handed_over += usize::from(assert_closed(&domain).gaps().tetrahedra > 0);
     }
-    // Of these sets 6 had gaps while points were inserted on the faces of the hole.
+    // 6 of these sets had gaps when points were inserted on the faces of the hole.
     assert_eq!(handed_over, 0);
 }
 
-/// The bodies that weights are integrated over have the volume and the place of the cells.
+/// The bodies over which weights are integrated have the volume of the cells.
 #[test]
 fn bodies_make_up_the_cells() {
     use arlequin_core::geometry::Cell;
@@ -158,16 +158,16 @@ fn bodies_make_up_the_cells() {
     }
 }
 
-/// Cells whose facets do not close are refused by the node they belong to.
+/// Cells whose facets do not close are refused with the index of their node.
 #[test]
 fn open_cells_are_named() {
     let domain = Domain::new(&grid(4, 0.2, 1), &Surface::convex_hull()).expect("grid");
     let mut cells = domain.voronoi().expect("cells");
     assert_eq!(cells.check_closed(), Ok(()));
-    let at = cells.start[9];
-    cells.facets[at].area *= 1.0 + 1e-7;
+    let facet = cells.start[9];
+    cells.facets[facet].area *= 1.0 + 1e-7;
     assert!(matches!(cells.check_closed(), Err(Error::CellOpen { node: 9, defect, .. }) if defect < 1e-6));
-    cells.facets[at].area.x = f64::NAN;
+    cells.facets[facet].area.x = f64::NAN;
     assert!(matches!(
         cells.check_closed(),
         Err(Error::CellOpen { node: 9, .. })
