@@ -1,8 +1,8 @@
-//! Scenes on several ranks: which models go in parts, and what ranks must agree on.
+//! Scenes on several ranks: which models are partitioned, and what ranks must agree on.
 //!
-//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if
-//! the scene asks nothing of it that needs the whole body on one rank; every other model stays whole and
-//! makes the same steps on every rank. Rank 0 alone writes and speaks.
+//! Every rank reads and builds the same scene. Bodies of particles or of elements are then partitioned,
+//! unless the scene asks for something that needs the whole body on one rank. Every other model stays whole
+//! and makes the same steps on every rank. Only rank 0 writes files and messages.
 
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
@@ -15,19 +15,19 @@ use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-/// How one model is held on several ranks.
+/// Distribution of one model over several ranks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RankLine {
     /// Name of the model.
     pub model: String,
-    /// Whether each rank holds a part of it.
+    /// True if the model is partitioned.
     pub parts: bool,
-    /// What a rank has to do, or why the model is whole on every rank.
+    /// Work of a rank, or why the model is whole on every rank.
     pub words: String,
 }
 
 impl RankLine {
-    /// Adds how even the work is, once it is shared out.
+    /// Adds the load imbalance \[%\] of a partitioned model to the words.
     pub(crate) fn told(&mut self, of: &Subdomain<f64>) {
         if let Some(portion) = of.portion() {
             let most = 100.0 * portion.division().imbalance();
@@ -36,7 +36,7 @@ impl RankLine {
     }
 }
 
-/// How the models of a scene are held on so many ranks.
+/// Distribution of each model of a scene over `ranks` ranks.
 fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     let of = |(m, body): (usize, &Body)| {
         let nodes = body.model.layout().nodes;
@@ -59,7 +59,7 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     bodies.iter().enumerate().map(of).collect()
 }
 
-/// Why a model must be whole on every rank.
+/// Returns why model `m` must be whole on every rank; `None` if it can be partitioned.
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
@@ -109,25 +109,26 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     body.model.portion().map(|_| "it is in parts already".to_owned())
 }
 
-/// What ranks of a run agree on before and between its parts; alone, everything is agreed on.
+/// Ranks of a run, and what they agree on before and between its stages. A run on one rank agrees with
+/// itself.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Ranks {
     communicator: Option<Arc<dyn Communicator>>,
-    /// How many there will be, for a plan.
+    /// Number of ranks that are planned for, without a communicator.
     planned: Option<usize>,
 }
 
 impl Ranks {
-    /// Those of a communicator.
+    /// Ranks of a communicator.
     pub(crate) fn of(communicator: Option<Arc<dyn Communicator>>) -> Self {
         Self {
-            // One rank is none.
+            // With a single rank there is nothing to agree on.
             communicator: communicator.filter(|c| c.ranks() > 1),
             planned: None,
         }
     }
 
-    /// Those of a plan.
+    /// Ranks that are only planned.
     pub(crate) fn planned(ranks: usize) -> Self {
         Self {
             communicator: None,
@@ -135,30 +136,33 @@ impl Ranks {
         }
     }
 
-    /// Refuses scenes that differ, on every rank.
+    /// Compares the scene and its files between ranks. Collective.
+    ///
+    /// # Errors
+    /// A difference, on every rank; a file that cannot be read.
     pub(crate) fn read(&self, scene: &Scene) -> Result<()> {
         if self.communicator.is_none() {
             return Ok(());
         }
-        // A rank that cannot read what the scene names says so; the others hear of it.
+        // A rank that cannot read a file reports this; all ranks then stop.
         let origin = self.together(Origin::of(scene))?;
         let mut hasher = DefaultHasher::new();
         origin.digest(&mut hasher);
         self.agree("the scene and the files that it names", hasher.finish())
     }
 
-    /// The transport, if there is more than one rank.
+    /// The communicator, if there is more than one rank.
     pub(crate) fn communicator(&self) -> Option<&Arc<dyn Communicator>> {
         self.communicator.as_ref()
     }
 
-    /// How many there are, or are planned.
+    /// Number of ranks, existing or planned.
     pub(crate) fn count(&self) -> usize {
         let ranks = self.communicator.as_ref().map(|c| c.ranks());
         ranks.or(self.planned).unwrap_or(1)
     }
 
-    /// How the models of a scene are held; nothing to say of one rank.
+    /// Distribution of each model over the ranks; empty for a single rank.
     pub(crate) fn holdings(&self, scene: &SceneSpec, bodies: &[Body]) -> Vec<RankLine> {
         match self.count() {
             1 => Vec::new(),
@@ -171,15 +175,15 @@ impl Ranks {
         self.communicator.as_ref().map_or(0, |c| c.rank())
     }
 
-    /// Whether this rank writes and speaks.
+    /// Returns whether this rank writes files and messages.
     pub(crate) fn leads(&self) -> bool {
         self.rank() == 0
     }
 
-    /// Whether all ranks have the same number.
+    /// Compares `digest` between ranks. Collective.
     ///
     /// # Errors
-    /// [`RankError::Differ`].
+    /// [`RankError::Differ`] if the digests differ; failures of the communicator.
     pub(crate) fn agree(&self, what: &str, digest: u64) -> Result<()> {
         let Some(c) = &self.communicator else {
             return Ok(());
@@ -187,10 +191,10 @@ impl Ranks {
         ranks::agree(&**c, what, digest).map_err(elsewhere)
     }
 
-    /// Whether any rank says so; all of them must ask.
+    /// Returns whether `own` is true on any rank. Collective.
     ///
     /// # Errors
-    /// What the transport says.
+    /// Failures of the communicator.
     pub(crate) fn any(&self, own: bool) -> Result<bool> {
         let [any] = self.largest([i64::from(own)])?;
         Ok(any > 0)
@@ -203,16 +207,17 @@ impl Ranks {
         Ok(own)
     }
 
-    /// What all ranks got to together: where some failed, the first of these has its error, as
-    /// [`Error::Agreed`], and all others [`Error::Elsewhere`].
+    /// Returns `own` if it is `Ok` on every rank. Collective.
     ///
     /// # Errors
-    /// Those, and what the transport says.
+    /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`];
+    /// failures of the communicator.
     pub(crate) fn together<R>(&self, own: Result<R>) -> Result<R> {
         let Some(c) = &self.communicator else {
             return own;
         };
-        // What all ranks have or know cannot be talked over again, and what is wrong between them not at all.
+        // Every rank already has these errors, or the ranks can no longer communicate: another exchange would
+        // hang.
         if own.as_ref().is_err_and(|e| e.is_everywhere() || e.is_of_ranks()) {
             return own;
         }
@@ -233,21 +238,21 @@ impl Ranks {
     }
 }
 
-/// What all ranks of a communicator got to together, none where there is one alone: see [`Error::Agreed`].
+/// Returns `own` if it is `Ok` on every rank. Collective. Without a communicator, returns `own`.
 ///
 /// # Errors
-/// The error of the first rank that has one there, [`Error::Elsewhere`] on all others.
+/// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`].
 pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, own: Result<R>) -> Result<R> {
     Ranks::of(communicator.cloned()).together(own)
 }
 
-/// Whether the ranks of a model in parts still hear of each other.
+/// Returns the communication failure of a partitioned model as an error, if there was one.
 pub(crate) fn heard(s: &Subdomain<f64>) -> Result<()> {
     let failure = s.portion().and_then(|p| p.failure());
     failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }
 
-/// An error between ranks.
+/// Wraps an error between ranks.
 pub(crate) fn elsewhere(e: RankError) -> Error {
     Error::Core {
         key: "ranks".into(),
@@ -256,7 +261,7 @@ pub(crate) fn elsewhere(e: RankError) -> Error {
 }
 
 impl Origin {
-    /// Everything that makes it this scene, but where it lies.
+    /// Hashes all that defines the scene, except the folder it is in.
     fn digest(&self, hasher: &mut DefaultHasher) {
         self.text.hash(hasher);
         self.set.hash(hasher);
