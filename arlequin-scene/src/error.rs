@@ -29,7 +29,7 @@ pub enum Error {
         /// Bytes of the scene file that the message refers to; `None` if unknown.
         span: Option<std::ops::Range<usize>>,
     },
-    /// A value that cannot be set (`--set PATH=VALUE`).
+    /// A change of a value ([`Scene::set`](crate::Scene::set), `--set`) that the scene cannot take.
     #[error("cannot set {key} = {value}: {message}")]
     Set {
         /// Key path as given.

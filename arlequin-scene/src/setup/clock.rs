@@ -1,19 +1,19 @@
-//! Where the time of a set-up goes.
+//! Wall times of the set-up.
 
 use arlequin::core::SetupPhase;
 use serde::Serialize;
 use std::time::Instant;
 
-/// A phase of a set-up.
+/// A phase of the set-up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PhaseTime {
-    /// What was done, such as "packing of 'right'".
+    /// Description, such as "packing of 'right'".
     pub phase: String,
-    /// How long it took \[s\].
+    /// Wall time \[s\].
     pub seconds: f64,
 }
 
-/// Times the phases of a set-up, each of which ends where the next begins, and tells of them as they begin.
+/// Times the phases of the set-up and calls `tell` as each begins. A phase ends where the next begins.
 pub(crate) struct SetupClock<'a> {
     tell: &'a mut dyn FnMut(&str),
     now: Option<(String, Instant)>,
@@ -29,7 +29,7 @@ impl<'a> SetupClock<'a> {
         }
     }
 
-    /// The phase of this name begins.
+    /// Begins a phase and ends the previous one.
     pub(crate) fn begin(&mut self, phase: String) {
         self.stop();
         (self.tell)(&phase);
@@ -43,14 +43,14 @@ impl<'a> SetupClock<'a> {
         }
     }
 
-    /// The last phase is over.
+    /// Ends the last phase and returns all phases.
     pub(crate) fn finish(mut self) -> Vec<PhaseTime> {
         self.stop();
         self.done
     }
 }
 
-/// A phase of the core in words; `names` are those of the models and of the interfaces.
+/// Description of a phase of the core; `models` and `interfaces` are the names in the scene.
 pub(super) fn name(phase: SetupPhase, [models, interfaces]: &[Vec<String>; 2]) -> String {
     let of = |names: &[String], k: usize| names.get(k).cloned().unwrap_or_default();
     match phase {

@@ -1,8 +1,8 @@
-//! Nodes within a closed surface, and the tetrahedra between them.
+//! Nodes inside a closed surface, and the tetrahedra between them.
 //!
-//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes
-//! lie on a body-centred cubic lattice, whose Delaunay tetrahedra are all alike and well shaped, half a
-//! spacing or more from the surface.
+//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes lie
+//! on a body-centred cubic lattice, at least half a spacing from the surface: its Delaunay tetrahedra are
+//! congruent and well shaped.
 
 use super::filling::bytes;
 use crate::error::{Result, cnem, dem, fem, key, value};
@@ -15,14 +15,14 @@ use arlequin::fem_ref::{ElementKind, Mesh};
 use std::collections::{BTreeMap, BinaryHeap};
 use std::path::Path;
 
-/// Most nodes that are placed.
+/// Largest number of nodes.
 const MOST: f64 = 1e7;
-/// Longest edges of the surface, in spacings.
+/// Length of surface edges above which they are halved, in spacings.
 const LONGEST: f64 = 1.25;
-/// Distance of inner nodes from the surface, in spacings.
+/// Smallest distance of inner nodes from the surface, in spacings.
 const AWAY: f64 = 0.5;
 
-/// Triangles of a surface by their corners.
+/// Triangles of a surface, each by its three corners \[m\].
 pub(super) fn corners(surface: &Surface) -> Vec<[Point3<f64>; 3]> {
     let at = |k: u32| Point3::from(surface.vertices()[k as usize]);
     surface.triangles().iter().map(|t| t.map(at)).collect()
@@ -57,11 +57,12 @@ pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mes
         .map_err(fem(&at))
 }
 
-/// Corners and triangles of a surface without edges much longer than `size`.
+/// Divides a surface until no edge is much longer than `size` \[m\]; returns its corners and triangles.
 fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let mut points: Vec<Point3<f64>> = surface.vertices().iter().map(|x| Point3::from(*x)).collect();
     let mut triangles = surface.triangles().to_vec();
-    // Triangles at every edge; lengths of squares as bits, which order like the numbers.
+    // Triangles at each edge. The queue holds squared lengths as bits: for positive numbers these sort like
+    // the numbers.
     let mut at: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
     let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]].map(|[a, b]| [a.min(b), a.max(b)]);
     for (k, t) in triangles.iter().enumerate() {
@@ -95,7 +96,7 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             triangles[k as usize] = first;
             triangles.push(second);
             for e in edges(&old) {
-                // Edges of the second half had the number of the first.
+                // These edges belonged to the first half until now.
                 if let Some(list) = at.get_mut(&e).filter(|_| e.contains(&b)) {
                     list.iter_mut().filter(|n| **n == k).for_each(|n| *n = new);
                 }
@@ -126,9 +127,9 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     )
 }
 
-/// Nodes of a body-centred cubic lattice inside of a surface.
+/// Nodes of a body-centred cubic lattice inside a surface.
 fn lattice(surface: &Surface, size: f64) -> Vec<Point3<f64>> {
-    // Neighbours are half a diagonal apart.
+    // Nearest neighbours are half a space diagonal of the cubic cell apart.
     let edge = size * 2.0 / 3f64.sqrt();
     let (low, high) = surface.bounds();
     let faces = Faces::new(corners(surface));

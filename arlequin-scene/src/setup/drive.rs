@@ -17,10 +17,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// An effect before it is attached to a model.
+/// An effect that is not yet attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
 
-/// Index of a model by name.
+/// Returns the number of the model with this name.
 pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
     let found = scene.model.keys().position(|k| k == name);
     found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
@@ -52,17 +52,17 @@ pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunctio
     Ok(function)
 }
 
-/// Everything that is attached to the subdomains.
+/// Supports and effects to be attached to subdomains, by the number of the model.
 #[derive(Default)]
 pub(super) struct Attachments {
     supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
     effects: BTreeMap<usize, Vec<Chosen>>,
-    /// Effects that must come after all others.
+    /// Effects that must act after all others (local damping).
     last: BTreeMap<usize, Vec<Chosen>>,
 }
 
 impl Attachments {
-    /// Reads supports, loads and effects of a scene.
+    /// Builds supports, loads and effects of a scene.
     pub(super) fn of(
         scene: &SceneSpec,
         bodies: &mut [Body],
@@ -100,12 +100,12 @@ impl Attachments {
         Ok(out)
     }
 
-    /// Adds an effect on model `m`.
+    /// Adds an effect to model `m`.
     pub(super) fn add(&mut self, m: usize, effect: Chosen) {
         self.effects.entry(m).or_default().push(effect);
     }
 
-    /// Attaches what belongs to model `m`.
+    /// Attaches supports and effects of model `m` to its subdomain.
     pub(super) fn attach(&mut self, m: usize, mut to: Subdomain<f64>) -> Subdomain<f64> {
         for s in self.supports.remove(&m).unwrap_or_default() {
             to = to.with_support(s);
@@ -119,7 +119,7 @@ impl Attachments {
     }
 }
 
-/// Amplitude and time function of a prescribed motion.
+/// Amplitude and time function of a prescribed motion; a speed is integrated in time.
 pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
     let time = time_function(&format!("{path}.time"), &m.time)?;
     match (m.amplitude, m.speed) {
@@ -129,7 +129,7 @@ pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)>
     }
 }
 
-/// An effect that needs to know no body; none for the others.
+/// Builds an effect that does not depend on the body; `None` for the other kinds.
 pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     let at = |name: &str| core(format!("effect[{k}].{}.{name}", e.kind.key()));
     Ok(Some(match &e.kind {
@@ -150,7 +150,7 @@ pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     }))
 }
 
-/// Effect `k` on a body; none if it is off, or part of the model as fracture is.
+/// Builds effect `k` for a body; `None` if the effect is off or part of the model (fracture).
 fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     if !e.enabled {
         return Ok(None);
@@ -182,10 +182,10 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     }
 }
 
-/// What bulk viscosity needs, and what a line can have in its place.
+/// Requirement of bulk viscosity, and the alternative for a line model.
 const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
 
-/// Models an effect acts on: those named, or all that can have it.
+/// Numbers of the models that an effect acts on: the named ones, or all that can have it.
 pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
     if super::between::sides(k, e, scene)?.is_some() {
@@ -207,7 +207,7 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
         let rule = format!("{what} needs {wanted}, which model '{}' is not", names[at]);
         return Err(key(format!("{path}.models[{at}]"), rule));
     }
-    // Gravity on a body is gravity on its zones; a damping may be meant for one model alone.
+    // Gravity on a body also acts on its zones; damping may be meant for one model only.
     let all = match (&e.kind, &e.models) {
         (EffectKind::BodyForce(_), Some(_)) => zone::with_parts(scene, all, |name| {
             let others = scene
@@ -275,7 +275,7 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
     Ok([q, v])
 }
 
-/// Adds the velocities of a rigid spin, and the spins of what has any.
+/// Adds the velocities of a rigid rotation, and the angular velocities of nodes that can rotate.
 fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
     let layout = body.model.layout();
     if layout.components != 3 {
@@ -330,7 +330,7 @@ fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
     }
 }
 
-/// Displacement and velocity of `A cos²(π (x − centre)/width)` travelling: `u̇ = −c u'`.
+/// Displacement and velocity of the travelling wave `A cos²(π (x − centre)/width)`, with `u̇ = −c u'`.
 fn wave_at(w: &Wave, x: &Point3<f64>, speed: f64) -> (Vector3<f64>, Vector3<f64>) {
     let s = (x[w.along.index()] - w.centre) / w.width;
     if s.abs() >= 0.5 {

@@ -1,5 +1,5 @@
-//! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that
-//! probes read.
+//! Forces and moments that supports, loads, rigid bodies and other effects exert on the models; probes read
+//! them.
 
 use super::kinds::Body;
 use super::{drive, effect_models, load, select, zone};
@@ -10,18 +10,18 @@ use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-/// Everything of one name.
+/// Supports and effects of one name, whose force a probe reads.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Exerted {
     name: String,
     about: Point3<f64>,
-    /// Model and number among its supports.
+    /// Support by number of the model, and number among the supports of that model.
     supports: Vec<(usize, usize)>,
-    /// Models that effects of this name act on.
+    /// Numbers of the models that effects of this name act on.
     models: Vec<usize>,
 }
 
-/// Forces at one instant, each found once however many probes read it.
+/// Forces at one instant; each is computed once, however many probes read it.
 #[derive(Debug, Default)]
 pub struct Readings<'a> {
     reactions: BTreeMap<usize, Vec<f64>>,
@@ -29,7 +29,7 @@ pub struct Readings<'a> {
 }
 
 impl<'a> Readings<'a> {
-    /// Force and moment on the models.
+    /// Force and moment on the models about the point of the probe.
     pub(super) fn of(&mut self, what: &'a Exerted, run: &mut Coupled<f64>) -> Result<Resultant<f64>> {
         if let Some((_, known)) = self.found.iter().find(|(w, _)| *w == what) {
             return Ok(*known);
@@ -53,18 +53,18 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// What bears a name, before anything is built.
+/// Supports and effects that have a given name, before anything is built.
 #[derive(Default)]
 struct Bearers<'a> {
     supports: Vec<(usize, usize)>,
     models: Vec<usize>,
-    /// Models and their parts that are held or loaded.
+    /// Models, and the nodes of each that are supported or loaded.
     parts: Vec<(usize, &'a Selection)>,
-    /// A place of its own \[m\].
+    /// Centre of the rigid body, if it is one \[m\].
     centre: Option<[f64; 3]>,
-    /// Whether it acts on whole models.
+    /// True if an effect of the name acts on whole models.
     everywhere: bool,
-    /// Whether there is an effect of the name, were it switched off.
+    /// True if there is an effect of the name, enabled or not.
     effect: bool,
 }
 
@@ -74,7 +74,7 @@ fn support_name(k: usize, scene: &SceneSpec) -> String {
     own.unwrap_or_else(|| format!("support-{}", k + 1))
 }
 
-/// Name of an effect in the ledger; none for bonds that break, which exert nothing.
+/// Name of an effect in the ledger; `None` for fracture, which exerts no force.
 fn effect_name(k: usize, e: &Effect) -> Option<String> {
     match (&e.kind, &e.between) {
         (EffectKind::Fracture(_), _) => None,
@@ -84,7 +84,7 @@ fn effect_name(k: usize, e: &Effect) -> Option<String> {
     }
 }
 
-/// Everything that has a name of its own.
+/// Names of all supports, loads and effects, sorted.
 fn names(scene: &SceneSpec) -> Vec<String> {
     let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
     let loads = scene.load.iter().enumerate().map(|(k, l)| load::name(k, l));
@@ -96,12 +96,15 @@ fn names(scene: &SceneSpec) -> Vec<String> {
     all
 }
 
-/// Whether something acts on the models that a probe could name.
+/// Returns whether the scene has a support, load or effect of this name.
 pub(crate) fn acts(of: &str, scene: &SceneSpec) -> bool {
     names(scene).iter().any(|n| n == of)
 }
 
-/// What a name stands for.
+/// Collects supports and effects of the name `of`.
+///
+/// # Errors
+/// An unknown name, or a name of both a support and something else.
 fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>> {
     let mut out = Bearers::default();
     let mut counts = BTreeMap::<usize, usize>::new();
@@ -159,7 +162,7 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
     Ok(out)
 }
 
-/// Refuses what can be seen to be wrong with a probe of forces before anything is built.
+/// Checks a probe of forces before anything is built.
 pub(super) fn check(path: &str, of: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
     if probe.at.is_some() || probe.over.is_some() || probe.crack.is_some() {
         return Err(key(path, "of is a place by itself; remove at, where and crack"));
@@ -187,7 +190,7 @@ pub(super) fn check(path: &str, of: &str, probe: &Probe, scene: &SceneSpec) -> R
     Ok(())
 }
 
-/// Keeps what acts on the model of the probe, if it names one.
+/// Keeps only what acts on the model of the probe, if it names one.
 fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, found: &mut Bearers<'_>) -> Result<()> {
     let Some(name) = &probe.model else { return Ok(()) };
     let m = drive::model_index(&format!("{path}.model"), name, scene)?;
@@ -206,7 +209,7 @@ fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, found: &mut Bearers<'_
 }
 
 impl Exerted {
-    /// Prepares what a probe reads.
+    /// Prepares the force of a probe.
     pub(super) fn new(
         path: &str,
         of: &str,
@@ -230,13 +233,13 @@ impl Exerted {
     }
 }
 
-/// Mean of the places of the nodes that are held or loaded; the origin if there are none.
+/// Mean position of the supported or loaded nodes \[m\]; the origin if there are none.
 fn centroid(path: &str, parts: &[(usize, &Selection)], bodies: &[Body]) -> Result<Point3<f64>> {
     let (mut sum, mut count) = (Point3::origin().coords, 0);
     let mut nowhere = None;
     for (m, selection) in parts {
         let body = &bodies[*m];
-        // The body or one of its zones may have no node there, not all of them.
+        // A body or a single zone may have no node in the selection, but not all of them.
         let found = select::nodes(&format!("{path}.of"), body, selection);
         for n in found.unwrap_or_else(|e| {
             nowhere = Some(e);

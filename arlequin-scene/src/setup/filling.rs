@@ -1,4 +1,4 @@
-//! What spheres fill and with which: containers from shapes, packings by the protocol or from files.
+//! Containers for spheres, and packings made by the protocol or read from files.
 
 pub use crate::error::dem;
 
@@ -21,37 +21,37 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per
 /// particle: beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
-/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like
-/// the body: a few times the spread of packings.
+/// Tolerances within which a packing is as stiff as the body: relative difference of Young's moduli,
+/// difference of Poisson's ratios. A few times the scatter between packings.
 const ALIKE: [f64; 2] = [0.03, 0.02];
-/// Deviation of a packing's stiffness from an isotropic one that is of no account.
+/// Relative deviation from isotropic stiffness below which no warning is given.
 const UNEVEN: f64 = 0.15;
-/// Spheres across an open border from which on a zone moves as elements would to 2 %; eight are off by up
-/// to 6.5 % (decision 0041).
+/// Number of spheres across an open border from which on a zone moves as elements would, to 2 %; with eight
+/// the error reaches 6.5 % (decision 0041).
 const ACROSS: f64 = 10.0;
-/// How far spheres are packed beyond the border of a zone, in their mean diameters: the order that a wall
-/// makes is gone there.
+/// Width of the packed margin beyond the border of a zone, in mean diameters: the order that a wall causes
+/// has faded there.
 const MARGIN: f64 = 2.5;
-/// Lengths of the facets of a ball in its radius.
+/// Number of facet lengths in the radius of a ball.
 const SIDES: f64 = 12.0;
-/// Most spheres of a packing.
+/// Largest number of spheres in a packing.
 const MOST: f64 = 1.3e8;
 
-/// A body to fill.
+/// A body to be filled with spheres.
 #[derive(Debug, Clone)]
 pub struct Filling {
-    /// The body, in a frame of its own.
+    /// Container, in its own frame.
     pub container: Container,
-    /// By how much that frame is moved in the scene \[m\].
+    /// Position of this frame in the scene \[m\].
     pub shift: Vector3<f64>,
     /// Triangles of the named faces of a mesh file \[m\].
     pub faces: BTreeMap<String, Vec<[Vector3<f64>; 3]>>,
-    /// The mesh it is the surface of, if there is one.
+    /// Mesh whose surface the container is, if there is one.
     pub mesh: Option<Mesh<f64>>,
 }
 
 impl Filling {
-    /// The body of a table's shape; files are relative to `folder`.
+    /// Builds the container for the shape of a table; file names are relative to `folder`.
     pub fn of(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {
             container,
@@ -87,7 +87,7 @@ impl Filling {
                 let (triangles, mesh) = piece.surface(folder)?;
                 let filling = Self::within(key, triangles, Some(mesh))?;
                 match table.dem.file {
-                    // Spheres of a file are the zone's own.
+                    // Spheres read from a file belong to the zone already.
                     Some(_) => Ok(filling),
                     None => filling.with_surroundings(key, table, |margin| piece.around(folder, margin)),
                 }
@@ -104,7 +104,7 @@ pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// The inside of a closed surface in a file.
+/// Builds the container inside a closed surface in a file.
 fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
     let at = format!("{key}.shape.file");
     if table.scale <= 0.0 {
@@ -134,7 +134,8 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
 }
 
 impl Filling {
-    /// The same with what is around it, in which spheres are packed as well and cut off.
+    /// Extends the container by a margin of the surrounding body: spheres are packed there too and then cut
+    /// off.
     fn with_surroundings(
         self,
         key: &str,
@@ -149,7 +150,7 @@ impl Filling {
             (None, Some(n)) => mean_diameter(part.volume(), n as f64),
             (None, None) => return Ok(self),
         };
-        // Nonsense is refused by its key when spheres are counted.
+        // Invalid values are left to `count`, which refuses them by their key.
         if !(diameter > 0.0 && sphere_count(part.volume(), diameter) < MOST) {
             return Ok(self);
         }
@@ -167,7 +168,7 @@ impl Filling {
         })
     }
 
-    /// The inside of triangles, the surface of a mesh perhaps.
+    /// Builds the container inside triangles, which may be the surface of `mesh`.
     fn within(key: &str, found: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
         let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
         let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
@@ -184,17 +185,17 @@ impl Filling {
     }
 }
 
-/// Where the spheres of a table come from.
+/// Source of the spheres of a table.
 #[derive(Debug, Clone)]
 pub enum Recipe {
-    /// Made by the protocol.
+    /// Made by the packing protocol.
     Made(Box<PackingSpec>),
     /// Read from a file.
     Read(Box<Packing>),
 }
 
 impl Recipe {
-    /// What a table asks for, in the frame of the container.
+    /// Returns the source that a table asks for, in the frame of the container.
     pub fn of(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
         match &table.dem.file {
             Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
@@ -209,7 +210,7 @@ impl Recipe {
         }
     }
 
-    /// Refuses what can be seen to be wrong before a file is read or anything is packed.
+    /// Checks what can be checked before a file is read or anything is packed.
     pub(super) fn check(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<()> {
         let Some(file) = &table.dem.file else {
             return count(path, table, &filling.container).map(|_| ());
@@ -221,7 +222,7 @@ impl Recipe {
             .map_err(|source| Error::Read { path: file, source })
     }
 
-    /// The packing, from the cache if it is there.
+    /// Returns the packing, from the cache if it is there.
     pub fn packing(self, path: &str) -> Result<Packing> {
         let spec = match self {
             Self::Made(spec) => spec,
@@ -235,7 +236,7 @@ impl Recipe {
     }
 }
 
-/// The protocol as the table wants it.
+/// Returns the packing protocol with the choices of the table.
 pub fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSpec {
     let DemTable {
         seed,
@@ -256,7 +257,7 @@ pub fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSp
     spec
 }
 
-/// The choice of a scene in the words of the library.
+/// Translates the choice of the scene into that of the packing.
 fn fate(kind: LooseKind) -> Loose {
     match kind {
         LooseKind::Drop => Loose::default(),
@@ -267,7 +268,8 @@ fn fate(kind: LooseKind) -> Loose {
 fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
     let volume = container.volume();
     match (table.dem.count, table.spacing) {
-        // Of a part of a body that is packed with its surroundings, spheres of the part are asked for.
+        // The count of a table is for the zone; the margin around it needs spheres in proportion to its
+        // volume.
         (Some(n), None) => Ok(match container {
             Container::Around(a) => (n as f64 * volume / a.part().volume()).round() as usize,
             _ => n,
@@ -299,7 +301,7 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
     }
 }
 
-/// Refuses choices of a packing beside a file that brings its own.
+/// Refuses choices for a packing in addition to a file of spheres.
 fn alone(path: &str, table: &ModelTable) -> Result<()> {
     let t = &table.dem;
     let given = [
@@ -315,7 +317,7 @@ fn alone(path: &str, table: &ModelTable) -> Result<()> {
     Ok(())
 }
 
-/// Spheres from a file, bonded as those of the protocol are.
+/// Reads spheres from a file and bonds them as the protocol does.
 fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
     let t = &table.dem;
     alone(path, table)?;
@@ -339,7 +341,7 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
     Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose)).map_err(dem(&at))
 }
 
-/// Where packings are kept between runs: `ARLEQUIN_CACHE`, or the user's cache folder.
+/// Folder of the packing cache: `ARLEQUIN_CACHE`, or `arlequin` in the user's cache folder.
 fn cache() -> Option<PathBuf> {
     let folder = |name: &str| {
         std::env::var_os(name)
@@ -351,7 +353,7 @@ fn cache() -> Option<PathBuf> {
         .or_else(|| folder("HOME").map(|p| p.join(".cache/arlequin")))
 }
 
-/// The beams of a table.
+/// Returns the beam material of a table.
 pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     let DemTable {
         young,
@@ -389,7 +391,7 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     Ok(beam)
 }
 
-/// How the packing of a model that is no zone differs from what its table says it is made of.
+/// Warning if the packing of a model that is no zone differs from the `material` of its table.
 pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
     if let Shape::Piece(_) = table.shape {
         return None;
@@ -420,8 +422,8 @@ pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Op
     })
 }
 
-/// How the packing of a zone is stiffer or softer than the body around it, by its test or by what is known
-/// of its beams.
+/// Warning if the packing of a zone is stiffer or softer than the body around it, by the measured stiffness
+/// or by the known one of its beams.
 pub(super) fn unlike_the_body(
     table: &ModelTable,
     beam: &BeamMaterial,
