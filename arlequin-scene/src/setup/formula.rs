@@ -1,14 +1,14 @@
-//! Functions of time from expressions and from tables in files.
+//! Functions of time, from expressions and from tables in files.
 
 use crate::error::{Error, Result, key, value};
 use crate::spec::{EffectKind, SceneSpec, TimeShape};
 use arlequin::core::Formula;
 use std::path::Path;
 
-/// Deepest nesting of an expression.
+/// Deepest nesting of an expression; bounds the recursion of the parser.
 const DEEP: usize = 100;
 
-/// A part of an expression.
+/// A node of the syntax tree of an expression.
 enum Node {
     Number(f64),
     Time,
@@ -31,9 +31,9 @@ impl Node {
     }
 }
 
-/// A function of one argument by its name.
+/// Name and body of a function of one argument.
 type One = (&'static str, fn(f64) -> f64);
-/// A function of two.
+/// Name and body of a function of two arguments.
 type Two = (&'static str, fn(f64, f64) -> f64);
 
 /// Functions of one argument.
@@ -58,26 +58,26 @@ const ONE: [One; 18] = [
     ("step", |x| f64::from(u8::from(x >= 0.0))),
 ];
 
-/// Functions of two.
+/// Functions of two arguments.
 const TWO: [Two; 3] = [
     ("min", |a, b| number(a, b, a.min(b))),
     ("max", |a, b| number(a, b, a.max(b))),
     ("atan2", f64::atan2),
 ];
 
-/// The value, where both numbers are: what is none must not vanish beside one that is.
+/// Returns `value`, or NaN if an argument is NaN: `f64::min` and `f64::max` would ignore it.
 fn number(a: f64, b: f64, value: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { value }
 }
 
-/// Reads expressions as mathematicians write them: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
+/// Parser of expressions in mathematical notation: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
     rest: &'a str,
     depth: usize,
 }
 
 impl Parser<'_> {
-    /// Takes a sign, if it comes next.
+    /// Skips spaces and consumes the character `wanted` if it comes next; returns whether it did.
     fn sign(&mut self, wanted: char) -> bool {
         self.rest = self.rest.trim_start();
         let Some(rest) = self.rest.strip_prefix(wanted) else {
@@ -87,7 +87,7 @@ impl Parser<'_> {
         true
     }
 
-    /// Takes what `fits`, from the front.
+    /// Consumes and returns the longest prefix whose characters all satisfy `fits(byte index, character)`.
     fn take(&mut self, fits: impl Fn(usize, char) -> bool) -> String {
         let end = self.rest.char_indices().find(|(k, c)| !fits(*k, *c));
         let (word, rest) = self.rest.split_at(end.map_or(self.rest.len(), |e| e.0));
@@ -220,7 +220,7 @@ impl Parser<'_> {
     }
 }
 
-/// A function of the time `t` \[s\] from its expression.
+/// Returns the function of time `t` \[s\] that an expression describes.
 pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
     let mut parser = Parser { rest: text, depth: 0 };
     let read = parser
@@ -234,12 +234,13 @@ pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
     Ok(Formula::new(text, move |t| node.at(t)))
 }
 
-/// Numbers of a file with comma-separated values, row by row; a first row of words is a headline.
+/// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words
+/// is a header.
 fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>)>> {
     let file = folder.join(name);
     let text = std::fs::read_to_string(&file).map_err(|source| Error::Read { path: file, source })?;
     let mut out = Vec::new();
-    // Spreadsheets put a mark before the first row.
+    // Spreadsheets write a byte order mark before the first row.
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
     let words = |line: &str| {
         let mut cells = line.split([',', ';']);
@@ -271,7 +272,7 @@ fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>
     Ok(out)
 }
 
-/// Rising times \[s\], the first column of a file.
+/// Ascending times \[s\] in the first column of a file.
 pub(super) fn times(path: &str, folder: &Path, name: &str) -> Result<Vec<f64>> {
     let rows = numbers(path, folder, name)?;
     let times: Vec<f64> = rows.iter().map(|(_, row)| row[0]).collect();
@@ -288,7 +289,7 @@ fn falling(path: &str, name: &str, line: usize) -> Error {
     )
 }
 
-/// Rows of rising time \[s\] and value.
+/// Rows of ascending time \[s\] and value in a file.
 fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     let mut out: Vec<(f64, f64)> = Vec::new();
     for (line, row) in numbers(path, folder, name)? {
@@ -304,8 +305,8 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     Ok(out)
 }
 
-/// Refuses an expression that makes no sense at some of a thousand times of the run, or at a load step: its
-/// forces would not be finite then, without a word of what they came from.
+/// Refuses an expression that is not finite at one of 1001 times of the run, or at a load step: otherwise the
+/// run would fail later without naming the expression.
 fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
     let f = formula(path, text)?;
     let listed = scene.statics.as_ref().and_then(|s| s.times.clone());
@@ -332,7 +333,7 @@ fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
     }
 }
 
-/// The same scene with the tables of files in place of their names.
+/// Returns the scene with the tables of files in place of their names; checks all expressions.
 pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec> {
     let mut out = scene.clone();
     let read = |path: String, shape: &mut TimeShape| {

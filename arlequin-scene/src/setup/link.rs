@@ -1,4 +1,4 @@
-//! `kind = "link"`: a solver in another process as a body.
+//! `kind = "link"`: an external solver in another process as a body.
 
 use super::kinds::Body;
 use super::mesh::Grid;
@@ -14,10 +14,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Longest a program may be waited for \[s\]: a year.
+/// Longest timeout \[s\]: a year.
 const LONGEST: f64 = 3.2e7;
 
-/// What a table would start or wait for, in words; none if it is no link.
+/// Describes the program that a link starts or the address at which it waits; `None` for other kinds of
+/// models.
 pub fn link_of(table: &ModelTable) -> Option<String> {
     if table.kind != ModelKind::Link {
         return None;
@@ -30,7 +31,7 @@ pub fn link_of(table: &ModelTable) -> Option<String> {
     })
 }
 
-/// Refuses keys of a link elsewhere, and of other kinds here.
+/// Refuses keys of a link for other kinds of models, and keys of other kinds for a link.
 pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     let own = [
         ("command", table.command.is_some()),
@@ -80,7 +81,7 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     Ok(())
 }
 
-/// Refuses what a scene with links cannot have.
+/// Refuses `[wake]` and `[static]` in scenes with links.
 pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
     let Some((name, _)) = scene.model.iter().find(|m| m.1.kind == ModelKind::Link) else {
         return Ok(());
@@ -109,7 +110,7 @@ fn address(at: &str, table: &ModelTable) -> Result<Address> {
     })
 }
 
-/// Starts or awaits the solver and makes a body of what it says of itself.
+/// Starts or awaits the external solver and builds a body from the description it sends.
 pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
@@ -135,7 +136,7 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
         }
     };
     Ok(Body {
-        // Before the run has the solver; nothing asks it for forces.
+        // An outline without forces, needed only until the run takes over the solver.
         model: Box::new(Outline::of(&solver, solver.description().inertia.clone())),
         spacing: spacing(&grid),
         groups: groups(&solver),
@@ -164,7 +165,7 @@ fn kind_of(element: Element) -> ElementKind {
     }
 }
 
-/// Field, picture and extent of particles.
+/// Field, mesh for output and extent of particles.
 type Parts = (Arc<dyn Interpolation<f64>>, Grid, Shape);
 
 fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
@@ -185,8 +186,8 @@ fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]
     Ok((Arc::new(field), grid, extent(nodes, None)))
 }
 
-/// The box around the nodes, or the line they lie on: what a mediator is derived from. Where the body fills
-/// less, the set-up finds that the mediator sticks out of it.
+/// Bounding box of the nodes, or the line they lie on, from which a mediator is derived. If the body fills
+/// less than its box, the set-up reports that the mediator sticks out of it.
 fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
     let [low, high] = bounds_of(nodes.iter());
     match section {
@@ -203,7 +204,7 @@ fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
     }
 }
 
-/// Mean length of an edge or bond; twice the mean radius of particles without bonds.
+/// Mean length of an edge or bond; twice the mean radius for particles without bonds \[m\].
 fn spacing(grid: &Grid) -> f64 {
     if grid.connectivity.is_empty() {
         return 2.0 * grid.radii.iter().sum::<f64>() / grid.radii.len().max(1) as f64;
@@ -213,7 +214,7 @@ fn spacing(grid: &Grid) -> f64 {
     lengths.sum::<f64>() / grid.cells() as f64
 }
 
-/// Both ends of a line, for probes.
+/// Groups of the two ends of a line, for probes.
 fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
     let line = matches!(
         solver.shape(),

@@ -1,4 +1,4 @@
-//! What the volumes of a mesh file are made of.
+//! Materials of the volumes of a mesh file.
 
 use super::kinds::elastic;
 use crate::error::{Result, core, unknown};
@@ -6,7 +6,8 @@ use crate::spec::{Material, ModelTable, Shape};
 use arlequin::core::{Elastic, Materials};
 use arlequin::fem_ref::{Mesh, list_pieces};
 
-/// The material of every element: that of its volume where the table gives one, else that of the table.
+/// Materials of the elements: the one given for the volume of the element, otherwise the main one of the
+/// table.
 pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
     let own = elastic(key, &table.material)?;
     if table.materials.is_empty() {
@@ -31,7 +32,7 @@ pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Mate
     Materials::of_elements(all, each.collect()).map_err(core(format!("{key}.materials")))
 }
 
-/// The material of a volume, with the ratio of the table's own material where it gives none.
+/// Material of a volume; without its own Poisson's ratio it takes that of the main material.
 fn of_volume(at: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
     let whole = Material {
         poisson: material.poisson.or(table.material.poisson),
@@ -40,7 +41,7 @@ fn of_volume(at: &str, table: &ModelTable, material: &Material) -> Result<Elasti
     super::kinds::elastic_at(at, &whole)
 }
 
-/// What was read otherwise than the file has it, and volumes that it tells apart and the model does not.
+/// Warnings about a mesh: notices of the reader, volumes that share a single material, unconnected pieces.
 pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
     let mut out: Vec<String> = mesh
         .notices()
@@ -52,7 +53,7 @@ pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
     out
 }
 
-/// Pieces of a mesh that share no node. Zones may part a body.
+/// Warning if the mesh has pieces that share no node; none for zones, which may divide a body.
 fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
     if matches!(table.shape, Shape::Piece(_)) {
         return None;

@@ -1,4 +1,4 @@
-//! From the scene to a run that is ready to step.
+//! Set-up: builds a run that is ready to step from the tables of a scene.
 
 mod between;
 mod blame;
@@ -68,22 +68,22 @@ pub(crate) use interface::stations;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What output needs of a model besides its state.
+/// Data of a model that output needs besides the state.
 #[derive(Clone)]
 pub struct ModelInfo {
-    /// Picture.
+    /// Mesh for output.
     pub grid: Arc<Grid>,
-    /// Field.
+    /// Displacement field.
     pub field: Arc<dyn Interpolation<f64>>,
-    /// Material, but for volumes of other ones, if it is known.
+    /// Main material, if it is known; volumes of a mesh file can have others.
     pub material: Option<Elastic<f64>>,
-    /// Materials of its elements.
+    /// Materials of the elements.
     pub materials: Option<Materials<f64>>,
-    /// What broke, where bonds can.
+    /// Log of broken bonds, if bonds can break.
     pub breaks: Option<SharedLog>,
-    /// Distance of nodes or particles \[m\].
+    /// Mean distance between nodes or particles \[m\].
     pub spacing: f64,
-    /// How the spheres were packed, where there are any.
+    /// Properties of the packing, for particles.
     pub packing: Option<PackingLine>,
 }
 
@@ -112,58 +112,60 @@ impl ModelInfo {
     }
 }
 
-/// The state from which a run starts, if not that of `[[initial]]` at time zero.
+/// State from which a run starts, in place of `[[initial]]` at time zero.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Start {
     /// Time \[s\].
     pub time: f64,
-    /// Displacements and velocities of every model.
+    /// Displacements and velocities of each model.
     pub states: Vec<[Vec<f64>; 2]>,
-    /// What a model remembers that went on as it was: orientations.
+    /// For each model, history such as orientations, if the model continues as it was.
     #[serde(default)]
     pub memories: Vec<Option<Record<f64>>>,
 }
 
-/// A run that is ready to step.
+/// A run that is ready to step, with the data around it.
 #[derive(Debug)]
 pub struct Built {
-    /// The run.
+    /// Coupled models.
     pub run: Coupled<f64>,
-    /// Pictures of the models.
+    /// Output data of the models.
     pub models: Vec<ModelInfo>,
-    /// Pictures of the mediators.
+    /// Meshes of the mediators, for output.
     pub mediators: Vec<Grid>,
-    /// Pictures of rigid bodies.
+    /// Outlines of rigid bodies, for output.
     pub rigid: Vec<RigidPicture>,
-    /// Probes.
+    /// Readers of the probes.
     pub probes: Vec<ProbeReader>,
-    /// Steps to make.
+    /// Number of steps.
     pub steps: usize,
-    /// Load steps of a scene at rest.
+    /// Load steps of a `[static]` scene.
     pub load_steps: Option<LoadSteps>,
-    /// Steps between two frames.
+    /// Number of steps between two frames.
     pub frame_every: usize,
-    /// Models of particles between which no contact is on.
+    /// Pairs of particle models without contact.
     pub without_contact: ParticlesWithoutContact,
-    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a
-    /// whole.
+    /// Warnings for the user before the first step: about bodies, interfaces and the scene as a whole.
     pub warnings: Vec<String>,
-    /// What the motion is held against.
+    /// Bounds of a plausible motion of each model.
     pub bounds: Bounds,
-    /// How wide the overlaps around zones came out.
+    /// Widths of the overlaps around zones.
     pub zones: Vec<zone::ZoneLine>,
-    /// How the models are held on several ranks; none alone.
+    /// Distribution of the models over ranks; empty for a single rank.
     pub holdings: Vec<RankLine>,
-    /// Where the time of the set-up went, in order.
+    /// Wall times of the phases of the set-up, in order.
     pub phases: Vec<PhaseTime>,
 }
 
-/// Builds everything a scene asks for.
+/// Builds the run that a scene describes.
+///
+/// # Errors
+/// Mistakes in the scene: the key, its value, the limit and the remedy.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None, &Ranks::default(), &mut |_| ())
 }
 
-/// Refuses what can be seen to be wrong from the scene alone, without building anything.
+/// Checks what can be checked from the scene alone, without building anything.
 pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     let scene = &formula::with_tables(scene, folder)?;
     statics::load_steps(scene, folder)?;
@@ -172,8 +174,8 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     precheck::scene(scene, folder)
 }
 
-/// The same with a state of its own to start from, and ranks among which bodies of particles are shared
-/// out; `tell` hears of every phase as it begins.
+/// Builds a run with its own initial state and on several ranks, among which bodies are partitioned; calls
+/// `tell` with the name of each phase as it begins.
 pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
@@ -267,7 +269,7 @@ pub(crate) fn build_from(
     Ok(built)
 }
 
-/// What the motion is held against, and what a user should know of bodies and interfaces.
+/// Bounds of a plausible motion of each model, and the warnings about bodies and interfaces.
 fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) -> (Bounds, Vec<String>) {
     let mut bounds = Bounds::default();
     let mut warnings = Vec::new();
@@ -287,13 +289,13 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
 fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
     let effects = effects_by_model(scene)?;
     let mut out: Vec<Option<Body>> = scene.model.iter().map(|_| None).collect();
-    // A packing may take minutes: what is wrong with other models is said before.
+    // A packing may take minutes, so mistakes in the other models are reported first.
     for packed in [false, true] {
         for (m, (name, table)) in scene.model.iter().enumerate() {
             if (table.kind == ModelKind::Dem) != packed {
                 continue;
             }
-            // Supports of a body are on its zones as well.
+            // Supports of a body also act on its zones.
             let mine =
                 |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
             let all = scene.support.iter().enumerate();
@@ -307,7 +309,7 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     Ok(out.into_iter().flatten().collect())
 }
 
-/// Displacements and velocities of a model at the start, and what it remembers.
+/// Initial displacements and velocities of a model, and its history.
 type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
 
 fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
@@ -351,8 +353,8 @@ fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Ve
     scene.interface.iter().map(of).collect()
 }
 
-/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds
-/// that break.
+/// Returns whether parts of a model may rotate or move away: particles with finite rotations, contact or
+/// bonds that break.
 fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     let loose = scene
         .effect
@@ -362,7 +364,7 @@ fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }
 
-/// Effects of a scene on each of its models, with their numbers.
+/// Effects on each model, with their numbers in the scene.
 fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
     let mut out = vec![Vec::new(); scene.model.len()];
     for (k, e) in scene.effect.iter().enumerate() {
@@ -408,7 +410,7 @@ fn check_numbers(scene: &SceneSpec) -> Result<()> {
     }
 }
 
-/// Names become file names and columns.
+/// Refuses names that cannot be part of file names and column titles.
 fn check_names(scene: &SceneSpec) -> Result<()> {
     let tables = [
         ("model", scene.model.keys().collect::<Vec<_>>()),
@@ -429,7 +431,7 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Indices of the coarse and the fine model of an interface.
+/// Numbers of the coarse and the fine model of an interface.
 fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
     let path = format!("interface.{name}");
     let mut out = [0; 2];
@@ -466,7 +468,7 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
     Ok(out)
 }
 
-/// Whether a model is coarse in one interface and fine in another.
+/// Returns whether a model is coarse in one interface and fine in another.
 fn is_between(model: &str, scene: &SceneSpec) -> bool {
     let mut all = scene.interface.values();
     all.clone().any(|i| i.coarse == model) && all.any(|i| i.fine == model)

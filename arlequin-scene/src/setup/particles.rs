@@ -1,4 +1,4 @@
-//! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
+//! `kind = "dem"`: a random packing of spheres, joined by cohesive beams, that fills the shape.
 
 use super::clock::SetupClock;
 use super::filling::{Filling, Recipe, beam, dem, unlike_its_material, unlike_the_body};
@@ -21,12 +21,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// The particle field of a scene: natural neighbours between the centres, for probes and for integration
-/// points of another model, and the particles themselves as integration points of interfaces, where
-/// gradients exist as well.
+/// Displacement field of particles. Interfaces integrate over the particles themselves, which have gradients
+/// too; between the centres, for probes and for integration points of another model, natural neighbours
+/// interpolate.
 struct ParticlePoints {
-    /// Made when a point between the particles is asked for first: its tetrahedra take more memory than the
-    /// model, and most runs never ask.
+    /// Built at the first request for a point between the particles: its tetrahedra take more memory than the
+    /// model, and most runs never need it.
     natural: OnceLock<Result<NaturalField, String>>,
     particles: Arc<ParticleField<f64>>,
 }
@@ -54,8 +54,8 @@ impl Interpolation<f64> for ParticlePoints {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
-        // Between the particles, where those of another model are, the natural neighbours have gradients as
-        // well.
+        // Integration points of another model lie between the particles, where natural neighbours have
+        // gradients too.
         match self.particles.shape_at(x, gradient, row) {
             Err(Core::OutsideDomain { .. }) => self.natural()?.shape_at(x, gradient, row),
             found => found,
@@ -69,7 +69,7 @@ impl Interpolation<f64> for ParticlePoints {
     }
 }
 
-/// Refuses what can be seen to be wrong before anything is packed.
+/// Checks what can be checked before anything is packed.
 pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     unread(key, table)?;
     let filling = Filling::of(key, table, folder)?;
@@ -78,7 +78,7 @@ pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> 
     beam(key, table).map(|_| ())
 }
 
-/// Refuses keys that no packing reads.
+/// Refuses keys that a packing does not use.
 fn unread(key: &str, table: &ModelTable) -> Result<()> {
     let filed = matches!(table.shape, Shape::File(_));
     let of_vtu = table.dem.file.as_ref();
@@ -111,7 +111,7 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
     }
 }
 
-/// Spheres that do not fit into their body are blamed on what says how large they are.
+/// Places an error about spheres too large for their body at the key that determines their size.
 fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
     match &e {
         Error::Dem {
@@ -125,7 +125,7 @@ fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
     }
 }
 
-/// Builds a bonded packing that fills the shape.
+/// Builds a packing of bonded spheres that fills the shape.
 pub(super) fn body(
     name: &str,
     key: &str,
@@ -208,7 +208,7 @@ pub(super) fn body(
     })
 }
 
-/// The model with the materials of the volumes that its particles lie in, where the table tells them apart.
+/// Gives each particle the material of the volume it lies in, if the table has materials for volumes.
 fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
     let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
         return Ok(model);
@@ -217,14 +217,15 @@ fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> 
     let field = FemField::new(mesh.clone());
     let own = table.material;
     let at = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
-        // A centre that packing has pushed through a facet.
+        // The centre lies outside the mesh: packing has pushed it through a facet.
         None => [1.0; 2],
         Some(m) => [m.young() / own.young, m.density() / own.density],
     };
     model.with_grades(at).map_err(dem(format!("{key}.materials")))
 }
 
-/// The layers of particles that touch the plane faces, or the named ones of a mesh file.
+/// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
+/// file.
 fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
     let mut layer = |name: &str, at: Point3<f64>, normal: Vector3<f64>| {

@@ -1,4 +1,4 @@
-//! Places that a scene names, looked up before anything is packed: a packing may take minutes.
+//! Checks of places that a scene names, before anything is packed: a packing may take minutes.
 
 use super::filling::Filling;
 use super::kinds::Body;
@@ -10,14 +10,14 @@ use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
 use std::path::Path;
 
-/// Share of the mean radius of spheres by which no centre is nearer to a wall.
+/// Smallest distance of a centre from a wall, as a share of the mean radius.
 const DEPTH: f64 = 0.5;
 
-/// Refuses probes, supports and loads that find nothing in the models that are built; those that are to be
-/// packed are missing.
+/// Refuses probes, supports and loads that select nothing in the models built so far; models of particles are
+/// not built yet.
 ///
 /// # Errors
-/// The key, and where its model is.
+/// The key, and the extent of its model.
 pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &Path) -> Result<()> {
     let built = |path: &str, name: &str| {
         let m = drive::model_index(&format!("{path}.model"), name, scene)?;
@@ -56,7 +56,7 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
     Ok(())
 }
 
-/// Says of a point outside the model of a body in which of its zones it lies, if it does.
+/// Error for a point that lies not in a body's own model but in one of its zones; `None` otherwise.
 fn in_zone(
     path: &str,
     called: &str,
@@ -76,10 +76,11 @@ fn in_zone(
     }))
 }
 
-/// Refuses groups and points that the shapes of particles do not have, from the scene and its files alone.
+/// Refuses groups and points that the shapes of particles do not have, judged by the scene and its files
+/// alone.
 ///
 /// # Errors
-/// The key, and what there is.
+/// The key, and the known groups or the reason.
 pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
         if table.kind != ModelKind::Dem {
@@ -118,7 +119,7 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a point at which spheres that are to fill a shape can have no field.
+/// Refuses a point at which the particles that will fill a shape cannot have a displacement.
 fn within(
     path: &str,
     name: &str,
@@ -159,7 +160,7 @@ fn within(
     }
 }
 
-/// Mean radius of the spheres that a table asks for \[m\]; zero where a file brings them.
+/// Mean radius of the spheres that a table requests \[m\]; zero if it reads spheres from a file.
 fn radius_of(table: &ModelTable, container: &Container) -> f64 {
     let diameter = match (table.spacing, table.dem.count) {
         (Some(h), _) => h,

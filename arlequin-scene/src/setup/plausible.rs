@@ -1,5 +1,4 @@
-//! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here
-//! refuses.
+//! Warnings about possible but improbable values. Each names the odd number; nothing is refused.
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{
@@ -11,36 +10,36 @@ use arlequin::core::ranks::Portion;
 use arlequin::core::{Coupled, Elastic, OwnStep, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
 
-/// Steps above which a run is hardly meant: months at a microsecond each.
+/// Number of steps above which a run is probably a mistake.
 const MANY_STEPS: f64 = 1e9;
 
 /// Young's moduli of solids \[Pa\]: from the softest gels to beyond diamond.
 const YOUNG: [f64; 2] = [1e3, 2e12];
 /// Densities of solids \[kg/m³\]: from the lightest foams to beyond osmium.
 const DENSITY: [f64; 2] = [5.0, 3e4];
-/// Strain at which a bond of a solid breaks, strength over the modulus of the beams.
+/// Plausible strains at which a bond breaks: strength over the modulus of the beams \[–\].
 const BREAKING: [f64; 2] = [1e-7, 1.0];
-/// Energy per area at which a bond breaks \[J/m²\].
+/// Plausible energies per area at which a bond breaks \[J/m²\].
 const ENERGY: [f64; 2] = [1e-3, 1e8];
-/// Strain that a load may give a body of linear elasticity.
+/// Largest plausible strain that a load gives a linearly elastic body \[–\].
 const STRAIN: f64 = 0.1;
-/// Ratio of two Young's moduli that share an overlap.
+/// Largest plausible ratio of two Young's moduli in one overlap.
 const STIFFNESS: f64 = 1000.0;
-/// Elements of the coarse model across an overlap, below which long waves see its borders.
+/// Number of coarse elements across an overlap below which long waves are reflected at its borders.
 const ACROSS: f64 = 3.0;
-/// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look
-/// so.
+/// Extent of a body \[m\] above which, and share of it crossed by a wave in the whole run below which,
+/// lengths are probably in millimetres.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
-/// Share of a run by which whole steps may make it longer.
+/// Largest plausible overrun of the end, as a share of the run: a run makes whole steps.
 const OVERRUN: f64 = 0.25;
-/// Cells of one model that are looked for in another.
+/// Largest number of cells of one model that are searched for in another.
 const LOOKS: usize = 2000;
 
-/// What is odd about a scene that has been built.
+/// Returns all warnings about a scene that has been built.
 pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
-    // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be
-    // odd.
+    // A unit material means that the scene has its own units of length, time and load; only ratios can then
+    // be odd.
     let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
     let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
     if !scene.model.values().any(unit) {
@@ -68,7 +67,7 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     out
 }
 
-/// "far below" or "far above" a range, if the value is.
+/// Returns "far below" or "far above" if the value lies outside of a range.
 fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
     match x {
         x if x < low => Some("far below"),
@@ -81,7 +80,7 @@ fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
     let all = [
         ("material.young", Some(table.material.young), "Pa", YOUNG),
         ("material.density", Some(table.material.density), "kg/m³", DENSITY),
-        // Beams are stiffer than the body they make.
+        // Beams are stiffer than the body that they form.
         ("dem.young", table.dem.young, "Pa", [YOUNG[0], 10.0 * YOUNG[1]]),
     ];
     for (key, x, unit, range) in all {
@@ -97,7 +96,7 @@ fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
 
 fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
     let beams = scene.model.values().filter(|m| m.kind == ModelKind::Dem);
-    // Whatever the effect acts on, the softest beams are the ones to break.
+    // Independent of the models the effect acts on, the softest beams give the largest strain.
     let young = beams
         .map(|m| m.dem.young.unwrap_or(m.material.young))
         .fold(f64::INFINITY, f64::min);
@@ -120,7 +119,7 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
 }
 
 fn millimetres(built: &Built) -> Option<String> {
-    // No wave runs in a scene at rest.
+    // No wave runs in a `[static]` scene.
     if built.load_steps.is_some() {
         return None;
     }
@@ -140,7 +139,7 @@ fn millimetres(built: &Built) -> Option<String> {
     })
 }
 
-/// Stresses that loads and body forces give, by the size of the body they act on.
+/// Warns about large stresses from loads and body forces, estimated from the size of the body.
 fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
@@ -196,7 +195,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     prescribed(scene, built, &names, out);
 }
 
-/// Prescribed motions beyond the body or faster than its waves.
+/// Warns about prescribed motions larger than the body or faster than its waves.
 fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec<String>) {
     let supports = scene.support.iter().enumerate();
     for (k, s) in supports {
@@ -232,7 +231,7 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
     }
 }
 
-/// Overlaps of unlike stiffness, or hardly wider than what lies in them.
+/// Warns about overlaps of models with very different stiffness, and about overlaps of few elements.
 fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let at = |name: &String| {
         scene
@@ -257,7 +256,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             ));
         }
         let Some(width) = width(&i.overlap) else { continue };
-        // Meshes are finer in one place than in another.
+        // A mesh can be finer in one place than in another.
         let spacing = match &i.overlap {
             OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
             _ => coarse.spacing,
@@ -273,7 +272,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     }
 }
 
-/// Distance of the two borders \[m\], where it is one number.
+/// Distance between the two borders of an overlap \[m\]; `None` if it has no single value.
 fn width(overlap: &OverlapShape) -> Option<f64> {
     match overlap {
         OverlapShape::Slab { fine, coarse } => Some((Vector3::from(*coarse) - Vector3::from(*fine)).norm()),
@@ -282,7 +281,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
             | (RegionShape::Cylinder { radius: a, .. }, RegionShape::Cylinder { radius: b, .. }) => {
                 Some((b - a).abs())
             }
-            // Sides on which the inner box is open count for none.
+            // Sides on which the inner box reaches the outer one do not count.
             (RegionShape::Box { low: a, high: b }, RegionShape::Box { low: c, high: d }) => (0..3)
                 .flat_map(|k| [a[k] - c[k], d[k] - b[k]])
                 .filter(|gap| *gap > 0.0)
@@ -293,7 +292,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
     }
 }
 
-/// Models that fill the same space and know nothing of each other.
+/// Warns about models that fill the same space without interface or contact.
 fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let names: Vec<&String> = scene.model.keys().collect();
     let tied = |a: &String, b: &String| {
@@ -326,7 +325,7 @@ fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     }
 }
 
-/// Share of the cells of a model whose centre lies in another.
+/// Share of the cells of a model whose centre lies in another model, estimated from a sample.
 fn inside(of: &ModelInfo, within: &ModelInfo) -> f64 {
     let ([low, high], [from, to]) = (corners(&of.grid.points), corners(&within.grid.points));
     let apart = |c: usize| low[c] > to[c] || high[c] < from[c];
@@ -359,9 +358,10 @@ fn steps(built: &Built) -> Option<String> {
     })
 }
 
-/// Own steps that are not what was asked for, or that lose what the mesh resolves.
+/// Warns about own steps that differ from the requested ones, or that are too long for what the mesh
+/// resolves.
 fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
-    // At rest nothing steps.
+    // A `[static]` scene makes no time steps.
     if built.load_steps.is_some() {
         return;
     }
@@ -392,7 +392,7 @@ fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     }
 }
 
-/// A run of few whole steps that goes on well after the end that was asked for.
+/// Warns if a run of few whole steps continues well beyond the requested end.
 fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
     let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
     let reached = begin + built.steps as f64 * dt;
@@ -405,7 +405,7 @@ fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
     })
 }
 
-/// What the motion of each model is held against, before the first step and while it runs.
+/// Bounds of a plausible motion of each model, checked before the first step and during the run.
 #[derive(Debug, Clone, Default)]
 pub struct Bounds(Vec<Bound>);
 
@@ -413,16 +413,16 @@ pub struct Bounds(Vec<Bound>);
 struct Bound {
     /// Speed of pressure waves \[m/s\].
     wave: f64,
-    /// Largest extent \[m\].
+    /// Largest extent of the bounding box \[m\].
     extent: f64,
-    /// Section across it \[m²\].
+    /// Area of the section across the longest extent \[m²\].
     section: f64,
-    /// Whether displacements are taken as small, so that a body cannot turn and no part of it can leave.
+    /// True if displacements are small, so that the body cannot turn and no part of it can leave.
     small: bool,
 }
 
 impl Bounds {
-    /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
+    /// Adds a model.
     pub(super) fn add(
         &mut self,
         nodes: &[Point3<f64>],
@@ -433,7 +433,7 @@ impl Bounds {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            // Of what nobody knows, no speed is too high.
+            // Without a known material, any speed is plausible.
             wave: material.map_or(f64::INFINITY, Elastic::p_wave_speed),
             extent: size.max(),
             section: match shape {
@@ -444,8 +444,8 @@ impl Bounds {
         });
     }
 
-    /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per
-    /// model and kind.
+    /// Warns about displacements beyond the body and velocities beyond the wave speed in the present state,
+    /// one line per model and kind. Collective for partitioned models.
     pub fn watch(&self, run: &Coupled<f64>) -> Vec<String> {
         let mut out = Vec::new();
         for (s, b) in run.subdomains().iter().zip(&self.0) {
@@ -476,7 +476,7 @@ impl Bounds {
     }
 }
 
-/// Largest difference of one component of displacement between two nodes.
+/// Largest difference of one displacement component between two nodes \[m\]. Collective.
 fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
         let values = q.iter().skip(c).step_by(components).copied();
@@ -489,7 +489,7 @@ fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
     (0..components).map(span).fold(0.0, f64::max)
 }
 
-/// Lowest and highest coordinates.
+/// Lowest and highest corner of the bounding box of nodes.
 pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
     let ends = [f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat);
     nodes
