@@ -77,8 +77,8 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     })
 }
 
-/// Returns the weighted centre `c` of points `x` with weights `a`, and `J = Σ a (|r|² 1 − r rᵀ)` with `r = x
-/// − c`. Forces `a θ × r` have the moment `J θ` and no resultant.
+/// Returns the weighted centre `c` of points `x` with weights `a`, and `J = Σ a (|r|² 1 − r rᵀ)` with
+/// `r = x − c`. Forces `a θ × r` have the moment `J θ` and no resultant.
 pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
     let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
         (s + x.coords * a, t + a)

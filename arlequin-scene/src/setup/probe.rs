@@ -1,4 +1,4 @@
-//! Probes: a row of unknowns and factors, read each time.
+//! Probes: linear combinations of unknowns, forces, stresses and energy release rates.
 
 use super::drive::model_index;
 use super::exerted::{Exerted, Readings};
@@ -14,37 +14,38 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, EnergyRelease, ShapeRow, Subdomain};
 
-/// A probe, ready to be read.
+/// A probe that is ready to be read.
 #[derive(Debug, Clone)]
 pub struct ProbeReader {
-    /// Name.
+    /// Name of the probe.
     pub name: String,
-    /// What it reads.
+    /// Quantity that the probe reads.
     pub quantity: Quantity,
     source: Source,
 }
 
-/// Where a value comes from.
+/// Source of the value.
 #[derive(Debug, Clone)]
 enum Source {
-    /// Unknowns of a model.
+    /// Linear combination of the unknowns of a model.
     Motion(Row),
-    /// A component of what acts on the models.
+    /// Component of a force or moment on the models.
     Exerted(Exerted, usize),
     /// Stress or strain.
     Tensor(TensorRow),
-    /// Model, and what a crack in it releases.
+    /// Number of the model, and the energy release rate of a crack in it.
     Released(usize, EnergyRelease<f64>),
 }
 
-/// Unknowns and factors.
+/// Numbers of unknowns with their factors.
 #[derive(Debug, Clone)]
 struct Row {
     model: usize,
     row: Vec<(usize, f64)>,
-    /// For rotations of a model that may turn far: displacements along the arms, as the row has them across.
+    /// For rotations of a model with finite rotations: displacements along the arms; `row` has those across.
     along: Option<Vec<(usize, f64)>>,
-    /// Of a model in parts: who holds the unknowns of both, which are then numbered by their places there.
+    /// For a partitioned model: gathers the unknowns of both lists; these then hold places in the gathered
+    /// vector.
     parts: Option<Gather>,
 }
 
@@ -79,7 +80,7 @@ impl ProbeReader {
         })
     }
 
-    /// What a user should know of its values.
+    /// Warning about the values of the probe, if any.
     pub(super) fn warning(&self, bodies: &[Body]) -> Option<String> {
         match &self.source {
             Source::Tensor(row) => row.warning(&self.name, bodies),
@@ -87,7 +88,7 @@ impl ProbeReader {
         }
     }
 
-    /// Asks other ranks from now on for what they hold of its model.
+    /// Prepares the probe for a partitioned model: its unknowns are gathered from all ranks from now on.
     pub(crate) fn share_out(&mut self, run: &Coupled<f64>) {
         let Source::Motion(row) = &mut self.source else {
             return;
@@ -103,10 +104,10 @@ impl ProbeReader {
         all.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
     }
 
-    /// Current value; of a model in parts, all ranks must ask.
+    /// Returns the current value. Collective for partitioned models.
     ///
     /// # Errors
-    /// Those of the forces of a model.
+    /// An evaluation of forces, stresses or the energy release rate that fails.
     pub fn read<'a>(&'a self, run: &mut Coupled<f64>, readings: &mut Readings<'a>) -> Result<f64> {
         match &self.source {
             Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
@@ -182,7 +183,10 @@ impl Row {
     }
 }
 
-/// Nodes of a model that a probe names; where only zones of a body have some, they are named.
+/// Nodes of a model that a probe selects.
+///
+/// # Errors
+/// No nodes; the error names a zone of the body that has some.
 pub(super) fn chosen(
     path: &str,
     selection: &Selection,
@@ -207,7 +211,10 @@ pub(super) fn chosen(
     }
 }
 
-/// Nodes and shape functions of a point.
+/// Nodes and shape functions at a point.
+///
+/// # Errors
+/// A point outside of the model; the error names the extent of the model.
 pub(super) fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
     let mut row = ShapeRow::default();
     let x = Point3::from(*at);
@@ -225,7 +232,7 @@ fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> 
     TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
 }
 
-/// The direction that a probe of a vector must name.
+/// Direction that a probe of a vector must name.
 pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
     let rule = "one of \"x\", \"y\", \"z\"";
     let at = format!("{path}.component");
@@ -239,7 +246,7 @@ pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
 
 const ONE_PLACE: &str = "needs exactly one of at, where, of, crack";
 
-/// The model that a probe of motion must name.
+/// Model that a probe of motion must name.
 pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
     let missing = || {
         let rule = "is needed: the name of the model that is looked at";
@@ -248,7 +255,7 @@ pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
     probe.model.as_deref().ok_or_else(missing)
 }
 
-/// Refuses a probe that says not one place.
+/// Refuses a probe that does not name exactly one place, or whose other keys do not fit its quantity.
 pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
     if matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
         let rule = "is what something exerts on the models; name it with of = \"…\" in place of at and where";
@@ -271,11 +278,11 @@ pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
     }
 }
 
-/// Refuses a point outside the box around a model.
+/// Refuses a point outside of the bounding box of a model.
 pub(super) fn inside(path: &str, model: &str, x: &Point3<f64>, [low, high]: [[f64; 3]; 2]) -> Result<()> {
     let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
     let slack = 1e-9 * size;
-    // A line has no width.
+    // A line has no width, so only directions with an extent are checked.
     let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
     if out {
         Err(beyond(path, model, x, low, high))
@@ -296,7 +303,7 @@ fn beyond(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3
     )
 }
 
-/// Says where the model is, to whoever put a probe beside it.
+/// Turns the error about a point outside of a model into one that names the extent of the model.
 fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
     if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
         return core(format!("{path}.at"))(e);
@@ -305,9 +312,9 @@ fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::c
     beyond(path, model, x, low.into(), high.into())
 }
 
-/// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ
-/// |e × r|²`, which is the angle while it is small, and of `k = Σ r·(u − e e·u) / Σ |e × r|²`: any angle is
-/// `atan2(s, 1 + k)`.
+/// Rows of the least-squares rotation of nodes about axis `c` through their centroid:
+/// `s = Σ e·(r × u) / Σ |e × r|²`, which is the angle if it is small, and `k = Σ r·(u − e e·u) / Σ |e × r|²`.
+/// The angle of a finite rotation is `atan2(s, 1 + k)`.
 fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(usize, f64)>; 2]> {
     let count = body.model.layout().components;
     let points = body.model.nodes();

@@ -1,4 +1,4 @@
-//! Parts of a model: nodes and surface facets by group or box.
+//! Selections of nodes and surface facets, by group or box.
 
 use super::kinds::Body;
 use crate::error::{Result, key, unknown};
@@ -7,13 +7,15 @@ use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
 use std::collections::BTreeMap;
 
-/// How far beyond a box a node of a body with nodes so far apart \[m\] counts as in it: more than files
-/// round places by, and nothing beside an element, wherever the body lies and however large the box is.
+/// Distance \[m\] by which a node outside of a box still counts as inside, for a body with this spacing
+/// \[m\]. It exceeds the rounding of coordinates in files and is negligible beside an element, independent of
+/// the position of the body and the size of the box.
 pub(super) fn slack(spacing: f64) -> f64 {
     1e-6 * spacing
 }
 
-/// Whether a point lies in the closed box, up to a distance \[m\] and the round-off of the point's own place.
+/// Returns whether a point lies in a closed box, with a tolerance `slack` \[m\] and the round-off of the
+/// point's coordinates.
 pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>, slack: f64) -> bool {
     (0..3).all(|c| {
         let slack = slack + 4.0 * f64::EPSILON * x[c].abs();
@@ -21,12 +23,12 @@ pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>, slack: f6
     })
 }
 
-/// Names of groups that a user gave; those of boxes are ours.
+/// Names of groups that a user gave; group names with a bracket are generated for boxes.
 pub(super) fn named<'a, T: 'a>(groups: &'a BTreeMap<String, T>) -> impl Iterator<Item = &'a String> {
     groups.keys().filter(|n| !n.contains('['))
 }
 
-/// Nodes of a body in a box, perhaps none.
+/// Nodes of a body in a box; can be empty.
 pub(super) fn within(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
     let slack = slack(body.spacing);
     let all = body.model.nodes().iter().enumerate();
@@ -45,7 +47,10 @@ pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<(
     }
 }
 
-/// Nodes of a selection, at least one.
+/// Nodes of a selection.
+///
+/// # Errors
+/// An unknown group, or a box without nodes.
 pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Vec<usize>> {
     match selection {
         Selection::Group(name) => match body.groups.get(name) {
@@ -68,7 +73,10 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
     }
 }
 
-/// Surface facets of a selection; `None` if the model has no surface at all.
+/// Surface facets of a selection; `None` if the model has no surface.
+///
+/// # Errors
+/// An unknown group, or a selection without facets.
 pub(super) fn facets(
     path: &str,
     body: &Body,
@@ -110,11 +118,11 @@ mod tests {
 
     #[test]
     fn a_box_holds_its_own_nodes_wherever_the_body_lies_and_no_others() {
-        // Size of a body, and where it lies.
+        // Size of a body, and its position.
         for (size, at) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
             let (h, x): (f64, f64) = (size / 10.0, at);
             let node = |k: usize| Point3::new(x + h * k as f64, x, x);
-            // The face at the lower end, in a box that is huge across it.
+            // The face at the lower end, in a box that is huge perpendicular to the face normal.
             let (low, high) = ([x - 0.1 * h, -1e12, -1e12], [x, 1e12, 1e12]);
             let held: Vec<usize> = (0..=10)
                 .filter(|k| inside(&low, &high, &node(*k), slack(h)))

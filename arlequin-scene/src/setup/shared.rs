@@ -1,11 +1,11 @@
-//! Loads on a body with zones: one load on the whole body, dealt out to its models so that these exert
-//! together what is asked for.
+//! Loads on a body with zones: the load on the whole body is distributed over its models so that their sum is
+//! the prescribed load.
 //!
-//! What is asked for are the tractions on the facets of the whole body, as if it had no zones. The body's
-//! model carries them with its weight `f`, a zone's model with `1 − f` on its own facets of the same
-//! surface; spheres have none and carry it on those that touch it. What the models' own surfaces and rules
-//! leave to be desired, in force and in moment, is made up for on the zones by forces `a (α + θ × (x −
-//! c))`, the smallest that have a given resultant.
+//! The prescribed load consists of the tractions on the facets of the whole body, as if it had no zones. The
+//! body's own model carries them with its weight `f`, a zone's model with `1 − f` on its own facets of the
+//! same surface. Spheres have no facets; those that touch the surface carry the load. The remaining
+//! difference in force and moment is added on the zones as forces `a (α + θ × (x − c))`, the smallest ones
+//! with the given resultant.
 
 use super::interface::BuiltInterface;
 use super::kinds::Body;
@@ -21,15 +21,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Share of what is asked for that may be left over.
+/// Largest relative error of the distributed load.
 const LEFT: f64 = 1e-9;
-/// How far from the surface the middle of a facet on it may lie, in distances of nodes: faces of hexahedra
-/// may be warped.
+/// Largest distance of a facet's centre from the surface, in node spacings: faces of hexahedra may be warped.
 const SKIN: f64 = 0.1;
-/// Share of a load below which a zone has no part in it.
+/// Share of a load below which a zone carries nothing.
 const NO_PART: f64 = 1e-9;
 
-/// Force \[N\] and moment \[N m\] about a point.
+/// A force \[N\] and a moment \[N m\] about a point.
 #[derive(Debug, Clone, Copy)]
 struct Wrench {
     about: Point3<f64>,
@@ -58,7 +57,7 @@ impl Wrench {
 /// The nodes of one model that carry a load.
 struct Part {
     model: usize,
-    /// Place, area \[m²\] times share, and force of each.
+    /// Carriers by the number of the node.
     carriers: BTreeMap<usize, Carrier>,
 }
 
@@ -88,7 +87,7 @@ impl Part {
         c.force += force;
     }
 
-    /// Tractions on facets, with a share at their centres.
+    /// Adds tractions on facets, multiplied by a share at the centres of the facets.
     fn carry<'b>(
         &mut self,
         body: &Body,
@@ -113,29 +112,29 @@ impl Part {
 
 type Share<'a> = dyn Fn(&Point3<f64>) -> f64 + 'a;
 
-/// A load on the body and what it needs of the scene.
+/// A load on a body with zones.
 struct Shared<'a> {
     path: String,
-    /// The surface, as a group of the body and its zones.
+    /// Group of the body and its zones that is the loaded surface.
     group: String,
     bodies: &'a [Body],
     folder: &'a Path,
-    /// The body's model.
+    /// Number of the body's own model.
     body: usize,
-    /// Zones, each with the weight that it leaves to the body's model.
+    /// Number of each zone, with the weight that the body's own model has in its overlap.
     zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
-    /// The surface as triangles, for models that know the facets of a group by their corners alone: those
-    /// of a cut through a thin body have theirs on its surface too.
+    /// Loaded surface as triangles. Models of natural elements select the facets of a group by their corners
+    /// only; in a thin body this would include facets on a cut.
     skin: Faces,
     field: Traction,
-    /// What is asked for.
+    /// Prescribed force and moment.
     asked: Wrench,
-    /// Sum of the sizes of its forces \[N\], and of these times their distances from the middle and the
-    /// lengths of their facets \[N m\].
+    /// Sum of the magnitudes of the prescribed forces \[N\]; and sum of these times lever plus facet length
+    /// \[N m\].
     sizes: [f64; 2],
 }
 
-/// Load `k` of the scene, on the model `body` that has zones, as loads on the models of both.
+/// Distributes load `k` of the scene on the model `body`, which has zones, over its models.
 pub(super) fn loads(
     k: usize,
     body: usize,
@@ -149,7 +148,7 @@ pub(super) fn loads(
     let time = drive::time_function(&format!("{path}.time"), &l.time)?;
     let shared = Shared::of(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();
-    // `left` is another number than one only where the model is in an overlap with one that is no zone.
+    // `left` differs from one only in an overlap with a model that is no zone.
     for part in shared.dealt()? {
         if part.model != body {
             not_twice(k, &part, scene, &bodies[part.model])?;
@@ -165,7 +164,7 @@ pub(super) fn loads(
     Ok(out)
 }
 
-/// Refuses a load on a zone where one on the body acts: it would act twice.
+/// Refuses a load on a zone where a load on the body already acts: the zone would be loaded twice.
 fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()> {
     let (zone, whole) = (body.model.name(), &scene.load[k].model);
     for (o, other) in scene.load.iter().enumerate().filter(|(_, o)| o.model == zone) {
@@ -227,14 +226,14 @@ impl<'a> Shared<'a> {
         })
     }
 
-    /// Facets of a model on the surface.
+    /// Facets of a model on the loaded surface.
     fn facets_of<'b>(&'b self, body: &'b Body) -> impl Iterator<Item = &'b SurfaceFacet<f64>> {
         let all = body.surfaces.get(&self.group).into_iter().flatten();
         let reach = SKIN * body.spacing;
         all.filter(move |f| self.skin.distance(&f.centre) <= reach)
     }
 
-    /// What every model carries, together what is asked for.
+    /// Distributes the load over the models; the sum is the prescribed load.
     fn dealt(&self) -> Result<Vec<Part>> {
         let mut own = Part::new(self.body);
         let body = &self.bodies[self.body];
@@ -265,8 +264,9 @@ impl<'a> Shared<'a> {
         Ok(zones)
     }
 
-    /// What the spheres of a zone carry: the tractions where each touches the surface, in shares of its
-    /// section, made up to those of the facets of the body there.
+    /// Forces on the spheres of a zone. Each sphere that touches the surface carries the traction of the
+    /// nearest facet on an area in proportion to its section; the resultant is corrected to that of the
+    /// facets.
     fn on_spheres(&self, zone: usize, facets: &[SurfaceFacet<f64>], share: &Share<'_>) -> Result<Part> {
         let mut part = Part::new(zone);
         let mut wanted = Wrench::zero(self.asked.about);
@@ -299,7 +299,7 @@ impl<'a> Shared<'a> {
         Ok(part)
     }
 
-    /// Adds what is missing.
+    /// Adds forces on the nodes of the parts, in proportion to area, with the missing resultant.
     fn make_up(&self, parts: &mut [Part], missing: Wrench) -> Result<()> {
         let all = || parts.iter().flat_map(|p| p.carriers.values());
         let area: f64 = all().map(|c| c.area).sum();
@@ -322,7 +322,7 @@ impl<'a> Shared<'a> {
         self.enough(&left)
     }
 
-    /// Refuses a load that the models cannot exert.
+    /// Refuses a load that the models cannot carry.
     fn enough(&self, left: &Wrench) -> Result<()> {
         let [force, moment] = self.sizes;
         if left.force.norm() <= LEFT * force && left.moment.norm() <= LEFT * moment {
@@ -337,8 +337,8 @@ impl<'a> Shared<'a> {
         Err(key(format!("{}.where", self.path), rule))
     }
 
-    /// What interfaces with models that are no zones leave to a model, at a point: the load there is theirs
-    /// to be given.
+    /// Returns the factor by which interfaces with models other than zones reduce the load on a model, as a
+    /// function of the point. The scene must give those models their share of the load.
     fn left_by_others(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
         let zones: Vec<_> = self.zones.iter().map(|z| z.1.clone()).collect();
         let own = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);
@@ -358,7 +358,8 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// The group of load `k`, which is on a body with zones: its facets of the whole body, and their triangles.
+/// Loaded surface of load `k` on a body with zones: name of its group, facets of the whole body, and these as
+/// triangles.
 pub(super) fn surface(
     k: usize,
     scene: &SceneSpec,

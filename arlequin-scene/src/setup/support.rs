@@ -1,5 +1,5 @@
-//! Supports: which nodes they hold, in the body and its zones, and which of two holds a component that both
-//! have.
+//! Supports: the nodes that they hold in a body and its zones, and which of two supports holds a component
+//! that both select.
 
 use super::kinds::Body;
 use super::{drive, select, zone};
@@ -9,19 +9,19 @@ use arlequin::core::PrescribedMotion;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Nodes of a model that a support holds.
+/// Nodes of one model that a support holds.
 pub(super) struct Held {
     /// Number of the support in the scene.
     support: usize,
     /// Number of the model.
     model: usize,
     nodes: Vec<usize>,
-    /// Whether the model is a zone of the body that the support names.
+    /// True if the model is a zone of the body that the support names.
     of_zone: bool,
 }
 
-/// What supports hold, in their order; of one on a body with zones first its own nodes, then those of each
-/// zone.
+/// Nodes that supports hold, in the order of the supports. For a support on a body with zones, those of the
+/// body's own model come first, then those of each zone.
 fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
@@ -58,8 +58,8 @@ fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> 
     Ok(out)
 }
 
-/// Nodes of the body, or of one of its zones, that a support on the body holds; spheres are also held by
-/// touching the surface in a box.
+/// Nodes of the body, or of one of its zones, that a support on the body holds. Spheres are also held if they
+/// touch the surface inside a box.
 fn nodes_of_part(support: usize, s: &Support, body: &Body) -> Vec<usize> {
     let group = |name: &str| body.groups.get(name).cloned().unwrap_or_default();
     match &s.at {
@@ -85,7 +85,8 @@ fn nothing<'a>(path: &str, at: &Selection, parts: impl Iterator<Item = &'a Body>
     unknown(path, name, "group of the body", known.into_iter())
 }
 
-/// Refuses a support that holds nodes of the body where a zone has nothing but spheres, and none of these.
+/// Refuses a support on the body that selects nodes where only spheres of a zone exist, but none of these
+/// spheres.
 fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: &Path) -> Result<()> {
     let (Shape::Piece(piece), true, true) = (&body.shape, body.grains.is_some(), nodes.is_empty()) else {
         return Ok(());
@@ -114,8 +115,8 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
     Err(key(path, rule))
 }
 
-/// What supports prescribe, with the model of each, in their order. What a zone's own support holds is not
-/// held by one on the body as well.
+/// Motions that supports prescribe, each with the number of its model, in the order of the supports.
+/// Components that a support of a zone holds are removed from the body's supports in that zone.
 pub(super) fn motions(
     scene: &SceneSpec,
     bodies: &[Body],
@@ -138,7 +139,7 @@ pub(super) fn motions(
             made.dofs.retain(|d| !own.contains(d));
         }
     }
-    // What two supports hold at rest the first of them holds.
+    // A component that two supports hold at rest is left to the first.
     let mut at_rest: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
     for (h, (m, made)) in all.iter().zip(&mut out) {
         if is_at_rest(scene, h) {
@@ -149,12 +150,12 @@ pub(super) fn motions(
     Ok(out)
 }
 
-/// Whether a support holds its nodes where they are.
+/// Returns whether a support holds its nodes at rest.
 fn is_at_rest(scene: &SceneSpec, held: &Held) -> bool {
     scene.support[held.support].motion.is_none()
 }
 
-/// What a support prescribes to nodes of a model.
+/// Motion that a support prescribes to nodes of a model.
 fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<PrescribedMotion<f64>> {
     let count = body.model.layout().components;
     let components: Vec<usize> = match &s.components {
@@ -175,7 +176,7 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
         .collect();
     let layout = body.model.layout();
     if s.components.is_none() && s.motion.is_none() && layout.turns() {
-        // A clamp holds rotations too.
+        // A clamp also holds rotations.
         let first = layout.translations();
         dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
     }
@@ -192,8 +193,8 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
     })
 }
 
-/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: which of them
-/// holds it must be said.
+/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: the user must
+/// choose one.
 fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
     let mut by: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
     for h in all {

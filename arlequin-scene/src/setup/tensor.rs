@@ -9,19 +9,19 @@ use arlequin::core::nalgebra::Vector3;
 use arlequin::core::ranks::Portion;
 use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
-/// Distance \[sphere diameters\] within which the spheres around one are looked at.
+/// Radius around a sphere in which its neighbours are counted, in sphere diameters.
 const AROUND: f64 = 2.5;
-/// Distance of their centroid from a sphere, over that distance, from which the sphere counts as one of the
-/// rim: a plane surface gives 0.27 in the outer layer and 0.1 in the next.
+/// Smallest distance between a sphere and the centroid of its neighbours, over that radius, at which the
+/// sphere counts as one at the rim. At a plane surface the outer layer has 0.27, the next layer 0.1.
 const RIM: f64 = 0.18;
-/// Most spheres of a probe that are looked at.
+/// Largest number of spheres of a probe that are tested.
 const LOOKS: usize = 64;
 
-/// A value of a tensor that is recovered at nodes.
+/// A component of a tensor that is recovered at nodes.
 #[derive(Debug, Clone)]
 pub(super) struct TensorRow {
     model: usize,
-    /// Nodes and their factors.
+    /// Nodes; `factors` has a factor for each.
     nodes: Vec<usize>,
     factors: Vec<f64>,
     component: Option<Component>,
@@ -58,10 +58,10 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
     }
 }
 
-/// Place, stress and strain of a node, as ranks tell them.
+/// Length of a node's message: its place, six stresses, six strains.
 const WORDS: usize = 13;
 
-/// Whether the spheres around one lie to one side of it.
+/// Returns whether most of a sphere's neighbours lie on one side of it.
 fn is_on_rim(body: &Body, node: usize) -> bool {
     let points = body.model.nodes();
     let (x, reach) = (points[node], AROUND * body.spacing);
@@ -82,7 +82,8 @@ fn recovered(
 }
 
 impl TensorRow {
-    /// Prepares a probe of model number `model`; `placed` are the nodes and shape functions of its point.
+    /// Prepares a probe of the model with number `model`; `placed` are the nodes and shape functions of its
+    /// point.
     pub(super) fn new(
         path: &str,
         probe: &Probe,
@@ -103,8 +104,8 @@ impl TensorRow {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
                 let nodes = probe::chosen(path, selection, model, scene, bodies)?;
-                // Particles stand for the volume of their spheres: a plain mean would count the small ones,
-                // which carry more, too high.
+                // Particles are weighted by the volume of their spheres: in a plain mean the small ones,
+                // which carry higher stresses, would count too much.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));
                 let sum: f64 = nodes.iter().map(size).sum();
                 let factors = nodes.iter().map(|n| size(n) / sum).collect();
@@ -120,7 +121,7 @@ impl TensorRow {
         })
     }
 
-    /// Warns of particles on the rim: what carries a stress on their outer side is not there.
+    /// Warns about particles at the rim: outside of them, no bonds carry stress.
     pub(super) fn warning(&self, name: &str, bodies: &[Body]) -> Option<String> {
         let body = &bodies[self.model];
         body.grains.as_ref()?;
@@ -140,7 +141,7 @@ impl TensorRow {
         })
     }
 
-    /// What is recovered at its nodes, on whatever ranks they are; all of them must ask.
+    /// All-gathers the tensors at the nodes of the probe from the ranks that own them. Collective.
     fn of_all(
         &self,
         recovery: &dyn Recovery<f64>,
@@ -176,8 +177,8 @@ impl TensorRow {
         Ok(all.iter().map(of).collect())
     }
 
-    /// The value: of the tensor interpolated to a point, or averaged over nodes; of a model in parts all
-    /// ranks must ask.
+    /// Returns the value from the tensor interpolated to a point or averaged over nodes. Collective for
+    /// partitioned models.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
         let Some(recovery) = s.model().recovery() else {

@@ -1,11 +1,12 @@
-//! Weights of models that are in several interfaces.
+//! Weights of models that belong to several interfaces.
 
 use super::interface::BuiltInterface;
 use crate::error::{Result, key};
 use arlequin::core::Weights;
 
-/// What models that are coarse beside `m`, and those beside these, leave to it: `1 − Σ f`, of each times
-/// what is left to that model. None where there are none; `depth` bounds the way up.
+/// Share that coarser models leave to model `m`: `1 − Σ f` over its coarse partners with weights `f`. For a
+/// partner that is itself fine in an interface, `1 − f` is multiplied by the share left to that partner.
+/// `None` if `m` is nowhere the fine model; `depth` detects rings of interfaces.
 fn left_to(m: usize, joints: &[BuiltInterface], depth: usize) -> Result<Option<Weights<f64>>> {
     let mine = || joints.iter().filter(|j| j.spec.fine == m);
     let Some(first) = mine().next() else {
@@ -34,14 +35,14 @@ fn left_to(m: usize, joints: &[BuiltInterface], depth: usize) -> Result<Option<W
     Ok(Some(Weights::complement_of(&all)))
 }
 
-/// The weights of a model beside all its partners.
+/// Weights of a model for all its interfaces.
 pub(super) fn of(m: usize, joints: &[BuiltInterface]) -> Result<Weights<f64>> {
     let coarse = joints.iter().filter(|j| j.spec.coarse == m);
     let coarse: Vec<_> = coarse.map(|j| j.weights.clone()).collect();
     let own = match coarse.as_slice() {
         [] => None,
         [one] => Some(one.clone()),
-        // Beside several fine partners: 1 − Σ (1 − f_i), one where none of them is.
+        // With several fine partners: `1 − Σ (1 − f_i)`, which is one outside of all overlaps.
         all => {
             let shares: Vec<_> = all
                 .iter()

@@ -1,4 +1,5 @@
-//! The body's elements around a zone, where spheres are packed that are cut off at its border.
+//! Elements of the body around a zone, in which spheres are packed and then cut off at the border of the
+//! zone.
 
 use super::divide::{Division, Owner, crowded_edges, faces_of};
 use super::faces::{Faces, corners_of};
@@ -7,12 +8,11 @@ use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::{Facet, Mesh};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How much farther than spheres the elements reach, in margins: their outer faces are no walls.
+/// Reach of these elements over that of the spheres: their outer faces must not act as walls.
 const REACH: f64 = 1.5;
 
-/// Elements of a zone, and those around it as far as spheres may lie up to `margin` \[m\] beyond its border.
-///
-/// And the faces between the two.
+/// Returns the elements of a zone together with those around it, far enough for spheres up to `margin` \[m\]
+/// beyond the border; and the faces between both.
 pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(Mesh<f64>, Triangles)> {
     let mesh = division.field.mesh();
     let mine: Vec<bool> = division
@@ -31,7 +31,7 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
                 .fold(0.0, f64::max);
             corners().any(|x| faces.distance(&x) < REACH * margin + longest)
         };
-        // Only what hangs together with the zone: a body may come near it on the other side of a gap.
+        // Only elements connected to the zone: another part of the body may come close to it across a gap.
         let mut open: Vec<usize> = (0..mine.len()).filter(|e| mine[*e]).collect();
         let mut seen = mine.clone();
         while let Some(e) = open.pop() {
@@ -43,7 +43,7 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
             }
         }
     }
-    // A surface has two faces at every edge.
+    // A closed surface has two faces at every edge.
     loop {
         let crowded = crowded_edges(mesh, |e| kept[e]);
         let meets = |e: usize| {
@@ -66,7 +66,8 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
 pub(super) type Triangles = Vec<[Point3<f64>; 3]>;
 type Beside = BTreeMap<usize, BTreeSet<usize>>;
 
-/// Elements that share a face, and the triangles between those that are kept and the others.
+/// Pairs of elements that share a face, and the triangles between the elements marked in `mine` and the
+/// others.
 fn neighbours(mesh: &Mesh<f64>, mine: &[bool]) -> (Beside, Triangles) {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     let (mut beside, mut border) = (Beside::new(), Vec::new());
@@ -79,7 +80,7 @@ fn neighbours(mesh: &Mesh<f64>, mine: &[bool]) -> (Beside, Triangles) {
             beside.entry(a).or_default().insert(b);
         }
         if mine[pair[0]] != mine[pair[1]] {
-            // Seen from the zone, so that they face outwards.
+            // Taken from the zone's element, so that the triangles face outwards.
             border.extend(corners_of(mesh, &[if mine[pair[0]] { facet } else { other }]));
         }
     }

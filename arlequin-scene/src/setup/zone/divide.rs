@@ -1,10 +1,10 @@
-//! Which elements of the body belong to whom, and how far they are across the overlaps.
+//! Division of a body: which elements belong to which zone, and the position across the overlaps.
 //!
-//! Of a zone are the elements with a corner or the centroid in its region, of the overlap the further ones
-//! with a corner or the centroid less than its width away. The position across the overlap is `s = a/(a +
-//! b)` at the nodes, with the distances `a` from the faces of the zone's own elements and `b` from those of
-//! the elements beyond; between nodes it is interpolated by the element. So it is zero and one on the
-//! borders exactly, whatever these look like.
+//! A zone owns the elements with a corner or the centroid in its region. Its overlap consists of the other
+//! elements with a corner or the centroid closer to the region than the width. The position across the
+//! overlap is `s = a/(a + b)` at the nodes, with the distances `a` from the faces of the zone's own elements
+//! and `b` from those of the elements beyond the overlap; the elements interpolate it. The position is
+//! therefore exactly zero and one on the borders, for borders of any form.
 
 use super::faces::{Faces, corners_of};
 use super::region::Place;
@@ -17,29 +17,29 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Part of an element's length up to which a node on a border is on its outer side.
+/// Tolerance for nodes on a border, in element lengths; they count as outside.
 const ON_BORDER: f64 = 1e-6;
 
-/// Whose an element is.
+/// Owner of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Owner {
-    /// The body's model alone.
+    /// The body's own model alone.
     Body,
     /// The model of a zone alone.
     Zone(usize),
-    /// Both, in the overlap of a zone.
+    /// Both models, in the overlap of a zone.
     Both(usize),
 }
 
-/// What is known of one zone.
+/// Overlap of one zone.
 #[derive(Debug)]
 pub(super) struct Across {
-    /// Positions at the nodes of the body \[–\], zero beyond the overlap.
+    /// Positions across the overlap at the nodes of the body \[–\]; zero outside.
     pub positions: Arc<Vec<f64>>,
     pub width: Width,
 }
 
-/// The body, its elements dealt out.
+/// A body with the owner of each element.
 #[derive(Debug)]
 pub(super) struct Division {
     pub field: Whole,
@@ -81,7 +81,7 @@ impl Division {
     }
 }
 
-/// Where an element lies with respect to one zone.
+/// Position of an element with respect to one zone: own element, overlap, or beyond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
     Core,
@@ -89,7 +89,7 @@ enum Side {
     Beyond,
 }
 
-/// The elements of a body, dealt out for one zone.
+/// The elements of a body, divided for one zone.
 struct Deal<'a> {
     mesh: &'a Mesh<f64>,
     name: &'a str,
@@ -131,7 +131,7 @@ impl<'a> Deal<'a> {
         format!("zone.{}.{key}", self.name)
     }
 
-    /// Nodes of the elements on a side.
+    /// For each node: true if it belongs to an element on this side.
     fn nodes_of(&self, side: Side) -> Vec<bool> {
         let mut out = vec![false; self.mesh.nodes().len()];
         for (e, _) in self.sides.iter().enumerate().filter(|(_, s)| **s == side) {
@@ -142,8 +142,8 @@ impl<'a> Deal<'a> {
         out
     }
 
-    /// Gives elements all of whose corners are those of another side to it: the position would not change
-    /// across them. Returns whether there were any.
+    /// Moves elements with all corners on elements of side `to` to that side: the position would be constant
+    /// in them. Returns whether there were any.
     fn fill(&mut self, from: Side, to: Side) -> bool {
         let nodes = self.nodes_of(to);
         let mesh = self.mesh;
@@ -157,8 +157,8 @@ impl<'a> Deal<'a> {
         any
     }
 
-    /// Takes elements off the layer until none hangs at the border alone and, where spheres fill it, the
-    /// surface of what is left has two faces at every edge.
+    /// Removes elements from the layer until none has all its corners on the outer border. If spheres fill
+    /// the zone, also until the remaining surface has two faces at every edge.
     fn round(&mut self, filled: bool) -> Result<()> {
         loop {
             let mut changed = self.fill(Side::Layer, Side::Beyond);
@@ -172,7 +172,8 @@ impl<'a> Deal<'a> {
         }
     }
 
-    /// Takes off the layer what touches an edge at which more than two faces of the zone's surface meet.
+    /// Removes elements from the layer that touch an edge at which more than two faces of the zone's surface
+    /// meet.
     fn part_at_edges(&mut self) -> bool {
         let mesh = self.mesh;
         let crowded = crowded_edges(mesh, |e| self.sides[e] != Side::Beyond);
@@ -195,7 +196,7 @@ impl<'a> Deal<'a> {
         any
     }
 
-    /// Refuses a layer that is somewhere thinner than an element.
+    /// Refuses a layer that is thinner than one element somewhere.
     fn check_layer(&self) -> Result<()> {
         let beyond = self.nodes_of(Side::Beyond);
         if !beyond.contains(&true) {
@@ -221,7 +222,7 @@ impl<'a> Deal<'a> {
         }
     }
 
-    /// Positions at the nodes.
+    /// Positions across the overlap at the nodes, and its width.
     fn across(&self) -> Result<Across> {
         let mesh = self.mesh;
         let of_layer = self.nodes_of(Side::Layer);
@@ -256,7 +257,7 @@ impl<'a> Deal<'a> {
         })
     }
 
-    /// Faces that elements of the layer share with those of a side.
+    /// Faces that elements of the layer share with elements of a side.
     fn between(&self, side: Side) -> Faces {
         let mut open: HashMap<[u32; 4], usize> = HashMap::new();
         let mut out = Vec::new();
@@ -274,7 +275,7 @@ impl<'a> Deal<'a> {
     }
 }
 
-/// Edges at which more than two faces of the surface of some elements meet.
+/// Edges at which more than two faces of the surface of the selected elements meet.
 pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     for (facet, key) in faces_of(mesh, keep) {
@@ -294,7 +295,7 @@ pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> V
     crowded.map(|(edge, _)| edge).collect()
 }
 
-/// Faces of some elements and their corners, ascending, which two neighbours have in common.
+/// Faces of the selected elements, each with its ascending corner numbers; neighbours share these.
 pub(super) fn faces_of(
     mesh: &Mesh<f64>,
     keep: impl Fn(usize) -> bool,

@@ -1,12 +1,11 @@
-//! How stiff a packing is in its place, beside the body's elements there.
+//! Stiffness of a zone's packing in comparison with the body's elements in its place.
 //!
-//! A packing of a zone is a sample of its own: few spheres across, with free surfaces, its own seed. So it
-//! is tested where it lies. Its border to the body is moved by each of six unit strains, and what supports
-//! hold with it; all else is in equilibrium, and with the shares `w` that the zone has of the energy, `C_kl
-//! = u_k · K_w u_l`. The same is found for the body's elements. The factor by which the beams' modulus is
-//! off is the projection of the one on the other as tensors, so that nothing depends on how the body is
-//! turned. Where the border is open, as at the end of a body, both also hang on it under forces. Decision
-//! 0041.
+//! Each packing differs: it has few spheres across, free surfaces and its own seed. Its stiffness is
+//! therefore measured in place. The border to the body, and the components that supports hold, are moved by
+//! each of six unit strains; all other particles are in equilibrium. With the zone's share `w` of the energy,
+//! `C_kl = u_k · K_w u_l`. The same matrix is computed for the body's elements. The correction factor of the
+//! beams' modulus is the projection of one on the other as tensors, so it is independent of the orientation
+//! of the body. With an open border, as at the end of a body, both are also loaded by forces. Decision 0041.
 
 use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
@@ -26,30 +25,30 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Residual of the equilibria of a packing; errors of the stiffness go with its square.
+/// Residual of the equilibria of a packing; the error of the stiffness is of the order of its square.
 const TOLERANCE: f64 = 3e-3;
-/// Most iterations of each.
+/// Largest number of iterations of each equilibrium.
 const ITERATIONS: usize = 20_000;
 
-/// Part of the area of a border that must be left over of `∫ n dA` for it to be open.
+/// Smallest `|∫ n dA|` of an open border, as a share of its area.
 const CLOSED: f64 = 1e-3;
 
-/// What a packing is like in its place.
+/// Stiffness of a packing in its place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Likeness {
-    /// Its stiffness over that of the body's elements there, with the beams that it has.
+    /// Stiffness over that of the body's elements there, with the beams that the packing has.
     pub stiffness: f64,
-    /// How far it is from theirs, relative to it, but for that factor: other directions, another Poisson's
-    /// ratio.
+    /// Relative deviation from the stiffness of the elements after scaling by that factor: anisotropy, or
+    /// another Poisson's ratio.
     pub uneven: f64,
-    /// Young's modulus of its beams over that of beams for the bulk, or of the scene's own.
+    /// Young's modulus of the beams over that from bulk properties, or over that given in the scene.
     pub beams: f64,
-    /// Spheres across the border on which it hangs: `√|∫ n dA|` over their mean diameter; none where the
-    /// border is closed or supports hold what it does not.
+    /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
+    /// closed or supports hold the zone in every direction.
     pub across: Option<f64>,
 }
 
-/// The fine share of the energy: one in the zone, falling to zero across the overlap.
+/// The fine model's share of the energy: one in the zone, falling to zero across the overlap.
 struct Share(Arc<dyn Overlap<f64>>);
 
 impl Weight<f64> for Share {
@@ -60,7 +59,7 @@ impl Weight<f64> for Share {
             Place::Coarse => 0.0,
         }
     }
-    /// That of the middle; positions are nearly linear in a cell.
+    /// Value at the centre of the cell; positions are nearly linear in a cell.
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
@@ -68,7 +67,7 @@ impl Weight<f64> for Share {
     }
 }
 
-/// `u_k · K_w u_l` of a model with weights `share`, for some fields.
+/// Matrix `u_k · K_w u_l` of a model with weight `share`, for the given fields.
 fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> Result<DMatrix<f64>> {
     model.set_internal_weight(share).map_err(core("zone"))?;
     let mut out = DMatrix::zeros(fields.len(), fields.len());
@@ -82,7 +81,8 @@ fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> R
     Ok((&out + out.transpose()) * 0.5)
 }
 
-/// Components that supports hold of points so far apart \[m\], some of which are in groups.
+/// For each point, the components that supports hold. `spacing` \[m\] is that of the points; `group` returns
+/// the points of a named group.
 fn supported(
     supports: Supports<'_>,
     points: &[Point3<f64>],
@@ -109,7 +109,7 @@ fn supported(
     out
 }
 
-/// Displacement of a unit strain at `x` \[m\], in the order `xx yy zz yz zx xy`.
+/// Displacement of unit strain `k` at `x` \[m\], in the order `xx yy zz yz zx xy`.
 fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
     const PLACE: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
     let [i, j] = PLACE[k];
@@ -122,26 +122,25 @@ fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
 /// Supports that hold a model, with their numbers in the scene.
 pub(in crate::setup) type Supports<'a> = &'a [(usize, &'a Support)];
 
-/// The elements of a body in and around a zone, and what a packing there is measured by.
+/// The body's elements in a zone and its overlap, with which the zone's packing is compared.
 pub(in crate::setup) struct Twin<'a> {
     key: &'a str,
     table: &'a ModelTable,
     mesh: &'a Mesh<f64>,
     share: Share,
     supports: Supports<'a>,
-    /// Components of the nodes on the border to the body, and of those that supports hold.
+    /// Held components of each node: all on the border to the body, and those that supports hold.
     held: Vec<[bool; 3]>,
-    /// Faces whose components supports hold.
+    /// For each component, the faces on which supports hold it.
     bearings: [Faces; 3],
     border: Faces,
     middle: Vector3<f64>,
-    /// Forces that are spread over the zone by mass \[N\]; none where its border can hold every stress by
-    /// itself.
+    /// Forces that are distributed over the zone by mass \[N\]; empty for a closed border.
     pulls: Vec<Vector3<f64>>,
 }
 
 impl<'a> Twin<'a> {
-    /// Of a zone's elements; none where they have no border to the body.
+    /// Prepares the elements of a zone; `None` if they have no border to the body.
     pub(in crate::setup) fn new(
         key: &'a str,
         table: &'a ModelTable,
@@ -185,8 +184,8 @@ impl<'a> Twin<'a> {
         }))
     }
 
-    /// Forces on the nodes of a model under a pull \[N\] that acts on the part of its mass which is the
-    /// zone's share.
+    /// Distributes a force `pull` \[N\] over the nodes of a model by mass, so that the zone's share of the
+    /// mass carries it.
     fn spread(&self, model: &dyn Model<f64>, pull: &Vector3<f64>) -> Result<Vec<f64>> {
         let mut mass = vec![0.0; model.layout().dofs()];
         let mut share = mass.clone();
@@ -201,7 +200,7 @@ impl<'a> Twin<'a> {
         Ok((0..moved).map(|r| pull[r % 3] * mass[r] / all).collect())
     }
 
-    /// Displacements of the elements under the six strains of their border, and under the pulls.
+    /// Displacements of the elements under the six strains of the border, then under the pulls.
     fn equilibria(&self, model: &FemModel<f64>) -> Result<Vec<Vec<f64>>> {
         let whole = model.stiffness();
         let mut place = vec![usize::MAX; whole.rows()];
@@ -233,7 +232,7 @@ impl<'a> Twin<'a> {
                 (row, usize::MAX) => {
                     (0..6).for_each(|k| sides[k * free.len() + row] -= v * fields[k][c]);
                 }
-                // Parts of the body that nothing holds stay where they are.
+                // The small addition to the diagonal keeps parts that nothing holds at rest.
                 (row, column) => matrix.add_triplet(row, column, if r == c { v * (1.0 + 1e-9) } else { *v }),
             }
         }
@@ -245,15 +244,16 @@ impl<'a> Twin<'a> {
         Ok(fields)
     }
 
-    /// Whether a sphere moves with the border: it is within a mean diameter of it.
+    /// Returns whether a sphere moves with the border: it is within a mean diameter of the border or beyond
+    /// it.
     fn on_border(&self, model: &DemModel, x: &Point3<f64>) -> bool {
         let rim = 2.0 * model.body().mean_radius();
         self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse)
     }
 
-    /// Displacement of a sphere under a unit strain, where it is held. A support holds the centres of
-    /// spheres that touch a face as it holds the face: a radius of the packing is rigid there, which is a
-    /// part of how stiff it is.
+    /// Displacement of a sphere under unit strain `k`, for its held components. A support moves the centres
+    /// of spheres that touch a face like the face itself: a layer one radius thick is then rigid, which is
+    /// part of the packing's stiffness.
     fn moved(&self, k: usize, model: &DemModel, (x, held): (&Point3<f64>, &Held)) -> Vector3<f64> {
         let at = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
         let mut out = at(x);
@@ -265,7 +265,7 @@ impl<'a> Twin<'a> {
         out
     }
 
-    /// What is held of a packing: spheres within a diameter of the border, and what supports hold.
+    /// Held components of each sphere: all within a diameter of the border, and those that supports hold.
     fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>) -> Vec<Held> {
         let spacing = 2.0 * model.body().mean_radius();
         let fixed = supported(self.supports, model.nodes(), spacing, &|name| group(model, name));
@@ -279,7 +279,7 @@ impl<'a> Twin<'a> {
         model.nodes().iter().zip(fixed).map(both).collect()
     }
 
-    /// Displacements and rotations of a packing under the six strains, and under the pulls.
+    /// Displacements and rotations of a packing under the six strains, then under the pulls.
     fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
         let body = model.body();
         let solved = |problem: StaticProblem| {
@@ -308,8 +308,9 @@ impl<'a> Twin<'a> {
         Ok(out)
     }
 
-    /// A packing that hangs on its border. Spheres there do not turn, so that all that bonds join to them
-    /// is held; what is not joined carries nothing.
+    /// Static problem of a packing that hangs on its border under a force. Spheres at the border cannot
+    /// rotate, so that everything bonded to them is held; particles that are not connected to them carry no
+    /// load.
     fn hanging(&self, model: &DemModel, held: &[Held], pull: &Vector3<f64>) -> Result<StaticProblem> {
         let body = model.body();
         let mut problem = StaticProblem::free(body.len());
@@ -336,8 +337,8 @@ impl<'a> Twin<'a> {
         Ok(problem)
     }
 
-    /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it
-    /// cannot be tested: it must have a border and an inside.
+    /// Measures the stiffness of a packing. With `chosen`, the modulus of the beams is corrected to match the
+    /// body. `None` if the packing cannot be measured: it needs a border and an inside.
     pub(in crate::setup) fn likeness(
         &self,
         mut model: DemModel,
@@ -362,15 +363,14 @@ impl<'a> Twin<'a> {
         let Some(hanging) = Compared::hanging(&of(6, self.pulls.len())) else {
             return Ok(None);
         };
-        // Energies are those of unit strains and of stresses of the size of Young's modulus: the larger
-        // says more.
+        // Strains and stresses have different energies; the larger energy gets the larger weight.
         let weight = hanging.size / (strained.size + hanging.size);
         let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
         let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
         let uneven = both(strained.off, hanging.off).sqrt();
         let diameter = 2.0 * model.body().mean_radius();
         let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
-        // Stiffness goes with the modulus of the beams.
+        // Stiffness is proportional to the modulus of the beams.
         Ok(Some(Likeness {
             stiffness: if chosen { 1.0 } else { factor },
             uneven,
@@ -380,11 +380,11 @@ impl<'a> Twin<'a> {
     }
 }
 
-/// Forces under which a zone hangs on its border, where that faces one way rather than all: along each axis
-/// on which no support holds a face of the zone, what the border would have to carry of a stress `E` \[N\].
+/// Forces on a zone whose border is open \[N\]: for each axis along which no support holds a face of the
+/// zone, the force of a stress `E` on the border.
 ///
-/// Where a border is closed (`∫ n dA = 0`), it strains what is inside by itself. At the end of a body
-/// strain dies away from it, and what a zone carries comes from its own surface.
+/// A closed border (`∫ n dA = 0`) strains the zone by itself. At the end of a body the strain decays away
+/// from the border, and the zone's load comes from its own surface.
 fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<Vector3<f64>> {
     let areas = border.iter().map(|[a, b, c]| (b - a).cross(&(c - a)) * 0.5);
     let (sum, size) = areas.fold((Vector3::zeros(), 0.0), |(sum, size), a| {
@@ -394,19 +394,19 @@ fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<V
     axes.map(|c| Vector3::ith(c, young * sum.norm())).collect()
 }
 
-/// A packing beside the body's elements.
+/// A packing in comparison with the body's elements.
 #[derive(Debug)]
 struct Compared {
-    /// How much stiffer it is.
+    /// Stiffness over that of the elements.
     factor: f64,
-    /// Square of what is left over, but for the factor, relative to the elements.
+    /// Squared relative deviation from the elements after scaling by the factor.
     off: f64,
-    /// Square of the elements' energies \[J²\].
+    /// Square of the elements' energies \[J²\]; the weight of the comparison.
     size: f64,
 }
 
 impl Compared {
-    /// Under strains of the border: the projection of the one stiffness on the other as tensors of fourth
+    /// Comparison under strains of the border: projection of one stiffness on the other as tensors of fourth
     /// order.
     fn strained([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         let size = inner(wanted, wanted);
@@ -415,8 +415,8 @@ impl Compared {
         Self::sound(factor, inner(&off, &off) / size, size)
     }
 
-    /// Under forces, whose work goes with the inverse of the stiffness: the mean over all directions, each
-    /// beside the elements' own work, as bending may be much softer than tension.
+    /// Comparison under forces, whose work is proportional to the inverse of the stiffness. The mean over all
+    /// directions is relative to the elements' work in each, as bending may be much softer than tension.
     fn hanging([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         if wanted.is_empty() {
             return Self::sound(1.0, 0.0, 0.0);
@@ -433,15 +433,15 @@ impl Compared {
         )
     }
 
-    /// None where nothing carries.
+    /// Returns `None` if the numbers are not finite or the packing carries no load.
     fn sound(factor: f64, off: f64, size: f64) -> Option<Self> {
         (factor > 0.0 && factor.is_finite() && off.is_finite()).then_some(Self { factor, off, size })
     }
 }
 
-/// Product of two stiffnesses as tensors of fourth order.
+/// Inner product of two stiffnesses as tensors of fourth order.
 fn inner(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
-    // An entry with a shear component appears twice per such component.
+    // Each shear index of the matrix stands for two tensor components.
     let times = |k: usize| if k < 3 { 1.0 } else { 2.0 };
     let entries = (0..36).map(|k| (k / 6, k % 6));
     entries

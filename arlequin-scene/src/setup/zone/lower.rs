@@ -1,4 +1,4 @@
-//! `[body]` and `[zone.NAME]` become models and interfaces.
+//! Lowers `[body]` and `[zone.NAME]` to models and interfaces.
 
 use super::region::Place;
 use super::{BODY, Cut, Mark, Piece, Use};
@@ -10,8 +10,8 @@ use crate::spec::{
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-/// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these
-/// come from.
+/// Adds models and interfaces for the body and its zones. The tables `body` and `zone` remain, for keys in
+/// messages.
 pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     let Some(body) = scene.body.clone() else {
         return match scene.zone.keys().next() {
@@ -73,7 +73,7 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     Ok(scene)
 }
 
-/// The boxes in which loads and supports act on the body.
+/// Boxes in which loads and supports act on the body.
 fn marks(scene: &SceneSpec) -> Vec<Mark> {
     let loads = scene.load.iter().map(|l| (&l.model, &l.at)).enumerate();
     let supports = scene.support.iter().map(|s| (&s.model, &s.at)).enumerate();
@@ -90,7 +90,7 @@ fn marks(scene: &SceneSpec) -> Vec<Mark> {
     boxes.collect()
 }
 
-/// Where a key of the models and interfaces that were made stands in the scene.
+/// Replaces the key of a generated model or interface in an error by the key that the scene has.
 pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
     if scene.body.is_none() {
         return error;
@@ -202,7 +202,8 @@ fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> Interface {
         fine: name.to_owned(),
         overlap: OverlapShape::Zone(piece),
         weight: WeightTable {
-            // No weight is compatible with borders of any form; the linear one errs least (decision 0041).
+            // No weight is compatible with borders of arbitrary form; the linear one has the smallest error
+            // (decision 0041).
             profile: zone.weight.profile.or(Some(ProfileKind::Linear)),
             ..zone.weight.clone()
         },

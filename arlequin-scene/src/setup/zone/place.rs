@@ -1,4 +1,4 @@
-//! The overlap of a zone: places of points by the body's elements.
+//! The overlap of a zone: locates points by the body's elements.
 
 use super::Whole;
 use super::divide::{Division, Owner};
@@ -10,21 +10,22 @@ use arlequin::fem_ref::ElementKind;
 use arlequin::fem_ref::gmsh::facets_of;
 use std::sync::Arc;
 
-/// Positions closer to a border than this are on it, and beyond.
+/// Positions closer to a border than this count as on it.
 const ON_BORDER: f64 = 1e-9;
-/// Share of the way to the middle of a cell at which its corners are looked at: on a face, either element
-/// may be found.
+/// Share of the way to the centre of a cell at which its corners are located: on a face, either element could
+/// be found.
 const INWARDS: f64 = 1e-4;
 
-/// The elements around a zone, with the position across them at the nodes.
+/// The elements of a zone and its overlap, with the positions at the nodes.
 pub(super) struct Layer {
     field: Whole,
     of: Arc<Vec<Owner>>,
     positions: Arc<Vec<f64>>,
     zone: usize,
-    /// Box around what is not the body's alone.
+    /// Bounding box of the zone and its overlap \[m\], with a margin.
     bounds: [Point3<f64>; 2],
-    /// The body's surface near it and the elements there, for points a little outside of the body.
+    /// The body's surface near the zone, for points slightly outside of the body; `below` has the element of
+    /// each triangle.
     skin: Faces,
     below: Vec<u32>,
 }
@@ -69,13 +70,13 @@ impl Layer {
         }
     }
 
-    /// Whether a point is farther away than the zone.
+    /// Returns whether a point lies outside of the bounding box of the zone.
     fn is_beyond(&self, x: &Point3<f64>) -> bool {
         (0..3).any(|c| x[c] < self.bounds[0][c] || x[c] > self.bounds[1][c])
     }
 
-    /// Number and position of the element at a point; for a point of a bond or a cell that leaves the body
-    /// those of the element below the surface there.
+    /// Number of the element at a point, and the position there. For a point outside of the body, those of
+    /// the element below the nearest surface.
     fn locate(&self, x: &Point3<f64>) -> Option<(usize, f64)> {
         if let found @ Some(_) = self.field.value_at(x, &self.positions) {
             return found;
@@ -107,9 +108,9 @@ impl Overlap<f64> for Layer {
         }
     }
 
-    /// Positions are smooth within an element. A cell in one tetrahedron needs no halving, one in several
-    /// or in a hexahedron, where they are no linear function, a single one, and one that a border cuts, as
-    /// those of natural elements may be, two.
+    /// Positions are smooth within an element. A cell inside one tetrahedron needs no halving. A cell across
+    /// several elements or in a hexahedron, where positions are not linear, needs one. A cell across a
+    /// border, as cells of natural elements may be, needs two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
         let corners = cell.corners();
         if corners.iter().all(|x| self.is_beyond(x)) {

@@ -1,4 +1,4 @@
-//! Where a zone is: signed distances from what the scene names.
+//! Regions of zones, as signed distances from what the scene names.
 
 use super::Cut;
 use super::faces::{Faces, corners_of};
@@ -14,18 +14,18 @@ use arlequin::dem_beam::packing::read_facets;
 use arlequin::fem_ref::Mesh;
 use std::path::Path;
 
-/// A region by its signed distance.
+/// A region with a signed distance.
 #[derive(Debug)]
 pub(super) enum Place {
     Simple(Primitive<f64>),
-    /// Within a distance of triangles \[m\].
+    /// All points within a distance \[m\] of triangles.
     Near(Faces, f64),
     /// Inside a closed surface.
     Inside(Faces, Box<Surface>),
 }
 
 impl Place {
-    /// The region of a zone.
+    /// Builds the region of a zone.
     pub(super) fn of(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
         let (name, table) = &cut.zones[zone];
         let path = format!("zone.{name}.shape");
@@ -54,7 +54,7 @@ impl Place {
         })
     }
 
-    /// Refuses numbers that make no region.
+    /// Refuses sizes that are not positive, and missing or excess keys.
     pub(super) fn check(path: &str, shape: &ZoneShape) -> Result<()> {
         match shape {
             ZoneShape::Near { distance, .. } if *distance <= 0.0 => Err(value(
@@ -90,7 +90,7 @@ fn simple(path: &str, shape: &ZoneShape) -> Result<Primitive<f64>> {
     }
 }
 
-/// The facets of a group, or its nodes where it has none.
+/// Facets of a group, or its nodes if it has no facets.
 fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
     let Some(group) = mesh.groups().get(name) else {
         return Err(unknown(path, name, "group of the body", mesh.groups().keys()));
@@ -104,7 +104,7 @@ fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
     }))
 }
 
-/// The triangles of an STL file.
+/// Triangles of an STL file, in units of `scale` metres.
 fn of_file(path: &str, file: &Path, scale: f64) -> Result<Faces> {
     let facets = read_facets(&bytes(file)?).map_err(dem(path))?;
     let facets = facets.iter().map(|t| t.map(|x| Point3::from(x * scale)));
