@@ -76,6 +76,7 @@ impl Origin {
         })?;
         let mut files = scene.files();
         let pieces = files.iter().flat_map(|name| pieces(&absolute, name));
+        // Pieces of a `.pvtu` file are read as well, so a change of one must be noticed.
         files.extend(pieces.collect::<Vec<_>>());
         let files = files
             .into_iter()
@@ -174,6 +175,7 @@ impl Checkpoint {
         let put = || -> std::io::Result<()> {
             let mut file = File::create(&aside)?;
             file.write_all(&bytes)?;
+            // The content must be on disk before the name refers to it.
             file.sync_all()?;
             std::fs::rename(&aside, &path)?;
             // The rename itself must survive a power failure; not every system can sync a folder.
@@ -188,6 +190,7 @@ impl Checkpoint {
     /// Reads the checkpoint of a folder.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(NAME);
+        // A summary without a checkpoint is that of a run that has ended.
         let bytes = std::fs::read(&path).map_err(|source| match folder.join("summary.json").exists() {
             true if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {
                 path: folder.to_owned(),
@@ -234,6 +237,7 @@ impl Checkpoint {
         let low = u64::from(word(bytes, 12).ok_or_else(truncated)?);
         let high = u64::from(word(bytes, 16).ok_or_else(truncated)?);
         let length = usize::try_from(low | (high << 32)).map_err(|_| truncated())?;
+        // The length comes from the file: the sum could overflow.
         let end = HEAD.checked_add(length).ok_or_else(truncated)?;
         let sum = word(bytes, end).ok_or_else(truncated)?;
         if bytes.len() != end + TAIL {

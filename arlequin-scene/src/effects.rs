@@ -192,6 +192,7 @@ fn steps(built: Built) -> Result<Trace> {
 fn change(times: &[f64], values: &[f64], other_times: &[f64], other: &[f64]) -> f64 {
     let top = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let end = other_times.last().copied().unwrap_or_default();
+    // Variants may have other time steps, and may have ended early.
     let difference = times
         .iter()
         .zip(values)

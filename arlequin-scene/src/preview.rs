@@ -102,6 +102,7 @@ impl LinkLine {
             let layout = s.model().layout();
             let mut inertia = vec![0.0; layout.dofs()];
             if s.model().lumped_inertia(&Uniform(1.0), &mut inertia).is_ok() {
+                // The inertia of a node counts its mass once per component.
                 let total: f64 = inertia[..layout.translations()].iter().sum();
                 line.mass = Some(total / layout.components as f64);
             }
@@ -160,6 +161,7 @@ impl Preview {
             }
         }
         let plan = run.plan();
+        // The state before the first load step of a `[static]` scene is no equilibrium and has no frame.
         let count = usize::from(last.is_none()) + steps.div_ceil(frame_every);
         Self {
             scene: scene.source().path.display().to_string(),

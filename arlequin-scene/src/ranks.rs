@@ -41,6 +41,7 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     let of = |(m, body): (usize, &Body)| {
         let nodes = body.model.layout().nodes;
         let units = nodes.div_ceil(UNIT);
+        // A rank needs at least one unit: units are the smallest parts of a partition.
         let small = || {
             let rule = format!("its {nodes} nodes are {units} units of {UNIT}, fewer than ranks");
             (units < ranks).then_some(rule)
@@ -222,6 +223,7 @@ impl Ranks {
             return own;
         }
         let (rank, ranks) = (c.rank() as i64, c.ranks() as i64);
+        // Of the largest numbers over all ranks, the first then names the lowest rank that failed.
         let said = match &own {
             Ok(_) => [0, 0],
             Err(e) => [ranks - rank, 1 + i64::from(e.is_input())],

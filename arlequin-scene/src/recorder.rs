@@ -355,6 +355,7 @@ impl Recorder {
         let mut readings = Readings::default();
         let values = self.readers.iter().map(|r| r.read(run, &mut readings));
         let values = values.collect::<Result<Vec<f64>>>()?;
+        // After a failed exchange the values mean nothing, so that failure is reported first.
         run.subdomains().iter().try_for_each(heard)?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {

@@ -407,6 +407,7 @@ fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
 
 fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
     match at {
+        // A missing table is created: optional tables can be set without being in the file.
         Value::Table(t) => Ok(t
             .entry(part.to_owned())
             .or_insert_with(|| Value::Table(toml::Table::new()))),

@@ -32,6 +32,7 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     }
     let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
     let top = power.iter().copied().fold(0.0, f64::max);
+    // A constant signal has no frequency.
     if top <= f64::MIN_POSITIVE {
         return Vec::new();
     }
@@ -41,6 +42,8 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     for k in first..power.len() - 1 {
         let (a, b, c) = (power[k - 1], power[k], power[k + 1]);
         if b > a && b >= c && b > top * FLOOR * FLOOR {
+            // The peak of a Hann window is nearly a parabola in the logarithm; `tiny` avoids the logarithm of
+            // zero.
             let tiny = top * 1e-30;
             let (a, b, c) = ((a + tiny).ln(), (b + tiny).ln(), (c + tiny).ln());
             let bend = a - 2.0 * b + c;
@@ -85,6 +88,7 @@ pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
         .0;
     let (mut low, mut high) = (best - width, best + width);
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    // Thirty golden sections shrink the interval by a factor of 2e6.
     for _ in 0..30 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if at(a) > at(b) {

@@ -112,6 +112,7 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             }
         }
     }
+    // Vertices that no triangle uses are dropped.
     let used = triangles.iter().flatten();
     let mut place = vec![u32::MAX; points.len()];
     let mut kept = Vec::new();
@@ -139,6 +140,7 @@ fn lattice(surface: &Surface, size: f64) -> Vec<Point3<f64>> {
     for i in -reach.x..=reach.x {
         for j in -reach.y..=reach.y {
             for k in -reach.z..=reach.z {
+                // The two points of a body-centred cubic cell.
                 for half in [0.0, 0.5] {
                     let step = Vector3::new(i as f64, j as f64, k as f64).add_scalar(half);
                     let x = middle + step * edge;

@@ -90,6 +90,7 @@ impl Attachments {
                 let Some(made) = on_body(k, e, &mut bodies[m])? else {
                     continue;
                 };
+                // Local damping is a share of all other forces, so it must be evaluated last.
                 if let EffectKind::LocalDamping(_) = e.kind {
                     out.last.entry(m).or_default().push(made);
                 } else {

@@ -111,6 +111,7 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
     for (k, s) in scene.support.iter().enumerate() {
         let m = drive::model_index(&format!("support[{k}].model"), &s.model, scene)?;
         for m in zone::parts(scene, m) {
+            // A support is addressed by its number among the supports of its model.
             let number = counts.entry(m).or_default();
             if support_name(k, scene) == of {
                 out.supports.push((m, *number));

@@ -367,6 +367,7 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     }
     if let (Shape::Piece(_), None, None) = (&table.shape, young, poisson) {
         let [low, high] = BeamMaterial::BULK_POISSON;
+        // Packings reach only a range of Poisson's ratios; `unlike_the_body` warns about the rest.
         let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
         return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
     }

@@ -141,12 +141,14 @@ impl Parser<'_> {
             if self.depth > DEEP {
                 return Err(format!("is nested more than {DEEP} deep"));
             }
+            // The power may have a sign and a power of its own: `2^-t`, `2^3^2`.
             let power = self.signed()?;
             self.depth -= 1;
             Node::two(f64::powf, base, power)
         } else {
             base
         };
+        // The sign applies after the power: `-t^2` is `-(t^2)`.
         Ok(if negative {
             Node::One(|x| -x, Box::new(value))
         } else {
@@ -242,6 +244,8 @@ fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>
     let mut out = Vec::new();
     // Spreadsheets write a byte order mark before the first row.
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    // A row that starts with a digit, or has a number in any cell, is data: a misprint in it must not turn it
+    // into a header.
     let words = |line: &str| {
         let mut cells = line.split([',', ';']);
         !line.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))

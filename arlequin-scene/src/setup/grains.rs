@@ -56,6 +56,7 @@ impl Grains {
             brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
+            // With fracture off, the strengths only serve the warning that bonds would break.
             if !e.enabled {
                 model = model.with_watched_strength(spec).map_err(dem(&path))?;
             } else {
@@ -276,6 +277,7 @@ fn crosses(b: &NotchBox, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
     let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
     for c in 0..3 {
         let d = to[c] - from[c];
+        // The segment is parallel to this pair of faces: it lies between them or misses the box.
         if d.abs() < f64::MIN_POSITIVE {
             if from[c] < b.low[c] || from[c] > b.high[c] {
                 return false;

@@ -64,6 +64,7 @@ pub(super) fn interface(
     check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
     let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
+    // A derived mediator must lie where the field of the particles exists.
     let hulls = sides
         .iter()
         .filter(|s| table.mediator.shape.is_none() && is_hull(s.1));
@@ -81,6 +82,7 @@ pub(super) fn interface(
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
     let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
     let absorber = match table.absorber.as_ref().or(standard) {
+        // A rate of zero switches the default absorber off.
         Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
@@ -384,6 +386,7 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     };
     let mut s: Vec<f64> = mediator.iter().map(position).collect();
     s.sort_by(f64::total_cmp);
+    // Positions of nodes in one layer differ by round-off.
     s.dedup_by(|next, kept| *next - *kept < 1e-6);
     s
 }

@@ -47,6 +47,7 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     }
     let of_others = [
         ("shape", !matches!(table.shape, Shape::Linked)),
+        // Without a material in the table, Young's modulus is NaN.
         ("material", !table.material.young.is_nan()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),

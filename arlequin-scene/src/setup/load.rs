@@ -112,6 +112,7 @@ fn turning(
 ) -> Result<(Point3<f64>, Vector3<f64>)> {
     let (centre, polar) = polar(places);
     let turn = turn(&polar, &moment);
+    // The pseudo-inverse drops components of the moment that the points cannot carry: refuse these.
     if turn.norm() > 0.0 && (polar * turn - moment).norm() <= 1e-9 * moment.norm() {
         return Ok((centre, turn));
     }

@@ -13,6 +13,7 @@ pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Mate
     if table.materials.is_empty() {
         return Ok(own.into());
     }
+    // Number 0 is the main material; volumes that the table does not name keep it.
     let (mut all, mut number) = (vec![own], vec![0; mesh.volumes().len()]);
     for (name, material) in &table.materials {
         let at = format!("{key}.materials.{name}");

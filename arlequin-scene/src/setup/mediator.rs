@@ -27,6 +27,7 @@ pub(super) fn mediator<'a>(
     folder: &'a Path,
 ) -> Request<'a> {
     let t = &table.mediator;
+    // Files and pieces of a body bring their own elements.
     let free = t.divisions.is_none() && !matches!(shape, Shape::File(_) | Shape::Piece(_));
     Request {
         key,

@@ -219,6 +219,7 @@ fn groups(
 ) -> BTreeMap<String, Vec<usize>> {
     let faces = faces(model);
     let given = joined.nodes.len();
+    // Order of the nodes in the domain: given ones, those inserted on faces, copies at cracks.
     let first_copy = model.domain().nodes().len() - model.domain().copies().count();
     let named = mesh.groups().iter().map(|(name, group)| {
         let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| numbers[k as usize]).collect();

@@ -149,6 +149,7 @@ pub(super) fn body(
     if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
         && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
     {
+        // Beams that the scene gives are measured but not changed.
         let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
         let group = |model: &DemModel, name: &str| {
             let mut all = groups(model, &table.shape, &filling);
@@ -157,12 +158,14 @@ pub(super) fn body(
         likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
         beam.young *= likeness.map_or(1.0, |like| like.beams);
     }
+    // The body's elements have no notch, so the packing is measured before it gets one.
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let line = PackingLine::of(&packing, table.material.density, likeness);
     let mut warnings = line.warnings();
     warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
     warnings.extend(unlike_its_material(table, &beam));
     let model = make(&packing, beam)?;
+    // Lowers the peak of memory: effects and fields are built below.
     drop(packing);
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()

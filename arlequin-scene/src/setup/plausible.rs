@@ -169,6 +169,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             (Some(f), ..) => (format!("force of {:.3e} N", factor * size(f)), size(f) / area),
             (_, Some(t), ..) => (
                 format!("torque of {:.3e} N m", factor * size(t)),
+                // The order of magnitude: a section modulus has the size of area^(3/2).
                 size(t) / area.powf(1.5),
             ),
             (_, _, Some(t), _) => (format!("traction of {:.3e} Pa", factor * size(t)), size(t)),
@@ -216,6 +217,7 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
         let speed = match (motion.speed, &motion.time) {
             (Some(speed), TimeShape::Step | TimeShape::Ramp { .. } | TimeShape::Pulse { .. }) => speed.abs(),
             (None, TimeShape::Ramp { duration }) => amplitude / duration,
+            // The largest slope of `sin²(π t/duration)`.
             (None, TimeShape::Pulse { duration }) => amplitude * std::f64::consts::PI / duration,
             _ => continue,
         };
@@ -484,6 +486,7 @@ fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
             (a.min(x), b.max(x))
         });
         let highest = |own: f64| portion.map_or(own, |p| p.highest(own));
+        // Both as maxima, for which ranks have an all-reduce.
         highest(high) + highest(-low)
     };
     (0..components).map(span).fold(0.0, f64::max)

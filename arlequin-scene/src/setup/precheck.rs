@@ -223,6 +223,7 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
     {
         own.profile = known(own.profile);
     }
+    // Built for their errors only; the spacing of the mediator is not known yet, any positive one will do.
     interface::weights(&path, &weight, &overlap, &[], [false; 2])?;
     interface::junction(&path, table, 1.0)?;
     if let Some(a) = &table.absorber
@@ -245,6 +246,7 @@ fn effect(k: usize, e: &Effect) -> Result<()> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
         EffectKind::Fracture(f) => grains::fracture(&path, f).map(|_| ()),
+        // Any modulus: only the other numbers are checked.
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
         EffectKind::Obstacle(o) => {
             headline(&path, o.name.as_deref())?;

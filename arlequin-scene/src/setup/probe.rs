@@ -101,6 +101,7 @@ impl ProbeReader {
         let mut all: Vec<&mut (usize, f64)> =
             row.row.iter_mut().chain(row.along.iter_mut().flatten()).collect();
         row.parts = Some(Gather::new(portion.clone(), components, all.iter().map(|r| r.0)));
+        // From now on rows index the gathered vector.
         all.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
     }
 

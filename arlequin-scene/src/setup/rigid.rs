@@ -112,6 +112,7 @@ fn grid(points: Vec<Point3<f64>>, connectivity: Vec<u32>) -> Grid {
 
 /// Two orthogonal unit vectors perpendicular to a unit vector.
 fn across(v: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    // The axis with the smallest component of `v` is far from parallel to it.
     let a = v.cross(&Vector3::ith(v.iamin(), 1.0));
     let a = Unit::new_normalize(a).into_inner();
     [a, v.cross(&a)]

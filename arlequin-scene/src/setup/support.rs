@@ -206,6 +206,7 @@ fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
         for n in &h.nodes {
             for axis in axes {
                 match by.insert((h.model, *n, axis.index()), h) {
+                    // The zone's own support takes precedence, see `motions`.
                     Some(before) if before.of_zone != h.of_zone => {}
                     Some(before) if is_at_rest(scene, before) && is_at_rest(scene, h) => {}
                     None => {}

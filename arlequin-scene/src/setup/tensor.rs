@@ -155,6 +155,7 @@ impl TensorRow {
             let strain = r.strain.unwrap_or_else(SymmetricTensor::zero);
             let numbers = r.stress.0.into_iter().chain(strain.0);
             words.push(*place);
+            // The all-gather carries integers: numbers travel as their bits.
             words.extend(numbers.map(|x| x.to_bits().cast_signed()));
         }
         let mut all = portion
@@ -163,6 +164,7 @@ impl TensorRow {
             .as_chunks::<WORDS>()
             .0
             .to_vec();
+        // In the order of the probe's nodes, so that the sum has the same bits on any number of ranks.
         all.sort_unstable_by_key(|of| of[0]);
         let tensor = |of: &[i64]| {
             let mut out = SymmetricTensor::zero();

@@ -67,6 +67,7 @@ pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
     };
+    // Round-off of the quotient must not add a step.
     let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
     if steps > MANY_STEPS {
         let rule =

@@ -29,6 +29,7 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
             let longest = corners()
                 .flat_map(|a| corners().map(move |b| (a - b).norm()))
                 .fold(0.0, f64::max);
+            // An element may reach closer to the border than its corners, by at most its longest edge.
             corners().any(|x| faces.distance(&x) < REACH * margin + longest)
         };
         // Only elements connected to the zone: another part of the body may come close to it across a gap.

@@ -279,6 +279,7 @@ impl<'a> Deal<'a> {
 pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     for (facet, key) in faces_of(mesh, keep) {
+        // Faces that two elements share cancel; those of the surface remain.
         if open.remove(&key).is_none() {
             open.insert(key, facet);
         }

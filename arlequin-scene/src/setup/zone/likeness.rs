@@ -75,6 +75,7 @@ fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> R
         let mut force = vec![0.0; u.len()];
         model.add_internal_forces(u, &mut force).map_err(core("zone"))?;
         for (k, v) in fields.iter().enumerate() {
+            // Internal forces are added with the sign of `−K u`.
             out[(k, l)] = -v.iter().zip(&force).map(|(v, f)| v * f).sum::<f64>();
         }
     }
@@ -229,6 +230,7 @@ impl<'a> Twin<'a> {
         for (v, (r, c)) in whole.iter() {
             match (place[r], place[c]) {
                 (usize::MAX, _) => {}
+                // Prescribed displacements move to the right-hand side.
                 (row, usize::MAX) => {
                     (0..6).for_each(|k| sides[k * free.len() + row] -= v * fields[k][c]);
                 }
@@ -366,6 +368,7 @@ impl<'a> Twin<'a> {
         // Strains and stresses have different energies; the larger energy gets the larger weight.
         let weight = hanging.size / (strained.size + hanging.size);
         let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
+        // A geometric mean: twice as stiff and half as stiff weigh alike.
         let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
         let uneven = both(strained.off, hanging.off).sqrt();
         let diameter = 2.0 * model.body().mean_radius();

@@ -146,6 +146,7 @@ impl Cut {
             return Ok(made);
         }
         let made = Division::of(self.mesh(folder)?, self, folder)?;
+        // The cell has no fallible initialisation; a second division of the same body would be equal.
         Ok(self.made.get_or_init(|| made))
     }
 
@@ -317,6 +318,7 @@ impl Piece {
 /// Halves elements at least `least` times and until they are no longer than `wanted` \[m\].
 fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
     let ratio = mesh.spacing() / wanted;
+    // A length that fits up to round-off needs no further halving.
     let times = (ratio.log2() - 1e-6).ceil().max(least);
     if times > HALVINGS {
         let rule = format!(

@@ -45,6 +45,7 @@ impl Layer {
             .flat_map(|e| mesh.element(e))
             .map(|&k| &mesh.nodes()[k as usize]);
         let [low, high] = bounds_of(corners);
+        // Points on the border count as inside despite round-off.
         let margin = Vector3::repeat(1e-6 * (high - low).norm());
         let bounds = [low - margin, high + margin];
         let mut below = Vec::new();
