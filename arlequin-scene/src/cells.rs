@@ -48,11 +48,11 @@ impl Cell {
 /// # Errors
 /// A model without materials or without shape-function gradients; the error names `key`.
 pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
-    some(key, d, 0..d.grid.cells())
+    selected(key, d, 0..d.grid.cells())
 }
 
 /// Returns the cells with the numbers `which`; errors as in [`cells`].
-pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>) -> Result<Vec<Cell>> {
+pub(crate) fn selected(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>) -> Result<Vec<Cell>> {
     let Some(materials) = &d.materials else {
         return Err(crate::error::key(
             key,
@@ -60,7 +60,7 @@ pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>)
         ));
     };
     let mut row = ShapeRow::default();
-    let one = |k: usize| {
+    let cell_at = |k: usize| {
         let cell = &d.grid.connectivity[k * d.grid.corners..][..d.grid.corners];
         let sum = cell
             .iter()
@@ -74,5 +74,5 @@ pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>)
             row: row.collect(),
         })
     };
-    which.map(one).collect()
+    which.map(cell_at).collect()
 }

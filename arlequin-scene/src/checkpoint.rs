@@ -63,7 +63,7 @@ impl Origin {
     ///
     /// # Errors
     /// A folder or file that cannot be read.
-    pub(crate) fn of(scene: &Scene) -> Result<Self> {
+    pub(crate) fn from_scene(scene: &Scene) -> Result<Self> {
         let folder = scene.folder();
         let folder = if folder.as_os_str().is_empty() {
             Path::new(".")
@@ -225,8 +225,8 @@ impl Checkpoint {
         // The order of the checks decides the message: a file cut short is reported as truncated, not as
         // damaged.
         let truncated = || {
-            let found = bytes.len();
-            format!("is truncated at {found} bytes; take another copy, or start the run anew")
+            let length = bytes.len();
+            format!("is truncated at {length} bytes; take another copy, or start the run anew")
         };
         let format = word(bytes, 8).ok_or_else(truncated)?;
         if format != FORMAT {
@@ -256,8 +256,8 @@ impl Checkpoint {
     }
 }
 
-fn word(bytes: &[u8], at: usize) -> Option<u32> {
-    let four = bytes.get(at..at.checked_add(4)?)?;
+fn word(bytes: &[u8], offset: usize) -> Option<u32> {
+    let four = bytes.get(offset..offset.checked_add(4)?)?;
     Some(u32::from_le_bytes(four.try_into().ok()?))
 }
 
@@ -347,8 +347,8 @@ mod tests {
         }
         let mut newer = good.clone();
         newer[8] = 9;
-        let wanted = format!("has format 9, this program reads format {FORMAT}");
-        assert!(reason(&newer).starts_with(&wanted));
+        let message = format!("has format 9, this program reads format {FORMAT}");
+        assert!(reason(&newer).starts_with(&message));
         for k in (HEAD..good.len()).step_by(7) {
             let mut bad = good.clone();
             bad[k] ^= 0x10;

@@ -51,23 +51,23 @@ impl Crossing {
         run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
-        let (mut said, mut ends) = (Vec::new(), false);
-        for (m, told) in self.0.iter_mut().enumerate() {
-            if *told || !has_left(breaks[m].as_ref()) {
+        let (mut messages, mut ends) = (Vec::new(), false);
+        for (m, reported) in self.0.iter_mut().enumerate() {
+            if *reported || !has_left(breaks[m].as_ref()) {
                 continue;
             }
-            *told = true;
-            said.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
+            *reported = true;
+            messages.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
             ends |= stops(scene, m);
         }
-        (said, ends)
+        (messages, ends)
     }
 }
 
 /// First crack of each model that ran into an overlap.
-pub(crate) fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
-    let all = breaks.iter().enumerate();
-    all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
+pub(crate) fn first_cracks(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
+    let logs = breaks.iter().enumerate();
+    logs.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
 }
 
 /// Returns whether a crack has run into an overlap.
@@ -88,9 +88,9 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
 
 /// Returns whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
 fn stops(scene: &SceneSpec, m: usize) -> bool {
-    let of = |(k, e): (usize, &Effect)| {
+    let stopping = |(k, e): (usize, &Effect)| {
         let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
         stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
     };
-    scene.effect.iter().enumerate().any(of)
+    scene.effect.iter().enumerate().any(stopping)
 }

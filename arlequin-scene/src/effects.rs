@@ -71,8 +71,8 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
         let rule = "is empty; effects are judged by what they change there, so name at least one probe";
         return Err(key("probe", rule));
     }
-    let mut given = trace(scene.spec(), folder)?;
-    if let Some(e) = given.failed {
+    let mut reference = trace(scene.spec(), folder)?;
+    if let Some(e) = reference.failed {
         return Err(e);
     }
     let variants = variants(scene.spec());
@@ -82,7 +82,7 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     }
     // In turns, so that a slow phase of the machine hits all variants alike.
     for _ in 1..repeat {
-        given.seconds = given.seconds.min(trace(scene.spec(), folder)?.seconds);
+        reference.seconds = reference.seconds.min(trace(scene.spec(), folder)?.seconds);
         for ((_, scene), t) in variants.iter().zip(&mut traces) {
             t.seconds = t.seconds.min(trace(scene, folder)?.seconds);
         }
@@ -91,14 +91,14 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     for ((name, _), without) in variants.into_iter().zip(traces) {
         changes.push(Change {
             effect: name,
-            probes: given
+            probes: reference
                 .probes
                 .iter()
                 .zip(&without.probes)
-                .map(|(a, b)| (a.0.clone(), change(&given.times, &a.1, &without.times, &b.1)))
+                .map(|(a, b)| (a.0.clone(), change(&reference.times, &a.1, &without.times, &b.1)))
                 .collect(),
             seconds: without.seconds,
-            share: 1.0 - without.seconds / given.seconds,
+            share: 1.0 - without.seconds / reference.seconds,
             failed: without.failed.map(|e| e.to_string()),
             missing: messages(without.missing),
         });
@@ -106,39 +106,39 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     Ok(Comparison {
         scene: scene.source().path.display().to_string(),
         repeat,
-        seconds: given.seconds,
+        seconds: reference.seconds,
         effects: changes,
-        missing: messages(given.missing),
+        missing: messages(reference.missing),
     })
 }
 
-fn messages(found: BTreeMap<(String, &'static str), String>) -> Vec<String> {
+fn messages(findings: BTreeMap<(String, &'static str), String>) -> Vec<String> {
     let text = |((model, _), m): ((String, &str), String)| format!("model '{model}': {m}");
-    found.into_iter().map(text).collect()
+    findings.into_iter().map(text).collect()
 }
 
 /// Copies of the scene, each with one of the enabled effects switched off.
 fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
-        let mut off = scene.clone();
-        off.effect[k].enabled = false;
-        out.push((format!("effect[{k}].{}", e.kind.key()), off));
+        let mut without = scene.clone();
+        without.effect[k].enabled = false;
+        out.push((format!("effect[{k}].{}", e.kind.key()), without));
     }
     for (name, _) in scene.model.iter().filter(|(_, m)| m.dem.finite_rotations) {
-        let mut off = scene.clone();
-        if let Some(m) = off.model.get_mut(name) {
+        let mut without = scene.clone();
+        if let Some(m) = without.model.get_mut(name) {
             m.dem.finite_rotations = false;
         }
-        out.push((format!("model.{name}.dem.finite_rotations"), off));
+        out.push((format!("model.{name}.dem.finite_rotations"), without));
     }
     for (name, i) in &scene.interface {
         if i.absorber.is_some() {
-            let mut off = scene.clone();
-            if let Some(i) = off.interface.get_mut(name) {
+            let mut without = scene.clone();
+            if let Some(i) = without.interface.get_mut(name) {
                 i.absorber = None;
             }
-            out.push((format!("interface.{name}.absorber"), off));
+            out.push((format!("interface.{name}.absorber"), without));
         }
     }
     out
@@ -165,7 +165,7 @@ fn steps(built: Built) -> Result<Trace> {
         failed: None,
     };
     let every = steps.div_ceil(LOOKS).max(1);
-    for made in 1..=steps {
+    for step in 1..=steps {
         let stepped = run.advance(&mut clock);
         clock.enter(Some(arlequin::core::Phase::Observe));
         if let Err(e) = stepped {
@@ -177,7 +177,7 @@ fn steps(built: Built) -> Result<Trace> {
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(&mut run, &mut readings)?);
         }
-        if made % every == 0 || made == steps {
+        if step % every == 0 || step == steps {
             for (model, f) in run.watch().into_iter().chain(without_contact.watch(&run)) {
                 out.missing.insert((model, f.effect), f.message);
             }
@@ -189,7 +189,7 @@ fn steps(built: Built) -> Result<Trace> {
 }
 
 /// Largest difference over the time both series cover, divided by the largest value of the first series.
-fn change(times: &[f64], values: &[f64], other_times: &[f64], other: &[f64]) -> f64 {
+fn change(times: &[f64], values: &[f64], other_times: &[f64], other_values: &[f64]) -> f64 {
     let top = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let end = other_times.last().copied().unwrap_or_default();
     // Variants may have other time steps, and may have ended early.
@@ -197,13 +197,13 @@ fn change(times: &[f64], values: &[f64], other_times: &[f64], other: &[f64]) -> 
         .iter()
         .zip(values)
         .take_while(|(t, _)| **t <= end)
-        .filter_map(|(t, v)| Some((v - at(other_times, other, *t)?).abs()))
+        .filter_map(|(t, v)| Some((v - interpolated(other_times, other_values, *t)?).abs()))
         .fold(0.0_f64, f64::max);
     if top > 0.0 { difference / top } else { difference }
 }
 
 /// Interpolates linearly at time `t`; `None` outside of the recorded times.
-fn at(times: &[f64], values: &[f64], t: f64) -> Option<f64> {
+fn interpolated(times: &[f64], values: &[f64], t: f64) -> Option<f64> {
     let k = times.partition_point(|x| *x < t);
     if k == 0 {
         return times.first().filter(|x| **x <= t).map(|_| values[0]);

@@ -201,9 +201,9 @@ impl Error {
 
     /// Replaces the key of the error by `other(key)`, if that is `Some`.
     #[must_use]
-    pub(crate) fn at_key(mut self, other: impl FnOnce(&str) -> Option<String>) -> Self {
+    pub(crate) fn at_key(mut self, replacement: impl FnOnce(&str) -> Option<String>) -> Self {
         if let keyed!(key) = &mut self
-            && let Some(new) = other(key)
+            && let Some(new) = replacement(key)
         {
             *key = new;
         }
@@ -310,26 +310,26 @@ pub fn unknown<'a>(
     key: impl Into<String>,
     name: &str,
     what: &'static str,
-    known: impl Iterator<Item = &'a String>,
+    names: impl Iterator<Item = &'a String>,
 ) -> Error {
-    let known: Vec<&str> = known.map(String::as_str).collect();
+    let names: Vec<&str> = names.map(String::as_str).collect();
     Error::UnknownName {
         key: key.into(),
         name: name.to_owned(),
         what,
-        known: if known.is_empty() {
+        known: if names.is_empty() {
             "none".into()
         } else {
-            known.join(", ") + &meant(name, known.iter().copied())
+            names.join(", ") + &meant(name, names.iter().copied())
         },
     }
 }
 
 /// Returns `"; did you mean 'x'?"` with the known word nearest to `word`; empty if none is near.
-pub fn meant<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
+pub fn meant<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> String {
     // A swap of two letters counts once; about a third of the letters may be wrong.
     let far = 1 + word.chars().count() / 3;
-    let near = known.map(|k| (strsim::osa_distance(word, k), k));
+    let near = words.map(|k| (strsim::osa_distance(word, k), k));
     match near.min_by_key(|n| n.0) {
         Some((d, k)) if d > 0 && d <= far.min(k.len().saturating_sub(1)) => format!("; did you mean '{k}'?"),
         _ => String::new(),

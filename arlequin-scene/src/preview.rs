@@ -92,11 +92,11 @@ impl LinkLine {
     }
 
     /// Lists the external solvers of a run, with their masses.
-    fn met(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
+    fn connected(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
         let mut out = Self::of(scene);
         for line in &mut out {
-            let mut all = run.subdomains().iter();
-            let Some(s) = all.find(|s| s.model().name() == line.model) else {
+            let mut subdomains = run.subdomains().iter();
+            let Some(s) = subdomains.find(|s| s.model().name() == line.model) else {
                 continue;
             };
             let layout = s.model().layout();
@@ -114,16 +114,16 @@ impl LinkLine {
 impl Prepared {
     /// Returns a preview of the run; makes a few steps and discards them to measure their time.
     pub fn preview(self) -> Preview {
-        let mut out = Preview::of(&self.scene, self.built, self.setup);
+        let mut out = Preview::from_built(&self.scene, self.built, self.setup);
         out.asleep = self
             .asleep
-            .map(|a| Box::new(Preview::of(&a.scene, a.built, self.setup)));
+            .map(|a| Box::new(Preview::from_built(&a.scene, a.built, self.setup)));
         out
     }
 }
 
 impl Preview {
-    fn of(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
+    fn from_built(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
         let Built {
             mut run,
             models,
@@ -170,7 +170,7 @@ impl Preview {
             interface,
             zones,
             ranks: holdings,
-            links: LinkLine::met(scene, &run),
+            links: LinkLine::connected(scene, &run),
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,
@@ -200,12 +200,12 @@ fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
     // The first step warms the caches.
     run.advance(&mut clock).ok()?;
     let begin = Instant::now();
-    let mut made = 0usize;
-    while made < 100 && begin.elapsed().as_secs_f64() < TRIAL {
+    let mut count = 0usize;
+    while count < 100 && begin.elapsed().as_secs_f64() < TRIAL {
         run.advance(&mut clock).ok()?;
-        made += 1;
+        count += 1;
     }
-    Some(begin.elapsed().as_secs_f64() / made as f64 * steps as f64)
+    Some(begin.elapsed().as_secs_f64() / count as f64 * steps as f64)
 }
 
 /// Estimated memory \[bytes\]: per unknown twelve vectors and a stiffness row of 81 entries, and the

@@ -28,8 +28,8 @@ pub struct RankLine {
 
 impl RankLine {
     /// Adds the load imbalance \[%\] of a partitioned model to the words.
-    pub(crate) fn told(&mut self, of: &Subdomain<f64>) {
-        if let Some(portion) = of.portion() {
+    pub(crate) fn add_imbalance(&mut self, subdomain: &Subdomain<f64>) {
+        if let Some(portion) = subdomain.portion() {
             let most = 100.0 * portion.division().imbalance();
             self.words += &format!(", {most:.1} % more work than the mean at most");
         }
@@ -38,7 +38,7 @@ impl RankLine {
 
 /// Distribution of each model of a scene over `ranks` ranks.
 fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
-    let of = |(m, body): (usize, &Body)| {
+    let line = |(m, body): (usize, &Body)| {
         let nodes = body.model.layout().nodes;
         let units = nodes.div_ceil(UNIT);
         // A rank needs at least one unit: units are the smallest parts of a partition.
@@ -57,7 +57,7 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
             words: why.unwrap_or_else(|| format!("{units} units of {UNIT} {what}")),
         }
     };
-    bodies.iter().enumerate().map(of).collect()
+    bodies.iter().enumerate().map(line).collect()
 }
 
 /// Returns why model `m` must be whole on every rank; `None` if it can be partitioned.
@@ -121,7 +121,7 @@ pub(crate) struct Ranks {
 
 impl Ranks {
     /// Ranks of a communicator.
-    pub(crate) fn of(communicator: Option<Arc<dyn Communicator>>) -> Self {
+    pub(crate) fn from_communicator(communicator: Option<Arc<dyn Communicator>>) -> Self {
         Self {
             // With a single rank there is nothing to agree on.
             communicator: communicator.filter(|c| c.ranks() > 1),
@@ -146,7 +146,7 @@ impl Ranks {
             return Ok(());
         }
         // A rank that cannot read a file reports this; all ranks then stop.
-        let origin = self.together(Origin::of(scene))?;
+        let origin = self.together(Origin::from_scene(scene))?;
         let mut hasher = DefaultHasher::new();
         origin.digest(&mut hasher);
         self.agree("the scene and the files that it names", hasher.finish())
@@ -196,16 +196,16 @@ impl Ranks {
     ///
     /// # Errors
     /// Failures of the communicator.
-    pub(crate) fn any(&self, own: bool) -> Result<bool> {
-        let [any] = self.largest([i64::from(own)])?;
+    pub(crate) fn any(&self, flag: bool) -> Result<bool> {
+        let [any] = self.largest([i64::from(flag)])?;
         Ok(any > 0)
     }
 
-    fn largest<const N: usize>(&self, mut own: [i64; N]) -> Result<[i64; N]> {
+    fn largest<const N: usize>(&self, mut values: [i64; N]) -> Result<[i64; N]> {
         if let Some(c) = &self.communicator {
-            c.reduce(&mut own, Reduction::Largest).map_err(elsewhere)?;
+            c.reduce(&mut values, Reduction::Largest).map_err(elsewhere)?;
         }
-        Ok(own)
+        Ok(values)
     }
 
     /// Returns `own` if it is `Ok` on every rank. Collective.
@@ -213,24 +213,27 @@ impl Ranks {
     /// # Errors
     /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`];
     /// failures of the communicator.
-    pub(crate) fn together<R>(&self, own: Result<R>) -> Result<R> {
+    pub(crate) fn together<R>(&self, result: Result<R>) -> Result<R> {
         let Some(c) = &self.communicator else {
-            return own;
+            return result;
         };
         // Every rank already has these errors, or the ranks can no longer communicate: another exchange would
         // hang.
-        if own.as_ref().is_err_and(|e| e.is_everywhere() || e.is_of_ranks()) {
-            return own;
+        if result
+            .as_ref()
+            .is_err_and(|e| e.is_everywhere() || e.is_of_ranks())
+        {
+            return result;
         }
         let (rank, ranks) = (c.rank() as i64, c.ranks() as i64);
         // Of the largest numbers over all ranks, the first then names the lowest rank that failed.
-        let said = match &own {
+        let message = match &result {
             Ok(_) => [0, 0],
             Err(e) => [ranks - rank, 1 + i64::from(e.is_input())],
         };
-        let [first, what] = self.largest(said)?;
-        match own {
-            Ok(done) if first == 0 => Ok(done),
+        let [first, what] = self.largest(message)?;
+        match result {
+            Ok(output) if first == 0 => Ok(output),
             Err(e) if ranks - first == rank => Err(Error::Agreed(Box::new(e))),
             _ => Err(Error::Elsewhere {
                 rank: (ranks - first) as usize,
@@ -244,12 +247,12 @@ impl Ranks {
 ///
 /// # Errors
 /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`].
-pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, own: Result<R>) -> Result<R> {
-    Ranks::of(communicator.cloned()).together(own)
+pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, result: Result<R>) -> Result<R> {
+    Ranks::from_communicator(communicator.cloned()).together(result)
 }
 
 /// Returns the communication failure of a partitioned model as an error, if there was one.
-pub(crate) fn heard(s: &Subdomain<f64>) -> Result<()> {
+pub(crate) fn check_exchange(s: &Subdomain<f64>) -> Result<()> {
     let failure = s.portion().and_then(|p| p.failure());
     failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }

@@ -6,7 +6,7 @@ use crate::output::Frames;
 use crate::output::curves;
 use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::Summary;
-use crate::ranks::heard;
+use crate::ranks::check_exchange;
 use crate::run::{LoadStep, Recorded};
 use crate::setup::{ProbeReader, Readings};
 use crate::spec::SceneSpec;
@@ -229,7 +229,7 @@ impl Recorder {
             fragments.look(run)?;
         }
         for r in &mut readers {
-            r.share_out(run);
+            r.set_up_gather(run);
         }
         let works: Vec<String> = run.works().into_iter().map(|w| w.name).collect();
         let bodies: Vec<String> = run.bodies().iter().map(|b| b.models.join(" + ")).collect();
@@ -356,7 +356,7 @@ impl Recorder {
         let values = self.readers.iter().map(|r| r.read(run, &mut readings));
         let values = values.collect::<Result<Vec<f64>>>()?;
         // After a failed exchange the values mean nothing, so that failure is reported first.
-        run.subdomains().iter().try_for_each(heard)?;
+        run.subdomains().iter().try_for_each(check_exchange)?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),
@@ -392,8 +392,8 @@ impl Recorder {
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
-            let own = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            let top = d.portion().map_or(own, |p| p.largest(own));
+            let largest = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            let top = d.portion().map_or(largest, |p| p.largest(largest));
             self.top_speed = self.top_speed.max(top);
         }
         self.residuals.resize(run.interfaces().len(), 0.0);

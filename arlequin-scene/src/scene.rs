@@ -51,16 +51,16 @@ impl Source {
     /// Byte range of the deepest part of a key path that the text contains; `None` if it contains no part.
     pub fn span_of(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
-        let mut found = None;
+        let mut found_span = None;
         let mut parts = path
             .split('.')
             .flat_map(|p| p.split(['[', ']']))
             .filter(|p| !p.is_empty());
         let first = parts.next()?;
-        let (name, mut at) = root.get_ref().get_key_value(first)?;
-        found.replace(name.span());
+        let (name, mut node) = root.get_ref().get_key_value(first)?;
+        found_span.replace(name.span());
         for part in parts {
-            let next = match at.get_ref() {
+            let next = match node.get_ref() {
                 DeValue::Table(t) => t
                     .get_key_value(part)
                     .map(|(k, v)| (k.span().start..v.span().end, v)),
@@ -77,10 +77,10 @@ impl Source {
             let line = self.text[span.start..]
                 .find('\n')
                 .map_or(self.text.len(), |n| span.start + n);
-            found = Some(span.start..span.end.min(line).max(span.start));
-            at = value;
+            found_span = Some(span.start..span.end.min(line).max(span.start));
+            node = value;
         }
-        found
+        found_span
     }
 }
 
@@ -150,7 +150,7 @@ impl Scene {
     /// # Errors
     /// Scenes, or files that they name, that differ between ranks: on every rank.
     pub fn on_ranks(mut self, communicator: Arc<dyn Communicator>) -> Result<Self> {
-        self.ranks = Ranks::of(Some(communicator));
+        self.ranks = Ranks::from_communicator(Some(communicator));
         self.ranks.read(&self)?;
         Ok(self)
     }
@@ -188,8 +188,8 @@ impl Scene {
     /// # Errors
     /// The key, its value, the limit and the remedy.
     pub fn check_tables(&self) -> Result<()> {
-        let found = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
-        self.ranks.together(found)
+        let checked = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(checked)
     }
 
     /// Lists the external solvers that [`Self::prepare`] would start or wait for: model, and command or
@@ -258,14 +258,14 @@ impl Scene {
         self.prepare_with(&mut |_| ())
     }
 
-    /// Prepares the scene like [`Self::prepare`]; calls `tell` with the name of each phase of the set-up as
+    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up as
     /// it begins.
     ///
     /// # Errors
     /// See [`Self::prepare`].
-    pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        let made = Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e));
-        self.ranks.together(made)
+    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
+        let prepared = Prepared::new(self, announce).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(prepared)
     }
 }
 
@@ -284,8 +284,8 @@ fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
     zone::lowered(spec)
 }
 
-fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
-    match at {
+fn collect_files(node: &Value, out: &mut Vec<PathBuf>) {
+    match node {
         Value::Table(t) => {
             for (key, value) in t {
                 match value {
@@ -300,15 +300,15 @@ fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
 }
 
 /// Refuses NaN, infinity and dates anywhere in the scene.
-fn plausible(path: &str, at: &toml::Table) -> Result<()> {
-    at.iter().try_for_each(|(k, v)| match path {
+fn plausible(path: &str, table: &toml::Table) -> Result<()> {
+    table.iter().try_for_each(|(k, v)| match path {
         "" => plausible_value(k, v),
         _ => plausible_value(&format!("{path}.{k}"), v),
     })
 }
 
-fn plausible_value(path: &str, at: &Value) -> Result<()> {
-    match at {
+fn plausible_value(path: &str, node: &Value) -> Result<()> {
+    match node {
         Value::Float(x) if !x.is_finite() => {
             let rule =
                 "must be a finite number, at most 1.8e308; give one, or remove the key for its default";
@@ -347,7 +347,9 @@ fn in_words(message: &str) -> String {
         ),
     ];
     let words = WORDS.iter();
-    let text = words.fold(message.to_owned(), |text, (from, to)| text.replace(from, to));
+    let text = words.fold(message.to_owned(), |text, (rust, plain)| {
+        text.replace(rust, plain)
+    });
     // In "unknown field `a`, expected one of `b`, `c`", the first quoted word is the unknown one.
     let mut quoted = text.split('`').skip(1).step_by(2);
     match quoted.next() {
@@ -376,17 +378,17 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
         }
     }
     let (last, head) = parts.split_last().ok_or("the path is empty")?;
-    let mut at = root
+    let mut node = root
         .entry((*head.first().unwrap_or(last)).to_owned())
         .or_insert_with(|| Value::Table(toml::Table::new()));
     if head.is_empty() {
-        *at = new;
+        *node = new;
         return Ok(());
     }
     for part in &head[1..] {
-        at = child(at, part)?;
+        node = child(node, part)?;
     }
-    *child(at, last)? = new;
+    *child(node, last)? = new;
     Ok(())
 }
 
@@ -405,8 +407,8 @@ fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
     })
 }
 
-fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
-    match at {
+fn child<'a>(node: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
+    match node {
         // A missing table is created: optional tables can be set without being in the file.
         Value::Table(t) => Ok(t
             .entry(part.to_owned())

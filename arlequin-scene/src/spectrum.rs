@@ -53,9 +53,9 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     peaks.truncate(MOST);
-    let mut found: Vec<f64> = peaks.into_iter().map(|p| p.1).collect();
-    found.sort_by(f64::total_cmp);
-    found
+    let mut frequencies: Vec<f64> = peaks.into_iter().map(|p| p.1).collect();
+    frequencies.sort_by(f64::total_cmp);
+    frequencies
 }
 
 /// Amplitude of the Hann-windowed Fourier transform at one frequency \[Hz\], of the samples without their
@@ -77,13 +77,13 @@ fn amplitude(samples: &[f64], step: f64, frequency: f64) -> f64 {
 /// Frequency \[Hz\] of the highest peak within 12 % of a guess; a scan, then golden-section search. The
 /// relative error is below 1e-4 with ten or more periods in the window.
 pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
-    let at = |f: f64| amplitude(samples, step, f);
+    let amplitude_at = |f: f64| amplitude(samples, step, f);
     // A quarter of the bin width: the scan then cannot step over a peak.
     let width = 0.25 / (samples.len() as f64 * step);
     let scan = (0..).map(|k| 0.88 * guess + width * f64::from(k));
     let best = scan
         .take_while(|f| *f < 1.12 * guess)
-        .map(|f| (f, at(f)))
+        .map(|f| (f, amplitude_at(f)))
         .fold((guess, 0.0), |b, x| if x.1 > b.1 { x } else { b })
         .0;
     let (mut low, mut high) = (best - width, best + width);
@@ -91,7 +91,7 @@ pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
     // Thirty golden sections shrink the interval by a factor of 2e6.
     for _ in 0..30 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
-        if at(a) > at(b) {
+        if amplitude_at(a) > amplitude_at(b) {
             high = b;
         } else {
             low = a;

@@ -22,9 +22,9 @@ pub fn asked() -> Option<usize> {
 }
 
 /// Returns the warning for a user who requests more than [`most`] threads by `name`.
-pub fn too_many(name: &str, asked: usize) -> String {
+pub fn too_many(name: &str, requested: usize) -> String {
     let (most, cores) = (most(), cores());
     format!(
-        "{name} = {asked}: {most} are used, {PER_CORE} for each of the {cores} cores of this machine; more only slow it down"
+        "{name} = {requested}: {most} are used, {PER_CORE} for each of the {cores} cores of this machine; more only slow it down"
     )
 }

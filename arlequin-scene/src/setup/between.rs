@@ -55,12 +55,12 @@ fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
 /// Enabled contacts between models: number of the effect, numbers of the models.
 pub(super) fn touching(scene: &SceneSpec) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
-    let mut seen = BTreeSet::new();
+    let mut pairs_seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
         let Some(pair) = sides(k, e, scene)?.filter(|_| e.enabled) else {
             continue;
         };
-        if !seen.insert(ordered(pair)) {
+        if !pairs_seen.insert(ordered(pair)) {
             let rule = "names a pair of models that has contact already; keep one";
             return Err(key(format!("effect[{k}].between"), rule));
         }
@@ -87,11 +87,11 @@ pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f
         };
         // The contact stiffness of two different materials is that of two springs in series.
         let law = grains::law(2.0 * e * f / (e + f), contact);
-        let made = ContactBetween::new(first.clone(), second.clone(), law);
-        let made = made.map_err(dem(format!("effect[{k}].contact")))?;
+        let contact_between = ContactBetween::new(first.clone(), second.clone(), law);
+        let contact_between = contact_between.map_err(dem(format!("effect[{k}].contact")))?;
         out.push(PairSpec {
             sides: [a, b],
-            effect: Box::new(made),
+            effect: Box::new(contact_between),
         });
     }
     Ok(out)
@@ -104,14 +104,15 @@ pub struct ParticlesWithoutContact(Vec<([usize; 2], [ContactBody; 2])>);
 
 impl ParticlesWithoutContact {
     /// Finds these pairs in a scene.
-    pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
-        let mut known: BTreeSet<[usize; 2]> = touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
+    pub(super) fn from_scene(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
+        let mut connected: BTreeSet<[usize; 2]> =
+            touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
         for (name, i) in &scene.interface {
-            known.insert(ordered(super::sides_of(name, i, scene)?));
+            connected.insert(ordered(super::sides_of(name, i, scene)?));
         }
         let mut out = Vec::new();
         for b in 0..bodies.len() {
-            for a in (0..b).filter(|a| !known.contains(&[*a, b])) {
+            for a in (0..b).filter(|a| !connected.contains(&[*a, b])) {
                 if let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) {
                     out.push(([a, b], [first.clone(), second.clone()]));
                 }
@@ -126,17 +127,17 @@ impl ParticlesWithoutContact {
         for (sides, [a, b]) in &self.0 {
             let displaced = sides.map(|m| &run.subdomains()[m].state().q[..]);
             if let Some((count, worst)) = a.overlaps(b, displaced, TOLERATED_OVERLAP) {
-                let [one, other] = [a.name(), b.name()];
+                let [first_name, second_name] = [a.name(), b.name()];
                 let message = format!(
-                    "{count} of its particles and those of '{other}' overlap, by up to {:.1} % of their radii; switch on \
-                     contact with between = [\"{one}\", \"{other}\"]",
+                    "{count} of its particles and those of '{second_name}' overlap, by up to {:.1} % of their radii; switch on \
+                     contact with between = [\"{first_name}\", \"{second_name}\"]",
                     100.0 * worst
                 );
                 let finding = Finding {
                     effect: "contact",
                     message,
                 };
-                out.push((one.to_owned(), finding));
+                out.push((first_name.to_owned(), finding));
             }
         }
         out

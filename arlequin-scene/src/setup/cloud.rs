@@ -24,15 +24,15 @@ const AWAY: f64 = 0.5;
 
 /// Triangles of a surface, each by its three corners \[m\].
 pub(super) fn corners(surface: &Surface) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: u32| Point3::from(surface.vertices()[k as usize]);
-    surface.triangles().iter().map(|t| t.map(at)).collect()
+    let vertex = |k: u32| Point3::from(surface.vertices()[k as usize]);
+    surface.triangles().iter().map(|t| t.map(vertex)).collect()
 }
 
 /// Fills the surface of an STL file, in units of `scale` metres, with nodes about `size` \[m\] apart.
 pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mesh<f64>> {
-    let at = format!("{path}.shape.file");
-    let surface = Surface::from_stl(&bytes(file)?).map_err(dem(&at))?;
-    let surface = surface.scaled(scale).map_err(dem(&at))?;
+    let key_path = format!("{path}.shape.file");
+    let surface = Surface::from_stl(&bytes(file)?).map_err(dem(&key_path))?;
+    let surface = surface.scaled(scale).map_err(dem(&key_path))?;
     let expected = surface.volume() / size.powi(3);
     if expected > MOST {
         let (low, high) = surface.bounds();
@@ -47,14 +47,14 @@ pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mes
     let (mut points, triangles) = divided(&surface, size);
     points.extend(lattice(&surface, size));
     let hull = constraint::Surface::boundary(triangles.iter().map(|t| t.map(|k| k as usize)).collect());
-    let domain = Domain::new(&points, &hull).map_err(cnem(&at))?;
+    let domain = Domain::new(&points, &hull).map_err(cnem(&key_path))?;
     let connectivity: Vec<u32> = domain.elements().flatten().map(|k| k as u32).collect();
     if connectivity.is_empty() {
-        return Err(key(at, "holds no tetrahedron; choose a smaller spacing"));
+        return Err(key(key_path, "holds no tetrahedron; choose a smaller spacing"));
     }
     Mesh::new(ElementKind::Tet4, domain.nodes().to_vec(), connectivity)
         .map(Mesh::renumbered)
-        .map_err(fem(&at))
+        .map_err(fem(&key_path))
 }
 
 /// Divides a surface until no edge is much longer than `size` \[m\]; returns its corners and triangles.
@@ -63,25 +63,25 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let mut triangles = surface.triangles().to_vec();
     // Triangles at each edge. The queue holds squared lengths as bits: for positive numbers these sort like
     // the numbers.
-    let mut at: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+    let mut triangles_at: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
     let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]].map(|[a, b]| [a.min(b), a.max(b)]);
     for (k, t) in triangles.iter().enumerate() {
         edges(t)
             .into_iter()
-            .for_each(|e| at.entry(e).or_default().push(k as u32));
+            .for_each(|e| triangles_at.entry(e).or_default().push(k as u32));
     }
     let long = (LONGEST * size).powi(2);
     let length =
         |points: &[Point3<f64>], e: [u32; 2]| (points[e[0] as usize] - points[e[1] as usize]).norm_squared();
     let mut queue: BinaryHeap<(u64, [u32; 2])> = BinaryHeap::new();
-    for e in at.keys() {
+    for e in triangles_at.keys() {
         queue.push((length(&points, *e).to_bits(), *e));
     }
     while let Some((bits, [a, b])) = queue.pop() {
         if f64::from_bits(bits) <= long {
             break;
         }
-        let Some(around) = at.remove(&[a, b]) else {
+        let Some(edge_triangles) = triangles_at.remove(&[a, b]) else {
             continue;
         };
         let m = points.len() as u32;
@@ -89,21 +89,21 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             &points[a as usize],
             &points[b as usize],
         ));
-        for k in around {
+        for k in edge_triangles {
             let old = triangles[k as usize];
-            let [first, second] = [b, a].map(|gone| old.map(|v| if v == gone { m } else { v }));
+            let [first, second] = [b, a].map(|corner| old.map(|v| if v == corner { m } else { v }));
             let new = triangles.len() as u32;
             triangles[k as usize] = first;
             triangles.push(second);
             for e in edges(&old) {
                 // These edges belonged to the first half until now.
-                if let Some(list) = at.get_mut(&e).filter(|_| e.contains(&b)) {
+                if let Some(list) = triangles_at.get_mut(&e).filter(|_| e.contains(&b)) {
                     list.iter_mut().filter(|n| **n == k).for_each(|n| *n = new);
                 }
             }
             for (half, number) in [(first, k), (second, new)] {
                 for e in edges(&half).into_iter().filter(|e| e.contains(&m)) {
-                    let list = at.entry(e).or_default();
+                    let list = triangles_at.entry(e).or_default();
                     if list.is_empty() {
                         queue.push((length(&points, e).to_bits(), e));
                     }
@@ -113,17 +113,17 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
         }
     }
     // Vertices that no triangle uses are dropped.
-    let used = triangles.iter().flatten();
+    let vertices = triangles.iter().flatten();
     let mut place = vec![u32::MAX; points.len()];
-    let mut kept = Vec::new();
-    for &k in used {
+    let mut kept_points = Vec::new();
+    for &k in vertices {
         if place[k as usize] == u32::MAX {
-            place[k as usize] = kept.len() as u32;
-            kept.push(points[k as usize]);
+            place[k as usize] = kept_points.len() as u32;
+            kept_points.push(points[k as usize]);
         }
     }
     (
-        kept,
+        kept_points,
         triangles.iter().map(|t| t.map(|k| place[k as usize])).collect(),
     )
 }

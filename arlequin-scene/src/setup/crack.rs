@@ -40,8 +40,8 @@ fn front(crack: &Crack) -> CrackFront<f64> {
 /// Checks what can be checked before anything is built.
 pub(super) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
     front(crack).check().map_err(core(format!("{path}.crack")))?;
-    let of = |name: &String| scene.model.keys().position(|n| n == name);
-    let model = probe.model.as_ref().and_then(of);
+    let number = |name: &String| scene.model.keys().position(|n| n == name);
+    let model = probe.model.as_ref().and_then(number);
     for (k, e) in scene.effect.iter().enumerate() {
         let prestressed = e.enabled && matches!(e.kind, EffectKind::Prestress(_));
         if prestressed && effect_models(k, e, scene)?.iter().any(|m| Some(*m) == model) {
@@ -65,6 +65,6 @@ pub(super) fn release(
     let Some(crack) = &probe.crack else {
         return Err(key(path, "needs crack"));
     };
-    let made = EnergyRelease::new(&*body.model, &*body.field, &*weights.internal, &front(crack));
-    made.map_err(core(format!("{path}.crack")))
+    let integral = EnergyRelease::new(&*body.model, &*body.field, &*weights.internal, &front(crack));
+    integral.map_err(core(format!("{path}.crack")))
 }

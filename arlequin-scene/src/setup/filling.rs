@@ -65,31 +65,33 @@ impl Filling {
                 Err(crate::error::key(format!("{key}.shape.box.hole"), rule))
             }
             Shape::Box { low, high, .. } => {
-                let made = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
-                let made = made.map_err(dem(&format!("{key}.shape.box")))?;
-                Ok(plain(made, Vector3::zeros()))
+                let container = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
+                let container = container.map_err(dem(&format!("{key}.shape.box")))?;
+                Ok(plain(container, Vector3::zeros()))
             }
             Shape::Cylinder { from, length, radius } => {
-                let made = Container::cylinder(*length, *radius);
-                let made = made.map_err(dem(&format!("{key}.shape.cylinder")))?;
-                Ok(plain(made, Vector3::from(*from)))
+                let container = Container::cylinder(*length, *radius);
+                let container = container.map_err(dem(&format!("{key}.shape.cylinder")))?;
+                Ok(plain(container, Vector3::from(*from)))
             }
             Shape::Bar { .. } | Shape::Linked => {
                 let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
                 Err(value(format!("{key}.shape"), table.shape.name(), rule))
             }
             Shape::Ball { centre, radius } => {
-                let made = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
-                let mesh = made.map_err(fem(format!("{key}.shape.ball")))?;
-                Self::within(key, gmsh::triangles_of(&mesh), None)
+                let ball = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
+                let mesh = ball.map_err(fem(format!("{key}.shape.ball")))?;
+                Self::inside_triangles(key, gmsh::triangles_of(&mesh), None)
             }
             Shape::Piece(piece) => {
                 let (triangles, mesh) = piece.surface(folder)?;
-                let filling = Self::within(key, triangles, Some(mesh))?;
+                let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
                 match table.dem.file {
                     // Spheres read from a file belong to the zone already.
                     Some(_) => Ok(filling),
-                    None => filling.with_surroundings(key, table, |margin| piece.around(folder, margin)),
+                    None => {
+                        filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin))
+                    }
                 }
             }
             Shape::File(path) => file(key, table, &folder.join(path)),
@@ -106,15 +108,15 @@ pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
 
 /// Builds the container inside a closed surface in a file.
 fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
-    let at = format!("{key}.shape.file");
+    let key_path = format!("{key}.shape.file");
     if table.scale <= 0.0 {
         let rule = "must be positive [m]: 1e-3 for a file in millimetres";
         return Err(value(format!("{key}.scale"), table.scale, rule));
     }
     if is(path, "stl") {
-        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&at))?;
+        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&key_path))?;
         return Ok(Filling {
-            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&at))?),
+            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&key_path))?),
             shift: Vector3::zeros(),
             faces: BTreeMap::new(),
             mesh: None,
@@ -122,15 +124,15 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
     }
     if !is(path, "msh") {
         let rule = "spheres fill the surface of a Gmsh mesh (.msh) or of STL (.stl)";
-        return Err(value(at, path.display(), rule));
+        return Err(value(key_path, path.display(), rule));
     }
     if table.volume.is_some() || !table.materials.is_empty() {
         let mesh = super::mesh::volume_of(key, table, path)?;
-        return Filling::within(&at, gmsh::triangles_of(&mesh), Some(mesh));
+        return Filling::inside_triangles(&key_path, gmsh::triangles_of(&mesh), Some(mesh));
     }
-    let mut found = gmsh::load_surface(path).map_err(fem(&at))?;
-    found.points.iter_mut().for_each(|x| *x *= table.scale);
-    Filling::within(&at, found, None)
+    let mut triangles = gmsh::load_surface(path).map_err(fem(&key_path))?;
+    triangles.points.iter_mut().for_each(|x| *x *= table.scale);
+    Filling::inside_triangles(&key_path, triangles, None)
 }
 
 impl Filling {
@@ -140,7 +142,7 @@ impl Filling {
         self,
         key: &str,
         table: &ModelTable,
-        around: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
+        surroundings: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
     ) -> Result<Self> {
         let Container::Surface(part) = &self.container else {
             return Ok(self);
@@ -155,27 +157,27 @@ impl Filling {
             return Ok(self);
         }
         let margin = MARGIN * diameter;
-        let (body, border) = around(margin)?;
-        let body = Self::within(key, body, None)?;
+        let (body, border) = surroundings(margin)?;
+        let body = Self::inside_triangles(key, body, None)?;
         let border: Vec<_> = border.iter().map(|t| t.map(|x| x.coords)).collect();
         let Container::Surface(body) = body.container else {
             return Ok(self);
         };
-        let around = Around::new(part.clone(), body, &border, margin).map_err(dem(key))?;
+        let surroundings = Around::new(part.clone(), body, &border, margin).map_err(dem(key))?;
         Ok(Self {
-            container: Container::Around(Box::new(around)),
+            container: Container::Around(Box::new(surroundings)),
             ..self
         })
     }
 
     /// Builds the container inside triangles, which may be the surface of `mesh`.
-    fn within(key: &str, found: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
-        let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
+    fn inside_triangles(key: &str, triangles: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
+        let points: Vec<Vector3<f64>> = triangles.points.iter().map(|p| p.coords).collect();
         let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
-        let faces = found.groups.iter();
+        let faces = triangles.groups.iter();
         let faces = faces.map(|(n, t)| (n.clone(), t.iter().map(corners).collect()));
         let faces = faces.collect();
-        let surface = Surface::oriented(points, found.triangles).map_err(dem(key))?;
+        let surface = Surface::oriented(points, triangles.triangles).map_err(dem(key))?;
         Ok(Self {
             container: Container::Surface(surface),
             shift: Vector3::zeros(),
@@ -304,13 +306,13 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
 /// Refuses choices for a packing in addition to a file of spheres.
 fn alone(path: &str, table: &ModelTable) -> Result<()> {
     let t = &table.dem;
-    let given = [
+    let choices = [
         ("spacing", table.spacing.is_some()),
         ("dem.count", t.count.is_some()),
         ("dem.seed", t.seed.is_some()),
         ("dem.protocol", t.protocol.is_some()),
     ];
-    if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
+    if let Some((name, _)) = choices.iter().find(|(_, present)| *present) {
         let rule = "dem.file brings its own spheres; remove one of the two";
         return Err(key(format!("{path}.{name}"), rule));
     }
@@ -321,24 +323,25 @@ fn alone(path: &str, table: &ModelTable) -> Result<()> {
 fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
     let t = &table.dem;
     alone(path, table)?;
-    let at = format!("{path}.dem.file");
+    let key_path = format!("{path}.dem.file");
     let content = bytes(file)?;
     let (mut positions, radii) = if is(file, "csv") {
-        read_csv(&mut content.as_slice()).map_err(dem(&at))?
+        read_csv(&mut content.as_slice()).map_err(dem(&key_path))?
     } else if is(file, "vtu") {
-        read_vtu(&content, t.radii.as_deref()).map_err(dem(&at))?
+        read_vtu(&content, t.radii.as_deref()).map_err(dem(&key_path))?
     } else if is(file, "pvtu") {
-        let pieces = pieces_of_pvtu(&content).map_err(dem(&at))?;
+        let pieces = pieces_of_pvtu(&content).map_err(dem(&key_path))?;
         let pieces = pieces.iter().map(|p| bytes(&file.with_file_name(p)));
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
-        read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&at))?
+        read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&key_path))?
     } else {
         let rule = "spheres are read from CSV (.csv, lines x,y,z,r), VTU (.vtu) or its pieces (.pvtu)";
-        return Err(value(at, file.display(), rule));
+        return Err(value(key_path, file.display(), rule));
     };
     positions.iter_mut().for_each(|x| *x -= filling.shift);
     let z = t.coordination.unwrap_or(6.2);
-    Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose)).map_err(dem(&at))
+    Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose))
+        .map_err(dem(&key_path))
 }
 
 /// Folder of the packing cache: `ARLEQUIN_CACHE`, or `arlequin` in the user's cache folder.
@@ -428,20 +431,20 @@ pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Op
 pub(super) fn unlike_the_body(
     table: &ModelTable,
     beam: &BeamMaterial,
-    found: Option<&Likeness>,
+    likeness: Option<&Likeness>,
 ) -> Option<String> {
     let Shape::Piece(_) = table.shape else {
         return None;
     };
-    let [wanted, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
-    let [young, poisson] = match found {
-        Some(like) => [wanted * like.stiffness, beam.bulk()[1]],
+    let [body_young, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
+    let [young, poisson] = match likeness {
+        Some(measured) => [body_young * measured.stiffness, beam.bulk()[1]],
         None => beam.bulk(),
     };
-    if (young / wanted - 1.0).abs() > ALIKE[0] || (poisson - ratio).abs() > ALIKE[1] {
-        let own = table.dem.young.is_some() || table.dem.poisson.is_some();
+    if (young / body_young - 1.0).abs() > ALIKE[0] || (poisson - ratio).abs() > ALIKE[1] {
+        let chosen = table.dem.young.is_some() || table.dem.poisson.is_some();
         let [low, high] = BeamMaterial::BULK_POISSON;
-        let remedy = match own {
+        let remedy = match chosen {
             true => {
                 "leave dem.young, dem.poisson and dem.radius_ratio out: beams are then fitted to the body"
                     .to_owned()
@@ -450,20 +453,20 @@ pub(super) fn unlike_the_body(
         };
         return Some(format!(
             "its packing acts in its place like a material of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = \
-             {wanted:.3e} Pa and nu = {ratio:.3}: stresses go around the zone or into it; {remedy}"
+             {body_young:.3e} Pa and nu = {ratio:.3}: stresses go around the zone or into it; {remedy}"
         ));
     }
-    let found = found?;
-    if found.uneven > UNEVEN {
+    let likeness = likeness?;
+    if likeness.uneven > UNEVEN {
         return Some(format!(
             "its packing is as stiff as the body on the average, but not in every direction: {:.0} % apart; take \
              smaller spheres, another dem.seed or a wider zone",
-            100.0 * found.uneven
+            100.0 * likeness.uneven
         ));
     }
-    let across = found.across.filter(|n| *n < ACROSS)?;
+    let spheres_across = likeness.across.filter(|n| *n < ACROSS)?;
     Some(format!(
-        "it hangs on the rest by a border that is {across:.1} spheres across: its free end may move some 5 % more or less than \
+        "it hangs on the rest by a border that is {spheres_across:.1} spheres across: its free end may move some 5 % more or less than \
          the body's would, as such packings did with 8; with 12 they were within 2 %: take smaller spheres, or compare with \
          kind = \"fem\""
     ))

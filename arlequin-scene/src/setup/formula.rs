@@ -17,12 +17,12 @@ enum Node {
 }
 
 impl Node {
-    fn at(&self, t: f64) -> f64 {
+    fn value(&self, t: f64) -> f64 {
         match self {
             Self::Number(x) => *x,
             Self::Time => t,
-            Self::One(f, x) => f(x.at(t)),
-            Self::Two(f, x) => f(x[0].at(t), x[1].at(t)),
+            Self::One(f, x) => f(x.value(t)),
+            Self::Two(f, x) => f(x[0].value(t), x[1].value(t)),
         }
     }
 
@@ -72,26 +72,26 @@ fn number(a: f64, b: f64, value: f64) -> f64 {
 
 /// Parser of expressions in mathematical notation: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
-    rest: &'a str,
+    remainder: &'a str,
     depth: usize,
 }
 
 impl Parser<'_> {
     /// Skips spaces and consumes the character `wanted` if it comes next; returns whether it did.
-    fn sign(&mut self, wanted: char) -> bool {
-        self.rest = self.rest.trim_start();
-        let Some(rest) = self.rest.strip_prefix(wanted) else {
+    fn sign(&mut self, character: char) -> bool {
+        self.remainder = self.remainder.trim_start();
+        let Some(remainder) = self.remainder.strip_prefix(character) else {
             return false;
         };
-        self.rest = rest;
+        self.remainder = remainder;
         true
     }
 
     /// Consumes and returns the longest prefix whose characters all satisfy `fits(byte index, character)`.
     fn take(&mut self, fits: impl Fn(usize, char) -> bool) -> String {
-        let end = self.rest.char_indices().find(|(k, c)| !fits(*k, *c));
-        let (word, rest) = self.rest.split_at(end.map_or(self.rest.len(), |e| e.0));
-        self.rest = rest;
+        let end = self.remainder.char_indices().find(|(k, c)| !fits(*k, *c));
+        let (word, remainder) = self.remainder.split_at(end.map_or(self.remainder.len(), |e| e.0));
+        self.remainder = remainder;
         word.to_owned()
     }
 
@@ -161,7 +161,7 @@ impl Parser<'_> {
             let inner = self.sum()?;
             return self.close(inner);
         }
-        let first = self.rest.chars().next();
+        let first = self.remainder.chars().next();
         match first {
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() => self.word(),
@@ -173,7 +173,7 @@ impl Parser<'_> {
     }
 
     fn number(&mut self) -> Result<Node, String> {
-        let text = self.rest.as_bytes();
+        let text = self.remainder.as_bytes();
         let exponent = |k: usize| k > 0 && matches!(text[k - 1], b'e' | b'E');
         let digits = self.take(|k, c| {
             c.is_ascii_digit() || c == '.' || matches!(c, 'e' | 'E') || ("+-".contains(c) && exponent(k))
@@ -186,12 +186,12 @@ impl Parser<'_> {
 
     fn word(&mut self) -> Result<Node, String> {
         let name = self.take(|_, c| c.is_ascii_alphanumeric() || c == '_');
-        let known = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
+        let unknown_name = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
         if !self.sign('(') {
             return match name.as_str() {
                 "t" => Ok(Node::Time),
                 "pi" | "PI" => Ok(Node::Number(std::f64::consts::PI)),
-                _ => Err(known("numbers and functions with brackets behind them")),
+                _ => Err(unknown_name("numbers and functions with brackets behind them")),
             };
         }
         let first = self.sum()?;
@@ -200,7 +200,7 @@ impl Parser<'_> {
         }
         let Some((_, f)) = TWO.iter().find(|f| f.0 == name) else {
             let names = ONE.iter().map(|f| f.0).chain(TWO.iter().map(|f| f.0));
-            return Err(known(&names.collect::<Vec<_>>().join(", ")));
+            return Err(unknown_name(&names.collect::<Vec<_>>().join(", ")));
         };
         if !self.sign(',') {
             return Err(format!(
@@ -215,7 +215,7 @@ impl Parser<'_> {
         if self.sign(')') {
             return Ok(inner);
         }
-        match self.rest.chars().next() {
+        match self.remainder.chars().next() {
             None => Err("lacks a closing bracket".to_owned()),
             Some(c) => Err(format!("has '{c}' where a bracket should close")),
         }
@@ -224,16 +224,19 @@ impl Parser<'_> {
 
 /// Returns the function of time `t` \[s\] that an expression describes.
 pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
-    let mut parser = Parser { rest: text, depth: 0 };
+    let mut parser = Parser {
+        remainder: text,
+        depth: 0,
+    };
     let read = parser
         .sum()
-        .and_then(|node| match parser.rest.trim_start().chars().next() {
+        .and_then(|node| match parser.remainder.trim_start().chars().next() {
             None => Ok(node),
             Some(c) => Err(format!("has '{c}' where it should go on with + - * / ^ or end")),
         });
     let wrong = |rule: String| value(format!("{path}.expression"), format_args!("\"{text}\""), &rule);
     let node = read.map_err(wrong)?;
-    Ok(Formula::new(text, move |t| node.at(t)))
+    Ok(Formula::new(text, move |t| node.value(t)))
 }
 
 /// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words

@@ -41,7 +41,7 @@ impl std::fmt::Debug for Grains {
 
 impl Grains {
     /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
-    pub(super) fn of(
+    pub(super) fn build(
         mut model: DemModel,
         table: &ModelTable,
         effects: &[(usize, &Effect)],
@@ -64,22 +64,22 @@ impl Grains {
                 breaks = Some(model.break_log());
             }
         }
-        let mut made: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
+        let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
         for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
             if let EffectKind::Contact(c) = &e.kind {
                 let path = format!("effect[{k}].contact");
                 let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
-                made.insert(*k, Box::new(contact));
+                built.insert(*k, Box::new(contact));
             }
             if let EffectKind::Obstacle(o) = &e.kind {
-                made.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
+                built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
             }
         }
         let body = ContactBody::of(&model);
         Ok((
             model,
             Self {
-                effects: made,
+                effects: built,
                 breaks,
                 brittle,
                 body,
@@ -102,15 +102,15 @@ pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
         CriterionKind::Mises => Criterion::Mises,
         CriterionKind::Energy => Criterion::Energy,
     };
-    let made = Fracture {
+    let spec = Fracture {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
         spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
     };
-    made.check().map_err(dem(path))?;
-    Ok(made)
+    spec.check().map_err(dem(path))?;
+    Ok(spec)
 }
 
 /// Contact law for a material with Young's modulus `young` \[Pa\].
@@ -200,21 +200,21 @@ fn obstacle(
 ) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
-    let called = super::drive::obstacle_name(k, o);
+    let name = super::drive::obstacle_name(k, o);
     let law = law(table.material.young, &o.contact);
-    let mut made = Obstacle::new(&called, model, shape, motion, law).map_err(dem(&path))?;
+    let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
     if let Some(spin) = o.spin {
-        made = made
+        obstacle = obstacle
             .with_spin(Vector3::from(spin))
             .map_err(dem(format!("{path}.spin")))?;
     }
     for (n, e) in effects.iter().filter(|(_, e)| e.enabled) {
         if let EffectKind::BodyForce(b) = &e.kind {
             let time = time_function(&format!("effect[{n}].body_force.time"), &b.time)?;
-            made = made.with_acceleration(Vector3::from(b.acceleration), time);
+            obstacle = obstacle.with_acceleration(Vector3::from(b.acceleration), time);
         }
     }
-    Ok(made)
+    Ok(obstacle)
 }
 
 /// Refuses loose grains without contact: they would pass through all bodies.
@@ -231,10 +231,10 @@ pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Ef
 /// Refuses a second contact or fracture effect on one model.
 pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<()> {
     for single in ["fracture", "contact"] {
-        let mut all = effects
+        let mut effects_of_kind = effects
             .iter()
             .filter(|(_, e)| e.enabled && e.kind.key() == single);
-        if let Some((k, _)) = all.nth(1) {
+        if let Some((k, _)) = effects_of_kind.nth(1) {
             let rule = format!("model '{model}' has two; keep one");
             return Err(key(format!("effect[{k}].{single}"), rule));
         }

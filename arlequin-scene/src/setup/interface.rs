@@ -130,11 +130,11 @@ fn advise(
 }
 
 /// Smallest and largest position of points across a slab, where `from` has position 0 and `to` position 1.
-fn across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
-    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+fn positions_across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
+    let (from, direction) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
     let places = points
         .iter()
-        .map(|x| across.dot(&(x.coords - from)) / across.norm_squared());
+        .map(|x| direction.dot(&(x.coords - from)) / direction.norm_squared());
     places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
         [a.min(s), b.max(s)]
     })
@@ -157,14 +157,14 @@ pub(super) fn check_place(
     points: [&[Point3<f64>]; 2],
 ) -> Result<()> {
     let boxes = points.map(around);
-    let (reached, place) = match shape {
+    let (reaches, place) = match shape {
         OverlapShape::Slab { fine, coarse } => {
-            let reached = points.map(|p| {
-                let [first, last] = across(fine, coarse, p);
+            let reaches = points.map(|p| {
+                let [first, last] = positions_across(fine, coarse, p);
                 first < 1.0 - 1e-6 && last > 1e-6
             });
             (
-                reached,
+                reaches,
                 format!("between the planes through {fine:?} and {coarse:?} m"),
             )
         }
@@ -173,7 +173,7 @@ pub(super) fn check_place(
         OverlapShape::Shell { domain, .. } => {
             let [low, high] = region_box(domain);
             let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
-            let reached = boxes.map(|[a, b]| {
+            let reaches = boxes.map(|[a, b]| {
                 let apart = (0..3).any(|c| a[c] >= high[c] || b[c] <= low[c]);
                 let corner = |k: usize| {
                     let end = |c: usize| if k >> c & 1 == 0 { a[c] } else { b[c] };
@@ -182,10 +182,10 @@ pub(super) fn check_place(
                 // The regions are convex: a box lies inside one if all of its corners do.
                 !apart && !(0..8).map(corner).all(alone)
             });
-            (reached, format!("from {low:?} to {high:?} m at most"))
+            (reaches, format!("from {low:?} to {high:?} m at most"))
         }
     };
-    let missed = match reached {
+    let missed = match reaches {
         [true, true] => return Ok(()),
         [false, false] => format!("the models '{}' and '{}'", names[0], names[1]),
         [coarse, _] => format!("model '{}'", names[usize::from(coarse)]),
@@ -238,8 +238,8 @@ pub(super) fn check_sense(
     else {
         return Ok(());
     };
-    let across = |points: &[Point3<f64>]| across(from, to, points);
-    let ([c0, c1], [f0, f1]) = (across(coarse_points), across(fine_points));
+    let range = |points: &[Point3<f64>]| positions_across(from, to, points);
+    let ([c0, c1], [f0, f1]) = (range(coarse_points), range(fine_points));
     let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
     if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
         let rule = format!(
@@ -322,7 +322,7 @@ pub(super) fn weights(
     mediator: &[Point3<f64>],
     brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
-    let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
+    let weight = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         match (kind == ProfileKind::Constant, constant) {
             (true, None) => {
@@ -350,15 +350,15 @@ pub(super) fn weights(
             .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
-    let all = one("", table.kind(), table.value, table.epsilon)?;
-    let own = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
-        None => Ok(all.clone()),
-        Some(t) => one(key, t.profile, t.value, t.epsilon),
+    let common = weight("", table.kind(), table.value, table.epsilon)?;
+    let specific = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
+        None => Ok(common.clone()),
+        Some(t) => weight(key, t.profile, t.value, t.epsilon),
     };
     Ok(Weights {
-        internal: own(".alpha", &table.alpha)?,
-        kinetic: own(".beta", &table.beta)?,
-        external: own(".gamma", &table.gamma)?,
+        internal: specific(".alpha", &table.alpha)?,
+        kinetic: specific(".beta", &table.beta)?,
+        external: specific(".gamma", &table.gamma)?,
         weighting: table.weighting,
     })
 }
@@ -387,12 +387,12 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     let mut s: Vec<f64> = mediator.iter().map(position).collect();
     s.sort_by(f64::total_cmp);
     // Positions of nodes in one layer differ by round-off.
-    s.dedup_by(|next, kept| *next - *kept < 1e-6);
+    s.dedup_by(|next, last| *next - *last < 1e-6);
     s
 }
 
 pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
-    let at = format!("{path}.junction.length");
+    let key_path = format!("{path}.junction.length");
     // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
     // conditioning is twenty times worse.
     let length = table.junction.length.unwrap_or(0.25 * spacing);
@@ -401,9 +401,9 @@ pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Bo
             "the {} junction has no length; remove it or choose an h1 kind",
             table.junction.kind
         );
-        return Err(value(at, l, &rule));
+        return Err(value(key_path, l, &rule));
     }
-    table.junction.kind.junction(length).map_err(core(at))
+    table.junction.kind.junction(length).map_err(core(key_path))
 }
 
 fn absorber(

@@ -74,10 +74,10 @@ pub(super) fn material<'a>(path: &str, body: &'a Body) -> Result<&'a Elastic<f64
 ///
 /// # Errors
 /// A link, which does not report its material.
-pub(super) fn fastest(path: &str, body: &Body, of: impl Fn(&Elastic<f64>) -> f64) -> Result<f64> {
-    let main = of(material(path, body)?);
-    let others = body.materials.iter().flat_map(Materials::all);
-    Ok(others.map(of).fold(main, f64::max))
+pub(super) fn fastest(path: &str, body: &Body, speed: impl Fn(&Elastic<f64>) -> f64) -> Result<f64> {
+    let main = speed(material(path, body)?);
+    let materials = body.materials.iter().flat_map(Materials::all);
+    Ok(materials.map(speed).fold(main, f64::max))
 }
 
 /// Speed of bar waves at each node \[m/s\]: the highest of the elements around the node.
@@ -218,7 +218,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     }
     let boundary = mesh.surface_where(|_| true);
     let mut warnings = materials::warnings(table, &mesh);
-    let materials = materials::of(key, table, &mesh)?;
+    let materials = materials::element_materials(key, table, &mesh)?;
     let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, materials.clone()).map_err(fem(key))?;

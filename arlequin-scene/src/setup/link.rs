@@ -32,17 +32,17 @@ pub fn link_of(table: &ModelTable) -> Option<String> {
 }
 
 /// Refuses keys of a link for other kinds of models, and keys of other kinds for a link.
-pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
-    let own = [
+pub(super) fn check(path: &str, table: &ModelTable) -> Result<()> {
+    let link_keys = [
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
         ("timeout", table.timeout.is_some()),
         ("start_timeout", table.start_timeout.is_some()),
     ];
     if table.kind != ModelKind::Link {
-        return match own.iter().find(|k| k.1) {
+        return match link_keys.iter().find(|k| k.1) {
             None => Ok(()),
-            Some((name, _)) => Err(key(format!("{at}.{name}"), "is for kind = \"link\"; remove it")),
+            Some((name, _)) => Err(key(format!("{path}.{name}"), "is for kind = \"link\"; remove it")),
         };
     }
     let of_others = [
@@ -56,17 +56,17 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     ];
     if let Some((name, _)) = of_others.iter().find(|k| k.1) {
         let rule = "is the business of the program behind the link; remove it";
-        return Err(key(format!("{at}.{name}"), rule));
+        return Err(key(format!("{path}.{name}"), rule));
     }
     match (&table.command, &table.address) {
         (Some(c), None) if c.is_empty() => Err(key(
-            format!("{at}.command"),
+            format!("{path}.command"),
             "names no program; write command = [\"python3\", \"solver.py\"]",
         )),
         (Some(_), None) => Ok(()),
-        (None, Some(_)) => address(at, table).map(|_| ()),
+        (None, Some(_)) => address(path, table).map(|_| ()),
         _ => Err(key(
-            at,
+            path,
             "a link needs exactly one of command = [\"program\", \"argument\"], address = \"unix:PATH\"",
         )),
     }?;
@@ -76,7 +76,7 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     ] {
         if let Some(t) = limit.filter(|t| !(*t > 0.0 && *t < LONGEST)) {
             let rule = format!("must be positive [s], and at most a year; the default is {default}");
-            return Err(value(format!("{at}.{name}"), t, &rule));
+            return Err(value(format!("{path}.{name}"), t, &rule));
         }
     }
     Ok(())
@@ -100,37 +100,37 @@ pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
     Err(key(table, rule))
 }
 
-fn address(at: &str, table: &ModelTable) -> Result<Address> {
+fn address(path: &str, table: &ModelTable) -> Result<Address> {
     let text = table.address.as_deref().unwrap_or_default();
     text.parse().map_err(|e: arlequin_link::Error| {
         let rule = match e {
             arlequin_link::Error::Address { rule, .. } => rule,
-            other => other.to_string(),
+            error => error.to_string(),
         };
-        value(format!("{at}.address"), text, &rule)
+        value(format!("{path}.address"), text, &rule)
     })
 }
 
 /// Starts or awaits the external solver and builds a body from the description it sends.
-pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+pub(super) fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);
     options.start = start.unwrap_or(options.start.max(options.timeout));
-    let met = match &table.command {
+    let remote = match &table.command {
         Some(command) => Remote::start(name, command, folder, options),
-        None => Remote::await_at(name, &address(at, table)?, options),
+        None => Remote::await_at(name, &address(path, table)?, options),
     };
-    let solver = met.map_err(|e| failed(at, name, e))?;
+    let solver = remote.map_err(|e| failed(path, name, e))?;
     let (field, grid, shape): (Arc<dyn Interpolation<f64>>, _, _) = match solver.shape() {
-        LinkShape::Particles { volumes, pairs } => particles(at, solver.nodes(), volumes, pairs)?,
+        LinkShape::Particles { volumes, pairs } => particles(path, solver.nodes(), volumes, pairs)?,
         LinkShape::Mesh {
             element,
             connectivity,
             section,
         } => {
             let mesh = Mesh::new(kind_of(*element), solver.nodes().to_vec(), connectivity.clone());
-            let mesh = mesh.and_then(|m| m.with_section(*section)).map_err(fem(at))?;
+            let mesh = mesh.and_then(|m| m.with_section(*section)).map_err(fem(path))?;
             let grid = Grid::of_mesh(&mesh);
             let shape = extent(solver.nodes(), (*element == Element::Line).then_some(*section));
             (Arc::new(FemField::new(mesh)), grid, shape)
@@ -154,8 +154,8 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
     })
 }
 
-fn failed(at: &str, name: &str, e: arlequin_link::Error) -> Error {
-    core(at)(arlequin_core::Error::of_model(name, e))
+fn failed(path: &str, name: &str, e: arlequin_link::Error) -> Error {
+    core(path)(arlequin_core::Error::of_model(name, e))
 }
 
 fn kind_of(element: Element) -> ElementKind {
@@ -169,12 +169,12 @@ fn kind_of(element: Element) -> ElementKind {
 /// Field, mesh for output and extent of particles.
 type Parts = (Arc<dyn Interpolation<f64>>, Grid, Shape);
 
-fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
-    let field = ParticleField::new(nodes.to_vec(), volumes).map_err(core(at))?;
+fn particles(path: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
+    let field = ParticleField::new(nodes.to_vec(), volumes).map_err(core(path))?;
     let field = if pairs.is_empty() {
         field
     } else {
-        field.with_gradients(pairs).map_err(core(at))?
+        field.with_gradients(pairs).map_err(core(path))?
     };
     let third = 0.75 / std::f64::consts::PI;
     let grid = Grid {
@@ -228,9 +228,9 @@ fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
         return BTreeMap::new();
     }
     let x = |k: &usize| solver.nodes()[*k].x;
-    let all = 0..solver.nodes().len();
-    let first = all.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
-    let last = all.max_by(|a, b| x(a).total_cmp(&x(b)));
+    let nodes = 0..solver.nodes().len();
+    let first = nodes.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
+    let last = nodes.max_by(|a, b| x(a).total_cmp(&x(b)));
     let ends = [("x-min", first), ("x-max", last)];
     ends.into_iter()
         .map(|(n, k)| (n.to_owned(), k.into_iter().collect()))

@@ -19,13 +19,13 @@ pub(super) fn name(k: usize, l: &Load) -> String {
 
 /// Refuses a load that does not have exactly one of traction, force, pressure, torque.
 pub(super) fn check(path: &str, l: &Load) -> Result<()> {
-    let given = [
+    let choices = [
         l.traction.is_some(),
         l.force.is_some(),
         l.pressure.is_some(),
         l.torque.is_some(),
     ];
-    if given.iter().filter(|g| **g).count() != 1 {
+    if choices.iter().filter(|g| **g).count() != 1 {
         return Err(key(
             path,
             "needs exactly one of traction, force, pressure, torque",
@@ -55,8 +55,8 @@ fn no_surface(path: &str, model: &str) -> Error {
 pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
     check(path, l)?;
     let time = time_function(&format!("{path}.time"), &l.time)?;
-    let at = format!("{path}.where");
-    let Some(facets) = select::facets(&at, body, &l.at)? else {
+    let key_path = format!("{path}.where");
+    let Some(facets) = select::facets(&key_path, body, &l.at)? else {
         return load_on_nodes(path, name, l, body, time);
     };
     let field = traction(path, l, &facets)?;
@@ -141,9 +141,9 @@ fn load_on_nodes(
     let layout = body.model.layout();
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
-    let one = arlequin::core::Uniform(1.0);
+    let uniform = arlequin::core::Uniform(1.0);
     body.model
-        .lumped_inertia(&one, &mut inertia)
+        .lumped_inertia(&uniform, &mut inertia)
         .map_err(core(path))?;
     let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
     let share = |n: usize| inertia[n * count] / total;

@@ -8,17 +8,17 @@ use arlequin::fem_ref::{Mesh, list_pieces};
 
 /// Materials of the elements: the one given for the volume of the element, otherwise the main one of the
 /// table.
-pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
-    let own = elastic(key, &table.material)?;
+pub(super) fn element_materials(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
+    let main = elastic(key, &table.material)?;
     if table.materials.is_empty() {
-        return Ok(own.into());
+        return Ok(main.into());
     }
     // Number 0 is the main material; volumes that the table does not name keep it.
-    let (mut all, mut number) = (vec![own], vec![0; mesh.volumes().len()]);
+    let (mut materials, mut number) = (vec![main], vec![0; mesh.volumes().len()]);
     for (name, material) in &table.materials {
-        let at = format!("{key}.materials.{name}");
-        let found = mesh.volumes().iter().position(|v| v == name);
-        let found = found.ok_or_else(|| {
+        let path = format!("{key}.materials.{name}");
+        let volume = mesh.volumes().iter().position(|v| v == name);
+        let volume = volume.ok_or_else(|| {
             unknown(
                 format!("{key}.materials"),
                 name,
@@ -26,20 +26,20 @@ pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Mate
                 mesh.volumes().iter(),
             )
         })?;
-        number[found] = all.len() as u32;
-        all.push(of_volume(&at, table, material)?);
+        number[volume] = materials.len() as u32;
+        materials.push(of_volume(&path, table, material)?);
     }
-    let each = mesh.regions().iter().map(|r| number[*r as usize]);
-    Materials::of_elements(all, each.collect()).map_err(core(format!("{key}.materials")))
+    let numbers = mesh.regions().iter().map(|r| number[*r as usize]);
+    Materials::of_elements(materials, numbers.collect()).map_err(core(format!("{key}.materials")))
 }
 
 /// Material of a volume; without its own Poisson's ratio it takes that of the main material.
-fn of_volume(at: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
+fn of_volume(path: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
     let whole = Material {
         poisson: material.poisson.or(table.material.poisson),
         ..*material
     };
-    super::kinds::elastic_at(at, &whole)
+    super::kinds::elastic_at(path, &whole)
 }
 
 /// Warnings about a mesh: notices of the reader, volumes that share a single material, unconnected pieces.
@@ -71,20 +71,20 @@ fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
 }
 
 fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
-    let mut there: Vec<&str> = mesh
+    let mut volumes: Vec<&str> = mesh
         .regions()
         .iter()
         .map(|r| mesh.volumes()[*r as usize].as_str())
         .collect();
-    there.sort_unstable();
-    there.dedup();
-    if there.len() < 2 || !table.materials.is_empty() {
+    volumes.sort_unstable();
+    volumes.dedup();
+    if volumes.len() < 2 || !table.materials.is_empty() {
         return None;
     }
     Some(format!(
         "its mesh file has {} volumes ({}), and all get the one material of the model; say what they are made of in \
          materials.NAME, or check that they are alike",
-        there.len(),
-        there.join(", ")
+        volumes.len(),
+        volumes.join(", ")
     ))
 }

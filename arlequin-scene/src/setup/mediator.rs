@@ -82,10 +82,10 @@ pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> 
 /// Moves faces on the surface of `body` inwards by `inset` \[m\]; `None` if nothing is left, or unless both
 /// shapes are cylinders or both are boxes.
 fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
-    let same = |a: f64, b: f64| (a - b).abs() < inset;
+    let coincide = |a: f64, b: f64| (a - b).abs() < inset;
     let ends = |low: f64, high: f64, first: f64, last: f64| {
-        let low = if same(low, first) { first + inset } else { low };
-        let high = if same(high, last) { last - inset } else { high };
+        let low = if coincide(low, first) { first + inset } else { low };
+        let high = if coincide(high, last) { last - inset } else { high };
         (high > low).then_some([low, high])
     };
     match (shape, body) {
@@ -167,8 +167,8 @@ fn frame(core: &RegionShape, domain: &RegionShape, shapes: [&Shape; 2]) -> Optio
                 },
             ],
         ) => {
-            let both = shared([a, b], [c, d]);
-            let [low, high] = shared([&both[0], &both[1]], [d0, d1]);
+            let common = shared([a, b], [c, d]);
+            let [low, high] = shared([&common[0], &common[1]], [d0, d1]);
             let hole = Some(Hole { low: *c0, high: *c1 });
             Some(Shape::Box { low, high, hole })
         }

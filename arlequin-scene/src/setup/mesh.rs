@@ -90,8 +90,8 @@ impl Request<'_> {
             let rule = "must be positive [m]: 1e-3 for a file in millimetres";
             return Err(value(format!("{key}.scale"), self.scale, rule));
         }
-        let own = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
-        if own && !matches!(self.shape, Shape::File(_)) {
+        let of_file = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
+        if of_file && !matches!(self.shape, Shape::File(_)) {
             let rule = "scale and volume belong to shape.file; remove them";
             return Err(crate::error::key(key, rule));
         }
@@ -120,32 +120,32 @@ impl Request<'_> {
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
             }
             Shape::File(path) if is(path, "stl") => {
-                let at = format!("{key}.shape.file");
+                let key_path = format!("{key}.shape.file");
                 if !self.cloud {
                     let rule = "STL holds a surface, and finite elements need a mesh of the volume; give a Gmsh mesh of the \
                                 body, or take kind = \"cnem\", whose nodes are placed within the surface";
-                    return Err(value(at, path.display(), rule));
+                    return Err(value(key_path, path.display(), rule));
                 }
                 self.by_spacing("an STL body is filled with nodes by spacing")?;
-                there(&at, &self.folder.join(path))
+                check_file(&key_path, &self.folder.join(path))
             }
             Shape::File(path) => {
                 if self.spacing.is_some() || self.divisions.is_some() {
                     let rule = "a mesh file brings its own spacing; remove spacing and divisions";
                     return Err(crate::error::key(key, rule));
                 }
-                there(&format!("{key}.shape.file"), &self.folder.join(path))
+                check_file(&format!("{key}.shape.file"), &self.folder.join(path))
             }
         }
     }
 
     fn check_box(&self, low: [f64; 3], high: [f64; 3], hole: Option<&Hole>) -> Result<()> {
         let key = self.key;
-        let above = |at: &str, low: [f64; 3], high: [f64; 3]| match (0..3).find(|&c| high[c] <= low[c]) {
+        let above = |corner: &str, low: [f64; 3], high: [f64; 3]| match (0..3).find(|&c| high[c] <= low[c]) {
             None => Ok(()),
             Some(c) => {
                 let rule = format!("must be above low[{c}] = {} m", low[c]);
-                Err(value(format!("{key}.shape.box.{at}[{c}]"), high[c], &rule))
+                Err(value(format!("{key}.shape.box.{corner}[{c}]"), high[c], &rule))
             }
         };
         above("high", low, high)?;
@@ -242,9 +242,9 @@ impl Request<'_> {
 
 /// Reads the mesh in a file, or one of its volumes.
 fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh<f64>> {
-    let at = format!("{key}.shape.file");
-    let mesh = gmsh::load(path).map_err(fem(&at))?;
-    let mesh = scaled(mesh, scale).map_err(fem(&at))?;
+    let key_path = format!("{key}.shape.file");
+    let mesh = gmsh::load(path).map_err(fem(&key_path))?;
+    let mesh = scaled(mesh, scale).map_err(fem(&key_path))?;
     let Some(name) = name else {
         return Ok(mesh);
     };
@@ -252,7 +252,7 @@ fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh
     let number = volumes.iter().position(|v| v == name);
     let number = number.ok_or_else(|| unknown(format!("{key}.volume"), name, "volume", volumes.iter()))?;
     mesh.part(|e| mesh.regions()[e] as usize == number)
-        .map_err(fem(&at))
+        .map_err(fem(&key_path))
 }
 
 /// Reads the mesh in the file of a table of any kind.
@@ -277,7 +277,7 @@ pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<M
 }
 
 /// Refuses a file that cannot be opened.
-pub(super) fn there(key: &str, path: &Path) -> Result<()> {
+pub(super) fn check_file(key: &str, path: &Path) -> Result<()> {
     let opened = std::fs::File::open(path).map(|_| ());
     opened.map_err(|e| {
         fem(key)(arlequin::fem_ref::Error::File {

@@ -99,7 +99,7 @@ impl std::fmt::Debug for ModelInfo {
 }
 
 impl ModelInfo {
-    fn of(body: &Body) -> Self {
+    fn from_body(body: &Body) -> Self {
         Self {
             grid: body.grid.clone(),
             field: body.field.clone(),
@@ -175,15 +175,15 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
 }
 
 /// Builds a run with its own initial state and on several ranks, among which bodies are partitioned; calls
-/// `tell` with the name of each phase as it begins.
+/// `announce` with the name of each phase as it begins.
 pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
     start: Option<&Start>,
     ranks: &Ranks,
-    tell: &mut dyn FnMut(&str),
+    announce: &mut dyn FnMut(&str),
 ) -> Result<Built> {
-    let mut clock = SetupClock::new(tell);
+    let mut clock = SetupClock::new(announce);
     let scene = &formula::with_tables(scene, folder)?;
     let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
@@ -195,14 +195,14 @@ pub(crate) fn build_from(
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes: Vec<ProbeReader> = probes.collect::<Result<_>>()?;
-    let attachments = Attachments::of(scene, &mut bodies, &interfaces, folder)?;
+    let attachments = Attachments::from_scene(scene, &mut bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
-    let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
+    let without_contact = ParticlesWithoutContact::from_scene(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     warnings.extend(probes.iter().filter_map(|p| p.warning(&bodies)));
     let zones = zone::lines(scene, &bodies);
-    let forces = totals::of(scene, &bodies)?;
-    let models = bodies.iter().map(ModelInfo::of).collect();
+    let forces = totals::collect(scene, &bodies)?;
+    let models = bodies.iter().map(ModelInfo::from_body).collect();
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
@@ -229,14 +229,14 @@ pub(crate) fn build_from(
         scene.model.keys().cloned().collect(),
         scene.interface.keys().cloned().collect(),
     ];
-    let mut announce = |phase| clock.begin(clock::name(phase, &names));
-    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
+    let mut announce_phase = |phase| clock.begin(clock::name(phase, &names));
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
     let mut run = run.map_err(|e| located(scene, e))?;
     if load_steps.is_some() {
         run.check_rest().map_err(crate::error::core("static"))?;
     }
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
-        line.told(s);
+        line.add_imbalance(s);
     }
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
@@ -296,10 +296,10 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
                 continue;
             }
             // Supports of a body also act on its zones.
-            let mine =
+            let holds =
                 |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
-            let all = scene.support.iter().enumerate();
-            let supports: Vec<_> = all.filter(|(_, s)| mine(s)).collect();
+            let numbered = scene.support.iter().enumerate();
+            let supports: Vec<_> = numbered.filter(|(_, s)| holds(s)).collect();
             out[m] = Some(kinds::body(name, table, folder, (&effects[m], &supports), clock)?);
         }
         if !packed {
@@ -313,13 +313,13 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
 type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
 
 fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
-    let of = |(m, body): (usize, &Body)| {
+    let state = |(m, body): (usize, &Body)| {
         Ok(match start {
             Some(s) => (s.states[m].clone(), s.memories.get(m).cloned().flatten()),
             None => (drive::initial(scene, m, body)?, None),
         })
     };
-    bodies.iter().enumerate().map(of).collect()
+    bodies.iter().enumerate().map(state).collect()
 }
 
 fn subdomains_of(
@@ -334,23 +334,28 @@ fn subdomains_of(
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
-    let of = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
-        let own = time::own_step(scene, m);
-        let made = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own);
+    let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
+        let own_step = time::own_step(scene, m);
+        let built = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
         Ok(match memory {
-            Some(of) => made.with_memory(of),
-            None => made,
+            Some(record) => built.with_memory(record),
+            None => built,
         })
     };
-    bodies.into_iter().zip(states).enumerate().map(of).collect()
+    bodies
+        .into_iter()
+        .zip(states)
+        .enumerate()
+        .map(subdomain_from)
+        .collect()
 }
 
 fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<BuiltInterface>> {
-    let of = |(name, table): (&String, &Interface)| {
+    let build = |(name, table): (&String, &Interface)| {
         let [c, f] = sides_of(name, table, scene)?;
         interface::interface(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
     };
-    scene.interface.iter().map(of).collect()
+    scene.interface.iter().map(build).collect()
 }
 
 /// Returns whether parts of a model may rotate or move away: particles with finite rotations, contact or
@@ -435,8 +440,8 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
 fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
     let path = format!("interface.{name}");
     let mut out = [0; 2];
-    let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
-    for (slot, (model, role)) in out.iter_mut().zip(wanted) {
+    let sides = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
+    for (slot, (model, role)) in out.iter_mut().zip(sides) {
         *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
     }
     if out[0] == out[1] {
@@ -446,7 +451,7 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
         );
         return Err(key(format!("{path}.fine"), rule));
     }
-    for (model, role) in wanted {
+    for (model, role) in sides {
         let table = &scene.model[model];
         let between = table.role.is_none() && is_between(model, scene);
         if between && role == RoleKind::Coarse && table.kind == ModelKind::Chain {
@@ -470,8 +475,8 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
 
 /// Returns whether a model is coarse in one interface and fine in another.
 fn is_between(model: &str, scene: &SceneSpec) -> bool {
-    let mut all = scene.interface.values();
-    all.clone().any(|i| i.coarse == model) && all.any(|i| i.fine == model)
+    let mut interfaces = scene.interface.values();
+    interfaces.clone().any(|i| i.coarse == model) && interfaces.any(|i| i.fine == model)
 }
 
 fn subdomain(
@@ -481,7 +486,7 @@ fn subdomain(
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
-    let weights = weights::of(m, joints)?;
+    let weights = weights::model_weights(m, joints)?;
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
     };
@@ -491,13 +496,13 @@ fn subdomain(
         .map_or(Partition::Checked, |j| j.partition);
     let subdomain = match body.solver {
         Some(solver) => {
-            let made = Subdomain::participant(solver, body.field, weights);
-            made.map_err(|e| located(scene, e))?
+            let participant = Subdomain::participant(solver, body.field, weights);
+            participant.map_err(|e| located(scene, e))?
         }
         None => Subdomain::new(body.model, body.field, weights),
     };
     let subdomain = subdomain.with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
-    let made = subdomain.with_initial(q, v);
-    made.map_err(|e| located(scene, e))
+    let started = subdomain.with_initial(q, v);
+    started.map_err(|e| located(scene, e))
 }

@@ -55,7 +55,7 @@ pub(super) fn body(
     let mesh = slit::cut(key, table, mesh)?;
     let material = super::kinds::elastic(key, &table.material)?;
     clock.begin(format!("tetrahedra of '{name}'"));
-    let joined = Joined::of(&mesh).map_err(fem(key))?;
+    let joined = Joined::from_mesh(&mesh).map_err(fem(key))?;
     let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
     clock.begin(format!("cells and natural neighbours of '{name}'"));
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
@@ -120,17 +120,17 @@ struct Joined<'a> {
 }
 
 impl<'a> Joined<'a> {
-    fn of(mesh: &'a Mesh<f64>) -> arlequin::fem_ref::Result<Self> {
+    fn from_mesh(mesh: &'a Mesh<f64>) -> arlequin::fem_ref::Result<Self> {
         let first = mesh.places()?;
         let (mut nodes, mut place) = (Vec::new(), vec![0; first.len()]);
         for (k, x) in mesh.nodes().iter().enumerate() {
             // The first node at a place precedes its duplicates.
             place[k] = match first[k] as usize {
-                own if own == k => {
+                first_node if first_node == k => {
                     nodes.push(*x);
                     nodes.len() - 1
                 }
-                other => place[other],
+                first_node => place[first_node],
             };
         }
         Ok(Self { mesh, nodes, place })
@@ -167,14 +167,14 @@ impl<'a> Joined<'a> {
         if copied.is_empty() {
             return out;
         }
-        let mut around: BTreeMap<usize, Vec<[usize; 4]>> = BTreeMap::new();
+        let mut tets_around: BTreeMap<usize, Vec<[usize; 4]>> = BTreeMap::new();
         for tet in domain.elements() {
             for v in tet
                 .map(|v| domain.original(v))
                 .into_iter()
                 .filter(|v| copied.contains(v))
             {
-                around.entry(v).or_default().push(tet);
+                tets_around.entry(v).or_default().push(tet);
             }
         }
         for e in 0..self.mesh.element_count() {
@@ -182,14 +182,16 @@ impl<'a> Joined<'a> {
             let centre = points.iter().fold(Vector3::zeros(), |s, p| s + p.coords) / 4.0;
             for (k, p) in self.mesh.element(e).iter().zip(points) {
                 let place = self.place[*k as usize];
-                let Some(tets) = around.get(&place) else { continue };
+                let Some(tets) = tets_around.get(&place) else {
+                    continue;
+                };
                 // A point just inside the element, next to the node: the tetrahedron that contains it is on
                 // the same side of the crack.
                 let inside = p + (Point3::from(centre) - p) * 0.1;
                 let depth = |tet: &&[usize; 4]| depth(tet.map(|v| &domain.nodes()[v]), &inside);
                 let deepest = tets.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
-                let own = deepest.and_then(|t| t.iter().find(|v| domain.original(**v) == place));
-                out[*k as usize] = own.copied().unwrap_or(place);
+                let copy = deepest.and_then(|t| t.iter().find(|v| domain.original(**v) == place));
+                out[*k as usize] = copy.copied().unwrap_or(place);
             }
         }
         out
@@ -218,21 +220,21 @@ fn groups(
     numbers: &[usize],
 ) -> BTreeMap<String, Vec<usize>> {
     let faces = faces(model);
-    let given = joined.nodes.len();
+    let given_nodes = joined.nodes.len();
     // Order of the nodes in the domain: given ones, those inserted on faces, copies at cracks.
     let first_copy = model.domain().nodes().len() - model.domain().copies().count();
     let named = mesh.groups().iter().map(|(name, group)| {
         let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| numbers[k as usize]).collect();
-        let own: Vec<usize> = (given..first_copy)
+        let inserted: Vec<usize> = (given_nodes..first_copy)
             .filter(|n| {
-                let around = faces.iter().map(|f| f.0).filter(|f| f.contains(n));
-                around.clone().flatten().any(|k| nodes.contains(&k))
-                    && around
+                let faces_around = faces.iter().map(|f| f.0).filter(|f| f.contains(n));
+                faces_around.clone().flatten().any(|k| nodes.contains(&k))
+                    && faces_around
                         .clone()
-                        .any(|f| f.iter().all(|k| *k >= given || nodes.contains(k)))
+                        .any(|f| f.iter().all(|k| *k >= given_nodes || nodes.contains(k)))
             })
             .collect();
-        nodes.extend(own);
+        nodes.extend(inserted);
         (name.clone(), nodes.into_iter().collect())
     });
     named.collect()

@@ -33,10 +33,10 @@ struct ParticlePoints {
 
 impl ParticlePoints {
     fn natural(&self) -> arlequin::core::Result<&NaturalField> {
-        let made = self.natural.get_or_init(|| {
+        let field = self.natural.get_or_init(|| {
             NaturalField::from_points(self.particles.nodes(), Interpolant::Laplace).map_err(|e| e.to_string())
         });
-        made.as_ref().map_err(|rule| Core::InvalidParameter {
+        field.as_ref().map_err(|rule| Core::InvalidParameter {
             name: "field between the particles".into(),
             value: format!("{} centres", self.particles.nodes().len()),
             rule: rule.clone(),
@@ -83,7 +83,7 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
     let filed = matches!(table.shape, Shape::File(_));
     let of_vtu = table.dem.file.as_ref();
     let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
-    let all = [
+    let keys = [
         (
             "divisions",
             table.divisions.is_some(),
@@ -105,7 +105,7 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
             "names an array of a .vtu file in dem.file; remove it",
         ),
     ];
-    match all.iter().find(|k| k.1) {
+    match keys.iter().find(|k| k.1) {
         None => Ok(()),
         Some((name, _, rule)) => Err(crate::error::key(format!("{key}.{name}"), *rule)),
     }
@@ -136,8 +136,8 @@ pub(super) fn body(
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, table, folder)?;
-    let made = Recipe::of(key, table, folder, &filling)?.packing(key);
-    let mut packing = made.map_err(|e| too_large(key, table, e))?;
+    let built = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let mut packing = built.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     let make = |packing: &Packing, beam| {
@@ -152,11 +152,11 @@ pub(super) fn body(
         // Beams that the scene gives are measured but not changed.
         let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
         let group = |model: &DemModel, name: &str| {
-            let mut all = groups(model, &table.shape, &filling);
-            all.remove(name)
+            let mut named = groups(model, &table.shape, &filling);
+            named.remove(name)
         };
         likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
-        beam.young *= likeness.map_or(1.0, |like| like.beams);
+        beam.young *= likeness.map_or(1.0, |l| l.beams);
     }
     // The body's elements have no notch, so the packing is measured before it gets one.
     grains::cut(key, &table.dem.notch, &mut packing)?;
@@ -172,7 +172,7 @@ pub(super) fn body(
     } else {
         model
     };
-    let (model, grains) = Grains::of(model, table, effects, line)?;
+    let (model, grains) = Grains::build(model, table, effects, line)?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => {
             let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
@@ -216,23 +216,23 @@ fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> 
     let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
         return Ok(model);
     };
-    let materials = materials::of(key, table, mesh)?;
+    let materials = materials::element_materials(key, table, mesh)?;
     let field = FemField::new(mesh.clone());
-    let own = table.material;
-    let at = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
+    let main = table.material;
+    let grades = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
         // The centre lies outside the mesh: packing has pushed it through a facet.
         None => [1.0; 2],
-        Some(m) => [m.young() / own.young, m.density() / own.density],
+        Some(m) => [m.young() / main.young, m.density() / main.density],
     };
-    model.with_grades(at).map_err(dem(format!("{key}.materials")))
+    model.with_grades(grades).map_err(dem(format!("{key}.materials")))
 }
 
 /// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
 /// file.
 fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
-    let mut layer = |name: &str, at: Point3<f64>, normal: Vector3<f64>| {
-        out.insert(name.to_owned(), model.clamp_layer(&at, &normal));
+    let mut layer = |name: &str, point: Point3<f64>, normal: Vector3<f64>| {
+        out.insert(name.to_owned(), model.clamp_layer(&point, &normal));
     };
     match *shape {
         Shape::Box { low, high, .. } => {

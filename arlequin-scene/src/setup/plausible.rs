@@ -40,8 +40,8 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
     // A unit material means that the scene has its own units of length, time and load; only ratios can then
     // be odd.
-    let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
-    let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
+    let is_one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
+    let unit = |m: &ModelTable| is_one(m.material.young) && is_one(m.material.density);
     if !scene.model.values().any(unit) {
         scene
             .model
@@ -68,7 +68,7 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
 }
 
 /// Returns "far below" or "far above" if the value lies outside of a range.
-fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
+fn far_outside(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
     match x {
         x if x < low => Some("far below"),
         x if x > high => Some("far above"),
@@ -77,15 +77,15 @@ fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
 }
 
 fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
-    let all = [
+    let values = [
         ("material.young", Some(table.material.young), "Pa", YOUNG),
         ("material.density", Some(table.material.density), "kg/m³", DENSITY),
         // Beams are stiffer than the body that they form.
         ("dem.young", table.dem.young, "Pa", [YOUNG[0], 10.0 * YOUNG[1]]),
     ];
-    for (key, x, unit, range) in all {
+    for (key, x, unit, range) in values {
         let Some(x) = x else { continue };
-        if let Some(far) = beyond(x, range) {
+        if let Some(far) = far_outside(x, range) {
             out.push(format!(
                 "model '{name}': {key} = {x:e} {unit} is {far} that of any solid ({:e} to {:e} {unit}); check the unit",
                 range[0], range[1]
@@ -108,7 +108,7 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
             CriterionKind::Energy => (f.strength, ENERGY, "J/m²"),
             _ => (f.strength / young, BREAKING, "of Young's modulus"),
         };
-        if let Some(far) = beyond(x, range) {
+        if let Some(far) = far_outside(x, range) {
             out.push(format!(
                 "effect[{k}].fracture: strength = {:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
                  unit",
@@ -124,11 +124,11 @@ fn millimetres(built: &Built) -> Option<String> {
         return None;
     }
     let end = built.steps as f64 * built.run.dt();
-    let all = built.run.subdomains().iter().zip(&built.bounds.0);
+    let bounded = built.run.subdomains().iter().zip(&built.bounds.0);
     let odd = |(_, b): &(&Subdomain<f64>, &Bound)| {
         b.extent >= MILLIMETRES[0] && b.wave * end < MILLIMETRES[1] * b.extent
     };
-    all.into_iter().find(odd).map(|(s, b)| {
+    bounded.into_iter().find(odd).map(|(s, b)| {
         format!(
             "model '{}': is {:.3e} m long, and a wave crosses {:.1e} of it in the whole run; lengths are metres: check that \
              they are not given in millimetres, or run longer",
@@ -235,7 +235,7 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
 
 /// Warns about overlaps of models with very different stiffness, and about overlaps of few elements.
 fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
-    let at = |name: &String| {
+    let info = |name: &String| {
         scene
             .model
             .keys()
@@ -243,7 +243,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             .map(|m| &built.models[m])
     };
     for (name, i) in &scene.interface {
-        let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
+        let (Some(coarse), Some(fine)) = (info(&i.coarse), info(&i.fine)) else {
             continue;
         };
         let ratio = match (coarse.material, fine.material) {
@@ -263,10 +263,10 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
             _ => coarse.spacing,
         };
-        let across = width / spacing;
-        if across < ACROSS * (1.0 - 1e-6) {
+        let elements_across = width / spacing;
+        if elements_across < ACROSS * (1.0 - 1e-6) {
             out.push(format!(
-                "interface '{name}': its overlap of {width:.3e} m is {across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
+                "interface '{name}': its overlap of {width:.3e} m is {elements_across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
                  or more, or waves are reflected",
                 i.coarse, spacing
             ));
@@ -328,27 +328,31 @@ fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
 }
 
 /// Share of the cells of a model whose centre lies in another model, estimated from a sample.
-fn inside(of: &ModelInfo, within: &ModelInfo) -> f64 {
-    let ([low, high], [from, to]) = (corners(&of.grid.points), corners(&within.grid.points));
+fn inside(model: &ModelInfo, other_model: &ModelInfo) -> f64 {
+    let ([low, high], [from, to]) = (corners(&model.grid.points), corners(&other_model.grid.points));
     let apart = |c: usize| low[c] > to[c] || high[c] < from[c];
-    let cells = of.grid.cells();
+    let cells = model.grid.cells();
     if (0..3).any(apart) || cells == 0 {
         return 0.0;
     }
     let every = cells.div_ceil(LOOKS);
     let mut row = ShapeRow::default();
-    let cells = of.grid.connectivity.chunks_exact(of.grid.corners).step_by(every);
-    let (mut found, mut all) = (0, 0);
+    let cells = model
+        .grid
+        .connectivity
+        .chunks_exact(model.grid.corners)
+        .step_by(every);
+    let (mut hits, mut samples) = (0, 0);
     for cell in cells {
         let sum = cell
             .iter()
-            .fold(Vector3::zeros(), |s, &k| s + of.grid.points[k as usize].coords);
+            .fold(Vector3::zeros(), |s, &k| s + model.grid.points[k as usize].coords);
         let centre = Point3::from(sum / cell.len() as f64);
         let near = (0..3).all(|c| centre[c] >= from[c] && centre[c] <= to[c]);
-        all += 1;
-        found += usize::from(near && within.field.shape_at(&centre, false, &mut row).is_ok());
+        samples += 1;
+        hits += usize::from(near && other_model.field.shape_at(&centre, false, &mut row).is_ok());
     }
-    f64::from(found as u32) / f64::from(all)
+    f64::from(hits as u32) / f64::from(samples)
 }
 
 fn steps(built: &Built) -> Option<String> {
@@ -367,27 +371,27 @@ fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     if built.load_steps.is_some() {
         return;
     }
-    let all = built.run.subdomains().iter().zip(built.run.critical_steps());
-    for (s, critical) in all {
-        let (name, made) = (s.model().name(), s.own_steps());
+    let subdomains = built.run.subdomains().iter().zip(built.run.critical_steps());
+    for (s, critical) in subdomains {
+        let (name, own_steps) = (s.model().name(), s.own_steps());
         match s.step_choice() {
-            OwnStep::Ratio(asked) if asked != made => {
+            OwnStep::Ratio(asked) if asked != own_steps => {
                 let acts = |e: &&Effect| e.between.as_ref().is_some_and(|b| b.iter().any(|n| n == name));
-                let others = scene
+                let partners = scene
                     .effect
                     .iter()
                     .filter(acts)
                     .flat_map(|e| e.between.iter().flatten());
-                let others: BTreeSet<&str> = others.map(String::as_str).filter(|n| *n != name).collect();
+                let partners: BTreeSet<&str> = partners.map(String::as_str).filter(|n| *n != name).collect();
                 out.push(format!(
-                    "model '{name}': makes {made} own steps in a step of the run, not step.ratio = {asked}: an effect between it and \
-                     '{}' has them step together, and another of them needs as many; name {made}, or longer steps there",
-                    others.into_iter().collect::<Vec<_>>().join("', '")
+                    "model '{name}': makes {own_steps} own steps in a step of the run, not step.ratio = {asked}: an effect between it and \
+                     '{}' has them step together, and another of them needs as many; name {own_steps}, or longer steps there",
+                    partners.into_iter().collect::<Vec<_>>().join("', '")
                 ));
             }
             OwnStep::Implicit => {
-                let told = advice::implicit(s.own_dt(), *critical);
-                out.extend(told.map(|a| format!("model '{name}': {a}")));
+                let advices = advice::implicit(s.own_dt(), *critical);
+                out.extend(advices.map(|a| format!("model '{name}': {a}")));
             }
             _ => {}
         }
@@ -397,11 +401,11 @@ fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
 /// Warns if a run of few whole steps continues well beyond the requested end.
 fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
     let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
-    let reached = begin + built.steps as f64 * dt;
+    let last = begin + built.steps as f64 * dt;
     let several = built.run.subdomains().iter().any(|s| s.own_steps() > 1);
-    (several && reached - end > OVERRUN * (end - begin)).then(|| {
+    (several && last - end > OVERRUN * (end - begin)).then(|| {
         format!(
-            "time.end = {end:.3e} s: the run goes on to {reached:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
+            "time.end = {end:.3e} s: the run goes on to {last:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
              models make their own; give models fewer own steps, or choose a shorter time.step.seconds"
         )
     })
@@ -454,8 +458,8 @@ impl Bounds {
             let (name, layout) = (s.model().name(), s.model().layout());
             let moving = 0..layout.translations();
             let top = |m: f64, x: &f64| m.max(x.abs());
-            let own = s.state().v[moving.clone()].iter().fold(0.0, top);
-            let speed = s.portion().map_or(own, |p| p.largest(own));
+            let local_top = s.state().v[moving.clone()].iter().fold(0.0, top);
+            let speed = s.portion().map_or(local_top, |p| p.largest(local_top));
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
@@ -485,7 +489,7 @@ fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });
-        let highest = |own: f64| portion.map_or(own, |p| p.highest(own));
+        let highest = |value: f64| portion.map_or(value, |p| p.highest(value));
         // Both as maxima, for which ranks have an all-reduce.
         highest(high) + highest(-low)
     };

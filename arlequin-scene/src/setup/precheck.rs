@@ -109,12 +109,12 @@ fn headline(path: &str, name: Option<&str>) -> Result<()> {
 fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
-        if let Some(of) = &p.of {
-            exerted::check(&path, of, p, scene)?;
+        if let Some(exerted_name) = &p.of {
+            exerted::check(&path, exerted_name, p, scene)?;
             continue;
         }
-        let called = probe::model(&path, p)?;
-        let table = model(&path, called, scene)?;
+        let model_name = probe::model(&path, p)?;
+        let table = model(&path, model_name, scene)?;
         probe::check(&path, p)?;
         if let Some(c) = &p.crack {
             crack::check(&path, p, c, scene)?;
@@ -122,13 +122,13 @@ fn watched(scene: &SceneSpec) -> Result<()> {
         }
         if !p.quantity.is_recovered() {
             let axis = probe::axis(&path, p)?;
-            along(&format!("{path}.component"), axis, called, table, "\"x\"")?;
+            along(&format!("{path}.component"), axis, model_name, table, "\"x\"")?;
         }
         if let Some(s) = &p.over {
             selection(&format!("{path}.where"), s, table)?;
         }
         if let (Some(x), Some(ends)) = (&p.at, ends(&table.shape)) {
-            probe::inside(&path, called, &Point3::from(*x), ends)?;
+            probe::inside(&path, model_name, &Point3::from(*x), ends)?;
         }
     }
     for (name, c) in &scene.curve {
@@ -164,7 +164,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         Selection::Box(low, high) => return select::check_box(path, low, high),
         Selection::Group(name) => name,
     };
-    let known: &[&str] = match (&table.shape, table.kind) {
+    let groups: &[&str] = match (&table.shape, table.kind) {
         (Shape::File(_) | Shape::Piece(_) | Shape::Linked, _) => return Ok(()),
         (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
         (Shape::Ball { .. }, _) => &BALL,
@@ -172,12 +172,12 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
         (Shape::Cylinder { .. }, _) => &CYLINDER,
     };
-    if known.contains(&name.as_str()) {
+    if groups.contains(&name.as_str()) {
         return Ok(());
     }
-    let mut known: Vec<String> = known.iter().map(|n| (*n).to_owned()).collect();
-    known.sort();
-    Err(unknown(path, name, "group of the model", known.iter()))
+    let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
+    groups.sort();
+    Err(unknown(path, name, "group of the model", groups.iter()))
 }
 
 /// Lowest and highest corner of a shape; `None` if a file, a zone or a link determines them.
@@ -212,16 +212,16 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
     // The mediator-compatible profile needs the mediator's stations, which are not known yet: the cubic one
     // takes its place.
     let mut weight = table.weight.clone();
-    let known = |p: ProfileKind| match p {
+    let known_profile = |p: ProfileKind| match p {
         ProfileKind::MediatorCompatible => ProfileKind::Cubic,
         p => p,
     };
-    weight.profile = Some(known(weight.kind()));
-    for own in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
+    weight.profile = Some(known_profile(weight.kind()));
+    for profile_table in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
         .into_iter()
         .flatten()
     {
-        own.profile = known(own.profile);
+        profile_table.profile = known_profile(profile_table.profile);
     }
     // Built for their errors only; the spacing of the mediator is not known yet, any positive one will do.
     interface::weights(&path, &weight, &overlap, &[], [false; 2])?;
@@ -232,13 +232,13 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         let rule = "needs exactly one of rate [1/s], rate_factor [-]";
         return Err(key(format!("{path}.absorber"), rule));
     }
-    let at = format!("{path}.mediator");
+    let key_path = format!("{path}.mediator");
     // The shape of a link is known only after it has connected.
     if table.mediator.shape.is_none() && models.iter().any(|m| m.kind == ModelKind::Link) {
         return Ok(());
     }
-    let shape = mediator::mediator_shape(&at, table, models.map(|m| &m.shape))?;
-    mediator::mediator(&at, table, &shape, 1.0, folder).check()
+    let shape = mediator::mediator_shape(&key_path, table, models.map(|m| &m.shape))?;
+    mediator::mediator(&key_path, table, &shape, 1.0, folder).check()
 }
 
 /// Checks the numbers of an effect, independent of the models it acts on.

@@ -60,14 +60,14 @@ impl ProbeReader {
     ) -> Result<Self> {
         let path = format!("probe.{name}");
         let source = match &probe.of {
-            Some(of) => {
-                let what = Exerted::new(&path, of, probe, scene, bodies)?;
+            Some(exerted_name) => {
+                let what = Exerted::new(&path, exerted_name, probe, scene, bodies)?;
                 Source::Exerted(what, axis(&path, probe)?.index())
             }
             None if probe.crack.is_some() || probe.quantity == Quantity::EnergyRelease => {
-                let called = model(&path, probe)?;
-                let m = model_index(&format!("{path}.model"), called, scene)?;
-                let weights = weights::of(m, joints)?;
+                let model_name = model(&path, probe)?;
+                let m = model_index(&format!("{path}.model"), model_name, scene)?;
+                let weights = weights::model_weights(m, joints)?;
                 Source::Released(m, crack::release(&path, probe, &bodies[m], &weights)?)
             }
             None if probe.quantity.is_recovered() => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
@@ -89,7 +89,7 @@ impl ProbeReader {
     }
 
     /// Prepares the probe for a partitioned model: its unknowns are gathered from all ranks from now on.
-    pub(crate) fn share_out(&mut self, run: &Coupled<f64>) {
+    pub(crate) fn set_up_gather(&mut self, run: &Coupled<f64>) {
         let Source::Motion(row) = &mut self.source else {
             return;
         };
@@ -98,11 +98,15 @@ impl ProbeReader {
             return;
         };
         let components = s.model().layout().components;
-        let mut all: Vec<&mut (usize, f64)> =
+        let mut entries: Vec<&mut (usize, f64)> =
             row.row.iter_mut().chain(row.along.iter_mut().flatten()).collect();
-        row.parts = Some(Gather::new(portion.clone(), components, all.iter().map(|r| r.0)));
+        row.parts = Some(Gather::new(
+            portion.clone(),
+            components,
+            entries.iter().map(|r| r.0),
+        ));
         // From now on rows index the gathered vector.
-        all.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
+        entries.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
     }
 
     /// Returns the current value. Collective for partitioned models.
@@ -114,14 +118,14 @@ impl ProbeReader {
             Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
             Source::Tensor(row) => row.read(self.quantity, run.subdomains()),
             Source::Released(m, crack) => {
-                let found = run.energy_release(*m, crack);
-                found.map_err(core(format!("probe.{}", self.name)))
+                let release = run.energy_release(*m, crack);
+                release.map_err(core(format!("probe.{}", self.name)))
             }
             Source::Exerted(what, c) => {
-                let found = readings.of(what, run)?;
+                let resultant = readings.resultant(what, run)?;
                 Ok(match self.quantity {
-                    Quantity::Moment => found.moment[*c],
-                    _ => found.force[*c],
+                    Quantity::Moment => resultant.moment[*c],
+                    _ => resultant.force[*c],
                 })
             }
         }
@@ -130,13 +134,13 @@ impl ProbeReader {
 
 impl Row {
     fn new(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
-        let called = model(path, probe)?;
-        let model = model_index(&format!("{path}.model"), called, scene)?;
+        let model_name = model(path, probe)?;
+        let model = model_index(&format!("{path}.model"), model_name, scene)?;
         let body = &bodies[model];
         let count = body.model.layout().components;
         let c = axis(path, probe)?.index();
         if c >= count {
-            let rule = format!("model '{called}' moves along x only; use \"x\"");
+            let rule = format!("model '{model_name}' moves along x only; use \"x\"");
             return Err(key(format!("{path}.component"), rule));
         }
         check(path, probe)?;
@@ -149,7 +153,7 @@ impl Row {
                 row
             }
             (Some(at), None) => {
-                let (nodes, values) = placed(path, called, at, body)?;
+                let (nodes, values) = placed(path, model_name, at, body)?;
                 let row = nodes.iter().zip(values);
                 row.map(|(n, v)| (n * count + c, v)).collect()
             }
@@ -174,8 +178,8 @@ impl Row {
             Quantity::Velocity => &state.v,
             _ => &state.q,
         };
-        let told = self.parts.as_ref().map(|g| g.gathered(1, values));
-        let values = told.as_ref().unwrap_or(values);
+        let gathered = self.parts.as_ref().map(|g| g.gathered(1, values));
+        let values = gathered.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
         match &self.along {
             Some(along) => sum(&self.row).atan2(1.0 + sum(along)),
@@ -196,10 +200,10 @@ pub(super) fn chosen(
     bodies: &[Body],
 ) -> Result<Vec<usize>> {
     let path = format!("{path}.where");
-    let of = |m: usize| select::nodes(&path, &bodies[m], selection);
-    let found = of(model);
+    let nodes_on = |m: usize| select::nodes(&path, &bodies[m], selection);
+    let nodes = nodes_on(model);
     let zones = || zone::parts(scene, model).into_iter().filter(|m| *m != model);
-    match (found, zones().find(|m| of(*m).is_ok())) {
+    match (nodes, zones().find(|m| nodes_on(*m).is_ok())) {
         (Err(_), Some(zone)) => {
             let name = bodies[zone].model.name();
             let rule = format!(
@@ -208,7 +212,7 @@ pub(super) fn chosen(
             );
             Err(key(path, rule))
         }
-        (found, _) => found,
+        (nodes, _) => nodes,
     }
 }
 
@@ -216,32 +220,40 @@ pub(super) fn chosen(
 ///
 /// # Errors
 /// A point outside of the model; the error names the extent of the model.
-pub(super) fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
+pub(super) fn placed(
+    path: &str,
+    model_name: &str,
+    point: &[f64; 3],
+    body: &Body,
+) -> Result<(Vec<usize>, Vec<f64>)> {
     let mut row = ShapeRow::default();
-    let x = Point3::from(*at);
-    let found = body.field.shape_at(&x, false, &mut row);
-    found.map_err(|e| outside(path, called, &x, body, e))?;
+    let x = Point3::from(*point);
+    let located = body.field.shape_at(&x, false, &mut row);
+    located.map_err(|e| outside(path, model_name, &x, body, e))?;
     Ok((row.nodes, row.values))
 }
 
 fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<TensorRow> {
-    let called = model(path, probe)?;
-    let number = model_index(&format!("{path}.model"), called, scene)?;
+    let model_name = model(path, probe)?;
+    let number = model_index(&format!("{path}.model"), model_name, scene)?;
     check(path, probe)?;
     let body = &bodies[number];
-    let place = probe.at.as_ref().map(|at| placed(path, called, at, body));
+    let place = probe
+        .at
+        .as_ref()
+        .map(|point| placed(path, model_name, point, body));
     TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
 }
 
 /// Direction that a probe of a vector must name.
 pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
     let rule = "one of \"x\", \"y\", \"z\"";
-    let at = format!("{path}.component");
+    let key_path = format!("{path}.component");
     match probe.component {
-        None => Err(key(at, format!("is needed: {rule}"))),
+        None => Err(key(key_path, format!("is needed: {rule}"))),
         Some(c) => c
             .axis()
-            .ok_or_else(|| value(at, c.name(), &format!("is no direction; take {rule}"))),
+            .ok_or_else(|| value(key_path, c.name(), &format!("is no direction; take {rule}"))),
     }
 }
 
@@ -286,13 +298,13 @@ pub(super) fn inside(path: &str, model: &str, x: &Point3<f64>, [low, high]: [[f6
     // A line has no width, so only directions with an extent are checked.
     let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
     if out {
-        Err(beyond(path, model, x, low, high))
+        Err(outside_box(path, model, x, low, high))
     } else {
         Ok(())
     }
 }
 
-fn beyond(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
+fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
     let rule = format!(
         "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
          model"
@@ -310,7 +322,7 @@ fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::c
         return core(format!("{path}.at"))(e);
     }
     let [low, high] = corners(body.model.nodes());
-    beyond(path, model, x, low.into(), high.into())
+    outside_box(path, model, x, low.into(), high.into())
 }
 
 /// Rows of the least-squares rotation of nodes about axis `c` through their centroid:
@@ -330,11 +342,11 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(
             "a rotation needs several nodes around its axis; choose a larger group",
         ));
     }
-    let of = |n: usize, factors: Vector3<f64>| (0..3).map(move |a| (3 * n + a, factors[a] / polar));
-    let across = nodes.iter().flat_map(|&n| of(n, arm(n)));
-    let along = nodes.iter().flat_map(|&n| of(n, arm(n).cross(&axis)));
+    let entries = |n: usize, factors: Vector3<f64>| (0..3).map(move |a| (3 * n + a, factors[a] / polar));
+    let across_arms = nodes.iter().flat_map(|&n| entries(n, arm(n)));
+    let along_arms = nodes.iter().flat_map(|&n| entries(n, arm(n).cross(&axis)));
     Ok([
-        across.filter(|(_, f)| *f != 0.0).collect(),
-        along.filter(|(_, f)| *f != 0.0).collect(),
+        across_arms.filter(|(_, f)| *f != 0.0).collect(),
+        along_arms.filter(|(_, f)| *f != 0.0).collect(),
     ])
 }

@@ -73,7 +73,7 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
         ObstacleShape::Sphere { centre, radius } => {
             let centre = Point3::from(centre);
             let rows = 2 * QUARTER;
-            let at = |row: usize, k: usize| {
+            let point = |row: usize, k: usize| {
                 let (polar, angle) = (
                     PI * row as f64 / rows as f64,
                     0.5 * PI * k as f64 / QUARTER as f64,
@@ -82,7 +82,7 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
                 centre + (flat + Vector3::z() * polar.cos()) * radius
             };
             let points = (0..=rows).flat_map(|row| (0..4 * QUARTER).map(move |k| (row, k)));
-            let points = points.map(|(row, k)| at(row, k)).collect();
+            let points = points.map(|(row, k)| point(row, k)).collect();
             (grid(points, bands(rows, 4 * QUARTER)), centre)
         }
     }
@@ -95,8 +95,8 @@ fn bands(rows: usize, count: usize) -> Vec<u32> {
         let next = (k + 1) % count;
         [a + k, a + next, b + next, b + k].map(|i| i as u32)
     };
-    let all = (0..rows).flat_map(|row| (0..count).map(move |k| (row, k)));
-    all.flat_map(cell).collect()
+    let cells = (0..rows).flat_map(|row| (0..count).map(move |k| (row, k)));
+    cells.flat_map(cell).collect()
 }
 
 fn grid(points: Vec<Point3<f64>>, connectivity: Vec<u32>) -> Grid {

@@ -29,11 +29,11 @@ pub(super) fn named<'a, T: 'a>(groups: &'a BTreeMap<String, T>) -> impl Iterator
 }
 
 /// Nodes of a body in a box; can be empty.
-pub(super) fn within(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
+pub(super) fn nodes_in_box(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
     let slack = slack(body.spacing);
-    let all = body.model.nodes().iter().enumerate();
-    let found = all.filter(|(_, x)| inside(low, high, x, slack));
-    found.map(|(k, _)| k).collect()
+    let nodes = body.model.nodes().iter().enumerate();
+    let inside_box = nodes.filter(|(_, x)| inside(low, high, x, slack));
+    inside_box.map(|(k, _)| k).collect()
 }
 
 pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<()> {
@@ -59,8 +59,8 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
         },
         Selection::Box(low, high) => {
             check_box(path, low, high)?;
-            let found = within(body, low, high);
-            if found.is_empty() {
+            let nodes = nodes_in_box(body, low, high);
+            if nodes.is_empty() {
                 let name = body.model.name();
                 let remedy = "enlarge it or check the units (m)";
                 return Err(key(
@@ -68,7 +68,7 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
                     format!("{selection} holds no node of model '{name}'; {remedy}"),
                 ));
             }
-            Ok(found)
+            Ok(nodes)
         }
     }
 }
@@ -85,7 +85,7 @@ pub(super) fn facets(
     if body.boundary.is_empty() {
         return Ok(None);
     }
-    let found: Vec<_> = match selection {
+    let facets: Vec<_> = match selection {
         Selection::Group(name) => match (body.surfaces.get(name), body.groups.get(name)) {
             (Some(facets), _) => facets.clone(),
             (None, Some(_)) => Vec::new(),
@@ -101,7 +101,7 @@ pub(super) fn facets(
             body.boundary.iter().filter(whole).cloned().collect()
         }
     };
-    if found.is_empty() {
+    if facets.is_empty() {
         let name = body.model.name();
         let remedy = "choose a surface or a larger box";
         return Err(key(
@@ -109,7 +109,7 @@ pub(super) fn facets(
             format!("{selection} holds no surface facet of model '{name}'; {remedy}"),
         ));
     }
-    Ok(Some(found))
+    Ok(Some(facets))
 }
 
 #[cfg(test)]
@@ -119,17 +119,20 @@ mod tests {
     #[test]
     fn a_box_holds_its_own_nodes_wherever_the_body_lies_and_no_others() {
         // Size of a body, and its position.
-        for (size, at) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
-            let (h, x): (f64, f64) = (size / 10.0, at);
+        for (size, position) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
+            let (h, x): (f64, f64) = (size / 10.0, position);
             let node = |k: usize| Point3::new(x + h * k as f64, x, x);
             // The face at the lower end, in a box that is huge perpendicular to the face normal.
             let (low, high) = ([x - 0.1 * h, -1e12, -1e12], [x, 1e12, 1e12]);
-            let held: Vec<usize> = (0..=10)
+            let selected: Vec<usize> = (0..=10)
                 .filter(|k| inside(&low, &high, &node(*k), slack(h)))
                 .collect();
-            assert_eq!(held, [0], "size {size}, place {at}");
+            assert_eq!(selected, [0], "size {size}, place {position}");
             let rounded = Point3::new(x + 1e-7 * h, x, x);
-            assert!(inside(&low, &high, &rounded, slack(h)), "size {size}, place {at}");
+            assert!(
+                inside(&low, &high, &rounded, slack(h)),
+                "size {size}, place {position}"
+            );
         }
     }
 }

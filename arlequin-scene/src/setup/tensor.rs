@@ -29,8 +29,8 @@ pub(super) struct TensorRow {
 
 /// Refuses a component that a quantity does not have.
 pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>) -> Result<()> {
-    let at = || format!("{path}.component");
-    let (fits, wanted): (fn(Component) -> bool, _) = match quantity {
+    let key_path = || format!("{path}.component");
+    let (fits, requirement): (fn(Component) -> bool, _) = match quantity {
         Quantity::Stress | Quantity::Strain => (
             |c| c.tensor().is_some(),
             "a stress or strain has \"xx\", \"yy\", \"zz\", \"xy\", \"yz\", \"xz\"",
@@ -43,7 +43,7 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
             return match component {
                 None => Ok(()),
                 Some(c) => Err(value(
-                    at(),
+                    key_path(),
                     c.name(),
                     "is none of the stress of von Mises; remove it",
                 )),
@@ -53,8 +53,8 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
     };
     match component {
         Some(c) if fits(c) => Ok(()),
-        Some(c) => Err(value(at(), c.name(), wanted)),
-        None => Err(key(at(), format!("is needed: {wanted}"))),
+        Some(c) => Err(value(key_path(), c.name(), requirement)),
+        None => Err(key(key_path(), format!("is needed: {requirement}"))),
     }
 }
 
@@ -75,10 +75,10 @@ fn recovered(
     s: &Subdomain<f64>,
     nodes: &[usize],
 ) -> Result<Vec<Recovered<f64>>> {
-    let mut found = Vec::with_capacity(nodes.len());
-    let told = recovery.recover(&s.state().q, nodes, &mut found);
-    told.map_err(core(format!("model.{}", s.model().name())))?;
-    Ok(found)
+    let mut tensors = Vec::with_capacity(nodes.len());
+    let result = recovery.recover(&s.state().q, nodes, &mut tensors);
+    result.map_err(core(format!("model.{}", s.model().name())))?;
+    Ok(tensors)
 }
 
 impl TensorRow {
@@ -126,12 +126,12 @@ impl TensorRow {
         let body = &bodies[self.model];
         body.grains.as_ref()?;
         let every = self.nodes.len().div_ceil(LOOKS).max(1);
-        let (mut rim, mut all) = (0.0, 0.0);
+        let (mut rim, mut total) = (0.0, 0.0);
         for (node, factor) in self.nodes.iter().zip(&self.factors).step_by(every) {
-            all += factor;
+            total += factor;
             rim += if is_on_rim(body, *node) { *factor } else { 0.0 };
         }
-        (2.0 * rim > all).then(|| {
+        (2.0 * rim > total).then(|| {
             format!(
                 "probe '{name}': lies on the rim of the particles of '{}', whose stresses are means over volumes without bonds on \
                  one side and not those of the surface (a concentration of 3.2 at the edge of a hole comes out as 1.9); read them \
@@ -142,14 +142,14 @@ impl TensorRow {
     }
 
     /// All-gathers the tensors at the nodes of the probe from the ranks that own them. Collective.
-    fn of_all(
+    fn gather_tensors(
         &self,
         recovery: &dyn Recovery<f64>,
         s: &Subdomain<f64>,
         portion: &Portion,
     ) -> Result<Vec<Recovered<f64>>> {
-        let here = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
-        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(here).unzip();
+        let local = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
+        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(local).unzip();
         let mut words = Vec::with_capacity(WORDS * nodes.len());
         for (place, r) in places.iter().zip(recovered(recovery, s, &nodes)?) {
             let strain = r.strain.unwrap_or_else(SymmetricTensor::zero);
@@ -158,25 +158,25 @@ impl TensorRow {
             // The all-gather carries integers: numbers travel as their bits.
             words.extend(numbers.map(|x| x.to_bits().cast_signed()));
         }
-        let mut all = portion
+        let mut messages = portion
             .listed(&words)
             .map_err(elsewhere)?
             .as_chunks::<WORDS>()
             .0
             .to_vec();
         // In the order of the probe's nodes, so that the sum has the same bits on any number of ranks.
-        all.sort_unstable_by_key(|of| of[0]);
-        let tensor = |of: &[i64]| {
+        messages.sort_unstable_by_key(|message| message[0]);
+        let tensor = |numbers: &[i64]| {
             let mut out = SymmetricTensor::zero();
-            let numbers = of.iter().map(|w| f64::from_bits(w.cast_unsigned()));
+            let numbers = numbers.iter().map(|w| f64::from_bits(w.cast_unsigned()));
             out.0.iter_mut().zip(numbers).for_each(|(x, y)| *x = y);
             out
         };
-        let of = |of: &[i64; WORDS]| Recovered {
-            stress: tensor(&of[1..7]),
-            strain: recovery.has_strain().then(|| tensor(&of[7..])),
+        let from_message = |message: &[i64; WORDS]| Recovered {
+            stress: tensor(&message[1..7]),
+            strain: recovery.has_strain().then(|| tensor(&message[7..])),
         };
-        Ok(all.iter().map(of).collect())
+        Ok(messages.iter().map(from_message).collect())
     }
 
     /// Returns the value from the tensor interpolated to a point or averaged over nodes. Collective for
@@ -186,12 +186,12 @@ impl TensorRow {
         let Some(recovery) = s.model().recovery() else {
             return Ok(f64::NAN);
         };
-        let found = match s.portion() {
+        let tensors = match s.portion() {
             None => recovered(recovery, s, &self.nodes)?,
-            Some(portion) => self.of_all(recovery, s, portion)?,
+            Some(portion) => self.gather_tensors(recovery, s, portion)?,
         };
         let mut sum = SymmetricTensor::zero();
-        for (r, factor) in found.iter().zip(&self.factors) {
+        for (r, factor) in tensors.iter().zip(&self.factors) {
             let tensor = match quantity {
                 Quantity::Strain => r.strain.unwrap_or_else(SymmetricTensor::zero),
                 _ => r.stress,

@@ -28,7 +28,7 @@ pub(super) struct Total {
 }
 
 /// Loads of a scene, except those on a body with zones, which are distributed exactly over its models.
-pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
+pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
     let mut out = Vec::new();
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
@@ -37,15 +37,15 @@ pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
             continue;
         }
         let body = &bodies[model];
-        let at = format!("{path}.where");
-        let mut parts: Vec<_> = match select::facets(&at, body, &l.at)? {
+        let key_path = format!("{path}.where");
+        let mut parts: Vec<_> = match select::facets(&key_path, body, &l.at)? {
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
             None => {
                 let layout = body.model.layout();
                 let mut masses = vec![0.0; layout.dofs()];
                 let weighed = body.model.lumped_inertia(&Uniform(1.0), &mut masses);
                 weighed.map_err(core(path))?;
-                let nodes = select::nodes(&at, body, &l.at)?;
+                let nodes = select::nodes(&key_path, body, &l.at)?;
                 let part = |n: &usize| (body.model.nodes()[*n], masses[n * layout.components]);
                 nodes.iter().map(part).collect()
             }
@@ -94,7 +94,7 @@ pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) 
         }
         let halves: Vec<&Total> = totals[k..].iter().filter(|t| key(t) == key(first)).collect();
         let l = &scene.load[first.load];
-        let told = if l.force.is_some() || l.torque.is_some() {
+        let finding = if l.force.is_some() || l.torque.is_some() {
             total(l, &halves, run)
         } else {
             surface(&halves, run)
@@ -106,7 +106,7 @@ pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) 
         };
         let name = load::name(first.load, l);
         out.extend(
-            told.map(|(what, why)| format!("load[{}]: of {what} of '{name}' {why}{remedy}", first.load)),
+            finding.map(|(what, why)| format!("load[{}]: of {what} of '{name}' {why}{remedy}", first.load)),
         );
     }
     out
@@ -147,17 +147,17 @@ fn surface(halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
     let (mut acts, mut lost) = (0.0, 0.0);
     for t in halves {
         for (x, part) in &t.parts {
-            let own = weight(t, run).at(x);
-            let others = halves.iter().filter(|o| o.model != t.model);
+            let weight_here = weight(t, run).at(x);
+            let partners = halves.iter().filter(|o| o.model != t.model);
             let covers = |o: &&&Total| o.parts.iter().any(|p| (p.0 - x).norm() <= o.reach);
-            let rest = if own < 1.0 - SAME {
-                let others = others.filter(covers).map(|o| weight(o, run).at(x));
-                1.0 - own - others.sum::<f64>()
+            let missing = if weight_here < 1.0 - SAME {
+                let partners = partners.filter(covers).map(|o| weight(o, run).at(x));
+                1.0 - weight_here - partners.sum::<f64>()
             } else {
                 0.0
             };
-            acts += t.area * part * own;
-            lost += t.area * part * rest.max(0.0);
+            acts += t.area * part * weight_here;
+            lost += t.area * part * missing.max(0.0);
         }
     }
     let share = lost / (acts + lost);

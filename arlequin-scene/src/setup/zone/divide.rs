@@ -43,39 +43,39 @@ pub(super) struct Across {
 #[derive(Debug)]
 pub(super) struct Division {
     pub field: Whole,
-    pub of: Arc<Vec<Owner>>,
+    pub owners: Arc<Vec<Owner>>,
     pub zones: Vec<Across>,
 }
 
 impl Division {
-    pub(super) fn of(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
-        let mut of = vec![Owner::Body; mesh.element_count()];
+    pub(super) fn new(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
+        let mut owners = vec![Owner::Body; mesh.element_count()];
         let mut zones = Vec::new();
         for zone in 0..cut.zones.len() {
-            let region = Place::of(cut, zone, &mesh, folder)?;
-            let deal = Deal::of(&mesh, &region, cut, zone)?;
+            let region = Place::new(cut, zone, &mesh, folder)?;
+            let deal = Deal::new(&mesh, &region, cut, zone)?;
             let across = deal.across()?;
             for (e, side) in deal.sides.iter().enumerate() {
-                let mine = match side {
+                let owner = match side {
                     Side::Beyond => continue,
                     Side::Core => Owner::Zone(zone),
                     Side::Layer => Owner::Both(zone),
                 };
-                if let Owner::Zone(other) | Owner::Both(other) = of[e] {
+                if let Owner::Zone(other_zone) | Owner::Both(other_zone) = owners[e] {
                     let rule = format!(
                         "it and its overlap reach into those of zone '{}'; move them apart, make them smaller, or make one zone \
                          of the two",
-                        cut.zones[other].0
+                        cut.zones[other_zone].0
                     );
                     return Err(key(deal.path("shape"), rule));
                 }
-                of[e] = mine;
+                owners[e] = owner;
             }
             zones.push(across);
         }
         Ok(Self {
             field: Arc::new(FemField::new(mesh)),
-            of: Arc::new(of),
+            owners: Arc::new(owners),
             zones,
         })
     }
@@ -93,14 +93,14 @@ enum Side {
 struct Deal<'a> {
     mesh: &'a Mesh<f64>,
     name: &'a str,
-    asked: f64,
+    width: f64,
     sides: Vec<Side>,
 }
 
 impl<'a> Deal<'a> {
-    fn of(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
+    fn new(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
         let (name, table) = &cut.zones[zone];
-        let asked = table.overlap.width;
+        let width = table.overlap.width;
         let slack = ON_BORDER * mesh.spacing();
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
         let least = |e: usize| {
@@ -109,13 +109,13 @@ impl<'a> Deal<'a> {
         };
         let side = |e: usize| match least(e) {
             d if d < -slack => Side::Core,
-            d if d < asked - slack => Side::Layer,
+            d if d < width - slack => Side::Layer,
             _ => Side::Beyond,
         };
         let mut deal = Self {
             mesh,
             name,
-            asked,
+            width,
             sides: (0..mesh.element_count()).map(side).collect(),
         };
         if !deal.sides.contains(&Side::Core) {
@@ -217,7 +217,7 @@ impl<'a> Deal<'a> {
                     x.z,
                     3.0 * h
                 );
-                Err(value(self.path("overlap.width"), self.asked, &rule))
+                Err(value(self.path("overlap.width"), self.width, &rule))
             }
         }
     }
@@ -229,7 +229,7 @@ impl<'a> Deal<'a> {
         let [inner, outer] = [Side::Core, Side::Beyond].map(|s| self.between(s));
         if inner.is_empty() || outer.is_empty() {
             let rule = "the overlap does not part the body's elements; take a wider one, or another zone";
-            return Err(value(self.path("overlap.width"), self.asked, rule));
+            return Err(value(self.path("overlap.width"), self.width, rule));
         }
         let (of_core, of_beyond) = (self.nodes_of(Side::Core), self.nodes_of(Side::Beyond));
         let mut positions = vec![0.0; mesh.nodes().len()];
@@ -263,10 +263,10 @@ impl<'a> Deal<'a> {
         let mut out = Vec::new();
         for (facet, key) in faces_of(self.mesh, |_| true) {
             let e = facet.element as usize;
-            let Some(other) = open.insert(key, e) else {
+            let Some(other_element) = open.insert(key, e) else {
                 continue;
             };
-            let pair = [self.sides[e], self.sides[other]];
+            let pair = [self.sides[e], self.sides[other_element]];
             if pair.contains(&side) && pair.contains(&Side::Layer) {
                 out.extend(corners_of(self.mesh, &[facet]));
             }
@@ -301,8 +301,8 @@ pub(super) fn faces_of(
     mesh: &Mesh<f64>,
     keep: impl Fn(usize) -> bool,
 ) -> impl Iterator<Item = (Facet, [u32; 4])> {
-    let kept = (0..mesh.element_count()).filter(move |&e| keep(e));
-    kept.flat_map(move |e| {
+    let elements = (0..mesh.element_count()).filter(move |&e| keep(e));
+    elements.flat_map(move |e| {
         (0..mesh.kind().faces().len()).map(move |face| {
             let facet = Facet {
                 element: e as u32,

@@ -7,9 +7,9 @@ use arlequin::fem_ref::{Facet, Mesh};
 
 /// Corners of the triangles of facets \[m\]; the triangles face out of their elements.
 pub(in crate::setup) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: &u32| mesh.nodes()[*k as usize];
+    let node = |k: &u32| mesh.nodes()[*k as usize];
     let triangles = facets_of(mesh, facets);
-    triangles.iter().map(|t| t.each_ref().map(at)).collect()
+    triangles.iter().map(|t| t.each_ref().map(node)).collect()
 }
 
 /// Triangles with a search tree for the nearest one; degenerate triangles (lines and points) are allowed.
@@ -43,12 +43,12 @@ impl Faces {
     pub(in crate::setup) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
         let [low, high] = &self.bounds;
         // No triangle is closer than the bounding box; a search radius a little larger finds one soon.
-        let beyond = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
-        let mut reach = beyond + 0.02 * (high - low).norm() + f64::MIN_POSITIVE;
+        let distance_to_box = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
+        let mut reach = distance_to_box + 0.02 * (high - low).norm() + f64::MIN_POSITIVE;
         let mut best = (usize::MAX, f64::INFINITY);
         loop {
-            let around = Vector3::repeat(reach);
-            self.tree.any(&[x - around, x + around], &mut |k| {
+            let half_size = Vector3::repeat(reach);
+            self.tree.any(&[x - half_size, x + half_size], &mut |k| {
                 let d = distance(x, &self.triangles[k]);
                 if d < best.1 || (d <= best.1 && k < best.0) {
                     best = (k, d);
@@ -102,8 +102,8 @@ mod tests {
                 9.0 * (0.91 * t).cos(),
                 5.0 * (1.7 * t).sin(),
             );
-            let all = strip.iter().map(|t| distance(&x, t));
-            let least = all.fold(f64::INFINITY, f64::min);
+            let distances = strip.iter().map(|t| distance(&x, t));
+            let least = distances.fold(f64::INFINITY, f64::min);
             assert!((faces.distance(&x) - least).abs() <= 1e-12 * least);
             let foot = faces.foot(&x).expect("a triangle");
             assert!(((foot - x).norm() - least).abs() <= 1e-12 * least);

@@ -93,14 +93,14 @@ fn supported(
     let mut out = vec![[false; 3]; points.len()];
     for (number, s) in supports {
         let holds = |c: usize| {
-            let named = |all: &Vec<Axis>| all.iter().any(|a| a.index() == c);
+            let named = |axes: &Vec<Axis>| axes.iter().any(|a| a.index() == c);
             s.components.as_ref().is_none_or(named)
         };
         let nodes = match &s.at {
             Selection::Group(name) => group(name).unwrap_or_default(),
             Selection::Box(low, high) => group(&format!("support[{number}]")).unwrap_or_else(|| {
-                let there = |k: &usize| inside(low, high, &points[*k], slack(spacing));
-                (0..points.len()).filter(there).collect()
+                let in_box = |k: &usize| inside(low, high, &points[*k], slack(spacing));
+                (0..points.len()).filter(in_box).collect()
             }),
         };
         for k in nodes {
@@ -149,12 +149,12 @@ impl<'a> Twin<'a> {
         (piece, supports, folder): (&Piece, Supports<'a>, &Path),
     ) -> Result<Option<Self>> {
         let share = Share(piece.overlap(folder)?);
-        let beyond = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
-        let outer: Vec<bool> = mesh.nodes().iter().map(beyond).collect();
+        let is_coarse = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
+        let outer: Vec<bool> = mesh.nodes().iter().map(is_coarse).collect();
         let on_border = |f: &Facet| mesh.facet_nodes(*f).iter().all(|k| outer[*k as usize]);
         let surface = mesh.boundary();
-        let faces = |of: &dyn Fn(&Facet) -> bool| {
-            let facets: Vec<_> = surface.iter().copied().filter(of).collect();
+        let faces = |selected: &dyn Fn(&Facet) -> bool| {
+            let facets: Vec<_> = surface.iter().copied().filter(selected).collect();
             Faces::new(corners_of(mesh, &facets))
         };
         let border = faces(&on_border);
@@ -197,8 +197,8 @@ impl<'a> Twin<'a> {
             .lumped_inertia(&Uniform(1.0), &mut mass)
             .map_err(core(self.key))?;
         let moved = model.layout().translations();
-        let all = share[..moved].iter().sum::<f64>() / 3.0;
-        Ok((0..moved).map(|r| pull[r % 3] * mass[r] / all).collect())
+        let sum = share[..moved].iter().sum::<f64>() / 3.0;
+        Ok((0..moved).map(|r| pull[r % 3] * mass[r] / sum).collect())
     }
 
     /// Displacements of the elements under the six strains of the border, then under the pulls.
@@ -271,24 +271,24 @@ impl<'a> Twin<'a> {
     fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>) -> Vec<Held> {
         let spacing = 2.0 * model.body().mean_radius();
         let fixed = supported(self.supports, model.nodes(), spacing, &|name| group(model, name));
-        let both = |(x, fixed): (&Point3<f64>, [bool; 3])| {
+        let held = |(x, fixed): (&Point3<f64>, [bool; 3])| {
             let rim = self.on_border(model, x);
             Held {
                 linear: fixed.map(|f| f || rim),
                 ..Held::default()
             }
         };
-        model.nodes().iter().zip(fixed).map(both).collect()
+        model.nodes().iter().zip(fixed).map(held).collect()
     }
 
     /// Displacements and rotations of a packing under the six strains, then under the pulls.
     fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
         let body = model.body();
         let solved = |problem: StaticProblem| {
-            let done = problem.solve(body, TOLERANCE, ITERATIONS);
-            let done = done.map_err(dem(self.key))?.displacements;
-            let moves = done.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
-            let turns = done.iter().flat_map(|t| <[f64; 3]>::from(t.angular));
+            let solution = problem.solve(body, TOLERANCE, ITERATIONS);
+            let solution = solution.map_err(dem(self.key))?.displacements;
+            let moves = solution.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
+            let turns = solution.iter().flat_map(|t| <[f64; 3]>::from(t.angular));
             Ok(moves.chain(turns).collect())
         };
         let mut out = Vec::new();
@@ -347,30 +347,30 @@ impl<'a> Twin<'a> {
         chosen: bool,
         group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>,
     ) -> Result<Option<Likeness>> {
-        let materials = materials::of(self.key, self.table, self.mesh)?;
+        let materials = materials::element_materials(self.key, self.table, self.mesh)?;
         let elements = FemModel::new("body", self.mesh.clone(), materials);
         let mut elements = elements.map_err(fem(self.key))?;
         let fields = self.equilibria(&elements)?;
-        let wanted = energies(&mut elements, &self.share, &fields)?;
+        let body_energies = energies(&mut elements, &self.share, &fields)?;
         let held = self.holds(&model, group);
         let fields = self.settle(&model, &held)?;
-        let found = energies(&mut model, &self.share, &fields)?;
-        let of = |first: usize, count: usize| {
-            let part = |all: &DMatrix<f64>| all.view((first, first), (count, count)).into_owned();
-            [part(&found), part(&wanted)]
+        let packing_energies = energies(&mut model, &self.share, &fields)?;
+        let blocks = |first: usize, count: usize| {
+            let part = |energies: &DMatrix<f64>| energies.view((first, first), (count, count)).into_owned();
+            [part(&packing_energies), part(&body_energies)]
         };
-        let Some(strained) = Compared::strained(&of(0, 6)) else {
+        let Some(strained) = Compared::strained(&blocks(0, 6)) else {
             return Ok(None);
         };
-        let Some(hanging) = Compared::hanging(&of(6, self.pulls.len())) else {
+        let Some(hanging) = Compared::hanging(&blocks(6, self.pulls.len())) else {
             return Ok(None);
         };
         // Strains and stresses have different energies; the larger energy gets the larger weight.
         let weight = hanging.size / (strained.size + hanging.size);
-        let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
+        let blend = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
         // A geometric mean: twice as stiff and half as stiff weigh alike.
-        let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
-        let uneven = both(strained.off, hanging.off).sqrt();
+        let factor = blend(strained.factor.ln(), hanging.factor.ln()).exp();
+        let uneven = blend(strained.off, hanging.off).sqrt();
         let diameter = 2.0 * model.body().mean_radius();
         let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
         // Stiffness is proportional to the modulus of the beams.

@@ -51,16 +51,19 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
         body: body.clone(),
         zones,
         marks: marks(&scene),
-        made: OnceLock::new(),
+        division: OnceLock::new(),
     });
-    let piece = |of: Use| Piece { cut: cut.clone(), of };
+    let piece = |purpose: Use| Piece {
+        cut: cut.clone(),
+        purpose,
+    };
     for (k, (name, zone)) in cut.zones.iter().enumerate() {
         let model = model(zone, &body, piece(Use::Zone(k)));
         scene.model.insert(name.clone(), model);
         let interface = interface(name, zone, piece(Use::Between(k)));
         scene.interface.insert(name.clone(), interface);
     }
-    let rest = ModelTable {
+    let remainder = ModelTable {
         role: Some(RoleKind::Coarse),
         shape: Shape::Piece(piece(Use::Body)),
         spacing: None,
@@ -69,7 +72,7 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
         volume: None,
         ..body
     };
-    scene.model.insert(BODY.to_owned(), rest);
+    scene.model.insert(BODY.to_owned(), remainder);
     Ok(scene)
 }
 
@@ -77,9 +80,9 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
 fn marks(scene: &SceneSpec) -> Vec<Mark> {
     let loads = scene.load.iter().map(|l| (&l.model, &l.at)).enumerate();
     let supports = scene.support.iter().map(|s| (&s.model, &s.at)).enumerate();
-    let loads = loads.map(|(k, of)| (format!("load[{k}]"), of));
-    let all = loads.chain(supports.map(|(k, of)| (format!("support[{k}]"), of)));
-    let boxes = all.filter_map(|(key, (model, at))| match at {
+    let loads = loads.map(|(k, place)| (format!("load[{k}]"), place));
+    let places = loads.chain(supports.map(|(k, place)| (format!("support[{k}]"), place)));
+    let boxes = places.filter_map(|(key, (model, selection))| match selection {
         Selection::Box(low, high) if model == BODY => Some(Mark {
             key,
             low: *low,
@@ -98,13 +101,13 @@ pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
     error.at_key(|key| {
         let mut parts = key.splitn(3, '.');
         let (table, name) = (parts.next()?, parts.next()?);
-        let rest = parts.next();
+        let subkey = parts.next();
         let place = match table {
             "model" if name == BODY => BODY.to_owned(),
             "model" | "interface" if scene.zone.contains_key(name) => format!("zone.{name}"),
             _ => return None,
         };
-        Some(rest.map_or(place.clone(), |rest| format!("{place}.{rest}")))
+        Some(subkey.map_or(place.clone(), |subkey| format!("{place}.{subkey}")))
     })
 }
 

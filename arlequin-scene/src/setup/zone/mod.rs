@@ -88,7 +88,7 @@ pub struct ZoneLine {
 
 /// Widths of the overlaps around the zones of a scene.
 pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
-    let of = |(name, table): (&String, &Interface)| {
+    let line = |(name, table): (&String, &Interface)| {
         let OverlapShape::Zone(piece) = &table.overlap else {
             return None;
         };
@@ -101,7 +101,7 @@ pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
             fine: width.mean / fine.spacing,
         })
     };
-    scene.interface.iter().filter_map(of).collect()
+    scene.interface.iter().filter_map(line).collect()
 }
 
 /// Purpose of a piece of the body.
@@ -119,7 +119,7 @@ enum Use {
 #[derive(Debug, Clone)]
 pub struct Piece {
     cut: Arc<Cut>,
-    of: Use,
+    purpose: Use,
 }
 
 /// A body and its zones; divided at the first request for a piece.
@@ -129,7 +129,7 @@ struct Cut {
     zones: Vec<(String, ZoneTable)>,
     /// Boxes in which loads and supports act on the body; the surfaces inside become groups.
     marks: Vec<Mark>,
-    made: OnceLock<Division>,
+    division: OnceLock<Division>,
 }
 
 /// A closed box, and the key that names it.
@@ -142,12 +142,12 @@ struct Mark {
 
 impl Cut {
     fn division(&self, folder: &Path) -> Result<&Division> {
-        if let Some(made) = self.made.get() {
-            return Ok(made);
+        if let Some(division) = self.division.get() {
+            return Ok(division);
         }
-        let made = Division::of(self.mesh(folder)?, self, folder)?;
+        let division = Division::new(self.mesh(folder)?, self, folder)?;
         // The cell has no fallible initialisation; a second division of the same body would be equal.
-        Ok(self.made.get_or_init(|| made))
+        Ok(self.division.get_or_init(|| division))
     }
 
     /// Request for the mesh of the body as a single model.
@@ -165,16 +165,16 @@ impl Cut {
         }
         let reach = select::slack(whole.spacing());
         for mark in &self.marks {
-            let within = |x: &Point3<f64>| select::inside(&mark.low, &mark.high, x, reach);
+            let inside = |x: &Point3<f64>| select::inside(&mark.low, &mark.high, x, reach);
             let nodes = whole.nodes();
             let corners = |f: Facet| {
                 whole
                     .facet_nodes(f)
                     .into_iter()
-                    .all(|k| within(&nodes[k as usize]))
+                    .all(|k| inside(&nodes[k as usize]))
             };
             if whole.boundary().into_iter().any(corners) {
-                whole = whole.with_surface(&mark.key, within).map_err(fem("body"))?;
+                whole = whole.with_surface(&mark.key, inside).map_err(fem("body"))?;
             }
         }
         Ok(whole)
@@ -184,7 +184,7 @@ impl Cut {
 impl Piece {
     /// Checks what can be checked before anything is meshed.
     pub(super) fn check(&self, request: &Request<'_>) -> Result<()> {
-        match self.of {
+        match self.purpose {
             Use::Body => {
                 let whole = self.cut.request(request.folder)?;
                 whole.check_body()
@@ -209,7 +209,7 @@ impl Piece {
     /// requested.
     pub(super) fn mesh(&self, request: &Request<'_>) -> Result<Mesh<f64>> {
         let mesh = self.elements(self.cut.division(request.folder)?)?;
-        match (self.of, request.spacing) {
+        match (self.purpose, request.spacing) {
             (Use::Zone(z), Some(wanted)) => halved(
                 mesh,
                 wanted,
@@ -224,14 +224,14 @@ impl Piece {
     /// Elements of the piece as they are in the body.
     fn elements(&self, division: &Division) -> Result<Mesh<f64>> {
         let mesh = division.field.mesh();
-        let kept = |e: usize| match self.of {
-            Use::Body => !matches!(division.of[e], divide::Owner::Zone(_)),
+        let keep = |e: usize| match self.purpose {
+            Use::Body => !matches!(division.owners[e], divide::Owner::Zone(_)),
             Use::Zone(z) => {
-                matches!(division.of[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
+                matches!(division.owners[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
             }
-            Use::Between(z) => division.of[e] == divide::Owner::Both(z),
+            Use::Between(z) => division.owners[e] == divide::Owner::Both(z),
         };
-        mesh.part(kept).map_err(fem("body"))
+        mesh.part(keep).map_err(fem("body"))
     }
 
     /// Surface of the piece, to be filled with spheres, and its elements.
@@ -242,9 +242,13 @@ impl Piece {
 
     /// Surface of the zone's elements together with those around them, far enough for spheres up to `margin`
     /// \[m\] beyond the border; and the faces between both.
-    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
+    pub(super) fn extended_surface(
+        &self,
+        folder: &Path,
+        margin: f64,
+    ) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
         let division = self.cut.division(folder)?;
-        let (mesh, border) = around::around(division, self.number(), margin)?;
+        let (mesh, border) = around::extended_zone(division, self.number(), margin)?;
         Ok((triangles_of(&mesh), border))
     }
 
@@ -257,8 +261,8 @@ impl Piece {
     /// Facets of a group on the elements of the piece as they are in the body.
     pub(super) fn facets(&self, group: &str, folder: &Path) -> Result<Vec<SurfaceFacet<f64>>> {
         let mesh = self.elements(self.cut.division(folder)?)?;
-        let there = mesh.groups().get(group).is_some_and(|g| !g.facets.is_empty());
-        if there {
+        let has_facets = mesh.groups().get(group).is_some_and(|g| !g.facets.is_empty());
+        if has_facets {
             return mesh.surface(group).map_err(fem("body"));
         }
         Ok(Vec::new())
@@ -269,7 +273,7 @@ impl Piece {
         let division = self.cut.division(folder)?;
         let mesh = division.field.mesh();
         let mut out = vec![true; mesh.nodes().len()];
-        for (e, owner) in division.of.iter().enumerate() {
+        for (e, owner) in division.owners.iter().enumerate() {
             if *owner != divide::Owner::Zone(self.number()) {
                 mesh.element(e).iter().for_each(|k| out[*k as usize] = false);
             }
@@ -280,7 +284,7 @@ impl Piece {
     /// Name of the zone that alone owns the element at a point, if any.
     pub(super) fn zone_at(&self, x: &Point3<f64>, folder: &Path) -> Result<Option<&str>> {
         let division = self.cut.division(folder)?;
-        Ok(match division.field.element_at(x).map(|e| division.of[e]) {
+        Ok(match division.field.element_at(x).map(|e| division.owners[e]) {
             Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].0),
             _ => None,
         })
@@ -289,9 +293,9 @@ impl Piece {
     /// Returns whether a point lies in an element of this zone, overlap included.
     pub(super) fn holds(&self, x: &Point3<f64>, folder: &Path) -> Result<bool> {
         let division = self.cut.division(folder)?;
-        let owner = division.field.element_at(x).map(|e| division.of[e]);
-        let mine = |z: usize| z == self.number();
-        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if mine(z))))
+        let owner = division.field.element_at(x).map(|e| division.owners[e]);
+        let is_own = |z: usize| z == self.number();
+        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if is_own(z))))
     }
 
     /// Positions of points with respect to the overlap.
@@ -303,12 +307,12 @@ impl Piece {
 
     /// Width of the overlap; `None` before the body is divided.
     pub(crate) fn width(&self) -> Option<Width> {
-        let division = self.cut.made.get()?;
+        let division = self.cut.division.get()?;
         Some(division.zones[self.number()].width)
     }
 
     fn number(&self) -> usize {
-        match self.of {
+        match self.purpose {
             Use::Zone(z) | Use::Between(z) => z,
             Use::Body => 0,
         }
@@ -316,8 +320,8 @@ impl Piece {
 }
 
 /// Halves elements at least `least` times and until they are no longer than `wanted` \[m\].
-fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
-    let ratio = mesh.spacing() / wanted;
+fn halved(mesh: Mesh<f64>, target: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
+    let ratio = mesh.spacing() / target;
     // A length that fits up to round-off needs no further halving.
     let times = (ratio.log2() - 1e-6).ceil().max(least);
     if times > HALVINGS {
@@ -326,7 +330,7 @@ fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f6
             mesh.spacing(),
             HALVINGS.exp2()
         );
-        return Err(value(key, wanted, &rule));
+        return Err(value(key, target, &rule));
     }
     let halved = (0..times as usize).try_fold(mesh, |mesh, _| mesh.refined());
     halved.map_err(fem(key))

@@ -19,7 +19,7 @@ const INWARDS: f64 = 1e-4;
 /// The elements of a zone and its overlap, with the positions at the nodes.
 pub(super) struct Layer {
     field: Whole,
-    of: Arc<Vec<Owner>>,
+    owners: Arc<Vec<Owner>>,
     positions: Arc<Vec<f64>>,
     zone: usize,
     /// Bounding box of the zone and its overlap \[m\], with a margin.
@@ -32,15 +32,20 @@ pub(super) struct Layer {
 
 impl std::fmt::Debug for Layer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Layer around zone {} of {} elements", self.zone, self.of.len())
+        write!(
+            f,
+            "Layer around zone {} of {} elements",
+            self.zone,
+            self.owners.len()
+        )
     }
 }
 
 impl Layer {
     pub(super) fn new(division: &Division, zone: usize) -> Self {
         let mesh = division.field.mesh();
-        let mine = |e: usize| matches!(division.of[e], Owner::Zone(z) | Owner::Both(z) if z == zone);
-        let inside = (0..mesh.element_count()).filter(|&e| mine(e));
+        let in_zone = |e: usize| matches!(division.owners[e], Owner::Zone(z) | Owner::Both(z) if z == zone);
+        let inside = (0..mesh.element_count()).filter(|&e| in_zone(e));
         let corners = inside
             .flat_map(|e| mesh.element(e))
             .map(|&k| &mesh.nodes()[k as usize]);
@@ -62,7 +67,7 @@ impl Layer {
         }
         Self {
             field: division.field.clone(),
-            of: division.of.clone(),
+            owners: division.owners.clone(),
             positions: division.zones[zone].positions.clone(),
             zone,
             bounds,
@@ -79,8 +84,8 @@ impl Layer {
     /// Number of the element at a point, and the position there. For a point outside of the body, those of
     /// the element below the nearest surface.
     fn locate(&self, x: &Point3<f64>) -> Option<(usize, f64)> {
-        if let found @ Some(_) = self.field.value_at(x, &self.positions) {
-            return found;
+        if let located @ Some(_) = self.field.value_at(x, &self.positions) {
+            return located;
         }
         if self.skin.is_empty() {
             return None;
@@ -94,11 +99,11 @@ impl Layer {
 
 impl Overlap<f64> for Layer {
     fn place(&self, x: &Point3<f64>) -> Place<f64> {
-        let found = if self.is_beyond(x) { None } else { self.locate(x) };
-        let Some((e, s)) = found else {
+        let located = if self.is_beyond(x) { None } else { self.locate(x) };
+        let Some((e, s)) = located else {
             return Place::Coarse;
         };
-        match self.of[e] {
+        match self.owners[e] {
             Owner::Zone(z) if z == self.zone => Place::Fine,
             Owner::Both(z) if z == self.zone => match s {
                 s if s <= ON_BORDER => Place::Fine,
@@ -119,7 +124,7 @@ impl Overlap<f64> for Layer {
         }
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
         let middle = Point3::from(sum / corners.len() as f64);
-        let own = |e: usize| match self.of[e] {
+        let owner_of = |e: usize| match self.owners[e] {
             Owner::Zone(z) | Owner::Both(z) if z != self.zone => Owner::Body,
             owner => owner,
         };
@@ -130,9 +135,9 @@ impl Overlap<f64> for Layer {
             let inwards = x + (middle - x) * INWARDS;
             let (e, _) = self.locate(&inwards)?;
             same &= e == first;
-            alike &= own(e) == own(first);
+            alike &= owner_of(e) == owner_of(first);
         }
-        Some(match (alike, own(first)) {
+        Some(match (alike, owner_of(first)) {
             (false, _) => CellPlace::Halved(2),
             (_, Owner::Body) => CellPlace::Coarse,
             (_, Owner::Zone(_)) => CellPlace::Fine,

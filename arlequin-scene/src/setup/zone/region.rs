@@ -26,7 +26,7 @@ pub(super) enum Place {
 
 impl Place {
     /// Builds the region of a zone.
-    pub(super) fn of(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
+    pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
         let (name, table) = &cut.zones[zone];
         let path = format!("zone.{name}.shape");
         let scale = table.scale.unwrap_or(cut.body.scale);
@@ -36,18 +36,18 @@ impl Place {
                 file,
                 distance,
             } => {
-                let at = format!("{path}.near");
+                let key_path = format!("{path}.near");
                 let faces = match (group, file) {
-                    (Some(g), None) => of_group(&format!("{at}.group"), g, mesh)?,
-                    (None, Some(f)) => of_file(&format!("{at}.file"), &folder.join(f), scale)?,
-                    _ => return Err(key(at, "needs exactly one of group, file")),
+                    (Some(g), None) => of_group(&format!("{key_path}.group"), g, mesh)?,
+                    (None, Some(f)) => of_file(&format!("{key_path}.file"), &folder.join(f), scale)?,
+                    _ => return Err(key(key_path, "needs exactly one of group, file")),
                 };
                 Self::Near(faces, *distance)
             }
             ZoneShape::File(file) => {
-                let at = format!("{path}.file");
-                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&at))?;
-                let surface = surface.scaled(scale).map_err(dem(&at))?;
+                let key_path = format!("{path}.file");
+                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&key_path))?;
+                let surface = surface.scaled(scale).map_err(dem(&key_path))?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
             shape => Self::Simple(simple(&path, shape)?),
