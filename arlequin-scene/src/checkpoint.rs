@@ -365,12 +365,12 @@ mod tests {
         /// Arbitrary bytes neither crash the decoder nor make it allocate more than a few times their length.
         #[test]
         fn any_bytes_are_an_error_or_a_checkpoint(
-            at in 0usize..400, noise in proptest::collection::vec(any::<u8>(), 1..40), cut in 0usize..400,
+            offset in 0usize..400, noise in proptest::collection::vec(any::<u8>(), 1..40), cut in 0usize..400,
         ) {
             let mut bytes = sample().encode().unwrap();
-            let at = at.min(bytes.len() - 1).max(HEAD);
-            let end = (at + noise.len()).min(bytes.len());
-            bytes[at..end].copy_from_slice(&noise[..end - at]);
+            let start = offset.min(bytes.len() - 1).max(HEAD);
+            let end = (start + noise.len()).min(bytes.len());
+            bytes[start..end].copy_from_slice(&noise[..end - start]);
             bytes.truncate(bytes.len().saturating_sub(cut).max(HEAD + TAIL));
             if let Ok(c) = Checkpoint::decode(&sealed(bytes)) {
                 prop_assert!(c.snapshot.subdomains.len() < 400);

@@ -119,9 +119,9 @@ mod tests {
         let samples: Vec<f64> = (0..3000)
             .map(|k| 1.0 + wave(123.4, k as f64 * dt) + 0.3 * wave(456.7, k as f64 * dt))
             .collect();
-        let found = frequencies(&samples, dt);
-        assert_eq!(found.len(), 2, "{found:?}");
-        assert!((found[0] / 123.4 - 1.0).abs() < 1e-3 && (found[1] / 456.7 - 1.0).abs() < 1e-3);
+        let peaks = frequencies(&samples, dt);
+        assert_eq!(peaks.len(), 2, "{peaks:?}");
+        assert!((peaks[0] / 123.4 - 1.0).abs() < 1e-3 && (peaks[1] / 456.7 - 1.0).abs() < 1e-3);
     }
 
     #[test]

@@ -435,10 +435,10 @@ mod tests {
             (&deep, "nested more than 100 deep"),
             (&high, "nested more than 100 deep"),
         ] {
-            let told = formula("load[0].time", text).expect_err(text).to_string();
+            let message = formula("load[0].time", text).expect_err(text).to_string();
             assert!(
-                told.contains(words) && told.contains("load[0].time.expression"),
-                "{told}"
+                message.contains(words) && message.contains("load[0].time.expression"),
+                "{message}"
             );
         }
     }

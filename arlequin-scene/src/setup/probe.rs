@@ -43,7 +43,7 @@ struct Row {
     model: usize,
     row: Vec<(usize, f64)>,
     /// For rotations of a model with finite rotations: displacements along the arms; `row` has those across.
-    along: Option<Vec<(usize, f64)>>,
+    along_arms: Option<Vec<(usize, f64)>>,
     /// For a partitioned model: gathers the unknowns of both lists; these then hold places in the gathered
     /// vector.
     parts: Option<Gather>,
@@ -98,8 +98,11 @@ impl ProbeReader {
             return;
         };
         let components = s.model().layout().components;
-        let mut entries: Vec<&mut (usize, f64)> =
-            row.row.iter_mut().chain(row.along.iter_mut().flatten()).collect();
+        let mut entries: Vec<&mut (usize, f64)> = row
+            .row
+            .iter_mut()
+            .chain(row.along_arms.iter_mut().flatten())
+            .collect();
         row.parts = Some(Gather::new(
             portion.clone(),
             components,
@@ -144,12 +147,12 @@ impl Row {
             return Err(key(format!("{path}.component"), rule));
         }
         check(path, probe)?;
-        let mut along = None;
+        let mut along_arms = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
                 let nodes = chosen(path, selection, model, scene, bodies)?;
                 let [row, stretch] = rotation(path, body, &nodes, c)?;
-                along = (body.model.arms() == Arms::Current).then_some(stretch);
+                along_arms = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
             }
             (Some(at), None) => {
@@ -167,7 +170,7 @@ impl Row {
         Ok(Self {
             model,
             row,
-            along,
+            along_arms,
             parts: None,
         })
     }
@@ -181,8 +184,8 @@ impl Row {
         let gathered = self.parts.as_ref().map(|g| g.gathered(1, values));
         let values = gathered.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
-        match &self.along {
-            Some(along) => sum(&self.row).atan2(1.0 + sum(along)),
+        match &self.along_arms {
+            Some(along_arms) => sum(&self.row).atan2(1.0 + sum(along_arms)),
             None => sum(&self.row),
         }
     }

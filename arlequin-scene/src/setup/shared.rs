@@ -148,7 +148,7 @@ pub(super) fn loads(
     let time = drive::time_function(&format!("{path}.time"), &l.time)?;
     let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();
-    // `left` differs from one only in an overlap with a model that is no zone.
+    // `factor` differs from one only in an overlap with a model that is no zone.
     for part in shared.distribute()? {
         if part.model != body {
             not_twice(k, &part, scene, &bodies[part.model])?;

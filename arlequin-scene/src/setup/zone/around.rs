@@ -67,7 +67,7 @@ pub(super) fn extended_zone(division: &Division, zone: usize, margin: f64) -> Re
 pub(super) type Triangles = Vec<[Point3<f64>; 3]>;
 type Beside = BTreeMap<usize, BTreeSet<usize>>;
 
-/// Pairs of elements that share a face, and the triangles between the elements marked in `mine` and the
+/// Pairs of elements that share a face, and the triangles between the elements marked in `in_zone` and the
 /// others.
 fn neighbours(mesh: &Mesh<f64>, in_zone: &[bool]) -> (Beside, Triangles) {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();

@@ -209,12 +209,12 @@ impl<'a> Twin<'a> {
         free.iter().enumerate().for_each(|(k, r)| place[*r] = k);
         let mut fields: Vec<Vec<f64>> = (0..6)
             .map(|k| {
-                let at = |(x, held): (&Point3<f64>, &[bool; 3])| {
+                let displaced = |(x, held): (&Point3<f64>, &[bool; 3])| {
                     let held = Vector3::from(held.map(|h| f64::from(u8::from(h))));
                     strained(k, &(x.coords - self.middle)).component_mul(&held)
                 };
                 let nodes = self.mesh.nodes().iter().zip(&self.held);
-                nodes.flat_map(|n| <[f64; 3]>::from(at(n))).collect()
+                nodes.flat_map(|n| <[f64; 3]>::from(displaced(n))).collect()
             })
             .collect();
         fields.resize(6 + self.pulls.len(), vec![0.0; whole.rows()]);
@@ -257,11 +257,13 @@ impl<'a> Twin<'a> {
     /// of spheres that touch a face like the face itself: a layer one radius thick is then rigid, which is
     /// part of the packing's stiffness.
     fn moved(&self, k: usize, model: &DemModel, (x, held): (&Point3<f64>, &Held)) -> Vector3<f64> {
-        let at = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
-        let mut out = at(x);
+        let displaced = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
+        let mut out = displaced(x);
         if held.linear.contains(&true) && !self.on_border(model, x) {
             for c in (0..3).filter(|c| held.linear[*c]) {
-                out[c] = self.bearings[c].foot(x).map_or(out[c], |foot| at(&foot)[c]);
+                out[c] = self.bearings[c]
+                    .foot(x)
+                    .map_or(out[c], |foot| displaced(&foot)[c]);
             }
         }
         out
@@ -370,7 +372,7 @@ impl<'a> Twin<'a> {
         let blend = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
         // A geometric mean: twice as stiff and half as stiff weigh alike.
         let factor = blend(strained.factor.ln(), hanging.factor.ln()).exp();
-        let uneven = blend(strained.off, hanging.off).sqrt();
+        let uneven = blend(strained.deviation, hanging.deviation).sqrt();
         let diameter = 2.0 * model.body().mean_radius();
         let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
         // Stiffness is proportional to the modulus of the beams.
@@ -403,7 +405,7 @@ struct Compared {
     /// Stiffness over that of the elements.
     factor: f64,
     /// Squared relative deviation from the elements after scaling by the factor.
-    off: f64,
+    deviation: f64,
     /// Square of the elements' energies \[J²\]; the weight of the comparison.
     size: f64,
 }
@@ -414,8 +416,8 @@ impl Compared {
     fn strained([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         let size = inner(wanted, wanted);
         let factor = inner(found, wanted) / size;
-        let off = found / factor - wanted;
-        Self::sound(factor, inner(&off, &off) / size, size)
+        let deviation = found / factor - wanted;
+        Self::sound(factor, inner(&deviation, &deviation) / size, size)
     }
 
     /// Comparison under forces, whose work is proportional to the inverse of the stiffness. The mean over all
@@ -428,17 +430,21 @@ impl Compared {
         let softer = &root * found * root.transpose();
         let count = softer.nrows();
         let mean = softer.trace() / count as f64;
-        let off = softer / mean - DMatrix::identity(count, count);
+        let deviation = softer / mean - DMatrix::identity(count, count);
         Self::sound(
             1.0 / mean,
-            off.norm_squared() / count as f64,
+            deviation.norm_squared() / count as f64,
             wanted.norm_squared(),
         )
     }
 
     /// Returns `None` if the numbers are not finite or the packing carries no load.
-    fn sound(factor: f64, off: f64, size: f64) -> Option<Self> {
-        (factor > 0.0 && factor.is_finite() && off.is_finite()).then_some(Self { factor, off, size })
+    fn sound(factor: f64, deviation: f64, size: f64) -> Option<Self> {
+        (factor > 0.0 && factor.is_finite() && deviation.is_finite()).then_some(Self {
+            factor,
+            deviation,
+            size,
+        })
     }
 }
 

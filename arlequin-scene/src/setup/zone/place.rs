@@ -130,18 +130,18 @@ impl Overlap<f64> for Layer {
         };
         let (first, _) = self.locate(&middle)?;
         let linear = self.field.mesh().kind() == ElementKind::Tet4;
-        let (mut alike, mut same) = (true, linear);
+        let (mut one_owner, mut one_linear_element) = (true, linear);
         for x in &corners {
             let inwards = x + (middle - x) * INWARDS;
             let (e, _) = self.locate(&inwards)?;
-            same &= e == first;
-            alike &= owner_of(e) == owner_of(first);
+            one_linear_element &= e == first;
+            one_owner &= owner_of(e) == owner_of(first);
         }
-        Some(match (alike, owner_of(first)) {
+        Some(match (one_owner, owner_of(first)) {
             (false, _) => CellPlace::Halved(2),
             (_, Owner::Body) => CellPlace::Coarse,
             (_, Owner::Zone(_)) => CellPlace::Fine,
-            (_, Owner::Both(_)) => CellPlace::Halved(usize::from(!same)),
+            (_, Owner::Both(_)) => CellPlace::Halved(usize::from(!one_linear_element)),
         })
     }
 }
