@@ -1,4 +1,4 @@
-//! Errors of scenes: each names a key of the scene, its value, the limit and a way out.
+//! Errors of scenes: each names a key of the scene, its value, the limit and a remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -199,7 +199,7 @@ impl Error {
         }
     }
 
-    /// Replaces the key of the error by `other(key)`, if that is `Some`.
+    /// Replaces the key of the error by `replacement(key)`, if that is `Some`.
     #[must_use]
     pub(crate) fn at_key(mut self, replacement: impl FnOnce(&str) -> Option<String>) -> Self {
         if let keyed!(key) = &mut self

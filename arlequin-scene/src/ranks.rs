@@ -192,7 +192,7 @@ impl Ranks {
         ranks::agree(&**c, what, digest).map_err(elsewhere)
     }
 
-    /// Returns whether `own` is true on any rank. Collective.
+    /// Returns whether `flag` is true on any rank. Collective.
     ///
     /// # Errors
     /// Failures of the communicator.
@@ -208,7 +208,7 @@ impl Ranks {
         Ok(values)
     }
 
-    /// Returns `own` if it is `Ok` on every rank. Collective.
+    /// Returns `result` if it is `Ok` on every rank. Collective.
     ///
     /// # Errors
     /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`];
@@ -243,7 +243,7 @@ impl Ranks {
     }
 }
 
-/// Returns `own` if it is `Ok` on every rank. Collective. Without a communicator, returns `own`.
+/// Returns `result` if it is `Ok` on every rank. Collective. Without a communicator, returns `result`.
 ///
 /// # Errors
 /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`].

@@ -77,7 +77,7 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    /// Skips spaces and consumes the character `wanted` if it comes next; returns whether it did.
+    /// Skips spaces and consumes the character `character` if it comes next; returns whether it did.
     fn sign(&mut self, character: char) -> bool {
         self.remainder = self.remainder.trim_start();
         let Some(remainder) = self.remainder.strip_prefix(character) else {

@@ -31,7 +31,7 @@ pub fn link_of(table: &ModelTable) -> Option<String> {
     })
 }
 
-/// Refuses keys of a link for other kinds of models, and keys of other kinds for a link.
+/// Refuses keys of a link in other kinds of models, and keys of other kinds in a link.
 pub(super) fn check(path: &str, table: &ModelTable) -> Result<()> {
     let link_keys = [
         ("command", table.command.is_some()),

@@ -1,4 +1,4 @@
-//! Warnings about possible but improbable values. Each names the odd number; nothing is refused.
+//! Warnings about possible but improbable values. Each names the value; no value is refused.
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{

@@ -57,7 +57,7 @@ impl Wrench {
 /// The nodes of one model that carry a load.
 struct Part {
     model: usize,
-    /// Carriers by the number of the node.
+    /// Force and area of each node, by the number of the node.
     carriers: BTreeMap<usize, Carrier>,
 }
 
@@ -121,7 +121,7 @@ struct Shared<'a> {
     folder: &'a Path,
     /// Number of the body's own model.
     body: usize,
-    /// Number of each zone, with the weight that the body's own model has in its overlap.
+    /// Number of each zone, with the weight of the body's own model in the zone's overlap.
     zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
     /// Loaded surface as triangles. Models of natural elements select the facets of a group by their corners
     /// only; in a thin body this would include facets on a cut.

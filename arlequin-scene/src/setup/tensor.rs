@@ -21,7 +21,7 @@ const LOOKS: usize = 64;
 #[derive(Debug, Clone)]
 pub(super) struct TensorRow {
     model: usize,
-    /// Nodes; `factors` has a factor for each.
+    /// Nodes that the value is computed from; `factors` holds their weights in the sum.
     nodes: Vec<usize>,
     factors: Vec<f64>,
     component: Option<Component>,

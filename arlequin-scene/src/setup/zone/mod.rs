@@ -319,7 +319,7 @@ impl Piece {
     }
 }
 
-/// Halves elements at least `least` times and until they are no longer than `wanted` \[m\].
+/// Halves elements at least `least` times and until they are no longer than `target` \[m\].
 fn halved(mesh: Mesh<f64>, target: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
     let ratio = mesh.spacing() / target;
     // A length that fits up to round-off needs no further halving.
