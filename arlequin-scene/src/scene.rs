@@ -258,8 +258,8 @@ impl Scene {
         self.prepare_with(&mut |_| ())
     }
 
-    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up as
-    /// it begins.
+    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
+    /// as it begins.
     ///
     /// # Errors
     /// See [`Self::prepare`].
