@@ -5,31 +5,31 @@ use crate::setup::ModelInfo;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{Elastic, ShapeRow};
 
-/// Shape gradients at the centre of one cell.
+/// Shape-function gradients at the centre of one cell.
 #[derive(Debug, Clone)]
 pub(crate) struct Cell {
     /// Centre \[m\].
     pub(crate) centre: Point3<f64>,
-    /// What it is made of.
+    /// Material at the centre.
     pub(crate) material: Elastic<f64>,
     /// Nodes and gradients of their shape functions \[1/m\].
     row: Vec<(usize, Vector3<f64>)>,
 }
 
 impl Cell {
-    /// Nodes that its gradient needs.
+    /// Numbers of the nodes that the gradient reads.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = u32> {
         self.row.iter().map(|(node, _)| *node as u32)
     }
 
-    /// Gives its nodes other numbers.
+    /// Replaces each node number `n` by `number(n)`.
     pub(crate) fn renumber(&mut self, number: &impl Fn(u32) -> usize) {
         self.row
             .iter_mut()
             .for_each(|(node, _)| *node = number(*node as u32));
     }
 
-    /// Gradient `∂u_c/∂x_k` at row `c`, column `k` of a field with `count` components.
+    /// Gradient `∂u_c/∂x_k` (row `c`, column `k`) of a nodal field with `count` components.
     pub(crate) fn gradient(&self, values: &[f64], count: usize) -> Matrix3<f64> {
         let mut h = Matrix3::zeros();
         for (node, g) in &self.row {
@@ -43,13 +43,16 @@ impl Cell {
     }
 }
 
-/// The cells of a model; an error, placed at `key`, where its field has no gradient.
+/// Returns all cells of a model.
+///
+/// # Errors
+/// A model without materials or without shape-function gradients; the error names `key`.
 pub(crate) fn cells(key: &str, d: &ModelInfo) -> Result<Vec<Cell>> {
-    some(key, d, 0..d.grid.cells())
+    selected(key, d, 0..d.grid.cells())
 }
 
-/// Some of them, by their numbers.
-pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>) -> Result<Vec<Cell>> {
+/// Returns the cells with the numbers `which`; errors as in [`cells`].
+pub(crate) fn selected(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>) -> Result<Vec<Cell>> {
     let Some(materials) = &d.materials else {
         return Err(crate::error::key(
             key,
@@ -57,7 +60,7 @@ pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>)
         ));
     };
     let mut row = ShapeRow::default();
-    let one = |k: usize| {
+    let cell_at = |k: usize| {
         let cell = &d.grid.connectivity[k * d.grid.corners..][..d.grid.corners];
         let sum = cell
             .iter()
@@ -71,5 +74,5 @@ pub(crate) fn some(key: &str, d: &ModelInfo, which: impl Iterator<Item = usize>)
             row: row.collect(),
         })
     };
-    which.map(one).collect()
+    which.map(cell_at).collect()
 }

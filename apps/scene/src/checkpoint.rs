@@ -1,12 +1,13 @@
-//! Checkpoints: everything a run needs to go on with the same bits, in one file that is whole or not there.
+//! Checkpoints: everything a run needs to continue bit for bit, in one file that is either complete or
+//! absent.
 //!
 //! ```text
 //! "ARLQCKPT"   format, u32   length of the payload, u64   payload (postcard)   CRC-32 of all before, u32
 //! ```
 //!
-//! Numbers are little-endian. The file is written beside its place, synced and renamed: whenever the
-//! program dies, the last whole checkpoint is found. The payload holds the text of the scene, so that a
-//! resumed run cannot meet another one, and check sums of the files the scene reads.
+//! Numbers are little-endian. The file is written under a temporary name, synced and renamed: whenever the
+//! program dies, the last complete checkpoint remains. The payload holds the text of the scene, so that a
+//! resumed run uses the same scene, and check sums of the files that the scene reads.
 
 use crate::error::{Error, Result, write};
 use crate::recorder::Records;
@@ -19,9 +20,9 @@ use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Name of the file in an output folder.
+/// Name of the checkpoint file in an output folder.
 pub(crate) const NAME: &str = "checkpoint.bin";
-/// Changes whenever the payload does.
+/// Format number; to be increased whenever the payload changes.
 const FORMAT: u32 = 5;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
@@ -34,11 +35,11 @@ pub(crate) struct Origin {
     pub path: PathBuf,
     /// Absolute folder of the scene file.
     pub folder: PathBuf,
-    /// Its text.
+    /// Text of the scene file.
     pub text: String,
-    /// Assignments of the command line.
+    /// Assignments `PATH=VALUE` of the command line.
     pub set: Vec<String>,
-    /// Files the scene reads, with length and CRC-32.
+    /// Files that the scene reads: name, length \[bytes\], CRC-32.
     files: Vec<(PathBuf, u64, u32)>,
 }
 
@@ -47,19 +48,22 @@ pub(crate) struct Origin {
 pub(crate) struct Checkpoint {
     /// Version of the program.
     pub version: String,
-    /// Scene.
+    /// Scene of the run.
     pub origin: Origin,
-    /// State.
+    /// State of the models.
     pub snapshot: Snapshot<f64>,
-    /// What was recorded so far.
+    /// Probes, energies and frames recorded so far.
     pub records: Records,
-    /// How far a scene with `[wake]` has come.
+    /// Stage of a scene with `[wake]`; `None` without one.
     pub wake: Option<Stage>,
 }
 
 impl Origin {
-    /// Of a scene that is about to run.
-    pub(crate) fn of(scene: &Scene) -> Result<Self> {
+    /// Describes a scene that is about to run and takes the fingerprints of its files.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be read.
+    pub(crate) fn from_scene(scene: &Scene) -> Result<Self> {
         let folder = scene.folder();
         let folder = if folder.as_os_str().is_empty() {
             Path::new(".")
@@ -72,6 +76,7 @@ impl Origin {
         })?;
         let mut files = scene.files();
         let pieces = files.iter().flat_map(|name| pieces(&absolute, name));
+        // Pieces of a `.pvtu` file are read as well, so a change of one must be noticed.
         files.extend(pieces.collect::<Vec<_>>());
         let files = files
             .into_iter()
@@ -89,12 +94,15 @@ impl Origin {
         })
     }
 
-    /// What tells the files apart that it reads.
+    /// Lengths \[bytes\] and CRC-32 of the files that the scene reads.
     pub(crate) fn fingerprints(&self) -> impl Iterator<Item = (u64, u32)> {
         self.files.iter().map(|f| (f.1, f.2))
     }
 
-    /// The scene again; refuses files that changed since.
+    /// Reads the scene from the stored text.
+    ///
+    /// # Errors
+    /// A file that has changed since the checkpoint was written.
     pub(crate) fn scene(&self) -> Result<Scene> {
         for (name, length, sum) in &self.files {
             let path = self.folder.join(name);
@@ -125,7 +133,8 @@ pub(crate) fn remove(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Files that a file of a scene names in turn; what cannot be understood is for the set-up to say.
+/// Pieces that a `.pvtu` file of the scene names; empty for other files and for files that cannot be parsed
+/// (the set-up reports these).
 fn pieces(folder: &Path, name: &Path) -> Vec<PathBuf> {
     let read = || std::fs::read(folder.join(name)).ok();
     let parallel = name.extension().is_some_and(|e| e == "pvtu");
@@ -134,7 +143,7 @@ fn pieces(folder: &Path, name: &Path) -> Vec<PathBuf> {
     named.into_iter().map(|p| name.with_file_name(p)).collect()
 }
 
-/// Length \[bytes\] and CRC-32 of a file, read in pieces.
+/// Length \[bytes\] and CRC-32 of a file; reads the file in blocks.
 pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
     let read = |source| Error::Read {
         path: path.to_owned(),
@@ -155,7 +164,7 @@ pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
 }
 
 impl Checkpoint {
-    /// Writes the file into a folder, replacing the one before.
+    /// Writes the checkpoint into a folder and replaces an older one.
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let bytes = self.encode().map_err(|e| Error::System {
             what: "packing the checkpoint",
@@ -166,6 +175,7 @@ impl Checkpoint {
         let put = || -> std::io::Result<()> {
             let mut file = File::create(&aside)?;
             file.write_all(&bytes)?;
+            // The content must be on disk before the name refers to it.
             file.sync_all()?;
             std::fs::rename(&aside, &path)?;
             // The rename itself must survive a power failure; not every system can sync a folder.
@@ -177,9 +187,10 @@ impl Checkpoint {
         put().map_err(write(&path))
     }
 
-    /// Reads the file of a folder.
+    /// Reads the checkpoint of a folder.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(NAME);
+        // A summary without a checkpoint is that of a run that has ended.
         let bytes = std::fs::read(&path).map_err(|source| match folder.join("summary.json").exists() {
             true if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {
                 path: folder.to_owned(),
@@ -206,14 +217,16 @@ impl Checkpoint {
         Ok(out)
     }
 
-    /// Undoes [`Self::encode`]; `Err` is the reason and the way out.
+    /// Undoes [`Self::encode`]; `Err` holds the reason and the remedy.
     fn decode(bytes: &[u8]) -> Result<Self, String> {
         if bytes.get(..8) != Some(MAGIC) {
             return Err("is no checkpoint of this program".into());
         }
+        // The order of the checks decides the message: a file cut short is reported as truncated, not as
+        // damaged.
         let truncated = || {
-            let found = bytes.len();
-            format!("is truncated at {found} bytes; take another copy, or start the run anew")
+            let length = bytes.len();
+            format!("is truncated at {length} bytes; take another copy, or start the run anew")
         };
         let format = word(bytes, 8).ok_or_else(truncated)?;
         if format != FORMAT {
@@ -224,6 +237,7 @@ impl Checkpoint {
         let low = u64::from(word(bytes, 12).ok_or_else(truncated)?);
         let high = u64::from(word(bytes, 16).ok_or_else(truncated)?);
         let length = usize::try_from(low | (high << 32)).map_err(|_| truncated())?;
+        // The length comes from the file: the sum could overflow.
         let end = HEAD.checked_add(length).ok_or_else(truncated)?;
         let sum = word(bytes, end).ok_or_else(truncated)?;
         if bytes.len() != end + TAIL {
@@ -242,8 +256,8 @@ impl Checkpoint {
     }
 }
 
-fn word(bytes: &[u8], at: usize) -> Option<u32> {
-    let four = bytes.get(at..at.checked_add(4)?)?;
+fn word(bytes: &[u8], offset: usize) -> Option<u32> {
+    let four = bytes.get(offset..offset.checked_add(4)?)?;
     Some(u32::from_le_bytes(four.try_into().ok()?))
 }
 
@@ -300,7 +314,7 @@ mod tests {
         }
     }
 
-    /// With a check sum that fits, so that the decoder behind it is reached.
+    /// Repairs length and check sum, so that the test reaches the decoder behind them.
     fn sealed(mut body: Vec<u8>) -> Vec<u8> {
         body.truncate(body.len().saturating_sub(TAIL));
         let length = (body.len().saturating_sub(HEAD) as u64).to_le_bytes();
@@ -333,8 +347,8 @@ mod tests {
         }
         let mut newer = good.clone();
         newer[8] = 9;
-        let wanted = format!("has format 9, this program reads format {FORMAT}");
-        assert!(reason(&newer).starts_with(&wanted));
+        let message = format!("has format 9, this program reads format {FORMAT}");
+        assert!(reason(&newer).starts_with(&message));
         for k in (HEAD..good.len()).step_by(7) {
             let mut bad = good.clone();
             bad[k] ^= 0x10;
@@ -348,15 +362,15 @@ mod tests {
     proptest! {
         #![proptest_config(reader_fuzz::property_config(2000))]
 
-        /// No bytes crash the decoder or make it allocate more than a few times their own length.
+        /// Arbitrary bytes neither crash the decoder nor make it allocate more than a few times their length.
         #[test]
         fn any_bytes_are_an_error_or_a_checkpoint(
-            at in 0usize..400, noise in proptest::collection::vec(any::<u8>(), 1..40), cut in 0usize..400,
+            offset in 0usize..400, noise in proptest::collection::vec(any::<u8>(), 1..40), cut in 0usize..400,
         ) {
             let mut bytes = sample().encode().unwrap();
-            let at = at.min(bytes.len() - 1).max(HEAD);
-            let end = (at + noise.len()).min(bytes.len());
-            bytes[at..end].copy_from_slice(&noise[..end - at]);
+            let start = offset.min(bytes.len() - 1).max(HEAD);
+            let end = (start + noise.len()).min(bytes.len());
+            bytes[start..end].copy_from_slice(&noise[..end - start]);
             bytes.truncate(bytes.len().saturating_sub(cut).max(HEAD + TAIL));
             if let Ok(c) = Checkpoint::decode(&sealed(bytes)) {
                 prop_assert!(c.snapshot.subdomains.len() < 400);

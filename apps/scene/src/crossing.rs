@@ -1,5 +1,5 @@
-//! Cracks that run into an overlap: said when it happens, kept for the summary, and a reason to end where
-//! wanted.
+//! Cracks that run into an overlap: warned about once per model, listed in the summary, and a reason to end
+//! the run if the scene asks for it.
 
 use crate::setup;
 use crate::spec::{Effect, EffectKind, SceneSpec};
@@ -10,13 +10,13 @@ use serde::Serialize;
 /// A crack that ran into an overlap.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OverlapBreak {
-    /// The model.
+    /// Name of the model.
     pub model: String,
-    /// Time of the break with which it was one \[s\], see [`CRACK`].
+    /// Time of the broken bond with which the breaks in overlaps became a crack \[s\], see [`CRACK`].
     pub time: f64,
-    /// Place of that bond \[m\].
+    /// Position of that bond \[m\].
     pub place: [f64; 3],
-    /// Bonds of overlaps that are broken by now.
+    /// Number of broken bonds in overlaps so far.
     pub bonds: usize,
 }
 
@@ -34,43 +34,43 @@ impl std::fmt::Display for OverlapBreak {
     }
 }
 
-/// Models of which it was said.
+/// For each model: true if its crack was reported already.
 #[derive(Debug)]
 pub(crate) struct Crossing(Vec<bool>);
 
 impl Crossing {
-    /// What has happened so far needs no word.
+    /// Marks all cracks that exist already as reported.
     pub(crate) fn since(breaks: &[Option<SharedLog>]) -> Self {
         Self(breaks.iter().map(|b| has_left(b.as_ref())).collect())
     }
 
-    /// What there is to say of the step just made, and whether the scene ends there.
+    /// Returns the messages about the step just made, and whether the scene ends the run there.
     pub(crate) fn watch(
         &mut self,
         scene: &SceneSpec,
         run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
-        let (mut said, mut ends) = (Vec::new(), false);
-        for (m, told) in self.0.iter_mut().enumerate() {
-            if *told || !has_left(breaks[m].as_ref()) {
+        let (mut messages, mut ends) = (Vec::new(), false);
+        for (m, reported) in self.0.iter_mut().enumerate() {
+            if *reported || !has_left(breaks[m].as_ref()) {
                 continue;
             }
-            *told = true;
-            said.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
+            *reported = true;
+            messages.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
             ends |= stops(scene, m);
         }
-        (said, ends)
+        (messages, ends)
     }
 }
 
-/// First cracks that ran into overlaps, one per model.
-pub(crate) fn found(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
-    let all = breaks.iter().enumerate();
-    all.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
+/// First crack of each model that ran into an overlap.
+pub(crate) fn first_cracks(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Vec<OverlapBreak> {
+    let logs = breaks.iter().enumerate();
+    logs.filter_map(|(m, b)| of_model(run, m, b.as_ref())).collect()
 }
 
-/// Whether a crack has run into an overlap.
+/// Returns whether a crack has run into an overlap.
 fn has_left(breaks: Option<&SharedLog>) -> bool {
     breaks.is_some_and(|b| locked(b).crack_in_overlap().is_some())
 }
@@ -86,11 +86,11 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
     })
 }
 
-/// Whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
+/// Returns whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
 fn stops(scene: &SceneSpec, m: usize) -> bool {
-    let of = |(k, e): (usize, &Effect)| {
+    let stopping = |(k, e): (usize, &Effect)| {
         let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
         stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
     };
-    scene.effect.iter().enumerate().any(of)
+    scene.effect.iter().enumerate().any(stopping)
 }

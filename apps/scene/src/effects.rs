@@ -1,7 +1,7 @@
-//! Runs a scene as given and with each effect off, and says what each one changes and costs.
+//! Runs a scene as given and with each effect switched off, and reports what each effect changes and costs.
 //!
-//! Results are the same in every run; times are not, so each variant runs several times, in turns, and its
-//! least counts.
+//! Results are the same in every run, times are not. Each variant therefore runs several times, in turns, and
+//! its shortest time counts.
 
 use crate::PhaseClock;
 use crate::Scene;
@@ -12,38 +12,39 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Instants at which the state is looked at for effects that are missing.
+/// Number of instants at which the state is checked for missing effects.
 const LOOKS: usize = 20;
 
-/// What the runs show.
+/// Result of the comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
     /// Path of the scene as given.
     pub scene: String,
-    /// Runs of each variant.
+    /// Number of runs of each variant.
     pub repeat: usize,
-    /// Least seconds of the steps as given.
+    /// Shortest wall time of the steps of the scene as given \[s\].
     pub seconds: f64,
-    /// One line per effect.
+    /// One entry per effect.
     pub effects: Vec<Change>,
-    /// Effects that are not on and that the states of the run as given called for.
+    /// Effects that are off although states of the run as given called for them.
     pub missing: Vec<String>,
 }
 
-/// The run without one effect against the run as given.
+/// Comparison of the run without one effect with the run as given.
 #[derive(Debug, Clone, Serialize)]
 pub struct Change {
-    /// Key in the scene and kind.
+    /// Key of the effect in the scene, and its kind.
     pub effect: String,
-    /// Largest change of each probe over its largest value as given \[–\].
+    /// Largest change of each probe, divided by its largest value in the run as given \[–\].
     pub probes: BTreeMap<String, f64>,
-    /// Least seconds of the steps without it.
+    /// Shortest wall time of the steps without the effect \[s\].
     pub seconds: f64,
-    /// Share of the time that goes into it: `1 − seconds/seconds as given`, its effect on the step included.
+    /// Share of the time that the effect costs, `1 − seconds/seconds as given`; includes its influence on the
+    /// time step.
     pub share: f64,
-    /// Why the run without it ended early, if it did.
+    /// Error that ended the run without the effect early, if any.
     pub failed: Option<String>,
-    /// What its states called for.
+    /// Effects that states of the run without the effect called for.
     pub missing: Vec<String>,
 }
 
@@ -56,10 +57,10 @@ struct Trace {
     failed: Option<Error>,
 }
 
-/// Compares, with so many runs of each variant.
+/// Compares the scene with its variants; each variant runs `repeat` times.
 ///
 /// # Errors
-/// A scene without probes; the failure of the run as given.
+/// A scene without probes, `repeat` of zero, or a failure of the run as given.
 pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     scene.spec().refuse_wake("effects")?;
     let folder = scene.folder();
@@ -70,8 +71,8 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
         let rule = "is empty; effects are judged by what they change there, so name at least one probe";
         return Err(key("probe", rule));
     }
-    let mut given = trace(scene.spec(), folder)?;
-    if let Some(e) = given.failed {
+    let mut reference = trace(scene.spec(), folder)?;
+    if let Some(e) = reference.failed {
         return Err(e);
     }
     let variants = variants(scene.spec());
@@ -79,9 +80,9 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     for (_, scene) in &variants {
         traces.push(trace(scene, folder)?);
     }
-    // In turns, so that all see the same machine.
+    // In turns, so that a slow phase of the machine hits all variants alike.
     for _ in 1..repeat {
-        given.seconds = given.seconds.min(trace(scene.spec(), folder)?.seconds);
+        reference.seconds = reference.seconds.min(trace(scene.spec(), folder)?.seconds);
         for ((_, scene), t) in variants.iter().zip(&mut traces) {
             t.seconds = t.seconds.min(trace(scene, folder)?.seconds);
         }
@@ -90,14 +91,14 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     for ((name, _), without) in variants.into_iter().zip(traces) {
         changes.push(Change {
             effect: name,
-            probes: given
+            probes: reference
                 .probes
                 .iter()
                 .zip(&without.probes)
-                .map(|(a, b)| (a.0.clone(), change(&given.times, &a.1, &without.times, &b.1)))
+                .map(|(a, b)| (a.0.clone(), change(&reference.times, &a.1, &without.times, &b.1)))
                 .collect(),
             seconds: without.seconds,
-            share: 1.0 - without.seconds / given.seconds,
+            share: 1.0 - without.seconds / reference.seconds,
             failed: without.failed.map(|e| e.to_string()),
             missing: messages(without.missing),
         });
@@ -105,39 +106,39 @@ pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
     Ok(Comparison {
         scene: scene.source().path.display().to_string(),
         repeat,
-        seconds: given.seconds,
+        seconds: reference.seconds,
         effects: changes,
-        missing: messages(given.missing),
+        missing: messages(reference.missing),
     })
 }
 
-fn messages(found: BTreeMap<(String, &'static str), String>) -> Vec<String> {
+fn messages(findings: BTreeMap<(String, &'static str), String>) -> Vec<String> {
     let text = |((model, _), m): ((String, &str), String)| format!("model '{model}': {m}");
-    found.into_iter().map(text).collect()
+    findings.into_iter().map(text).collect()
 }
 
-/// The scene without each effect that is on.
+/// Copies of the scene, each with one of the enabled effects switched off.
 fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
-        let mut off = scene.clone();
-        off.effect[k].enabled = false;
-        out.push((format!("effect[{k}].{}", e.kind.key()), off));
+        let mut without = scene.clone();
+        without.effect[k].enabled = false;
+        out.push((format!("effect[{k}].{}", e.kind.key()), without));
     }
     for (name, _) in scene.model.iter().filter(|(_, m)| m.dem.finite_rotations) {
-        let mut off = scene.clone();
-        if let Some(m) = off.model.get_mut(name) {
+        let mut without = scene.clone();
+        if let Some(m) = without.model.get_mut(name) {
             m.dem.finite_rotations = false;
         }
-        out.push((format!("model.{name}.dem.finite_rotations"), off));
+        out.push((format!("model.{name}.dem.finite_rotations"), without));
     }
     for (name, i) in &scene.interface {
         if i.absorber.is_some() {
-            let mut off = scene.clone();
-            if let Some(i) = off.interface.get_mut(name) {
+            let mut without = scene.clone();
+            if let Some(i) = without.interface.get_mut(name) {
                 i.absorber = None;
             }
-            out.push((format!("interface.{name}.absorber"), off));
+            out.push((format!("interface.{name}.absorber"), without));
         }
     }
     out
@@ -164,7 +165,7 @@ fn steps(built: Built) -> Result<Trace> {
         failed: None,
     };
     let every = steps.div_ceil(LOOKS).max(1);
-    for made in 1..=steps {
+    for step in 1..=steps {
         let stepped = run.advance(&mut clock);
         clock.enter(Some(arlequin::core::Phase::Observe));
         if let Err(e) = stepped {
@@ -176,7 +177,7 @@ fn steps(built: Built) -> Result<Trace> {
         for (reader, (_, values)) in probes.iter().zip(&mut out.probes) {
             values.push(reader.read(&mut run, &mut readings)?);
         }
-        if made % every == 0 || made == steps {
+        if step % every == 0 || step == steps {
             for (model, f) in run.watch().into_iter().chain(without_contact.watch(&run)) {
                 out.missing.insert((model, f.effect), f.message);
             }
@@ -187,21 +188,22 @@ fn steps(built: Built) -> Result<Trace> {
     Ok(out)
 }
 
-/// Largest difference over the common time, over the largest value of the first.
-fn change(times: &[f64], values: &[f64], other_times: &[f64], other: &[f64]) -> f64 {
+/// Largest difference over the time both series cover, divided by the largest value of the first series.
+fn change(times: &[f64], values: &[f64], other_times: &[f64], other_values: &[f64]) -> f64 {
     let top = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let end = other_times.last().copied().unwrap_or_default();
+    // Variants may have other time steps, and may have ended early.
     let difference = times
         .iter()
         .zip(values)
         .take_while(|(t, _)| **t <= end)
-        .filter_map(|(t, v)| Some((v - at(other_times, other, *t)?).abs()))
+        .filter_map(|(t, v)| Some((v - interpolated(other_times, other_values, *t)?).abs()))
         .fold(0.0_f64, f64::max);
     if top > 0.0 { difference / top } else { difference }
 }
 
-/// Linear interpolation; none before the first time.
-fn at(times: &[f64], values: &[f64], t: f64) -> Option<f64> {
+/// Interpolates linearly at time `t`; `None` outside of the recorded times.
+fn interpolated(times: &[f64], values: &[f64], t: f64) -> Option<f64> {
     let k = times.partition_point(|x| *x < t);
     if k == 0 {
         return times.first().filter(|x| **x <= t).map(|_| values[0]);

@@ -1,180 +1,180 @@
-//! Errors of scenes: each names a key of the scene, its value, the limit and a way out.
+//! Errors of scenes: each names a key of the scene, its value, the limit and a remedy.
 
 use std::path::{Path, PathBuf};
 
-/// What can go wrong between a scene and its results.
+/// Errors between reading a scene and its results.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read.
     #[error("cannot read '{}': {source}; check the path", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// A file or folder cannot be written.
     #[error("cannot write '{}': {source}; check permissions and space, or choose another --out", path.display())]
     Write {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// Why.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// The text is not TOML, or not a scene.
+    /// The text is not valid TOML, or is no scene.
     #[error("{message}")]
     Syntax {
-        /// The parser's words.
+        /// Message of the parser.
         message: String,
-        /// Bytes of the scene file it speaks of; none if it is not known.
+        /// Bytes of the scene file that the message refers to; `None` if unknown.
         span: Option<std::ops::Range<usize>>,
     },
-    /// A change that does not fit the scene.
+    /// A change of a value ([`Scene::set`](crate::Scene::set), `--set`) that the scene cannot take.
     #[error("cannot set {key} = {value}: {message}")]
     Set {
-        /// Path as given.
+        /// Key path as given.
         key: String,
         /// Value as given.
         value: String,
-        /// What is wrong, and the way out.
+        /// Reason and remedy.
         message: String,
     },
-    /// A value that makes no sense.
+    /// A value outside of its limits.
     #[error("{key} = {value}: {rule}")]
     Value {
         /// Path of the key.
         key: String,
-        /// Its value.
+        /// Value of the key.
         value: String,
         /// Limit and remedy.
         rule: String,
     },
-    /// A key that is needed and not there, or there and not wanted.
+    /// A missing key, or a key that must not be given.
     #[error("{key}: {rule}")]
     Key {
         /// Path of the key.
         key: String,
-        /// What is needed.
+        /// Rule that is broken, and remedy.
         rule: String,
     },
-    /// A name that nothing bears.
+    /// A name that the scene does not define.
     #[error("{key} = '{name}': there is no {what} of this name; known: {known}")]
     UnknownName {
         /// Path of the key.
         key: String,
         /// The name.
         name: String,
-        /// What should bear it.
+        /// Kind of the thing that is named, such as "model".
         what: &'static str,
-        /// What there is, and what was probably meant.
+        /// Known names, and a guess of the intended one.
         known: String,
     },
-    /// The core refuses.
+    /// Error of the core.
     #[error("{key}: {source}")]
     Core {
-        /// Path of the key it comes from.
+        /// Path of the key that causes the error.
         key: String,
-        /// Its error.
+        /// Error of the core.
         source: arlequin::core::Error,
     },
-    /// The finite elements refuse.
+    /// Error of the finite elements.
     #[error("{key}: {source}")]
     Fem {
-        /// Path of the key it comes from.
+        /// Path of the key that causes the error.
         key: String,
-        /// Their error.
+        /// Error of the finite elements.
         source: arlequin::fem_ref::Error,
     },
-    /// The particles refuse.
+    /// Error of the particles.
     #[error("{key}: {source}")]
     Dem {
-        /// Path of the key it comes from.
+        /// Path of the key that causes the error.
         key: String,
-        /// Their error.
+        /// Error of the particles.
         source: arlequin::dem_beam::Error,
     },
-    /// The natural elements refuse.
+    /// Error of the natural elements.
     #[error("{key}: {source}")]
     Cnem {
-        /// Path of the key it comes from.
+        /// Path of the key that causes the error.
         key: String,
-        /// Their error.
+        /// Error of the natural elements.
         source: arlequin::cnem::Error,
     },
-    /// Results would be overwritten.
+    /// The output folder exists already.
     #[error("output folder '{}' exists; choose another with --out, or replace it with --force", path.display())]
     Exists {
-        /// The folder.
+        /// Output folder.
         path: PathBuf,
     },
-    /// A run was killed here and can go on.
+    /// The folder holds an unfinished run that can be resumed.
     #[error("'{}' holds an unfinished run; go on with 'arlequin resume {}', or start anew with --force", unfinished.display(), target.display())]
     Unfinished {
-        /// The unfinished folder.
+        /// Folder of the unfinished run.
         unfinished: PathBuf,
-        /// What it will become.
+        /// Output folder that the run creates when it ends.
         target: PathBuf,
     },
-    /// Another run writes to the same place.
+    /// Another run writes into the same folder.
     #[error("another run is writing to '{}'; wait until it has ended, or choose another --out", folder.display())]
     Busy {
-        /// Its folder.
+        /// Output folder.
         folder: PathBuf,
     },
-    /// A run failed after its first step, and what it had is kept.
+    /// A run failed after its first step; its results so far are kept.
     #[error("{source}; {what} in '{}'", place.display())]
     Kept {
-        /// What ended it.
+        /// Error that ended the run.
         source: Box<Self>,
-        /// What is kept, as the beginning of a sentence.
+        /// Kept results, worded as the beginning of a sentence.
         what: String,
-        /// Where.
+        /// Folder of the kept results.
         place: PathBuf,
     },
     /// A checkpoint cannot be used.
     #[error("'{}' {reason}", path.display())]
     Checkpoint {
-        /// The file.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// Why, and the way out.
+        /// Reason and remedy.
         reason: String,
     },
     /// A result is not a finite number.
     #[error("{what} is not a finite number at t = {time:e} s; reduce the step or check loads and supports")]
     NotFinite {
-        /// Which result.
+        /// Name of the result.
         what: String,
         /// Time \[s\].
         time: f64,
     },
-    /// Anything of the system: threads, signal handler.
+    /// Error of the system, such as threads or the signal handler.
     #[error("{what}: {message}")]
     System {
-        /// What was tried.
+        /// Attempted action.
         what: &'static str,
-        /// The system's words.
+        /// Message of the system.
         message: String,
     },
-    /// An error of this rank that all ranks know of, and none goes on.
+    /// An error of this rank that was announced to all ranks, so that every rank stops.
     #[error("{0}")]
     Agreed(Box<Self>),
-    /// Another rank of the run has an error, and says it.
+    /// Another rank has an error and reports it.
     #[error("rank {rank} has an error, which it says")]
     Elsewhere {
-        /// That rank.
+        /// Number of the failed rank.
         rank: usize,
-        /// Whether the input is to blame.
+        /// True if the input is to blame.
         input: bool,
     },
-    /// What watches a run, or shows its results, failed at its own work.
+    /// An observer, or the display of results, failed.
     #[error("{0}")]
     Observer(Box<dyn std::error::Error + Send + Sync>),
 }
 
-/// Result of what scenes do.
+/// Result with an [`Error`] of this crate.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
 
-/// Errors that speak of a key of the scene.
+/// Matches all errors that name a key of the scene.
 macro_rules! keyed {
     ($key:ident) => {
         Self::Set { $key, .. }
@@ -189,7 +189,7 @@ macro_rules! keyed {
 }
 
 impl Error {
-    /// Path of the key the error speaks of, and bytes of the scene file where the parser knows them.
+    /// Returns the key path that the error names, and the bytes of the scene file if the parser knows them.
     pub fn place(&self) -> (Option<&str>, Option<std::ops::Range<usize>>) {
         match self {
             Self::Syntax { span, .. } => (None, span.clone()),
@@ -199,18 +199,18 @@ impl Error {
         }
     }
 
-    /// The same of the key that `other` gives for its own, if any.
+    /// Replaces the key of the error by `replacement(key)`, if that is `Some`.
     #[must_use]
-    pub(crate) fn at_key(mut self, other: impl FnOnce(&str) -> Option<String>) -> Self {
+    pub(crate) fn at_key(mut self, replacement: impl FnOnce(&str) -> Option<String>) -> Self {
         if let keyed!(key) = &mut self
-            && let Some(new) = other(key)
+            && let Some(new) = replacement(key)
         {
             *key = new;
         }
         self
     }
 
-    /// The same, and what is kept where.
+    /// Wraps the error with a note on what is kept at `place`.
     #[must_use]
     pub fn kept(self, what: impl Into<String>, place: &Path) -> Self {
         Self::Kept {
@@ -220,7 +220,7 @@ impl Error {
         }
     }
 
-    /// Whether ranks do not hear of each other any more.
+    /// Returns whether the communication between ranks has failed.
     pub fn is_of_ranks(&self) -> bool {
         let source = |e: &arlequin::core::Error| matches!(e, arlequin::core::Error::Rank(_));
         match self {
@@ -230,8 +230,8 @@ impl Error {
         }
     }
 
-    /// Whether every rank of a run knows of the error: that of sums over all of them, or one that they have
-    /// told each other.
+    /// Returns whether every rank of a run has or knows of this error: errors of global sums, and errors that
+    /// ranks announced to each other.
     pub fn is_everywhere(&self) -> bool {
         use arlequin::core::Error as Core;
         use arlequin::core::ranks::RankError;
@@ -245,13 +245,13 @@ impl Error {
                     | Core::Rank(RankError::Differ { .. })
             ),
             Self::Kept { source, .. } => source.is_everywhere(),
-            // Probes and frames are looked at on all ranks.
+            // Every rank evaluates probes and frames, so every rank sees the same NaN.
             Self::Agreed(_) | Self::Elsewhere { .. } | Self::NotFinite { .. } => true,
             _ => false,
         }
     }
 
-    /// Whether the input is to blame (exit code 2) rather than the run (1).
+    /// Returns whether the input is to blame (exit code 2) and not the run (exit code 1).
     pub fn is_input(&self) -> bool {
         use arlequin::core::Error as Core;
         use arlequin::core::ranks::RankError;
@@ -260,7 +260,7 @@ impl Error {
             Self::Elsewhere { input, .. } => return *input,
             _ => {}
         }
-        // Ranks with different input.
+        // Ranks were started with different input.
         if let Self::Core { source, .. } = self
             && matches!(source, Core::Rank(RankError::Differ { .. }))
         {
@@ -310,45 +310,45 @@ pub fn unknown<'a>(
     key: impl Into<String>,
     name: &str,
     what: &'static str,
-    known: impl Iterator<Item = &'a String>,
+    names: impl Iterator<Item = &'a String>,
 ) -> Error {
-    let known: Vec<&str> = known.map(String::as_str).collect();
+    let names: Vec<&str> = names.map(String::as_str).collect();
     Error::UnknownName {
         key: key.into(),
         name: name.to_owned(),
         what,
-        known: if known.is_empty() {
+        known: if names.is_empty() {
             "none".into()
         } else {
-            known.join(", ") + &meant(name, known.iter().copied())
+            names.join(", ") + &meant(name, names.iter().copied())
         },
     }
 }
 
-/// `"; did you mean 'x'?"` with the known word that is nearest to the one given, or nothing if none is near.
-pub fn meant<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
-    // A swap counts once; a third of the letters may be wrong.
+/// Returns `"; did you mean 'x'?"` with the known word nearest to `word`; empty if none is near.
+pub fn meant<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> String {
+    // A swap of two letters counts once; about a third of the letters may be wrong.
     let far = 1 + word.chars().count() / 3;
-    let near = known.map(|k| (strsim::osa_distance(word, k), k));
+    let near = words.map(|k| (strsim::osa_distance(word, k), k));
     match near.min_by_key(|n| n.0) {
         Some((d, k)) if d > 0 && d <= far.min(k.len().saturating_sub(1)) => format!("; did you mean '{k}'?"),
         _ => String::new(),
     }
 }
 
-/// Puts the key in front of an error of the core.
+/// Adds the key to an error of the core.
 pub fn core(key: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
     let key = key.into();
     move |source| Error::Core { key, source }
 }
 
-/// Puts the key in front of an error of the finite elements.
+/// Adds the key to an error of the finite elements.
 pub fn fem(key: impl Into<String>) -> impl FnOnce(arlequin::fem_ref::Error) -> Error {
     let key = key.into();
     move |source| Error::Fem { key, source }
 }
 
-/// Puts the key in front of an error of the particles.
+/// Adds the key to an error of the particles.
 pub fn dem(key: impl Into<String>) -> impl FnOnce(arlequin::dem_beam::Error) -> Error {
     let key = key.into();
     move |source| match source {
@@ -357,7 +357,7 @@ pub fn dem(key: impl Into<String>) -> impl FnOnce(arlequin::dem_beam::Error) -> 
     }
 }
 
-/// Puts the key in front of an error of the natural elements.
+/// Adds the key to an error of the natural elements.
 pub fn cnem(key: impl Into<String>) -> impl FnOnce(arlequin::cnem::Error) -> Error {
     let key = key.into();
     move |source| match source {
@@ -366,7 +366,7 @@ pub fn cnem(key: impl Into<String>) -> impl FnOnce(arlequin::cnem::Error) -> Err
     }
 }
 
-/// Names the file in an input or output error.
+/// Adds the path to an error of writing.
 pub fn write(path: &Path) -> impl FnOnce(std::io::Error) -> Error + '_ {
     move |source| Error::Write {
         path: path.to_owned(),

@@ -70,6 +70,5 @@ pub use run::{
 pub use scene::{Scene, Source};
 pub use spec::SceneSpec;
 
-/// Told what is being done, how much of it is done and how much there is to do; workers call it from
-/// threads of their own.
+/// Callback for progress: description, amount done, amount in total. Worker threads call it too.
 pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);

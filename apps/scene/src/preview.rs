@@ -1,4 +1,4 @@
-//! What a run will be: sizes, steps, output, memory and time.
+//! Preview of a run: sizes, steps, output, memory and time.
 
 use crate::output::summary::{self, InterfaceLine, ModelLine};
 use crate::output::{Frames, Pictures};
@@ -12,15 +12,15 @@ use arlequin::core::{Coupled, Uniform};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Seconds that trial steps may take to estimate the time of a run.
+/// Wall time that trial steps may take to estimate the time of a run \[s\].
 const TRIAL: f64 = 0.3;
 
-/// What a run will be.
+/// Preview of a run.
 #[derive(Debug, Clone, Serialize)]
 pub struct Preview {
     /// Path of the scene as given.
     pub scene: String,
-    /// Its title.
+    /// Title of the scene.
     pub title: Option<String>,
     /// Models.
     pub models: Vec<ModelLine>,
@@ -29,60 +29,59 @@ pub struct Preview {
     /// Widths of the overlaps around zones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub zones: Vec<ZoneLine>,
-    /// How models are held on the ranks that are planned for.
+    /// For each model, how the planned ranks hold it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ranks: Vec<RankLine>,
-    /// Models that are solvers in other processes.
+    /// Models that are external solvers in other processes.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub links: Vec<LinkLine>,
-    /// Effects that are on.
+    /// Names of the enabled effects.
     pub effects: Vec<String>,
-    /// Step \[s\].
+    /// Time step \[s\].
     pub dt: f64,
-    /// Largest stable step \[s\].
+    /// Critical step \[s\].
     pub critical_dt: f64,
-    /// How load steps of a scene at rest are solved: directly, or by relaxation and why.
+    /// Solution of the load steps of a `[static]` scene: directly, or by relaxation and why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resting: Option<String>,
-    /// Steps to make.
+    /// Number of steps.
     pub steps: usize,
-    /// End \[s\].
+    /// End time \[s\].
     pub end: f64,
-    /// Frames to write.
+    /// Number of frames.
     pub frames: usize,
-    /// Bytes of all frames.
+    /// Size of all frames \[bytes\].
     pub output_bytes: usize,
-    /// Bytes of memory: those in use now that everything is built, or where the system does not tell, an
-    /// estimate.
+    /// Memory in use after the set-up \[bytes\]; an estimate where the system does not report it.
     pub memory_bytes: usize,
-    /// Seconds the set-up took.
+    /// Wall time of the set-up \[s\].
     pub setup_seconds: f64,
-    /// Parts of them, in order.
+    /// Wall times of the phases of the set-up, in order.
     pub setup_phases: Vec<PhaseTime>,
-    /// Seconds the steps will take, from trial steps that are thrown away; none if these fail, and of a
-    /// scene at rest.
+    /// Expected wall time of all steps \[s\], from trial steps that are discarded. `None` if a trial step
+    /// fails or for a `[static]` scene.
     pub stepping_seconds: Option<f64>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// The same for the time in which a model sleeps.
+    /// Preview of the stage in which a model sleeps, for scenes with `[wake]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub asleep: Option<Box<Self>>,
 }
 
-/// A model that is a solver in another process.
+/// A model that is an external solver in another process.
 #[derive(Debug, Clone, Serialize)]
 pub struct LinkLine {
     /// Name of the model.
     pub model: String,
-    /// What the run does to meet it: the command that it starts, or the address at which it waits.
+    /// Action of the run to connect: the command it starts, or the address at which it waits.
     pub does: String,
-    /// Mass without weights, as the other side tells it \[kg\]; none before it was met.
+    /// Mass without weights that the external solver reports \[kg\]; `None` before it has connected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<f64>,
 }
 
 impl LinkLine {
-    /// Those of a scene, before anything is started.
+    /// Lists the external solvers of a scene before anything is started.
     pub fn of(scene: &Scene) -> Vec<Self> {
         let line = |(model, does)| Self {
             model,
@@ -92,17 +91,18 @@ impl LinkLine {
         scene.links().into_iter().map(line).collect()
     }
 
-    /// Those of a run, with their masses.
-    fn met(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
+    /// Lists the external solvers of a run, with their masses.
+    fn connected(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
         let mut out = Self::of(scene);
         for line in &mut out {
-            let mut all = run.subdomains().iter();
-            let Some(s) = all.find(|s| s.model().name() == line.model) else {
+            let mut subdomains = run.subdomains().iter();
+            let Some(s) = subdomains.find(|s| s.model().name() == line.model) else {
                 continue;
             };
             let layout = s.model().layout();
             let mut inertia = vec![0.0; layout.dofs()];
             if s.model().lumped_inertia(&Uniform(1.0), &mut inertia).is_ok() {
+                // The inertia of a node counts its mass once per component.
                 let total: f64 = inertia[..layout.translations()].iter().sum();
                 line.mass = Some(total / layout.components as f64);
             }
@@ -112,18 +112,18 @@ impl LinkLine {
 }
 
 impl Prepared {
-    /// What the run will be; makes a few steps that are thrown away to learn their time.
+    /// Returns a preview of the run; makes a few steps and discards them to measure their time.
     pub fn preview(self) -> Preview {
-        let mut out = Preview::of(&self.scene, self.built, self.setup);
+        let mut out = Preview::from_built(&self.scene, self.built, self.setup);
         out.asleep = self
             .asleep
-            .map(|a| Box::new(Preview::of(&a.scene, a.built, self.setup)));
+            .map(|a| Box::new(Preview::from_built(&a.scene, a.built, self.setup)));
         out
     }
 }
 
 impl Preview {
-    fn of(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
+    fn from_built(scene: &Scene, built: Built, setup_seconds: f64) -> Self {
         let Built {
             mut run,
             models,
@@ -139,7 +139,7 @@ impl Preview {
             ..
         } = built;
         let packings: Vec<_> = models.iter().map(|d| d.packing.clone()).collect();
-        // Nothing is written: the folder is only a name.
+        // No file is written, so the frames need no folder.
         let fields = &scene.spec().output.fields;
         let pictures = Pictures {
             models,
@@ -161,6 +161,7 @@ impl Preview {
             }
         }
         let plan = run.plan();
+        // The state before the first load step of a `[static]` scene is no equilibrium and has no frame.
         let count = usize::from(last.is_none()) + steps.div_ceil(frame_every);
         Self {
             scene: scene.source().path.display().to_string(),
@@ -169,7 +170,7 @@ impl Preview {
             interface,
             zones,
             ranks: holdings,
-            links: LinkLine::met(scene, &run),
+            links: LinkLine::connected(scene, &run),
             effects: plan.effects.clone(),
             dt: plan.dt,
             critical_dt: plan.critical_dt,
@@ -183,7 +184,7 @@ impl Preview {
             setup_phases: phases,
             warnings,
             asleep: None,
-            // How long a load step takes is not known before it is there.
+            // The time of a load step cannot be known before it is solved.
             stepping_seconds: if last.is_some() {
                 None
             } else {
@@ -193,21 +194,22 @@ impl Preview {
     }
 }
 
-/// Seconds for all steps, extrapolated from a few.
+/// Expected wall time of all steps \[s\], extrapolated from a few; `None` if a step fails.
 fn trial(run: &mut Coupled<f64>, steps: usize) -> Option<f64> {
     let mut clock = PhaseClock::new();
     // The first step warms the caches.
     run.advance(&mut clock).ok()?;
     let begin = Instant::now();
-    let mut made = 0usize;
-    while made < 100 && begin.elapsed().as_secs_f64() < TRIAL {
+    let mut count = 0usize;
+    while count < 100 && begin.elapsed().as_secs_f64() < TRIAL {
         run.advance(&mut clock).ok()?;
-        made += 1;
+        count += 1;
     }
-    Some(begin.elapsed().as_secs_f64() / made as f64 * steps as f64)
+    Some(begin.elapsed().as_secs_f64() / count as f64 * steps as f64)
 }
 
-/// Twelve vectors and a stiffness row of 81 entries per unknown, and the interface matrices.
+/// Estimated memory \[bytes\]: per unknown twelve vectors and a stiffness row of 81 entries, and the
+/// interface matrices.
 fn estimated_bytes(plan: &arlequin::core::Plan) -> usize {
     let unknowns: usize = plan.models.iter().map(|m| m.3).sum();
     let interface: usize = plan.interfaces.iter().map(|i| i.nonzeros).sum();

@@ -1,8 +1,8 @@
-//! Scenes on several ranks: which models go in parts, and what ranks must agree on.
+//! Scenes on several ranks: which models are partitioned, and what ranks must agree on.
 //!
-//! Every rank reads and builds the same scene. A body of particles or of elements is then shared out, if
-//! the scene asks nothing of it that needs the whole body on one rank; every other model stays whole and
-//! makes the same steps on every rank. Rank 0 alone writes and speaks.
+//! Every rank reads and builds the same scene. Bodies of particles or of elements are then partitioned,
+//! unless the scene asks for something that needs the whole body on one rank. Every other model stays whole
+//! and makes the same steps on every rank. Only rank 0 writes files and messages.
 
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
@@ -15,32 +15,33 @@ use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-/// How one model is held on several ranks.
+/// Distribution of one model over several ranks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RankLine {
     /// Name of the model.
     pub model: String,
-    /// Whether each rank holds a part of it.
+    /// True if the model is partitioned.
     pub parts: bool,
-    /// What a rank has to do, or why the model is whole on every rank.
+    /// Work of a rank, or why the model is whole on every rank.
     pub words: String,
 }
 
 impl RankLine {
-    /// Adds how even the work is, once it is shared out.
-    pub(crate) fn told(&mut self, of: &Subdomain<f64>) {
-        if let Some(portion) = of.portion() {
+    /// Adds the load imbalance \[%\] of a partitioned model to the words.
+    pub(crate) fn add_imbalance(&mut self, subdomain: &Subdomain<f64>) {
+        if let Some(portion) = subdomain.portion() {
             let most = 100.0 * portion.division().imbalance();
             self.words += &format!(", {most:.1} % more work than the mean at most");
         }
     }
 }
 
-/// How the models of a scene are held on so many ranks.
+/// Distribution of each model of a scene over `ranks` ranks.
 fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
-    let of = |(m, body): (usize, &Body)| {
+    let line = |(m, body): (usize, &Body)| {
         let nodes = body.model.layout().nodes;
         let units = nodes.div_ceil(UNIT);
+        // A rank needs at least one unit: units are the smallest parts of a partition.
         let small = || {
             let rule = format!("its {nodes} nodes are {units} units of {UNIT}, fewer than ranks");
             (units < ranks).then_some(rule)
@@ -56,10 +57,10 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
             words: why.unwrap_or_else(|| format!("{units} units of {UNIT} {what}")),
         }
     };
-    bodies.iter().enumerate().map(of).collect()
+    bodies.iter().enumerate().map(line).collect()
 }
 
-/// Why a model must be whole on every rank.
+/// Returns why model `m` must be whole on every rank; `None` if it can be partitioned.
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
@@ -109,25 +110,26 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     body.model.portion().map(|_| "it is in parts already".to_owned())
 }
 
-/// What ranks of a run agree on before and between its parts; alone, everything is agreed on.
+/// Ranks of a run, and what they agree on before and between its stages. A run on one rank agrees with
+/// itself.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Ranks {
     communicator: Option<Arc<dyn Communicator>>,
-    /// How many there will be, for a plan.
+    /// Number of ranks that are planned for, without a communicator.
     planned: Option<usize>,
 }
 
 impl Ranks {
-    /// Those of a communicator.
-    pub(crate) fn of(communicator: Option<Arc<dyn Communicator>>) -> Self {
+    /// Ranks of a communicator.
+    pub(crate) fn from_communicator(communicator: Option<Arc<dyn Communicator>>) -> Self {
         Self {
-            // One rank is none.
+            // With a single rank there is nothing to agree on.
             communicator: communicator.filter(|c| c.ranks() > 1),
             planned: None,
         }
     }
 
-    /// Those of a plan.
+    /// Ranks that are only planned.
     pub(crate) fn planned(ranks: usize) -> Self {
         Self {
             communicator: None,
@@ -135,30 +137,33 @@ impl Ranks {
         }
     }
 
-    /// Refuses scenes that differ, on every rank.
+    /// Compares the scene and its files between ranks. Collective.
+    ///
+    /// # Errors
+    /// A difference, on every rank; a file that cannot be read.
     pub(crate) fn read(&self, scene: &Scene) -> Result<()> {
         if self.communicator.is_none() {
             return Ok(());
         }
-        // A rank that cannot read what the scene names says so; the others hear of it.
-        let origin = self.together(Origin::of(scene))?;
+        // A rank that cannot read a file reports this; all ranks then stop.
+        let origin = self.together(Origin::from_scene(scene))?;
         let mut hasher = DefaultHasher::new();
         origin.digest(&mut hasher);
         self.agree("the scene and the files that it names", hasher.finish())
     }
 
-    /// The transport, if there is more than one rank.
+    /// The communicator, if there is more than one rank.
     pub(crate) fn communicator(&self) -> Option<&Arc<dyn Communicator>> {
         self.communicator.as_ref()
     }
 
-    /// How many there are, or are planned.
+    /// Number of ranks, existing or planned.
     pub(crate) fn count(&self) -> usize {
         let ranks = self.communicator.as_ref().map(|c| c.ranks());
         ranks.or(self.planned).unwrap_or(1)
     }
 
-    /// How the models of a scene are held; nothing to say of one rank.
+    /// Distribution of each model over the ranks; empty for a single rank.
     pub(crate) fn holdings(&self, scene: &SceneSpec, bodies: &[Body]) -> Vec<RankLine> {
         match self.count() {
             1 => Vec::new(),
@@ -171,15 +176,15 @@ impl Ranks {
         self.communicator.as_ref().map_or(0, |c| c.rank())
     }
 
-    /// Whether this rank writes and speaks.
+    /// Returns whether this rank writes files and messages.
     pub(crate) fn leads(&self) -> bool {
         self.rank() == 0
     }
 
-    /// Whether all ranks have the same number.
+    /// Compares `digest` between ranks. Collective.
     ///
     /// # Errors
-    /// [`RankError::Differ`].
+    /// [`RankError::Differ`] if the digests differ; failures of the communicator.
     pub(crate) fn agree(&self, what: &str, digest: u64) -> Result<()> {
         let Some(c) = &self.communicator else {
             return Ok(());
@@ -187,43 +192,48 @@ impl Ranks {
         ranks::agree(&**c, what, digest).map_err(elsewhere)
     }
 
-    /// Whether any rank says so; all of them must ask.
+    /// Returns whether `flag` is true on any rank. Collective.
     ///
     /// # Errors
-    /// What the transport says.
-    pub(crate) fn any(&self, own: bool) -> Result<bool> {
-        let [any] = self.largest([i64::from(own)])?;
+    /// Failures of the communicator.
+    pub(crate) fn any(&self, flag: bool) -> Result<bool> {
+        let [any] = self.largest([i64::from(flag)])?;
         Ok(any > 0)
     }
 
-    fn largest<const N: usize>(&self, mut own: [i64; N]) -> Result<[i64; N]> {
+    fn largest<const N: usize>(&self, mut values: [i64; N]) -> Result<[i64; N]> {
         if let Some(c) = &self.communicator {
-            c.reduce(&mut own, Reduction::Largest).map_err(elsewhere)?;
+            c.reduce(&mut values, Reduction::Largest).map_err(elsewhere)?;
         }
-        Ok(own)
+        Ok(values)
     }
 
-    /// What all ranks got to together: where some failed, the first of these has its error, as
-    /// [`Error::Agreed`], and all others [`Error::Elsewhere`].
+    /// Returns `result` if it is `Ok` on every rank. Collective.
     ///
     /// # Errors
-    /// Those, and what the transport says.
-    pub(crate) fn together<R>(&self, own: Result<R>) -> Result<R> {
+    /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`];
+    /// failures of the communicator.
+    pub(crate) fn together<R>(&self, result: Result<R>) -> Result<R> {
         let Some(c) = &self.communicator else {
-            return own;
+            return result;
         };
-        // What all ranks have or know cannot be talked over again, and what is wrong between them not at all.
-        if own.as_ref().is_err_and(|e| e.is_everywhere() || e.is_of_ranks()) {
-            return own;
+        // Every rank already has these errors, or the ranks can no longer communicate: another exchange would
+        // hang.
+        if result
+            .as_ref()
+            .is_err_and(|e| e.is_everywhere() || e.is_of_ranks())
+        {
+            return result;
         }
         let (rank, ranks) = (c.rank() as i64, c.ranks() as i64);
-        let said = match &own {
+        // Of the largest numbers over all ranks, the first then names the lowest rank that failed.
+        let message = match &result {
             Ok(_) => [0, 0],
             Err(e) => [ranks - rank, 1 + i64::from(e.is_input())],
         };
-        let [first, what] = self.largest(said)?;
-        match own {
-            Ok(done) if first == 0 => Ok(done),
+        let [first, what] = self.largest(message)?;
+        match result {
+            Ok(output) if first == 0 => Ok(output),
             Err(e) if ranks - first == rank => Err(Error::Agreed(Box::new(e))),
             _ => Err(Error::Elsewhere {
                 rank: (ranks - first) as usize,
@@ -233,21 +243,21 @@ impl Ranks {
     }
 }
 
-/// What all ranks of a communicator got to together, none where there is one alone: see [`Error::Agreed`].
+/// Returns `result` if it is `Ok` on every rank. Collective. Without a communicator, returns `result`.
 ///
 /// # Errors
-/// The error of the first rank that has one there, [`Error::Elsewhere`] on all others.
-pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, own: Result<R>) -> Result<R> {
-    Ranks::of(communicator.cloned()).together(own)
+/// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`].
+pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, result: Result<R>) -> Result<R> {
+    Ranks::from_communicator(communicator.cloned()).together(result)
 }
 
-/// Whether the ranks of a model in parts still hear of each other.
-pub(crate) fn heard(s: &Subdomain<f64>) -> Result<()> {
+/// Returns the communication failure of a partitioned model as an error, if there was one.
+pub(crate) fn check_exchange(s: &Subdomain<f64>) -> Result<()> {
     let failure = s.portion().and_then(|p| p.failure());
     failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }
 
-/// An error between ranks.
+/// Wraps an error between ranks.
 pub(crate) fn elsewhere(e: RankError) -> Error {
     Error::Core {
         key: "ranks".into(),
@@ -256,7 +266,7 @@ pub(crate) fn elsewhere(e: RankError) -> Error {
 }
 
 impl Origin {
-    /// Everything that makes it this scene, but where it lies.
+    /// Hashes all that defines the scene, except the folder it is in.
     fn digest(&self, hasher: &mut DefaultHasher) {
         self.text.hash(hasher);
         self.set.hash(hasher);

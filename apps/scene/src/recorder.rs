@@ -1,4 +1,4 @@
-//! Watches a run: probes, energy, frames, and where wall time goes.
+//! Recording of a run: probes, energy, frames and wall times.
 
 use crate::error::{Error, Result, core};
 use crate::output::Entry;
@@ -6,7 +6,7 @@ use crate::output::Frames;
 use crate::output::curves;
 use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::Summary;
-use crate::ranks::heard;
+use crate::ranks::check_exchange;
 use crate::run::{LoadStep, Recorded};
 use crate::setup::{ProbeReader, Readings};
 use crate::spec::SceneSpec;
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// A clock that knows the phases of a step.
+/// Clock that measures the wall time of each phase of a step.
 #[derive(Debug)]
 pub struct PhaseClock {
     since: Instant,
@@ -31,7 +31,7 @@ impl Default for PhaseClock {
 }
 
 impl PhaseClock {
-    /// Starts now.
+    /// Creates a clock that starts now.
     pub fn new() -> Self {
         Self {
             since: Instant::now(),
@@ -40,7 +40,7 @@ impl PhaseClock {
         }
     }
 
-    /// Begins a phase, ending the one before.
+    /// Begins a phase and ends the previous one.
     pub fn enter(&mut self, phase: Option<Phase>) {
         let now = Instant::now();
         if let Some(p) = self.current {
@@ -54,7 +54,7 @@ impl PhaseClock {
         self.current = phase;
     }
 
-    /// Seconds by phase; models by name.
+    /// Wall time of each phase \[s\]; phases of models carry the model's name.
     pub fn phases(&self, run: &Coupled<f64>) -> BTreeMap<String, f64> {
         let name = |p: Phase| match p {
             Phase::Predict(k) => format!("predict/{}", run.subdomains()[k].model().name()),
@@ -77,12 +77,12 @@ impl PhaseClock {
         self.seconds.iter().map(|(p, s)| (name(*p), *s)).collect()
     }
 
-    /// Seconds of one phase.
+    /// Wall time of one phase \[s\].
     pub fn seconds(&self, phase: Phase) -> f64 {
         self.seconds.iter().find(|s| s.0 == phase).map_or(0.0, |s| s.1)
     }
 
-    /// Seconds of steps and of observation.
+    /// Wall times of the steps and of the observation \[s\].
     pub fn split(&self) -> [f64; 2] {
         self.seconds.iter().fold([0.0; 2], |mut sum, (p, s)| {
             sum[usize::from(*p == Phase::Observe)] += s;
@@ -101,7 +101,7 @@ impl Observer<f64> for PhaseClock {
     }
 }
 
-/// Columns over time.
+/// Columns of values over time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Table {
     /// Names of the columns, with units.
@@ -128,21 +128,21 @@ impl Table {
         self.columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
     }
 
-    /// Goes on with rows recorded before.
+    /// Continues with the rows recorded before, if any.
     fn resume(&mut self, from: Self) {
         if !from.times.is_empty() {
             (self.times, self.columns) = (from.times, from.columns);
         }
     }
 
-    /// A column by its name.
+    /// Returns a column by its name.
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         let k = self.names.iter().position(|n| n == name)?;
         Some(&self.columns[k])
     }
 }
 
-/// Names of the columns of [`Recorder::energy`] before the works.
+/// First columns of [`Recorder::energy`]; the works follow.
 pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
     "kinetic [J]",
     "internal [J]",
@@ -156,7 +156,7 @@ pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
     "angular momentum drift [-]",
 ];
 
-/// Columns of each body behind those of the works.
+/// Columns of each body in [`Recorder::energy`], after the works.
 pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
     "momentum x [kg m/s]",
     "momentum y [kg m/s]",
@@ -166,7 +166,7 @@ pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
     "angular momentum z [kg m2/s]",
 ];
 
-/// What a resumed run must know of what was recorded before.
+/// Records that a checkpoint holds for a resumed run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Records {
     probes: Table,
@@ -182,26 +182,26 @@ pub struct Records {
     pub initial_energy: f64,
 }
 
-/// What is kept of a run.
+/// Recorder of a run.
 #[derive(Debug)]
 pub struct Recorder {
-    /// Probes.
+    /// Readers of the probes.
     pub readers: Vec<ProbeReader>,
-    /// Their values.
+    /// Values of the probes.
     pub probes: Table,
-    /// Energy: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
+    /// Energies: [`ENERGY_COLUMNS`], then one column per work, then [`MOMENTUM_COLUMNS`] per body.
     pub energy: Table,
-    /// Figures of the effects at the times of the energy.
+    /// Figures that the effects report, at the times of `energy`.
     pub effects: Table,
-    /// Frames, if the run is kept.
+    /// Writer of frames; `None` if the run writes no files.
     pub frames: Option<Frames>,
-    /// Pieces at the instants of the frames; of bodies in parts on the first rank alone.
+    /// Fragments at the times of the frames; for partitioned bodies on rank 0 only.
     pub fragments: Fragments,
-    /// Load steps of a scene at rest.
+    /// Load steps of a `[static]` scene.
     pub load_steps: Vec<LoadStep>,
-    /// Largest relative velocity jump per interface.
+    /// Largest relative velocity jump of each interface \[–\].
     pub residuals: Vec<f64>,
-    /// What a user should know: from before the first step, then from the steps, each once.
+    /// Warnings for the user, each once: those of the set-up, then those of the steps.
     pub warnings: Vec<String>,
     top_speed: f64,
     /// Energy before the first step \[J\].
@@ -211,8 +211,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Records the state before the first step, unless it is `known`, or none: that of a scene at rest is
-    /// no equilibrium.
+    /// Creates a recorder and records the state before the first step, unless that state is `known`: a
+    /// resumed run has recorded it before, and the start of a `[static]` scene is no equilibrium.
     pub fn new(
         run: &mut Coupled<f64>,
         mut readers: Vec<ProbeReader>,
@@ -229,7 +229,7 @@ impl Recorder {
             fragments.look(run)?;
         }
         for r in &mut readers {
-            r.share_out(run);
+            r.set_up_gather(run);
         }
         let works: Vec<String> = run.works().into_iter().map(|w| w.name).collect();
         let bodies: Vec<String> = run.bodies().iter().map(|b| b.models.join(" + ")).collect();
@@ -261,7 +261,7 @@ impl Recorder {
         Ok(out)
     }
 
-    /// Goes on with what was recorded before.
+    /// Continues with what was recorded before.
     pub fn resume(&mut self, from: Records) -> Result<()> {
         self.probes.resume(from.probes);
         self.energy.resume(from.energy);
@@ -280,7 +280,7 @@ impl Recorder {
         }
     }
 
-    /// Keeps a warning for the summary; whether it was not known yet.
+    /// Adds a warning; returns whether it is new.
     pub fn warn(&mut self, text: String) -> bool {
         let new = !self.warnings.contains(&text);
         if new {
@@ -289,7 +289,7 @@ impl Recorder {
         new
     }
 
-    /// What a resumed run must know.
+    /// Returns the records that a resumed run needs.
     pub fn records(&self) -> Records {
         Records {
             probes: self.probes.clone(),
@@ -319,7 +319,7 @@ impl Recorder {
         self.write_frame(run, run.steps().is_multiple_of(self.frame_every))
     }
 
-    /// Records the last state, if it was not yet.
+    /// Writes the last state, unless a frame of it exists already.
     pub fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
         self.write_frame(run, !run.steps().is_multiple_of(self.frame_every))
     }
@@ -334,12 +334,12 @@ impl Recorder {
         }
     }
 
-    /// Whether a frame belongs to the step just made.
+    /// Returns whether the step just made writes a frame.
     pub(crate) fn framed(&self, run: &Coupled<f64>) -> bool {
         run.steps().is_multiple_of(self.frame_every)
     }
 
-    /// What is left once the run has ended.
+    /// Returns the results after the run has ended.
     pub(crate) fn into_recorded(self, scene: &SceneSpec, summary: Summary) -> Recorded {
         Recorded {
             curves: curves::of(scene, &self),
@@ -355,7 +355,8 @@ impl Recorder {
         let mut readings = Readings::default();
         let values = self.readers.iter().map(|r| r.read(run, &mut readings));
         let values = values.collect::<Result<Vec<f64>>>()?;
-        run.subdomains().iter().try_for_each(heard)?;
+        // After a failed exchange the values mean nothing, so that failure is reported first.
+        run.subdomains().iter().try_for_each(check_exchange)?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),
@@ -391,8 +392,8 @@ impl Recorder {
         }
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
-            let own = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            let top = d.portion().map_or(own, |p| p.largest(own));
+            let largest = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            let top = d.portion().map_or(largest, |p| p.largest(largest));
             self.top_speed = self.top_speed.max(top);
         }
         self.residuals.resize(run.interfaces().len(), 0.0);
@@ -405,7 +406,7 @@ impl Recorder {
     }
 }
 
-/// Figures of all effects: name with the effect in front, value.
+/// Figures of all effects: `effect figure` and value.
 fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
     run.effects().into_iter().flat_map(|e| {
         let name = e.name;
@@ -415,7 +416,7 @@ fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
     })
 }
 
-/// Makes one step under the clock.
+/// Makes one step and measures its phases.
 pub(crate) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
     let report = run.advance(clock).map_err(core("time"))?;
     clock.enter(Some(Phase::Observe));

@@ -1,4 +1,4 @@
-//! A scene: the text of its file, the changes made to it, and what both say.
+//! A scene: the text of its file, changes of its values, and the tables that result from both.
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::ranks::Ranks;
@@ -13,19 +13,19 @@ use std::sync::Arc;
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// A scene file and its text.
+/// Path and text of a scene file.
 #[derive(Debug, Clone)]
 pub struct Source {
-    /// Its path, which names the scene in reports.
+    /// Path of the file; names the scene in reports.
     pub path: PathBuf,
     /// Folder to which paths in the scene are relative.
     pub folder: PathBuf,
-    /// Its text.
+    /// Text of the file.
     pub text: String,
 }
 
 impl Source {
-    /// A text that stands, or could stand, in a file.
+    /// Creates a source from a text; `path` need not exist.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
         let path = path.into();
         Self {
@@ -48,19 +48,19 @@ impl Source {
         Ok(Self::new(path, text))
     }
 
-    /// Bytes of the deepest part of a key path that the text has.
+    /// Byte range of the deepest part of a key path that the text contains; `None` if it contains no part.
     pub fn span_of(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
-        let mut found = None;
+        let mut found_span = None;
         let mut parts = path
             .split('.')
             .flat_map(|p| p.split(['[', ']']))
             .filter(|p| !p.is_empty());
         let first = parts.next()?;
-        let (name, mut at) = root.get_ref().get_key_value(first)?;
-        found.replace(name.span());
+        let (name, mut node) = root.get_ref().get_key_value(first)?;
+        found_span.replace(name.span());
         for part in parts {
-            let next = match at.get_ref() {
+            let next = match node.get_ref() {
                 DeValue::Table(t) => t
                     .get_key_value(part)
                     .map(|(k, v)| (k.span().start..v.span().end, v)),
@@ -72,18 +72,19 @@ impl Source {
                 _ => None,
             };
             let Some((span, value)) = next else { break };
-            // The table of a header ends where the header does; a span never runs over several lines.
+            // The span of a table ends with its header; messages show a single line, so spans are cut at its
+            // end.
             let line = self.text[span.start..]
                 .find('\n')
                 .map_or(self.text.len(), |n| span.start + n);
-            found = Some(span.start..span.end.min(line).max(span.start));
-            at = value;
+            found_span = Some(span.start..span.end.min(line).max(span.start));
+            node = value;
         }
-        found
+        found_span
     }
 }
 
-/// A scene as its file and the changes made to it say; nothing of it is built yet.
+/// A scene as its file and its changes describe it, before anything is built.
 #[derive(Debug, Clone)]
 pub struct Scene {
     source: Source,
@@ -110,7 +111,7 @@ impl Scene {
         Self::of(Source::new("scene", text))
     }
 
-    /// Understands the text of a file.
+    /// Parses the text of a file.
     ///
     /// # Errors
     /// A text that is no scene, with its place.
@@ -121,7 +122,7 @@ impl Scene {
         };
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
         plausible("", &table)?;
-        // From the text, as only then errors know their line.
+        // Parsed from the text, not from `table`: only then do errors have a line.
         let spec = lowered(toml::from_str(&source.text).map_err(syntax)?)?;
         Ok(Self {
             source,
@@ -132,29 +133,29 @@ impl Scene {
         })
     }
 
-    /// Sets one value by its path, such as `time.end` or `support.0.model`; a text is a TOML value, or else
-    /// itself.
+    /// Sets one value by its path, such as `time.end` or `support.0.model`. A text that is no TOML value is
+    /// taken as a string.
     ///
     /// # Errors
-    /// A path that the scene does not have, a value that it cannot take.
+    /// A path that the scene does not have, or a value that it cannot take.
     pub fn set(mut self, path: &str, value: impl Display) -> Result<Self> {
         self.change(path.trim(), value.to_string().trim())?;
         Ok(self)
     }
 
-    /// Runs as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Rank 0 alone
-    /// writes files and hears warnings; [`Observer::step`](crate::Observer::step) is asked on every rank,
-    /// and one of them ends the steps of all.
+    /// Runs the scene as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Only
+    /// rank 0 writes files and receives warnings. [`Observer::step`](crate::Observer::step) is called on
+    /// every rank; one rank can end the steps of all. Collective.
     ///
     /// # Errors
     /// Scenes, or files that they name, that differ between ranks: on every rank.
     pub fn on_ranks(mut self, communicator: Arc<dyn Communicator>) -> Result<Self> {
-        self.ranks = Ranks::of(Some(communicator));
+        self.ranks = Ranks::from_communicator(Some(communicator));
         self.ranks.read(&self)?;
         Ok(self)
     }
 
-    /// Plans for so many ranks: [`Scene::prepare`] tells how models would be held there
+    /// Plans for this number of ranks: [`Scene::prepare`] then reports how each model would be distributed
     /// ([`crate::setup::Built::holdings`]).
     #[must_use]
     pub fn for_ranks(mut self, ranks: usize) -> Self {
@@ -162,7 +163,7 @@ impl Scene {
         self
     }
 
-    /// What ranks agree on.
+    /// Ranks of the run.
     pub(crate) fn ranks(&self) -> &Ranks {
         &self.ranks
     }
@@ -170,7 +171,7 @@ impl Scene {
     /// Applies assignments `PATH=VALUE` in their order.
     ///
     /// # Errors
-    /// As those of [`Self::set`].
+    /// See [`Self::set`].
     pub fn assign(mut self, assignments: &[String]) -> Result<Self> {
         for assignment in assignments {
             let (path, value) = assignment
@@ -181,18 +182,18 @@ impl Scene {
         Ok(self)
     }
 
-    /// Refuses what can be seen to be wrong from the scene alone; nothing is built, and no program of a
-    /// link started.
+    /// Checks everything that can be checked without building the scene or starting an external solver.
+    /// Collective.
     ///
     /// # Errors
-    /// The key, its value, the limit and a way out.
+    /// The key, its value, the limit and the remedy.
     pub fn check_tables(&self) -> Result<()> {
-        let found = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
-        self.ranks.together(found)
+        let checked = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(checked)
     }
 
-    /// What [`Self::prepare`] would start or wait for: models and commands or addresses, as a user would
-    /// type them.
+    /// Lists the external solvers that [`Self::prepare`] would start or wait for: model, and command or
+    /// address.
     pub fn links(&self) -> Vec<(String, String)> {
         let models = self.spec.model.iter();
         models
@@ -208,7 +209,8 @@ impl Scene {
         };
         assign(&mut self.table, path, parse_value(value)).map_err(bad)?;
         plausible("", &self.table)?;
-        // From its text again: a second way to read all tables would take a tenth of this crate's code.
+        // Reads the changed scene from text again: a second way to read all tables would take a tenth of this
+        // crate's code.
         let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
         self.spec = lowered(spec)?;
@@ -216,22 +218,22 @@ impl Scene {
         Ok(())
     }
 
-    /// What the scene says, changes included.
+    /// The tables of the scene, changes included.
     pub fn spec(&self) -> &SceneSpec {
         &self.spec
     }
 
-    /// The same scene with other words in place of its own.
+    /// Returns a copy of the scene with other tables.
     pub(crate) fn with_spec(&self, spec: SceneSpec) -> Self {
         Self { spec, ..self.clone() }
     }
 
-    /// Its text without the changes.
+    /// The scene file, without the changes.
     pub fn source(&self) -> &Source {
         &self.source
     }
 
-    /// The changes made to it, in their order.
+    /// The changes `PATH=VALUE`, in their order.
     pub fn changes(&self) -> &[String] {
         &self.changes
     }
@@ -248,25 +250,29 @@ impl Scene {
         out
     }
 
-    /// Meshes, packs and couples everything the scene asks for.
+    /// Meshes, packs and couples everything that the scene describes. Collective.
     ///
     /// # Errors
-    /// What is wrong with the scene: the key, its value, the limit and a way out.
+    /// Mistakes in the scene: the key, its value, the limit and the remedy.
     pub fn prepare(&self) -> Result<Prepared> {
         self.prepare_with(&mut |_| ())
     }
 
-    /// The same; `tell` hears of every phase of the set-up as it begins, in words.
+    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
+    /// as it begins.
     ///
     /// # Errors
-    /// Those of [`Self::prepare`].
-    pub fn prepare_with(&self, tell: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        let made = Prepared::new(self, tell).map_err(|e| zone::written(&self.spec, e));
-        self.ranks.together(made)
+    /// See [`Self::prepare`].
+    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
+        let prepared = Prepared::new(self, announce).map_err(|e| zone::written(&self.spec, e));
+        self.ranks.together(prepared)
     }
 }
 
-/// With zones as models and interfaces; refuses models without what only links can do without.
+/// Turns zones into models and interfaces.
+///
+/// # Errors
+/// A model other than a link that lacks a required key.
 fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
     let body = spec.body.iter().map(|t| ("body".to_owned(), t));
     let models = spec.model.iter().map(|(n, t)| (format!("model.{n}"), t));
@@ -278,8 +284,8 @@ fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
     zone::lowered(spec)
 }
 
-fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
-    match at {
+fn collect_files(node: &Value, out: &mut Vec<PathBuf>) {
+    match node {
         Value::Table(t) => {
             for (key, value) in t {
                 match value {
@@ -294,15 +300,15 @@ fn collect_files(at: &Value, out: &mut Vec<PathBuf>) {
 }
 
 /// Refuses NaN, infinity and dates anywhere in the scene.
-fn plausible(path: &str, at: &toml::Table) -> Result<()> {
-    at.iter().try_for_each(|(k, v)| match path {
+fn plausible(path: &str, table: &toml::Table) -> Result<()> {
+    table.iter().try_for_each(|(k, v)| match path {
         "" => plausible_value(k, v),
         _ => plausible_value(&format!("{path}.{k}"), v),
     })
 }
 
-fn plausible_value(path: &str, at: &Value) -> Result<()> {
-    match at {
+fn plausible_value(path: &str, node: &Value) -> Result<()> {
+    match node {
         Value::Float(x) if !x.is_finite() => {
             let rule =
                 "must be a finite number, at most 1.8e308; give one, or remove the key for its default";
@@ -322,7 +328,7 @@ fn plausible_value(path: &str, at: &Value) -> Result<()> {
     }
 }
 
-/// A parser's message without the types of the language it is written in.
+/// Replaces Rust types in a parser's message by plain words; adds a guess to unknown names.
 fn in_words(message: &str) -> String {
     const WORDS: [(&str, &str); 5] = [
         ("expected f64", "expected a number, such as 1.5e-3"),
@@ -341,8 +347,10 @@ fn in_words(message: &str) -> String {
         ),
     ];
     let words = WORDS.iter();
-    let text = words.fold(message.to_owned(), |text, (from, to)| text.replace(from, to));
-    // "unknown field `a`, expected one of `b`, `c`": the first word is the one that is not known.
+    let text = words.fold(message.to_owned(), |text, (rust, plain)| {
+        text.replace(rust, plain)
+    });
+    // In "unknown field `a`, expected one of `b`, `c`", the first quoted word is the unknown one.
     let mut quoted = text.split('`').skip(1).step_by(2);
     match quoted.next() {
         Some(wrong) if text.starts_with("unknown ") => format!("{text}{}", meant(wrong, quoted)),
@@ -354,7 +362,7 @@ fn in_words(message: &str) -> String {
 fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result<(), String> {
     let parts = parts(path)?;
     let parts: Vec<&str> = parts.iter().map(|k| k.get()).collect();
-    // Tables whose keys are names: a misspelt name must not make a new model.
+    // Keys of these tables are names: a misspelt name must not create a new model.
     if let [table @ ("model" | "interface" | "probe" | "zone"), name, ..] = parts.as_slice() {
         let known: Vec<&String> = match root.get(*table) {
             Some(Value::Table(t)) => t.keys().collect(),
@@ -370,21 +378,21 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
         }
     }
     let (last, head) = parts.split_last().ok_or("the path is empty")?;
-    let mut at = root
+    let mut node = root
         .entry((*head.first().unwrap_or(last)).to_owned())
         .or_insert_with(|| Value::Table(toml::Table::new()));
     if head.is_empty() {
-        *at = new;
+        *node = new;
         return Ok(());
     }
     for part in &head[1..] {
-        at = child(at, part)?;
+        node = child(node, part)?;
     }
-    *child(at, last)? = new;
+    *child(node, last)? = new;
     Ok(())
 }
 
-/// Parts of a path as TOML writes it (`probe."my tip".at`); `support[0]`, as messages write it, is
+/// Splits a path as TOML writes it (`probe."my tip".at`). `support[0]`, as messages write it, equals
 /// `support.0`.
 fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
     let dotted = if path.contains(['"', '\'']) {
@@ -399,8 +407,9 @@ fn parts(path: &str) -> std::result::Result<Vec<toml_edit::Key>, String> {
     })
 }
 
-fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
-    match at {
+fn child<'a>(node: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value, String> {
+    match node {
+        // A missing table is created: optional tables can be set without being in the file.
         Value::Table(t) => Ok(t
             .entry(part.to_owned())
             .or_insert_with(|| Value::Table(toml::Table::new()))),
@@ -418,14 +427,14 @@ fn child<'a>(at: &'a mut Value, part: &str) -> std::result::Result<&'a mut Value
     }
 }
 
-/// A TOML value; a number that TOML writes otherwise, such as a whole one beyond its integers; or else the
-/// text itself.
+/// Parses a TOML value, then a number that TOML writes differently (such as an integer beyond its range);
+/// returns any other text as a string.
 fn parse_value(text: &str) -> Value {
     let parsed = toml::from_str::<toml::Table>(&format!("x = {text}"));
     if let Some(v) = parsed.ok().and_then(|mut t| t.remove("x")) {
         return v;
     }
-    // Words that Rust, but not TOML, takes for infinity could be names.
+    // Rust also parses words such as "inf" as numbers; in a scene they could be names.
     let number = text
         .parse()
         .ok()

@@ -3,15 +3,15 @@
 use realfft::RealFftPlanner;
 use std::f64::consts::PI;
 
-/// Fewest samples from which frequencies are read.
+/// Smallest number of samples from which frequencies are computed.
 const FEWEST: usize = 32;
-/// Peaks below this share of the largest amplitude are side lobes or noise (a Hann window's own are at
-/// 0.027).
+/// Share of the largest amplitude below which a peak counts as side lobe or noise (the side lobes of a Hann
+/// window reach 0.027).
 const FLOOR: f64 = 0.05;
-/// Most peaks that are listed.
+/// Largest number of peaks that are returned.
 const MOST: usize = 12;
 
-/// Frequencies of the peaks \[Hz\], ascending, from samples `step` \[s\] apart.
+/// Frequencies of the peaks \[Hz\], ascending, of samples at intervals `step` \[s\].
 pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     let n = samples.len();
     if n < FEWEST || step <= 0.0 {
@@ -19,7 +19,7 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     }
     let mean = samples.iter().sum::<f64>() / n as f64;
     let window = |k: usize| 0.5 - 0.5 * (2.0 * PI * k as f64 / n as f64).cos();
-    // Padded to twice the length: the parabola then errs by less than a hundredth of a bin.
+    // Zero padding to twice the length: the parabola then errs by less than a hundredth of a bin.
     let size = 2 * n.next_power_of_two();
     let mut input = vec![0.0; size];
     for (k, (x, s)) in input.iter_mut().zip(samples).enumerate() {
@@ -32,15 +32,18 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     }
     let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
     let top = power.iter().copied().fold(0.0, f64::max);
+    // A constant signal has no frequency.
     if top <= f64::MIN_POSITIVE {
         return Vec::new();
     }
-    // Below two periods in the window, a slope looks like a frequency.
+    // With fewer than two periods in the window, a slope looks like a frequency.
     let first = (2 * size).div_ceil(n).max(1);
     let mut peaks: Vec<(f64, f64)> = Vec::new();
     for k in first..power.len() - 1 {
         let (a, b, c) = (power[k - 1], power[k], power[k + 1]);
         if b > a && b >= c && b > top * FLOOR * FLOOR {
+            // The peak of a Hann window is nearly a parabola in the logarithm; `tiny` avoids the logarithm of
+            // zero.
             let tiny = top * 1e-30;
             let (a, b, c) = ((a + tiny).ln(), (b + tiny).ln(), (c + tiny).ln());
             let bend = a - 2.0 * b + c;
@@ -50,12 +53,13 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
     peaks.truncate(MOST);
-    let mut found: Vec<f64> = peaks.into_iter().map(|p| p.1).collect();
-    found.sort_by(f64::total_cmp);
-    found
+    let mut frequencies: Vec<f64> = peaks.into_iter().map(|p| p.1).collect();
+    frequencies.sort_by(f64::total_cmp);
+    frequencies
 }
 
-/// Size of the Hann-windowed Fourier transform of samples over their mean, at one frequency \[Hz\].
+/// Amplitude of the Hann-windowed Fourier transform at one frequency \[Hz\], of the samples without their
+/// mean.
 fn amplitude(samples: &[f64], step: f64, frequency: f64) -> f64 {
     let n = samples.len() as f64;
     let mean = windowed_mean(samples);
@@ -70,22 +74,24 @@ fn amplitude(samples: &[f64], step: f64, frequency: f64) -> f64 {
     re.hypot(im)
 }
 
-/// Frequency \[Hz\] of the highest peak within 12 % of a guess: a scan, then golden sections. With ten
-/// periods or more in the window it is good to 1e-4.
+/// Frequency \[Hz\] of the highest peak within 12 % of a guess; a scan, then golden-section search. The
+/// relative error is below 1e-4 with ten or more periods in the window.
 pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
-    let at = |f: f64| amplitude(samples, step, f);
+    let amplitude_at = |f: f64| amplitude(samples, step, f);
+    // A quarter of the bin width: the scan then cannot step over a peak.
     let width = 0.25 / (samples.len() as f64 * step);
     let scan = (0..).map(|k| 0.88 * guess + width * f64::from(k));
     let best = scan
         .take_while(|f| *f < 1.12 * guess)
-        .map(|f| (f, at(f)))
+        .map(|f| (f, amplitude_at(f)))
         .fold((guess, 0.0), |b, x| if x.1 > b.1 { x } else { b })
         .0;
     let (mut low, mut high) = (best - width, best + width);
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    // Thirty golden sections shrink the interval by a factor of 2e6.
     for _ in 0..30 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
-        if at(a) > at(b) {
+        if amplitude_at(a) > amplitude_at(b) {
             high = b;
         } else {
             low = a;
@@ -94,7 +100,7 @@ pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Mean under a Hann window: whole oscillations drop out.
+/// Mean under a Hann window, which suppresses oscillations.
 pub fn windowed_mean(samples: &[f64]) -> f64 {
     let n = samples.len() as f64;
     let window = |k: usize| 1.0 - (2.0 * PI * k as f64 / n).cos();
@@ -113,9 +119,9 @@ mod tests {
         let samples: Vec<f64> = (0..3000)
             .map(|k| 1.0 + wave(123.4, k as f64 * dt) + 0.3 * wave(456.7, k as f64 * dt))
             .collect();
-        let found = frequencies(&samples, dt);
-        assert_eq!(found.len(), 2, "{found:?}");
-        assert!((found[0] / 123.4 - 1.0).abs() < 1e-3 && (found[1] / 456.7 - 1.0).abs() < 1e-3);
+        let peaks = frequencies(&samples, dt);
+        assert_eq!(peaks.len(), 2, "{peaks:?}");
+        assert!((peaks[0] / 123.4 - 1.0).abs() < 1e-3 && (peaks[1] / 456.7 - 1.0).abs() < 1e-3);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::pieces::Piece;
 use super::vtu::{self, Array, Entry, Kinds, Numbers};
 use super::{fields, mark};
 use crate::error::{Error, Result, write};
-use crate::ranks::{Ranks, heard};
+use crate::ranks::{Ranks, check_exchange};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -371,7 +371,7 @@ fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
     let own = f64::from(u8::from(!finite));
     let worst = s.portion().map_or(own, |p| p.largest(own));
-    heard(s)?;
+    check_exchange(s)?;
     check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])
 }
 

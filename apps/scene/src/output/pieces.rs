@@ -45,7 +45,8 @@ impl Piece {
             .filter(|k| owner(corners(*k)[0]) == mine)
             .collect();
         let wanted = gradients && whole.cells() > 0;
-        let centres = wanted.then(|| cells::some("output.fields", info, cells.iter().map(|k| *k as usize)));
+        let centres =
+            wanted.then(|| cells::selected("output.fields", info, cells.iter().map(|k| *k as usize)));
         let failed = centres.as_ref().is_some_and(Result::is_err);
         let lost = portion.any(failed).map_err(elsewhere)?;
         let mut centres = centres.and_then(Result::ok).filter(|_| !lost);

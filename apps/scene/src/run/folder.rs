@@ -35,7 +35,7 @@ impl RunFolder {
         let inputs: Vec<PathBuf> = std::iter::once(scene.source().path.clone()).chain(read).collect();
         let place = Place::new(&target, force, &inputs);
         let unfinished = Folder::unfinished(&target);
-        let origin = Origin::of(scene)?;
+        let origin = Origin::from_scene(scene)?;
         let ranks = scene.ranks();
         let place = ranks.leads().then_some(place);
         ranks.together(place.as_ref().map_or(Ok(()), Place::check))?;
@@ -150,7 +150,7 @@ impl Session<'_> {
             if end.goes_on() {
                 self.save()?;
                 if self.keep.is_none() {
-                    rest = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
+                    rest = Some(Box::new(self.checkpoint(Origin::from_scene(self.scene)?)?));
                 }
             }
             Ok((end, rest, self.finish(end, wake.clone(), observer)?))

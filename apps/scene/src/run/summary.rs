@@ -43,7 +43,7 @@ impl Session<'_> {
             version: env!("CARGO_PKG_VERSION"),
             resumed_at_step: self.resumed_at,
             wake: None,
-            into_overlap: crossing::found(run, &self.breaks),
+            into_overlap: crossing::first_cracks(run, &self.breaks),
             set: self.scene.changes().to_vec(),
             ranks: self.holdings.clone(),
             threads: rayon::current_num_threads(),

@@ -1,4 +1,4 @@
-//! Contact between two models of particles, and the watch over those without it.
+//! Contact between two models of particles, and the check for models that overlap without contact.
 
 use super::grains;
 use super::kinds::Body;
@@ -10,10 +10,10 @@ use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
 use std::collections::BTreeSet;
 
-/// Overlap over the sum of radii above which two particles call for contact, as within a model.
+/// Overlap over the sum of radii above which two particles need contact; the same value as within a model.
 const TOLERATED_OVERLAP: f64 = 0.01;
 
-/// Numbers of the two models effect `k` is between; none if it is on single models.
+/// Numbers of the two models that effect `k` acts between; `None` if it acts on single models.
 pub(super) fn sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[usize; 2]>> {
     let Some(names) = &e.between else {
         return Ok(None);
@@ -52,15 +52,15 @@ fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Contacts between models that are on, with their effects' numbers.
+/// Enabled contacts between models: number of the effect, numbers of the models.
 pub(super) fn touching(scene: &SceneSpec) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
-    let mut seen = BTreeSet::new();
+    let mut pairs_seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
         let Some(pair) = sides(k, e, scene)?.filter(|_| e.enabled) else {
             continue;
         };
-        if !seen.insert(ordered(pair)) {
+        if !pairs_seen.insert(ordered(pair)) {
             let rule = "names a pair of models that has contact already; keep one";
             return Err(key(format!("effect[{k}].between"), rule));
         }
@@ -73,7 +73,7 @@ fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
     bodies[m].grains.as_ref().map(|g| &g.body)
 }
 
-/// The contacts of a scene between two models.
+/// Builds the contacts between two models of a scene.
 pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
     let mut out = Vec::new();
     for (k, [a, b]) in touching(scene)? {
@@ -85,33 +85,34 @@ pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f
         let [Some(e), Some(f)] = [a, b].map(|m| bodies[m].material.map(|m| m.young())) else {
             continue;
         };
-        // Two springs in a row.
+        // The contact stiffness of two different materials is that of two springs in series.
         let law = grains::law(2.0 * e * f / (e + f), contact);
-        let made = ContactBetween::new(first.clone(), second.clone(), law);
-        let made = made.map_err(dem(format!("effect[{k}].contact")))?;
+        let contact_between = ContactBetween::new(first.clone(), second.clone(), law);
+        let contact_between = contact_between.map_err(dem(format!("effect[{k}].contact")))?;
         out.push(PairSpec {
             sides: [a, b],
-            effect: Box::new(made),
+            effect: Box::new(contact_between),
         });
     }
     Ok(out)
 }
 
-/// Pairs of particle models between which no contact is on and that no interface ties: they may go through
-/// each other.
+/// Pairs of particle models that have neither contact nor an interface: their particles can pass through each
+/// other.
 #[derive(Debug, Default)]
 pub struct ParticlesWithoutContact(Vec<([usize; 2], [ContactBody; 2])>);
 
 impl ParticlesWithoutContact {
-    /// Of the models of a scene.
-    pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
-        let mut known: BTreeSet<[usize; 2]> = touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
+    /// Finds these pairs in a scene.
+    pub(super) fn from_scene(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
+        let mut connected: BTreeSet<[usize; 2]> =
+            touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
         for (name, i) in &scene.interface {
-            known.insert(ordered(super::sides_of(name, i, scene)?));
+            connected.insert(ordered(super::sides_of(name, i, scene)?));
         }
         let mut out = Vec::new();
         for b in 0..bodies.len() {
-            for a in (0..b).filter(|a| !known.contains(&[*a, b])) {
+            for a in (0..b).filter(|a| !connected.contains(&[*a, b])) {
                 if let (Some(first), Some(second)) = (body(bodies, a), body(bodies, b)) {
                     out.push(([a, b], [first.clone(), second.clone()]));
                 }
@@ -120,23 +121,23 @@ impl ParticlesWithoutContact {
         Ok(Self(out))
     }
 
-    /// Those whose particles overlap now, by the name of the first model.
+    /// Pairs whose particles overlap now: name of the first model, and the finding.
     pub fn watch(&self, run: &Coupled<f64>) -> Vec<(String, Finding)> {
         let mut out = Vec::new();
         for (sides, [a, b]) in &self.0 {
             let displaced = sides.map(|m| &run.subdomains()[m].state().q[..]);
             if let Some((count, worst)) = a.overlaps(b, displaced, TOLERATED_OVERLAP) {
-                let [one, other] = [a.name(), b.name()];
+                let [first_name, second_name] = [a.name(), b.name()];
                 let message = format!(
-                    "{count} of its particles and those of '{other}' overlap, by up to {:.1} % of their radii; switch on \
-                     contact with between = [\"{one}\", \"{other}\"]",
+                    "{count} of its particles and those of '{second_name}' overlap, by up to {:.1} % of their radii; switch on \
+                     contact with between = [\"{first_name}\", \"{second_name}\"]",
                     100.0 * worst
                 );
                 let finding = Finding {
                     effect: "contact",
                     message,
                 };
-                out.push((one.to_owned(), finding));
+                out.push((first_name.to_owned(), finding));
             }
         }
         out

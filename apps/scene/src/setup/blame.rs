@@ -1,10 +1,10 @@
-//! Which key of a scene an error of the core comes from: one that the scene has, or could be given.
+//! The key of a scene that causes an error of the core: one that the scene has or could have.
 
 use crate::error::Error;
 use crate::spec::{SceneSpec, StepChoice};
 use arlequin::core::Error as Core;
 
-/// Gives an error of the core the key that it comes from.
+/// Adds the key that causes it to an error of the core.
 pub(super) fn located(scene: &SceneSpec, source: Core) -> Error {
     Error::Core {
         key: key_of(scene, &source),
@@ -40,7 +40,7 @@ fn key_of(scene: &SceneSpec, source: &Core) -> String {
     }
 }
 
-/// The key of a step that is not stable: the one that the scene gives, or else the model itself.
+/// Key of an unstable step: the one that the scene gives, otherwise the model.
 fn step(scene: &SceneSpec, model: &str, steps: usize) -> String {
     let has_own = scene.model.get(model).is_some_and(|t| t.step.is_some());
     let in_seconds = matches!(scene.time.step, StepChoice::Seconds(_));
@@ -52,19 +52,19 @@ fn step(scene: &SceneSpec, model: &str, steps: usize) -> String {
     }
 }
 
-/// The interface, where there is one; the models, where there is none.
+/// Key of the interface if there is only one, else of all interfaces; of the models if there is no interface.
 fn interfaces(scene: &SceneSpec) -> String {
     let mut names = scene.interface.keys();
     match (names.next(), names.next()) {
         (None, _) => models(scene),
         (Some(name), None) => format!("interface.{name}"),
-        // Zones are interfaces by their own key.
+        // Interfaces of zones have no key of their own; their keys are those of the zones.
         _ if scene.body.is_some() => "zone".to_owned(),
         _ => "interface".to_owned(),
     }
 }
 
-/// The model, where there is one; the body, where it has zones.
+/// Key of the model if there is only one, else of all models; of the body if it has zones.
 fn models(scene: &SceneSpec) -> String {
     let mut names = scene.model.keys();
     match (names.next(), names.next()) {

@@ -1,63 +1,63 @@
-//! Where the time of a set-up goes.
+//! Wall times of the set-up.
 
 use arlequin::core::SetupPhase;
 use serde::Serialize;
 use std::time::Instant;
 
-/// A phase of a set-up.
+/// A phase of the set-up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PhaseTime {
-    /// What was done, such as "packing of 'right'".
+    /// Description, such as "packing of 'right'".
     pub phase: String,
-    /// How long it took \[s\].
+    /// Wall time \[s\].
     pub seconds: f64,
 }
 
-/// Times the phases of a set-up, each of which ends where the next begins, and tells of them as they begin.
+/// Times the phases of the set-up and calls `announce` as each begins. A phase ends where the next begins.
 pub(crate) struct SetupClock<'a> {
-    tell: &'a mut dyn FnMut(&str),
+    announce: &'a mut dyn FnMut(&str),
     now: Option<(String, Instant)>,
-    done: Vec<PhaseTime>,
+    finished: Vec<PhaseTime>,
 }
 
 impl<'a> SetupClock<'a> {
-    pub(crate) fn new(tell: &'a mut dyn FnMut(&str)) -> Self {
+    pub(crate) fn new(announce: &'a mut dyn FnMut(&str)) -> Self {
         Self {
-            tell,
+            announce,
             now: None,
-            done: Vec::new(),
+            finished: Vec::new(),
         }
     }
 
-    /// The phase of this name begins.
+    /// Begins a phase and ends the previous one.
     pub(crate) fn begin(&mut self, phase: String) {
         self.stop();
-        (self.tell)(&phase);
+        (self.announce)(&phase);
         self.now = Some((phase, Instant::now()));
     }
 
     fn stop(&mut self) {
         if let Some((phase, since)) = self.now.take() {
             let seconds = since.elapsed().as_secs_f64();
-            self.done.push(PhaseTime { phase, seconds });
+            self.finished.push(PhaseTime { phase, seconds });
         }
     }
 
-    /// The last phase is over.
+    /// Ends the last phase and returns all phases.
     pub(crate) fn finish(mut self) -> Vec<PhaseTime> {
         self.stop();
-        self.done
+        self.finished
     }
 }
 
-/// A phase of the core in words; `names` are those of the models and of the interfaces.
+/// Description of a phase of the core; `models` and `interfaces` are the names in the scene.
 pub(super) fn name(phase: SetupPhase, [models, interfaces]: &[Vec<String>; 2]) -> String {
-    let of = |names: &[String], k: usize| names.get(k).cloned().unwrap_or_default();
+    let name_of = |names: &[String], k: usize| names.get(k).cloned().unwrap_or_default();
     match phase {
-        SetupPhase::Weights(m) => format!("weights of '{}'", of(models, m)),
+        SetupPhase::Weights(m) => format!("weights of '{}'", name_of(models, m)),
         SetupPhase::Partition => "partition of unity".to_owned(),
-        SetupPhase::Junction(k) => format!("junction integrals of '{}'", of(interfaces, k)),
-        SetupPhase::Operator(k) => format!("operator and factor of '{}'", of(interfaces, k)),
+        SetupPhase::Junction(k) => format!("junction integrals of '{}'", name_of(interfaces, k)),
+        SetupPhase::Operator(k) => format!("operator and factor of '{}'", name_of(interfaces, k)),
         SetupPhase::Step => "critical steps".to_owned(),
         SetupPhase::Start => "initial state".to_owned(),
         _ => "the rest".to_owned(),

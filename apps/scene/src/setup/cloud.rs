@@ -1,8 +1,8 @@
-//! Nodes within a closed surface, and the tetrahedra between them.
+//! Nodes inside a closed surface, and the tetrahedra between them.
 //!
-//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes
-//! lie on a body-centred cubic lattice, whose Delaunay tetrahedra are all alike and well shaped, half a
-//! spacing or more from the surface.
+//! The surface keeps its corners; edges longer than the spacing are halved, longest first. Inside, nodes lie
+//! on a body-centred cubic lattice, at least half a spacing from the surface: its Delaunay tetrahedra are
+//! congruent and well shaped.
 
 use super::filling::bytes;
 use crate::error::{Result, cnem, dem, fem, key, value};
@@ -15,24 +15,24 @@ use arlequin::fem_ref::{ElementKind, Mesh};
 use std::collections::{BTreeMap, BinaryHeap};
 use std::path::Path;
 
-/// Most nodes that are placed.
+/// Largest number of nodes.
 const MOST: f64 = 1e7;
-/// Longest edges of the surface, in spacings.
+/// Length of surface edges above which they are halved, in spacings.
 const LONGEST: f64 = 1.25;
-/// Distance of inner nodes from the surface, in spacings.
+/// Smallest distance of inner nodes from the surface, in spacings.
 const AWAY: f64 = 0.5;
 
-/// Triangles of a surface by their corners.
+/// Triangles of a surface, each by its three corners \[m\].
 pub(super) fn corners(surface: &Surface) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: u32| Point3::from(surface.vertices()[k as usize]);
-    surface.triangles().iter().map(|t| t.map(at)).collect()
+    let vertex = |k: u32| Point3::from(surface.vertices()[k as usize]);
+    surface.triangles().iter().map(|t| t.map(vertex)).collect()
 }
 
 /// Fills the surface of an STL file, in units of `scale` metres, with nodes about `size` \[m\] apart.
 pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mesh<f64>> {
-    let at = format!("{path}.shape.file");
-    let surface = Surface::from_stl(&bytes(file)?).map_err(dem(&at))?;
-    let surface = surface.scaled(scale).map_err(dem(&at))?;
+    let key_path = format!("{path}.shape.file");
+    let surface = Surface::from_stl(&bytes(file)?).map_err(dem(&key_path))?;
+    let surface = surface.scaled(scale).map_err(dem(&key_path))?;
     let expected = surface.volume() / size.powi(3);
     if expected > MOST {
         let (low, high) = surface.bounds();
@@ -47,40 +47,41 @@ pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mes
     let (mut points, triangles) = divided(&surface, size);
     points.extend(lattice(&surface, size));
     let hull = constraint::Surface::boundary(triangles.iter().map(|t| t.map(|k| k as usize)).collect());
-    let domain = Domain::new(&points, &hull).map_err(cnem(&at))?;
+    let domain = Domain::new(&points, &hull).map_err(cnem(&key_path))?;
     let connectivity: Vec<u32> = domain.elements().flatten().map(|k| k as u32).collect();
     if connectivity.is_empty() {
-        return Err(key(at, "holds no tetrahedron; choose a smaller spacing"));
+        return Err(key(key_path, "holds no tetrahedron; choose a smaller spacing"));
     }
     Mesh::new(ElementKind::Tet4, domain.nodes().to_vec(), connectivity)
         .map(Mesh::renumbered)
-        .map_err(fem(&at))
+        .map_err(fem(&key_path))
 }
 
-/// Corners and triangles of a surface without edges much longer than `size`.
+/// Divides a surface until no edge is much longer than `size` \[m\]; returns its corners and triangles.
 fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let mut points: Vec<Point3<f64>> = surface.vertices().iter().map(|x| Point3::from(*x)).collect();
     let mut triangles = surface.triangles().to_vec();
-    // Triangles at every edge; lengths of squares as bits, which order like the numbers.
-    let mut at: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+    // Triangles at each edge. The queue holds squared lengths as bits: for positive numbers these sort like
+    // the numbers.
+    let mut triangles_at: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
     let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]].map(|[a, b]| [a.min(b), a.max(b)]);
     for (k, t) in triangles.iter().enumerate() {
         edges(t)
             .into_iter()
-            .for_each(|e| at.entry(e).or_default().push(k as u32));
+            .for_each(|e| triangles_at.entry(e).or_default().push(k as u32));
     }
     let long = (LONGEST * size).powi(2);
     let length =
         |points: &[Point3<f64>], e: [u32; 2]| (points[e[0] as usize] - points[e[1] as usize]).norm_squared();
     let mut queue: BinaryHeap<(u64, [u32; 2])> = BinaryHeap::new();
-    for e in at.keys() {
+    for e in triangles_at.keys() {
         queue.push((length(&points, *e).to_bits(), *e));
     }
     while let Some((bits, [a, b])) = queue.pop() {
         if f64::from_bits(bits) <= long {
             break;
         }
-        let Some(around) = at.remove(&[a, b]) else {
+        let Some(edge_triangles) = triangles_at.remove(&[a, b]) else {
             continue;
         };
         let m = points.len() as u32;
@@ -88,21 +89,21 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             &points[a as usize],
             &points[b as usize],
         ));
-        for k in around {
+        for k in edge_triangles {
             let old = triangles[k as usize];
-            let [first, second] = [b, a].map(|gone| old.map(|v| if v == gone { m } else { v }));
+            let [first, second] = [b, a].map(|corner| old.map(|v| if v == corner { m } else { v }));
             let new = triangles.len() as u32;
             triangles[k as usize] = first;
             triangles.push(second);
             for e in edges(&old) {
-                // Edges of the second half had the number of the first.
-                if let Some(list) = at.get_mut(&e).filter(|_| e.contains(&b)) {
+                // These edges belonged to the first half until now.
+                if let Some(list) = triangles_at.get_mut(&e).filter(|_| e.contains(&b)) {
                     list.iter_mut().filter(|n| **n == k).for_each(|n| *n = new);
                 }
             }
             for (half, number) in [(first, k), (second, new)] {
                 for e in edges(&half).into_iter().filter(|e| e.contains(&m)) {
-                    let list = at.entry(e).or_default();
+                    let list = triangles_at.entry(e).or_default();
                     if list.is_empty() {
                         queue.push((length(&points, e).to_bits(), e));
                     }
@@ -111,24 +112,25 @@ fn divided(surface: &Surface, size: f64) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
             }
         }
     }
-    let used = triangles.iter().flatten();
+    // Vertices that no triangle uses are dropped.
+    let vertices = triangles.iter().flatten();
     let mut place = vec![u32::MAX; points.len()];
-    let mut kept = Vec::new();
-    for &k in used {
+    let mut kept_points = Vec::new();
+    for &k in vertices {
         if place[k as usize] == u32::MAX {
-            place[k as usize] = kept.len() as u32;
-            kept.push(points[k as usize]);
+            place[k as usize] = kept_points.len() as u32;
+            kept_points.push(points[k as usize]);
         }
     }
     (
-        kept,
+        kept_points,
         triangles.iter().map(|t| t.map(|k| place[k as usize])).collect(),
     )
 }
 
-/// Nodes of a body-centred cubic lattice inside of a surface.
+/// Nodes of a body-centred cubic lattice inside a surface.
 fn lattice(surface: &Surface, size: f64) -> Vec<Point3<f64>> {
-    // Neighbours are half a diagonal apart.
+    // Nearest neighbours are half a space diagonal of the cubic cell apart.
     let edge = size * 2.0 / 3f64.sqrt();
     let (low, high) = surface.bounds();
     let faces = Faces::new(corners(surface));
@@ -138,6 +140,7 @@ fn lattice(surface: &Surface, size: f64) -> Vec<Point3<f64>> {
     for i in -reach.x..=reach.x {
         for j in -reach.y..=reach.y {
             for k in -reach.z..=reach.z {
+                // The two points of a body-centred cubic cell.
                 for half in [0.0, 0.5] {
                     let step = Vector3::new(i as f64, j as f64, k as f64).add_scalar(half);
                     let x = middle + step * edge;

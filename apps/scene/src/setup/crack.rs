@@ -1,4 +1,4 @@
-//! Probes of the energy that a crack releases.
+//! Probes of the energy release rate of a crack.
 
 use super::effect_models;
 use super::kinds::Body;
@@ -7,7 +7,7 @@ use crate::spec::{Crack, EffectKind, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{CrackFront, EnergyRelease, Weights};
 
-/// Refuses a crack with another quantity, and the quantity without a crack.
+/// Refuses a crack with another quantity than the energy release rate, and this quantity without a crack.
 pub(super) fn check_quantity(path: &str, probe: &Probe) -> Result<()> {
     match (&probe.crack, probe.quantity) {
         (Some(_), Quantity::EnergyRelease) => match probe.component {
@@ -37,11 +37,11 @@ fn front(crack: &Crack) -> CrackFront<f64> {
     }
 }
 
-/// Refuses what can be seen to be wrong before anything is built.
+/// Checks what can be checked before anything is built.
 pub(super) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
     front(crack).check().map_err(core(format!("{path}.crack")))?;
-    let of = |name: &String| scene.model.keys().position(|n| n == name);
-    let model = probe.model.as_ref().and_then(of);
+    let number = |name: &String| scene.model.keys().position(|n| n == name);
+    let model = probe.model.as_ref().and_then(number);
     for (k, e) in scene.effect.iter().enumerate() {
         let prestressed = e.enabled && matches!(e.kind, EffectKind::Prestress(_));
         if prestressed && effect_models(k, e, scene)?.iter().any(|m| Some(*m) == model) {
@@ -54,7 +54,7 @@ pub(super) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec)
     Ok(())
 }
 
-/// The integral over the domain of a probe.
+/// Builds the domain integral of a probe.
 pub(super) fn release(
     path: &str,
     probe: &Probe,
@@ -65,6 +65,6 @@ pub(super) fn release(
     let Some(crack) = &probe.crack else {
         return Err(key(path, "needs crack"));
     };
-    let made = EnergyRelease::new(&*body.model, &*body.field, &*weights.internal, &front(crack));
-    made.map_err(core(format!("{path}.crack")))
+    let integral = EnergyRelease::new(&*body.model, &*body.field, &*weights.internal, &front(crack));
+    integral.map_err(core(format!("{path}.crack")))
 }

@@ -17,13 +17,13 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// An effect before it is attached to a model.
+/// An effect that is not yet attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
 
-/// Index of a model by name.
+/// Returns the number of the model with this name.
 pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
-    let found = scene.model.keys().position(|k| k == name);
-    found.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
+    let number = scene.model.keys().position(|k| k == name);
+    number.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
 }
 
 /// Name of the rigid body of effect `k` in the ledger.
@@ -52,18 +52,18 @@ pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunctio
     Ok(function)
 }
 
-/// Everything that is attached to the subdomains.
+/// Supports and effects to be attached to subdomains, by the number of the model.
 #[derive(Default)]
 pub(super) struct Attachments {
     supports: BTreeMap<usize, Vec<PrescribedMotion<f64>>>,
     effects: BTreeMap<usize, Vec<Chosen>>,
-    /// Effects that must come after all others.
+    /// Effects that must act after all others (local damping).
     last: BTreeMap<usize, Vec<Chosen>>,
 }
 
 impl Attachments {
-    /// Reads supports, loads and effects of a scene.
-    pub(super) fn of(
+    /// Builds supports, loads and effects of a scene.
+    pub(super) fn from_scene(
         scene: &SceneSpec,
         bodies: &mut [Body],
         joints: &[BuiltInterface],
@@ -81,45 +81,46 @@ impl Attachments {
                 out.add(m, Box::new(load::on_body(&path, &name, l, &bodies[m])?));
                 continue;
             }
-            for (m, made) in shared::loads(k, m, scene, bodies, joints, folder)? {
-                out.add(m, Box::new(made));
+            for (m, load_part) in shared::loads(k, m, scene, bodies, joints, folder)? {
+                out.add(m, Box::new(load_part));
             }
         }
         for (k, e) in scene.effect.iter().enumerate() {
             for m in effect_models(k, e, scene)? {
-                let Some(made) = on_body(k, e, &mut bodies[m])? else {
+                let Some(built) = on_body(k, e, &mut bodies[m])? else {
                     continue;
                 };
+                // Local damping is a share of all other forces, so it must be evaluated last.
                 if let EffectKind::LocalDamping(_) = e.kind {
-                    out.last.entry(m).or_default().push(made);
+                    out.last.entry(m).or_default().push(built);
                 } else {
-                    out.add(m, made);
+                    out.add(m, built);
                 }
             }
         }
         Ok(out)
     }
 
-    /// Adds an effect on model `m`.
+    /// Adds an effect to model `m`.
     pub(super) fn add(&mut self, m: usize, effect: Chosen) {
         self.effects.entry(m).or_default().push(effect);
     }
 
-    /// Attaches what belongs to model `m`.
-    pub(super) fn attach(&mut self, m: usize, mut to: Subdomain<f64>) -> Subdomain<f64> {
+    /// Attaches supports and effects of model `m` to its subdomain.
+    pub(super) fn attach(&mut self, m: usize, mut subdomain: Subdomain<f64>) -> Subdomain<f64> {
         for s in self.supports.remove(&m).unwrap_or_default() {
-            to = to.with_support(s);
+            subdomain = subdomain.with_support(s);
         }
         for list in [&mut self.effects, &mut self.last] {
             for e in list.remove(&m).unwrap_or_default() {
-                to = to.with_effect(e);
+                subdomain = subdomain.with_effect(e);
             }
         }
-        to
+        subdomain
     }
 }
 
-/// Amplitude and time function of a prescribed motion.
+/// Amplitude and time function of a prescribed motion; a speed is integrated in time.
 pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
     let time = time_function(&format!("{path}.time"), &m.time)?;
     match (m.amplitude, m.speed) {
@@ -129,19 +130,19 @@ pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)>
     }
 }
 
-/// An effect that needs to know no body; none for the others.
+/// Builds an effect that does not depend on the body; `None` for the other kinds.
 pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
-    let at = |name: &str| core(format!("effect[{k}].{}.{name}", e.kind.key()));
+    let located = |name: &str| core(format!("effect[{k}].{}.{name}", e.kind.key()));
     Ok(Some(match &e.kind {
         EffectKind::BodyForce(b) => {
-            let made = BodyForce::new(Vector3::from(b.acceleration));
+            let force = BodyForce::new(Vector3::from(b.acceleration));
             let time = time_function(&format!("effect[{k}].body_force.time"), &b.time)?;
-            let made = made.and_then(|b| b.over_time(time));
-            Box::new(made.map_err(core(format!("effect[{k}]")))?)
+            let force = force.and_then(|b| b.over_time(time));
+            Box::new(force.map_err(core(format!("effect[{k}]")))?)
         }
-        EffectKind::MassDamping(d) => Box::new(MassDamping::new(d.rate).map_err(at("rate"))?),
-        EffectKind::StiffnessDamping(d) => Box::new(StiffnessDamping::new(d.time).map_err(at("time"))?),
-        EffectKind::LocalDamping(d) => Box::new(LocalDamping::new(d.share).map_err(at("share"))?),
+        EffectKind::MassDamping(d) => Box::new(MassDamping::new(d.rate).map_err(located("rate"))?),
+        EffectKind::StiffnessDamping(d) => Box::new(StiffnessDamping::new(d.time).map_err(located("time"))?),
+        EffectKind::LocalDamping(d) => Box::new(LocalDamping::new(d.share).map_err(located("share"))?),
         EffectKind::Prestress(_) => Box::new(Prestress),
         EffectKind::BulkViscosity(_)
         | EffectKind::Fracture(_)
@@ -150,13 +151,13 @@ pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     }))
 }
 
-/// Effect `k` on a body; none if it is off, or part of the model as fracture is.
+/// Builds effect `k` for a body; `None` if the effect is off or part of the model (fracture).
 fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     if !e.enabled {
         return Ok(None);
     }
-    if let Some(made) = simple_effect(k, e)? {
-        return Ok(Some(made));
+    if let Some(simple) = simple_effect(k, e)? {
+        return Ok(Some(simple));
     }
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
@@ -167,25 +168,25 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
             }
             let impedance = |m: &Elastic<f64>| (m.p_wave_modulus() * m.density()).sqrt();
             let main = impedance(material(&path, body)?);
-            let made = BulkViscosity::new(body.field.clone(), b.coefficient, main);
-            let mut made = made.map_err(core(format!("{path}.coefficient")))?;
-            if let Some((all, n)) = body.materials.as_ref().and_then(|m| Some((m, m.elements()?))) {
-                made = made.with_impedances((0..n).map(|e| impedance(all.at(e))).collect());
+            let viscosity = BulkViscosity::new(body.field.clone(), b.coefficient, main);
+            let mut viscosity = viscosity.map_err(core(format!("{path}.coefficient")))?;
+            if let Some((materials, n)) = body.materials.as_ref().and_then(|m| Some((m, m.elements()?))) {
+                viscosity = viscosity.with_impedances((0..n).map(|e| impedance(materials.at(e))).collect());
             }
-            Ok(Some(Box::new(made)))
+            Ok(Some(Box::new(viscosity)))
         }
         EffectKind::Fracture(_) => Ok(None),
         _ => match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
             None => Err(key(path, "is made for no model; remove it")),
-            made => Ok(made),
+            effect => Ok(effect),
         },
     }
 }
 
-/// What bulk viscosity needs, and what a line can have in its place.
+/// Requirement of bulk viscosity, and the alternative for a line model.
 const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
 
-/// Models an effect acts on: those named, or all that can have it.
+/// Numbers of the models that an effect acts on: the named ones, or all that can have it.
 pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
     if super::between::sides(k, e, scene)?.is_some() {
@@ -198,30 +199,33 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
         Bearer::Solids => tables[*m].has_volume(),
         Bearer::Particles => tables[*m].kind == ModelKind::Dem,
     };
-    let all = model_indices(&path, e.models.as_deref(), scene)?;
-    if let (Some(names), Some(at)) = (&e.models, all.iter().position(|m| !fits(m))) {
-        let wanted = match bearer {
+    let models = model_indices(&path, e.models.as_deref(), scene)?;
+    if let (Some(names), Some(misfit)) = (&e.models, models.iter().position(|m| !fits(m))) {
+        let requirement = match bearer {
             Bearer::Particles => "kind = \"dem\"",
             _ => SOLID,
         };
-        let rule = format!("{what} needs {wanted}, which model '{}' is not", names[at]);
-        return Err(key(format!("{path}.models[{at}]"), rule));
+        let rule = format!(
+            "{what} needs {requirement}, which model '{}' is not",
+            names[misfit]
+        );
+        return Err(key(format!("{path}.models[{misfit}]"), rule));
     }
-    // Gravity on a body is gravity on its zones; a damping may be meant for one model alone.
-    let all = match (&e.kind, &e.models) {
-        (EffectKind::BodyForce(_), Some(_)) => zone::with_parts(scene, all, |name| {
-            let others = scene
+    // Gravity on a body also acts on its zones; damping may be meant for one model only.
+    let models = match (&e.kind, &e.models) {
+        (EffectKind::BodyForce(_), Some(_)) => zone::with_parts(scene, models, |name| {
+            let forces = scene
                 .effect
                 .iter()
                 .filter(|o| matches!(o.kind, EffectKind::BodyForce(_)));
-            others
+            forces
                 .filter_map(|o| o.models.as_ref())
                 .flatten()
                 .any(|n| n == name)
         }),
-        _ => all,
+        _ => models,
     };
-    let fitting: Vec<usize> = all.into_iter().filter(fits).collect();
+    let fitting: Vec<usize> = models.into_iter().filter(fits).collect();
     if fitting.is_empty() {
         let rule = format!("no model of the scene can have {what}; remove it");
         return Err(key(path, rule));
@@ -238,8 +242,8 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
         check_initial(&path, i)?;
         let named = model_indices(&path, i.models.as_deref(), scene)?;
         let elsewhere = |name: &str| {
-            let others = scene.initial.iter().filter_map(|o| o.models.as_ref());
-            others.flatten().any(|n| n == name)
+            let named_models = scene.initial.iter().filter_map(|o| o.models.as_ref());
+            named_models.flatten().any(|n| n == name)
         };
         if !zone::with_parts(scene, named, elsewhere).contains(&m) {
             continue;
@@ -252,9 +256,9 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
             _ => Vec::new(),
         };
         for (n, x) in body.model.nodes().iter().enumerate() {
-            let at = n * layout.components..(n + 1) * layout.components;
+            let dofs = n * layout.components..(n + 1) * layout.components;
             let add = |target: &mut [f64], value: Vector3<f64>| {
-                for (t, c) in target[at.clone()].iter_mut().zip(value.iter()) {
+                for (t, c) in target[dofs.clone()].iter_mut().zip(value.iter()) {
                     *t += c;
                 }
             };
@@ -275,7 +279,7 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
     Ok([q, v])
 }
 
-/// Adds the velocities of a rigid spin, and the spins of what has any.
+/// Adds the velocities of a rigid rotation, and the angular velocities of nodes that can rotate.
 fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
     let layout = body.model.layout();
     if layout.components != 3 {
@@ -330,7 +334,7 @@ fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
     }
 }
 
-/// Displacement and velocity of `A cos²(π (x − centre)/width)` travelling: `u̇ = −c u'`.
+/// Displacement and velocity of the travelling wave `A cos²(π (x − centre)/width)`, with `u̇ = −c u'`.
 fn wave_at(w: &Wave, x: &Point3<f64>, speed: f64) -> (Vector3<f64>, Vector3<f64>) {
     let s = (x[w.along.index()] - w.centre) / w.width;
     if s.abs() >= 0.5 {

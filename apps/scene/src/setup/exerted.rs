@@ -1,5 +1,5 @@
-//! What supports, loads, rigid bodies and other effects exert on the models: the forces and moments that
-//! probes read.
+//! Forces and moments that supports, loads, rigid bodies and other effects exert on the models; probes read
+//! them.
 
 use super::kinds::Body;
 use super::{drive, effect_models, load, select, zone};
@@ -10,71 +10,71 @@ use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-/// Everything of one name.
+/// Supports and effects of one name, whose force a probe reads.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Exerted {
     name: String,
     about: Point3<f64>,
-    /// Model and number among its supports.
+    /// Support by number of the model, and number among the supports of that model.
     supports: Vec<(usize, usize)>,
-    /// Models that effects of this name act on.
+    /// Numbers of the models that effects of this name act on.
     models: Vec<usize>,
 }
 
-/// Forces at one instant, each found once however many probes read it.
+/// Forces at one instant; each is computed once, however many probes read it.
 #[derive(Debug, Default)]
 pub struct Readings<'a> {
     reactions: BTreeMap<usize, Vec<f64>>,
-    found: Vec<(&'a Exerted, Resultant<f64>)>,
+    resultants: Vec<(&'a Exerted, Resultant<f64>)>,
 }
 
 impl<'a> Readings<'a> {
-    /// Force and moment on the models.
-    pub(super) fn of(&mut self, what: &'a Exerted, run: &mut Coupled<f64>) -> Result<Resultant<f64>> {
-        if let Some((_, known)) = self.found.iter().find(|(w, _)| *w == what) {
-            return Ok(*known);
+    /// Force and moment on the models about the point of the probe.
+    pub(super) fn resultant(&mut self, what: &'a Exerted, run: &mut Coupled<f64>) -> Result<Resultant<f64>> {
+        if let Some((_, resultant)) = self.resultants.iter().find(|(w, _)| *w == what) {
+            return Ok(*resultant);
         }
-        let at = || format!("the force of '{}'", what.name);
+        let error_key = || format!("the force of '{}'", what.name);
         let mut sum = Resultant::zero();
         for &(m, support) in &what.supports {
-            let known = match self.reactions.entry(m) {
+            let reactions = match self.reactions.entry(m) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(empty) => empty.insert(run.reactions(m).map_err(core(at()))?),
+                Entry::Vacant(empty) => empty.insert(run.reactions(m).map_err(core(error_key()))?),
             };
-            let part = run.support_resultant(m, support, known, &what.about);
-            sum += part.map_err(core(at()))?;
+            let part = run.support_resultant(m, support, reactions, &what.about);
+            sum += part.map_err(core(error_key()))?;
         }
         for &m in &what.models {
             let part = run.effect_resultant(m, &what.name, &what.about);
-            sum += part.map_err(core(at()))?;
+            sum += part.map_err(core(error_key()))?;
         }
-        self.found.push((what, sum));
+        self.resultants.push((what, sum));
         Ok(sum)
     }
 }
 
-/// What bears a name, before anything is built.
+/// Supports and effects that have a given name, before anything is built.
 #[derive(Default)]
 struct Bearers<'a> {
     supports: Vec<(usize, usize)>,
     models: Vec<usize>,
-    /// Models and their parts that are held or loaded.
+    /// Models, and the nodes of each that are supported or loaded.
     parts: Vec<(usize, &'a Selection)>,
-    /// A place of its own \[m\].
+    /// Centre of the rigid body, if it is one \[m\].
     centre: Option<[f64; 3]>,
-    /// Whether it acts on whole models.
+    /// True if an effect of the name acts on whole models.
     everywhere: bool,
-    /// Whether there is an effect of the name, were it switched off.
+    /// True if there is an effect of the name, enabled or not.
     effect: bool,
 }
 
 /// Name of support `k`.
 fn support_name(k: usize, scene: &SceneSpec) -> String {
-    let own = scene.support[k].name.clone();
-    own.unwrap_or_else(|| format!("support-{}", k + 1))
+    let given_name = scene.support[k].name.clone();
+    given_name.unwrap_or_else(|| format!("support-{}", k + 1))
 }
 
-/// Name of an effect in the ledger; none for bonds that break, which exert nothing.
+/// Name of an effect in the ledger; `None` for fracture, which exerts no force.
 fn effect_name(k: usize, e: &Effect) -> Option<String> {
     match (&e.kind, &e.between) {
         (EffectKind::Fracture(_), _) => None,
@@ -84,32 +84,36 @@ fn effect_name(k: usize, e: &Effect) -> Option<String> {
     }
 }
 
-/// Everything that has a name of its own.
+/// Names of all supports, loads and effects, sorted.
 fn names(scene: &SceneSpec) -> Vec<String> {
     let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
     let loads = scene.load.iter().enumerate().map(|(k, l)| load::name(k, l));
     let effects = scene.effect.iter().enumerate();
     let effects = effects.filter_map(|(k, e)| effect_name(k, e));
-    let mut all: Vec<String> = supports.chain(loads).chain(effects).collect();
-    all.sort();
-    all.dedup();
-    all
+    let mut sorted: Vec<String> = supports.chain(loads).chain(effects).collect();
+    sorted.sort();
+    sorted.dedup();
+    sorted
 }
 
-/// Whether something acts on the models that a probe could name.
-pub(crate) fn acts(of: &str, scene: &SceneSpec) -> bool {
-    names(scene).iter().any(|n| n == of)
+/// Returns whether the scene has a support, load or effect of this name.
+pub(crate) fn acts(name: &str, scene: &SceneSpec) -> bool {
+    names(scene).iter().any(|n| n == name)
 }
 
-/// What a name stands for.
-fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>> {
+/// Collects supports and effects of the name `of`.
+///
+/// # Errors
+/// An unknown name, or a name of both a support and something else.
+fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>> {
     let mut out = Bearers::default();
     let mut counts = BTreeMap::<usize, usize>::new();
     for (k, s) in scene.support.iter().enumerate() {
         let m = drive::model_index(&format!("support[{k}].model"), &s.model, scene)?;
         for m in zone::parts(scene, m) {
+            // A support is addressed by its number among the supports of its model.
             let number = counts.entry(m).or_default();
-            if support_name(k, scene) == of {
+            if support_name(k, scene) == name {
                 out.supports.push((m, *number));
                 out.parts.push((m, &s.at));
             }
@@ -117,7 +121,7 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
         }
     }
     for (k, l) in scene.load.iter().enumerate() {
-        if load::name(k, l) == of {
+        if load::name(k, l) == name {
             let m = drive::model_index(&format!("load[{k}].model"), &l.model, scene)?;
             for m in zone::parts(scene, m) {
                 out.models.push(m);
@@ -126,7 +130,7 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
         }
     }
     for (k, e) in scene.effect.iter().enumerate() {
-        if effect_name(k, e).as_deref() != Some(of) {
+        if effect_name(k, e).as_deref() != Some(name) {
             continue;
         }
         out.effect = true;
@@ -147,98 +151,98 @@ fn bearers<'a>(path: &str, of: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>
     }
     out.models.sort_unstable();
     out.models.dedup();
-    let all = names(scene);
+    let known = names(scene);
     if out.supports.is_empty() && out.models.is_empty() && !out.effect {
         let what = "support, load, rigid body or effect";
-        return Err(unknown(format!("{path}.of"), of, what, all.iter()));
+        return Err(unknown(format!("{path}.of"), name, what, known.iter()));
     }
     if !out.supports.is_empty() && (out.effect || !out.models.is_empty()) {
         let rule = "is the name of a support and of something else; give them different names";
-        return Err(value(format!("{path}.of"), of, rule));
+        return Err(value(format!("{path}.of"), name, rule));
     }
     Ok(out)
 }
 
-/// Refuses what can be seen to be wrong with a probe of forces before anything is built.
-pub(super) fn check(path: &str, of: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
+/// Checks a probe of forces before anything is built.
+pub(super) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
     if probe.at.is_some() || probe.over.is_some() || probe.crack.is_some() {
         return Err(key(path, "of is a place by itself; remove at, where and crack"));
     }
     if !matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
         let rule = "is read with quantity = \"force\" or \"moment\"; choose one";
-        return Err(value(format!("{path}.of"), of, rule));
+        return Err(value(format!("{path}.of"), name, rule));
     }
     super::probe::axis(path, probe)?;
-    let mut found = bearers(path, of, scene)?;
-    restrict(path, probe, scene, &mut found)?;
+    let mut bearers = bearers(path, name, scene)?;
+    restrict(path, probe, scene, &mut bearers)?;
     let mut pairs = scene
         .effect
         .iter()
         .enumerate()
         .filter(|(_, e)| e.between.is_some());
-    if probe.model.is_none() && pairs.any(|(k, e)| effect_name(k, e).as_deref() == Some(of)) {
+    if probe.model.is_none() && pairs.any(|(k, e)| effect_name(k, e).as_deref() == Some(name)) {
         let rule = "adds up to nothing over both models; name the one on which the force is meant";
         return Err(key(format!("{path}.model"), rule));
     }
-    if probe.quantity == Quantity::Moment && probe.about.is_none() && found.everywhere {
-        let rule = format!("is needed: '{of}' has no centre of its own to take the moment about [m]");
+    if probe.quantity == Quantity::Moment && probe.about.is_none() && bearers.everywhere {
+        let rule = format!("is needed: '{name}' has no centre of its own to take the moment about [m]");
         return Err(key(format!("{path}.about"), rule));
     }
     Ok(())
 }
 
-/// Keeps what acts on the model of the probe, if it names one.
-fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, found: &mut Bearers<'_>) -> Result<()> {
+/// Keeps only what acts on the model of the probe, if it names one.
+fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, bearers: &mut Bearers<'_>) -> Result<()> {
     let Some(name) = &probe.model else { return Ok(()) };
     let m = drive::model_index(&format!("{path}.model"), name, scene)?;
-    if found.supports.is_empty() && found.models.is_empty() {
+    if bearers.supports.is_empty() && bearers.models.is_empty() {
         return Ok(());
     }
-    found.supports.retain(|s| s.0 == m);
-    found.models.retain(|s| *s == m);
-    found.parts.retain(|p| p.0 == m);
-    if found.supports.is_empty() && found.models.is_empty() {
-        let of = probe.of.as_deref().unwrap_or_default();
-        let rule = format!("'{of}' does not act on this model; remove it for all that it acts on");
+    bearers.supports.retain(|s| s.0 == m);
+    bearers.models.retain(|s| *s == m);
+    bearers.parts.retain(|p| p.0 == m);
+    if bearers.supports.is_empty() && bearers.models.is_empty() {
+        let exerted = probe.of.as_deref().unwrap_or_default();
+        let rule = format!("'{exerted}' does not act on this model; remove it for all that it acts on");
         return Err(value(format!("{path}.model"), name, &rule));
     }
     Ok(())
 }
 
 impl Exerted {
-    /// Prepares what a probe reads.
+    /// Prepares the force of a probe.
     pub(super) fn new(
         path: &str,
-        of: &str,
+        name: &str,
         probe: &Probe,
         scene: &SceneSpec,
         bodies: &[Body],
     ) -> Result<Self> {
-        check(path, of, probe, scene)?;
-        let mut found = bearers(path, of, scene)?;
-        restrict(path, probe, scene, &mut found)?;
-        let about = match probe.about.or(found.centre) {
+        check(path, name, probe, scene)?;
+        let mut bearers = bearers(path, name, scene)?;
+        restrict(path, probe, scene, &mut bearers)?;
+        let about = match probe.about.or(bearers.centre) {
             Some(point) => Point3::from(point),
-            None => centroid(path, &found.parts, bodies)?,
+            None => centroid(path, &bearers.parts, bodies)?,
         };
         Ok(Self {
-            name: of.to_owned(),
+            name: name.to_owned(),
             about,
-            supports: found.supports,
-            models: found.models,
+            supports: bearers.supports,
+            models: bearers.models,
         })
     }
 }
 
-/// Mean of the places of the nodes that are held or loaded; the origin if there are none.
+/// Mean position of the supported or loaded nodes \[m\]; the origin if there are none.
 fn centroid(path: &str, parts: &[(usize, &Selection)], bodies: &[Body]) -> Result<Point3<f64>> {
     let (mut sum, mut count) = (Point3::origin().coords, 0);
     let mut nowhere = None;
     for (m, selection) in parts {
         let body = &bodies[*m];
-        // The body or one of its zones may have no node there, not all of them.
-        let found = select::nodes(&format!("{path}.of"), body, selection);
-        for n in found.unwrap_or_else(|e| {
+        // A body or a single zone may have no node in the selection, but not all of them.
+        let nodes = select::nodes(&format!("{path}.of"), body, selection);
+        for n in nodes.unwrap_or_else(|e| {
             nowhere = Some(e);
             Vec::new()
         }) {

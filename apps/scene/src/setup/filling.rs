@@ -1,4 +1,4 @@
-//! What spheres fill and with which: containers from shapes, packings by the protocol or from files.
+//! Containers for spheres, and packings made by the protocol or read from files.
 
 pub use crate::error::dem;
 
@@ -21,37 +21,37 @@ use std::path::{Path, PathBuf};
 /// Young's modulus of the beams over that of the packing, for beams of 0.71 mean radii and 6.2 bonds per
 /// particle: beams of 265e9 Pa gave 74.4e9 ± 0.3e9 Pa with 20 000 spheres.
 const YOUNG_RATIO: f64 = 265.0 / 74.4;
-/// Relative difference of Young's moduli, and difference of Poisson's ratios, up to which a packing is like
-/// the body: a few times the spread of packings.
+/// Tolerances within which a packing is as stiff as the body: relative difference of Young's moduli,
+/// difference of Poisson's ratios. A few times the scatter between packings.
 const ALIKE: [f64; 2] = [0.03, 0.02];
-/// Deviation of a packing's stiffness from an isotropic one that is of no account.
+/// Relative deviation from isotropic stiffness below which no warning is given.
 const UNEVEN: f64 = 0.15;
-/// Spheres across an open border from which on a zone moves as elements would to 2 %; eight are off by up
-/// to 6.5 % (decision 0041).
+/// Number of spheres across an open border from which on a zone moves as elements would, to 2 %; with eight
+/// the error reaches 6.5 % (decision 0041).
 const ACROSS: f64 = 10.0;
-/// How far spheres are packed beyond the border of a zone, in their mean diameters: the order that a wall
-/// makes is gone there.
+/// Width of the packed margin beyond the border of a zone, in mean diameters: the order that a wall causes
+/// has faded there.
 const MARGIN: f64 = 2.5;
-/// Lengths of the facets of a ball in its radius.
+/// Number of facet lengths in the radius of a ball.
 const SIDES: f64 = 12.0;
-/// Most spheres of a packing.
+/// Largest number of spheres in a packing.
 const MOST: f64 = 1.3e8;
 
-/// A body to fill.
+/// A body to be filled with spheres.
 #[derive(Debug, Clone)]
 pub struct Filling {
-    /// The body, in a frame of its own.
+    /// Container, in its own frame.
     pub container: Container,
-    /// By how much that frame is moved in the scene \[m\].
+    /// Position of this frame in the scene \[m\].
     pub shift: Vector3<f64>,
     /// Triangles of the named faces of a mesh file \[m\].
     pub faces: BTreeMap<String, Vec<[Vector3<f64>; 3]>>,
-    /// The mesh it is the surface of, if there is one.
+    /// Mesh whose surface the container is, if there is one.
     pub mesh: Option<Mesh<f64>>,
 }
 
 impl Filling {
-    /// The body of a table's shape; files are relative to `folder`.
+    /// Builds the container for the shape of a table; file names are relative to `folder`.
     pub fn of(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {
             container,
@@ -65,31 +65,33 @@ impl Filling {
                 Err(crate::error::key(format!("{key}.shape.box.hole"), rule))
             }
             Shape::Box { low, high, .. } => {
-                let made = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
-                let made = made.map_err(dem(&format!("{key}.shape.box")))?;
-                Ok(plain(made, Vector3::zeros()))
+                let container = Container::cuboid(Vector3::from(*low), Vector3::from(*high));
+                let container = container.map_err(dem(&format!("{key}.shape.box")))?;
+                Ok(plain(container, Vector3::zeros()))
             }
             Shape::Cylinder { from, length, radius } => {
-                let made = Container::cylinder(*length, *radius);
-                let made = made.map_err(dem(&format!("{key}.shape.cylinder")))?;
-                Ok(plain(made, Vector3::from(*from)))
+                let container = Container::cylinder(*length, *radius);
+                let container = container.map_err(dem(&format!("{key}.shape.cylinder")))?;
+                Ok(plain(container, Vector3::from(*from)))
             }
             Shape::Bar { .. } | Shape::Linked => {
                 let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
                 Err(value(format!("{key}.shape"), table.shape.name(), rule))
             }
             Shape::Ball { centre, radius } => {
-                let made = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
-                let mesh = made.map_err(fem(format!("{key}.shape.ball")))?;
-                Self::within(key, gmsh::triangles_of(&mesh), None)
+                let ball = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
+                let mesh = ball.map_err(fem(format!("{key}.shape.ball")))?;
+                Self::inside_triangles(key, gmsh::triangles_of(&mesh), None)
             }
             Shape::Piece(piece) => {
                 let (triangles, mesh) = piece.surface(folder)?;
-                let filling = Self::within(key, triangles, Some(mesh))?;
+                let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
                 match table.dem.file {
-                    // Spheres of a file are the zone's own.
+                    // Spheres read from a file belong to the zone already.
                     Some(_) => Ok(filling),
-                    None => filling.with_surroundings(key, table, |margin| piece.around(folder, margin)),
+                    None => {
+                        filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin))
+                    }
                 }
             }
             Shape::File(path) => file(key, table, &folder.join(path)),
@@ -104,17 +106,17 @@ pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
     })
 }
 
-/// The inside of a closed surface in a file.
+/// Builds the container inside a closed surface in a file.
 fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
-    let at = format!("{key}.shape.file");
+    let key_path = format!("{key}.shape.file");
     if table.scale <= 0.0 {
         let rule = "must be positive [m]: 1e-3 for a file in millimetres";
         return Err(value(format!("{key}.scale"), table.scale, rule));
     }
     if is(path, "stl") {
-        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&at))?;
+        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&key_path))?;
         return Ok(Filling {
-            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&at))?),
+            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&key_path))?),
             shift: Vector3::zeros(),
             faces: BTreeMap::new(),
             mesh: None,
@@ -122,24 +124,25 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
     }
     if !is(path, "msh") {
         let rule = "spheres fill the surface of a Gmsh mesh (.msh) or of STL (.stl)";
-        return Err(value(at, path.display(), rule));
+        return Err(value(key_path, path.display(), rule));
     }
     if table.volume.is_some() || !table.materials.is_empty() {
         let mesh = super::mesh::volume_of(key, table, path)?;
-        return Filling::within(&at, gmsh::triangles_of(&mesh), Some(mesh));
+        return Filling::inside_triangles(&key_path, gmsh::triangles_of(&mesh), Some(mesh));
     }
-    let mut found = gmsh::load_surface(path).map_err(fem(&at))?;
-    found.points.iter_mut().for_each(|x| *x *= table.scale);
-    Filling::within(&at, found, None)
+    let mut triangles = gmsh::load_surface(path).map_err(fem(&key_path))?;
+    triangles.points.iter_mut().for_each(|x| *x *= table.scale);
+    Filling::inside_triangles(&key_path, triangles, None)
 }
 
 impl Filling {
-    /// The same with what is around it, in which spheres are packed as well and cut off.
+    /// Extends the container by a margin of the surrounding body: spheres are packed there too and then cut
+    /// off.
     fn with_surroundings(
         self,
         key: &str,
         table: &ModelTable,
-        around: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
+        surroundings: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
     ) -> Result<Self> {
         let Container::Surface(part) = &self.container else {
             return Ok(self);
@@ -149,32 +152,32 @@ impl Filling {
             (None, Some(n)) => mean_diameter(part.volume(), n as f64),
             (None, None) => return Ok(self),
         };
-        // Nonsense is refused by its key when spheres are counted.
+        // Invalid values are left to `count`, which refuses them by their key.
         if !(diameter > 0.0 && sphere_count(part.volume(), diameter) < MOST) {
             return Ok(self);
         }
         let margin = MARGIN * diameter;
-        let (body, border) = around(margin)?;
-        let body = Self::within(key, body, None)?;
+        let (body, border) = surroundings(margin)?;
+        let body = Self::inside_triangles(key, body, None)?;
         let border: Vec<_> = border.iter().map(|t| t.map(|x| x.coords)).collect();
         let Container::Surface(body) = body.container else {
             return Ok(self);
         };
-        let around = Around::new(part.clone(), body, &border, margin).map_err(dem(key))?;
+        let surroundings = Around::new(part.clone(), body, &border, margin).map_err(dem(key))?;
         Ok(Self {
-            container: Container::Around(Box::new(around)),
+            container: Container::Around(Box::new(surroundings)),
             ..self
         })
     }
 
-    /// The inside of triangles, the surface of a mesh perhaps.
-    fn within(key: &str, found: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
-        let points: Vec<Vector3<f64>> = found.points.iter().map(|p| p.coords).collect();
+    /// Builds the container inside triangles, which may be the surface of `mesh`.
+    fn inside_triangles(key: &str, triangles: Triangles, mesh: Option<Mesh<f64>>) -> Result<Self> {
+        let points: Vec<Vector3<f64>> = triangles.points.iter().map(|p| p.coords).collect();
         let corners = |t: &[u32; 3]| t.map(|i| points[i as usize]);
-        let faces = found.groups.iter();
+        let faces = triangles.groups.iter();
         let faces = faces.map(|(n, t)| (n.clone(), t.iter().map(corners).collect()));
         let faces = faces.collect();
-        let surface = Surface::oriented(points, found.triangles).map_err(dem(key))?;
+        let surface = Surface::oriented(points, triangles.triangles).map_err(dem(key))?;
         Ok(Self {
             container: Container::Surface(surface),
             shift: Vector3::zeros(),
@@ -184,17 +187,17 @@ impl Filling {
     }
 }
 
-/// Where the spheres of a table come from.
+/// Source of the spheres of a table.
 #[derive(Debug, Clone)]
 pub enum Recipe {
-    /// Made by the protocol.
+    /// Made by the packing protocol.
     Made(Box<PackingSpec>),
     /// Read from a file.
     Read(Box<Packing>),
 }
 
 impl Recipe {
-    /// What a table asks for, in the frame of the container.
+    /// Returns the source that a table asks for, in the frame of the container.
     pub fn of(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
         match &table.dem.file {
             Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
@@ -209,7 +212,7 @@ impl Recipe {
         }
     }
 
-    /// Refuses what can be seen to be wrong before a file is read or anything is packed.
+    /// Checks what can be checked before a file is read or anything is packed.
     pub(super) fn check(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<()> {
         let Some(file) = &table.dem.file else {
             return count(path, table, &filling.container).map(|_| ());
@@ -221,7 +224,7 @@ impl Recipe {
             .map_err(|source| Error::Read { path: file, source })
     }
 
-    /// The packing, from the cache if it is there.
+    /// Returns the packing, from the cache if it is there.
     pub fn packing(self, path: &str) -> Result<Packing> {
         let spec = match self {
             Self::Made(spec) => spec,
@@ -235,7 +238,7 @@ impl Recipe {
     }
 }
 
-/// The protocol as the table wants it.
+/// Returns the packing protocol with the choices of the table.
 pub fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSpec {
     let DemTable {
         seed,
@@ -256,7 +259,7 @@ pub fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSp
     spec
 }
 
-/// The choice of a scene in the words of the library.
+/// Translates the choice of the scene into that of the packing.
 fn fate(kind: LooseKind) -> Loose {
     match kind {
         LooseKind::Drop => Loose::default(),
@@ -267,7 +270,8 @@ fn fate(kind: LooseKind) -> Loose {
 fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
     let volume = container.volume();
     match (table.dem.count, table.spacing) {
-        // Of a part of a body that is packed with its surroundings, spheres of the part are asked for.
+        // The count of a table is for the zone; the margin around it needs spheres in proportion to its
+        // volume.
         (Some(n), None) => Ok(match container {
             Container::Around(a) => (n as f64 * volume / a.part().volume()).round() as usize,
             _ => n,
@@ -299,47 +303,48 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
     }
 }
 
-/// Refuses choices of a packing beside a file that brings its own.
+/// Refuses choices for a packing in addition to a file of spheres.
 fn alone(path: &str, table: &ModelTable) -> Result<()> {
     let t = &table.dem;
-    let given = [
+    let choices = [
         ("spacing", table.spacing.is_some()),
         ("dem.count", t.count.is_some()),
         ("dem.seed", t.seed.is_some()),
         ("dem.protocol", t.protocol.is_some()),
     ];
-    if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
+    if let Some((name, _)) = choices.iter().find(|(_, present)| *present) {
         let rule = "dem.file brings its own spheres; remove one of the two";
         return Err(key(format!("{path}.{name}"), rule));
     }
     Ok(())
 }
 
-/// Spheres from a file, bonded as those of the protocol are.
+/// Reads spheres from a file and bonds them as the protocol does.
 fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
     let t = &table.dem;
     alone(path, table)?;
-    let at = format!("{path}.dem.file");
+    let key_path = format!("{path}.dem.file");
     let content = bytes(file)?;
     let (mut positions, radii) = if is(file, "csv") {
-        read_csv(&mut content.as_slice()).map_err(dem(&at))?
+        read_csv(&mut content.as_slice()).map_err(dem(&key_path))?
     } else if is(file, "vtu") {
-        read_vtu(&content, t.radii.as_deref()).map_err(dem(&at))?
+        read_vtu(&content, t.radii.as_deref()).map_err(dem(&key_path))?
     } else if is(file, "pvtu") {
-        let pieces = pieces_of_pvtu(&content).map_err(dem(&at))?;
+        let pieces = pieces_of_pvtu(&content).map_err(dem(&key_path))?;
         let pieces = pieces.iter().map(|p| bytes(&file.with_file_name(p)));
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
-        read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&at))?
+        read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&key_path))?
     } else {
         let rule = "spheres are read from CSV (.csv, lines x,y,z,r), VTU (.vtu) or its pieces (.pvtu)";
-        return Err(value(at, file.display(), rule));
+        return Err(value(key_path, file.display(), rule));
     };
     positions.iter_mut().for_each(|x| *x -= filling.shift);
     let z = t.coordination.unwrap_or(6.2);
-    Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose)).map_err(dem(&at))
+    Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose))
+        .map_err(dem(&key_path))
 }
 
-/// Where packings are kept between runs: `ARLEQUIN_CACHE`, or the user's cache folder.
+/// Folder of the packing cache: `ARLEQUIN_CACHE`, or `arlequin` in the user's cache folder.
 fn cache() -> Option<PathBuf> {
     let folder = |name: &str| {
         std::env::var_os(name)
@@ -351,7 +356,7 @@ fn cache() -> Option<PathBuf> {
         .or_else(|| folder("HOME").map(|p| p.join(".cache/arlequin")))
 }
 
-/// The beams of a table.
+/// Returns the beam material of a table.
 pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     let DemTable {
         young,
@@ -365,6 +370,7 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     }
     if let (Shape::Piece(_), None, None) = (&table.shape, young, poisson) {
         let [low, high] = BeamMaterial::BULK_POISSON;
+        // Packings reach only a range of Poisson's ratios; `unlike_the_body` warns about the rest.
         let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
         return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
     }
@@ -389,7 +395,7 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     Ok(beam)
 }
 
-/// How the packing of a model that is no zone differs from what its table says it is made of.
+/// Warning if the packing of a model that is no zone differs from the `material` of its table.
 pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
     if let Shape::Piece(_) = table.shape {
         return None;
@@ -420,25 +426,25 @@ pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Op
     })
 }
 
-/// How the packing of a zone is stiffer or softer than the body around it, by its test or by what is known
-/// of its beams.
+/// Warning if the packing of a zone is stiffer or softer than the body around it, by the measured stiffness
+/// or by the known one of its beams.
 pub(super) fn unlike_the_body(
     table: &ModelTable,
     beam: &BeamMaterial,
-    found: Option<&Likeness>,
+    likeness: Option<&Likeness>,
 ) -> Option<String> {
     let Shape::Piece(_) = table.shape else {
         return None;
     };
-    let [wanted, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
-    let [young, poisson] = match found {
-        Some(like) => [wanted * like.stiffness, beam.bulk()[1]],
+    let [body_young, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
+    let [young, poisson] = match likeness {
+        Some(measured) => [body_young * measured.stiffness, beam.bulk()[1]],
         None => beam.bulk(),
     };
-    if (young / wanted - 1.0).abs() > ALIKE[0] || (poisson - ratio).abs() > ALIKE[1] {
-        let own = table.dem.young.is_some() || table.dem.poisson.is_some();
+    if (young / body_young - 1.0).abs() > ALIKE[0] || (poisson - ratio).abs() > ALIKE[1] {
+        let chosen = table.dem.young.is_some() || table.dem.poisson.is_some();
         let [low, high] = BeamMaterial::BULK_POISSON;
-        let remedy = match own {
+        let remedy = match chosen {
             true => {
                 "leave dem.young, dem.poisson and dem.radius_ratio out: beams are then fitted to the body"
                     .to_owned()
@@ -447,20 +453,20 @@ pub(super) fn unlike_the_body(
         };
         return Some(format!(
             "its packing acts in its place like a material of E = {young:.3e} Pa and nu = {poisson:.3}, and the body has E = \
-             {wanted:.3e} Pa and nu = {ratio:.3}: stresses go around the zone or into it; {remedy}"
+             {body_young:.3e} Pa and nu = {ratio:.3}: stresses go around the zone or into it; {remedy}"
         ));
     }
-    let found = found?;
-    if found.uneven > UNEVEN {
+    let likeness = likeness?;
+    if likeness.uneven > UNEVEN {
         return Some(format!(
             "its packing is as stiff as the body on the average, but not in every direction: {:.0} % apart; take \
              smaller spheres, another dem.seed or a wider zone",
-            100.0 * found.uneven
+            100.0 * likeness.uneven
         ));
     }
-    let across = found.across.filter(|n| *n < ACROSS)?;
+    let spheres_across = likeness.across.filter(|n| *n < ACROSS)?;
     Some(format!(
-        "it hangs on the rest by a border that is {across:.1} spheres across: its free end may move some 5 % more or less than \
+        "it hangs on the rest by a border that is {spheres_across:.1} spheres across: its free end may move some 5 % more or less than \
          the body's would, as such packings did with 8; with 12 they were within 2 %: take smaller spheres, or compare with \
          kind = \"fem\""
     ))

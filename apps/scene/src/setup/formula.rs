@@ -1,14 +1,14 @@
-//! Functions of time from expressions and from tables in files.
+//! Functions of time, from expressions and from tables in files.
 
 use crate::error::{Error, Result, key, value};
 use crate::spec::{EffectKind, SceneSpec, TimeShape};
 use arlequin::core::Formula;
 use std::path::Path;
 
-/// Deepest nesting of an expression.
+/// Deepest nesting of an expression; bounds the recursion of the parser.
 const DEEP: usize = 100;
 
-/// A part of an expression.
+/// A node of the syntax tree of an expression.
 enum Node {
     Number(f64),
     Time,
@@ -17,12 +17,12 @@ enum Node {
 }
 
 impl Node {
-    fn at(&self, t: f64) -> f64 {
+    fn value(&self, t: f64) -> f64 {
         match self {
             Self::Number(x) => *x,
             Self::Time => t,
-            Self::One(f, x) => f(x.at(t)),
-            Self::Two(f, x) => f(x[0].at(t), x[1].at(t)),
+            Self::One(f, x) => f(x.value(t)),
+            Self::Two(f, x) => f(x[0].value(t), x[1].value(t)),
         }
     }
 
@@ -31,9 +31,9 @@ impl Node {
     }
 }
 
-/// A function of one argument by its name.
+/// Name and body of a function of one argument.
 type One = (&'static str, fn(f64) -> f64);
-/// A function of two.
+/// Name and body of a function of two arguments.
 type Two = (&'static str, fn(f64, f64) -> f64);
 
 /// Functions of one argument.
@@ -58,40 +58,40 @@ const ONE: [One; 18] = [
     ("step", |x| f64::from(u8::from(x >= 0.0))),
 ];
 
-/// Functions of two.
+/// Functions of two arguments.
 const TWO: [Two; 3] = [
     ("min", |a, b| number(a, b, a.min(b))),
     ("max", |a, b| number(a, b, a.max(b))),
     ("atan2", f64::atan2),
 ];
 
-/// The value, where both numbers are: what is none must not vanish beside one that is.
+/// Returns `value`, or NaN if an argument is NaN: `f64::min` and `f64::max` would ignore it.
 fn number(a: f64, b: f64, value: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { value }
 }
 
-/// Reads expressions as mathematicians write them: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
+/// Parser of expressions in mathematical notation: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
-    rest: &'a str,
+    remainder: &'a str,
     depth: usize,
 }
 
 impl Parser<'_> {
-    /// Takes a sign, if it comes next.
-    fn sign(&mut self, wanted: char) -> bool {
-        self.rest = self.rest.trim_start();
-        let Some(rest) = self.rest.strip_prefix(wanted) else {
+    /// Skips spaces and consumes the character `character` if it comes next; returns whether it did.
+    fn sign(&mut self, character: char) -> bool {
+        self.remainder = self.remainder.trim_start();
+        let Some(remainder) = self.remainder.strip_prefix(character) else {
             return false;
         };
-        self.rest = rest;
+        self.remainder = remainder;
         true
     }
 
-    /// Takes what `fits`, from the front.
+    /// Consumes and returns the longest prefix whose characters all satisfy `fits(byte index, character)`.
     fn take(&mut self, fits: impl Fn(usize, char) -> bool) -> String {
-        let end = self.rest.char_indices().find(|(k, c)| !fits(*k, *c));
-        let (word, rest) = self.rest.split_at(end.map_or(self.rest.len(), |e| e.0));
-        self.rest = rest;
+        let end = self.remainder.char_indices().find(|(k, c)| !fits(*k, *c));
+        let (word, remainder) = self.remainder.split_at(end.map_or(self.remainder.len(), |e| e.0));
+        self.remainder = remainder;
         word.to_owned()
     }
 
@@ -141,12 +141,14 @@ impl Parser<'_> {
             if self.depth > DEEP {
                 return Err(format!("is nested more than {DEEP} deep"));
             }
+            // The power may have a sign and a power of its own: `2^-t`, `2^3^2`.
             let power = self.signed()?;
             self.depth -= 1;
             Node::two(f64::powf, base, power)
         } else {
             base
         };
+        // The sign applies after the power: `-t^2` is `-(t^2)`.
         Ok(if negative {
             Node::One(|x| -x, Box::new(value))
         } else {
@@ -159,7 +161,7 @@ impl Parser<'_> {
             let inner = self.sum()?;
             return self.close(inner);
         }
-        let first = self.rest.chars().next();
+        let first = self.remainder.chars().next();
         match first {
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() => self.word(),
@@ -171,7 +173,7 @@ impl Parser<'_> {
     }
 
     fn number(&mut self) -> Result<Node, String> {
-        let text = self.rest.as_bytes();
+        let text = self.remainder.as_bytes();
         let exponent = |k: usize| k > 0 && matches!(text[k - 1], b'e' | b'E');
         let digits = self.take(|k, c| {
             c.is_ascii_digit() || c == '.' || matches!(c, 'e' | 'E') || ("+-".contains(c) && exponent(k))
@@ -184,12 +186,12 @@ impl Parser<'_> {
 
     fn word(&mut self) -> Result<Node, String> {
         let name = self.take(|_, c| c.is_ascii_alphanumeric() || c == '_');
-        let known = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
+        let unknown_name = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
         if !self.sign('(') {
             return match name.as_str() {
                 "t" => Ok(Node::Time),
                 "pi" | "PI" => Ok(Node::Number(std::f64::consts::PI)),
-                _ => Err(known("numbers and functions with brackets behind them")),
+                _ => Err(unknown_name("numbers and functions with brackets behind them")),
             };
         }
         let first = self.sum()?;
@@ -198,7 +200,7 @@ impl Parser<'_> {
         }
         let Some((_, f)) = TWO.iter().find(|f| f.0 == name) else {
             let names = ONE.iter().map(|f| f.0).chain(TWO.iter().map(|f| f.0));
-            return Err(known(&names.collect::<Vec<_>>().join(", ")));
+            return Err(unknown_name(&names.collect::<Vec<_>>().join(", ")));
         };
         if !self.sign(',') {
             return Err(format!(
@@ -213,34 +215,40 @@ impl Parser<'_> {
         if self.sign(')') {
             return Ok(inner);
         }
-        match self.rest.chars().next() {
+        match self.remainder.chars().next() {
             None => Err("lacks a closing bracket".to_owned()),
             Some(c) => Err(format!("has '{c}' where a bracket should close")),
         }
     }
 }
 
-/// A function of the time `t` \[s\] from its expression.
+/// Returns the function of time `t` \[s\] that an expression describes.
 pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
-    let mut parser = Parser { rest: text, depth: 0 };
+    let mut parser = Parser {
+        remainder: text,
+        depth: 0,
+    };
     let read = parser
         .sum()
-        .and_then(|node| match parser.rest.trim_start().chars().next() {
+        .and_then(|node| match parser.remainder.trim_start().chars().next() {
             None => Ok(node),
             Some(c) => Err(format!("has '{c}' where it should go on with + - * / ^ or end")),
         });
     let wrong = |rule: String| value(format!("{path}.expression"), format_args!("\"{text}\""), &rule);
     let node = read.map_err(wrong)?;
-    Ok(Formula::new(text, move |t| node.at(t)))
+    Ok(Formula::new(text, move |t| node.value(t)))
 }
 
-/// Numbers of a file with comma-separated values, row by row; a first row of words is a headline.
+/// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words
+/// is a header.
 fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>)>> {
     let file = folder.join(name);
     let text = std::fs::read_to_string(&file).map_err(|source| Error::Read { path: file, source })?;
     let mut out = Vec::new();
-    // Spreadsheets put a mark before the first row.
+    // Spreadsheets write a byte order mark before the first row.
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    // A row that starts with a digit, or has a number in any cell, is data: a misprint in it must not turn it
+    // into a header.
     let words = |line: &str| {
         let mut cells = line.split([',', ';']);
         !line.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
@@ -271,7 +279,7 @@ fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>
     Ok(out)
 }
 
-/// Rising times \[s\], the first column of a file.
+/// Ascending times \[s\] in the first column of a file.
 pub(super) fn times(path: &str, folder: &Path, name: &str) -> Result<Vec<f64>> {
     let rows = numbers(path, folder, name)?;
     let times: Vec<f64> = rows.iter().map(|(_, row)| row[0]).collect();
@@ -288,7 +296,7 @@ fn falling(path: &str, name: &str, line: usize) -> Error {
     )
 }
 
-/// Rows of rising time \[s\] and value.
+/// Rows of ascending time \[s\] and value in a file.
 fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     let mut out: Vec<(f64, f64)> = Vec::new();
     for (line, row) in numbers(path, folder, name)? {
@@ -304,8 +312,8 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
     Ok(out)
 }
 
-/// Refuses an expression that makes no sense at some of a thousand times of the run, or at a load step: its
-/// forces would not be finite then, without a word of what they came from.
+/// Refuses an expression that is not finite at one of 1001 times of the run, or at a load step: otherwise the
+/// run would fail later without naming the expression.
 fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
     let f = formula(path, text)?;
     let listed = scene.statics.as_ref().and_then(|s| s.times.clone());
@@ -332,7 +340,7 @@ fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
     }
 }
 
-/// The same scene with the tables of files in place of their names.
+/// Returns the scene with the tables of files in place of their names; checks all expressions.
 pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec> {
     let mut out = scene.clone();
     let read = |path: String, shape: &mut TimeShape| {
@@ -427,10 +435,10 @@ mod tests {
             (&deep, "nested more than 100 deep"),
             (&high, "nested more than 100 deep"),
         ] {
-            let told = formula("load[0].time", text).expect_err(text).to_string();
+            let message = formula("load[0].time", text).expect_err(text).to_string();
             assert!(
-                told.contains(words) && told.contains("load[0].time.expression"),
-                "{told}"
+                message.contains(words) && message.contains("load[0].time.expression"),
+                "{message}"
             );
         }
     }

@@ -1,4 +1,4 @@
-//! What only particles have: bonds that break, contact, obstacles, notches.
+//! Features that only particles have: bonds that break, contact, obstacles, notches.
 
 use super::drive::time_function;
 use super::filling::dem;
@@ -14,17 +14,17 @@ use arlequin::dem_beam::{
 };
 use std::collections::BTreeMap;
 
-/// What a body of particles brings besides a model.
+/// Data of a body of particles besides its model.
 pub struct Grains {
     /// Contact and obstacles, by the number of the effect in the scene.
     pub effects: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>>,
-    /// What broke, if bonds can.
+    /// Log of broken bonds, if fracture is on.
     pub breaks: Option<SharedLog>,
-    /// Whether the scene gives its bonds a strength, fracture on or off.
+    /// True if the scene has a fracture effect on the model, enabled or not.
     pub brittle: bool,
-    /// What contact with other models needs.
+    /// Data for contact with other models.
     pub body: ContactBody,
-    /// How the packing came out.
+    /// Properties of the packing.
     pub packing: PackingLine,
 }
 
@@ -40,8 +40,8 @@ impl std::fmt::Debug for Grains {
 }
 
 impl Grains {
-    /// Gives the model its bonds' strengths and makes the effects that need to know particles.
-    pub(super) fn of(
+    /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
+    pub(super) fn build(
         mut model: DemModel,
         table: &ModelTable,
         effects: &[(usize, &Effect)],
@@ -56,6 +56,7 @@ impl Grains {
             brittle = true;
             let path = format!("effect[{k}].fracture");
             let spec = fracture(&path, f)?;
+            // With fracture off, the strengths only serve the warning that bonds would break.
             if !e.enabled {
                 model = model.with_watched_strength(spec).map_err(dem(&path))?;
             } else {
@@ -63,22 +64,22 @@ impl Grains {
                 breaks = Some(model.break_log());
             }
         }
-        let mut made: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
+        let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
         for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
             if let EffectKind::Contact(c) = &e.kind {
                 let path = format!("effect[{k}].contact");
                 let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
-                made.insert(*k, Box::new(contact));
+                built.insert(*k, Box::new(contact));
             }
             if let EffectKind::Obstacle(o) = &e.kind {
-                made.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
+                built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
             }
         }
         let body = ContactBody::of(&model);
         Ok((
             model,
             Self {
-                effects: made,
+                effects: built,
                 breaks,
                 brittle,
                 body,
@@ -101,18 +102,18 @@ pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
         CriterionKind::Mises => Criterion::Mises,
         CriterionKind::Energy => Criterion::Energy,
     };
-    let made = Fracture {
+    let spec = Fracture {
         scatter,
         seed: f.seed,
         every: f.every.unwrap_or(1),
         spare_overlap: f.spare_overlap,
         ..Fracture::new(criterion, f.strength)
     };
-    made.check().map_err(dem(path))?;
-    Ok(made)
+    spec.check().map_err(dem(path))?;
+    Ok(spec)
 }
 
-/// The law of a contact of material with the modulus `young` \[Pa\].
+/// Contact law for a material with Young's modulus `young` \[Pa\].
 pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
     let base = ContactLaw::elastic(c.modulus.unwrap_or(young));
     ContactLaw {
@@ -129,7 +130,7 @@ pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
 /// Shape and motion of an obstacle.
 ///
 /// # Errors
-/// Keys that exclude each other, shapes that make no sense.
+/// Keys that exclude each other; invalid shapes.
 pub(crate) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape, Motion)> {
     let path = format!("effect[{k}].obstacle");
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
@@ -189,7 +190,7 @@ pub(crate) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape
     Ok((shape, motion))
 }
 
-/// An obstacle with its spin, in the fields of acceleration that act on its particles.
+/// Builds an obstacle with its spin; body forces on the particles accelerate the obstacle too.
 fn obstacle(
     k: usize,
     o: &spec::Obstacle,
@@ -199,24 +200,24 @@ fn obstacle(
 ) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
-    let called = super::drive::obstacle_name(k, o);
+    let name = super::drive::obstacle_name(k, o);
     let law = law(table.material.young, &o.contact);
-    let mut made = Obstacle::new(&called, model, shape, motion, law).map_err(dem(&path))?;
+    let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
     if let Some(spin) = o.spin {
-        made = made
+        obstacle = obstacle
             .with_spin(Vector3::from(spin))
             .map_err(dem(format!("{path}.spin")))?;
     }
     for (n, e) in effects.iter().filter(|(_, e)| e.enabled) {
         if let EffectKind::BodyForce(b) = &e.kind {
             let time = time_function(&format!("effect[{n}].body_force.time"), &b.time)?;
-            made = made.with_acceleration(Vector3::from(b.acceleration), time);
+            obstacle = obstacle.with_acceleration(Vector3::from(b.acceleration), time);
         }
     }
-    Ok(made)
+    Ok(obstacle)
 }
 
-/// Refuses loose grains without contact: they would pass through everything.
+/// Refuses loose grains without contact: they would pass through all bodies.
 pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
     let touches = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::Contact(_));
     if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
@@ -227,13 +228,13 @@ pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Ef
     Err(value(format!("{path}.dem.loose"), "keep", rule))
 }
 
-/// Refuses two effects of a kind of which a model can have one.
+/// Refuses a second contact or fracture effect on one model.
 pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<()> {
     for single in ["fracture", "contact"] {
-        let mut all = effects
+        let mut effects_of_kind = effects
             .iter()
             .filter(|(_, e)| e.enabled && e.kind.key() == single);
-        if let Some((k, _)) = all.nth(1) {
+        if let Some((k, _)) = effects_of_kind.nth(1) {
             let rule = format!("model '{model}' has two; keep one");
             return Err(key(format!("effect[{k}].{single}"), rule));
         }
@@ -241,7 +242,7 @@ pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<
     Ok(())
 }
 
-/// Refuses boxes turned inside out.
+/// Refuses boxes whose high corner is below their low corner.
 pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     for (k, b) in boxes.iter().enumerate() {
         if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
@@ -256,7 +257,10 @@ pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     Ok(())
 }
 
-/// Removes the bonds that pass through a box, and the spheres that hang on nothing without them.
+/// Removes the bonds that pass through a box, and the spheres that lose their connection.
+///
+/// # Errors
+/// A box that crosses no bond.
 pub fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
     check_boxes(path, boxes)?;
     for (k, b) in boxes.iter().enumerate() {
@@ -268,11 +272,12 @@ pub fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> 
     Ok(())
 }
 
-/// Whether a segment meets a box, by the slabs of the axes.
+/// Returns whether a segment intersects a box, by the slab method.
 fn crosses(b: &NotchBox, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
     let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
     for c in 0..3 {
         let d = to[c] - from[c];
+        // The segment is parallel to this pair of faces: it lies between them or misses the box.
         if d.abs() < f64::MIN_POSITIVE {
             if from[c] < b.low[c] || from[c] > b.high[c] {
                 return false;

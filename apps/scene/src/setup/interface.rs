@@ -18,35 +18,35 @@ use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Smallest weight of a model whose bonds can break: with less, the skin of its particles at the border
-/// where the weight vanishes is loaded several times as hard as the body, at rest already (decision 0022).
+/// Smallest weight of a model whose bonds can break. With less, the outermost particles at the border where
+/// the weight vanishes are loaded several times as much as the body, even at rest (decision 0022).
 const BRITTLE_FLOOR: f64 = 0.1;
 
-/// The absorber of a fine model whose bonds can break, unless the scene gives one: what breaking radiates
-/// would run back and forth in the overlap, highest where the weight is least.
+/// Default absorber for a fine model whose bonds can break: waves from breaking bonds would otherwise run
+/// back and forth in the overlap, and their amplitude is highest where the weight is least.
 const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
     rate: None,
     rate_factor: Some(0.2),
     spacing: None,
 };
 
-/// An interface before it is handed to the core.
+/// An interface before it is passed to the core.
 pub(super) struct BuiltInterface {
-    /// For the core.
+    /// Description of the interface for the core.
     pub spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
     pub weights: Weights<f64>,
-    /// Whether the weights must sum to one.
+    /// Check of the partition of unity of the weights.
     pub partition: Partition,
-    /// Picture of the mediator.
+    /// Mesh of the mediator, for output.
     pub grid: Grid,
-    /// Damping of what the coarse model cannot carry, on the fine model.
+    /// Damping on the fine model of waves that the coarse model cannot carry.
     pub absorber: Option<Absorber<f64>>,
-    /// What it is known not to do well.
+    /// Known weaknesses of the interface.
     pub advice: Vec<Advice>,
 }
 
-/// The models of an interface: index and body, coarse first.
+/// The models of an interface: number and body, coarse model first.
 pub(super) type Sides<'a> = [(usize, &'a Body); 2];
 
 /// Builds `[interface.NAME]`.
@@ -64,6 +64,7 @@ pub(super) fn interface(
     check_sense(&path, &table.overlap, names, points)?;
     let mediator_path = format!("{path}.mediator");
     let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
+    // A derived mediator must lie where the field of the particles exists.
     let hulls = sides
         .iter()
         .filter(|s| table.mediator.shape.is_none() && is_hull(s.1));
@@ -81,6 +82,7 @@ pub(super) fn interface(
     let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
     let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
     let absorber = match table.absorber.as_ref().or(standard) {
+        // A rate of zero switches the default absorber off.
         Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
         _ => None,
     };
@@ -103,7 +105,7 @@ pub(super) fn interface(
     })
 }
 
-/// What the interface is known not to do well.
+/// Returns known weaknesses of the interface.
 fn advise(
     table: &Interface,
     [coarse, fine]: Sides<'_>,
@@ -127,18 +129,18 @@ fn advise(
     out
 }
 
-/// First and last place of a body across a slab, zero at one of its points and one at the other.
-fn across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
-    let (from, across) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
+/// Smallest and largest position of points across a slab, where `from` has position 0 and `to` position 1.
+fn positions_across(from: &[f64; 3], to: &[f64; 3], points: &[Point3<f64>]) -> [f64; 2] {
+    let (from, direction) = (Vector3::from(*from), Vector3::from(*to) - Vector3::from(*from));
     let places = points
         .iter()
-        .map(|x| across.dot(&(x.coords - from)) / across.norm_squared());
+        .map(|x| direction.dot(&(x.coords - from)) / direction.norm_squared());
     places.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| {
         [a.min(s), b.max(s)]
     })
 }
 
-/// Lowest and highest corner of the box around points.
+/// Lowest and highest corner of the bounding box of points.
 fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
     let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
     points
@@ -146,8 +148,7 @@ fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
         .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)])
 }
 
-/// Refuses an overlap that does not reach into both models: their weights would leave one of them without
-/// mass.
+/// Refuses an overlap that does not reach into both models: the weights would leave one of them without mass.
 pub(super) fn check_place(
     path: &str,
     shape: &OverlapShape,
@@ -156,35 +157,35 @@ pub(super) fn check_place(
     points: [&[Point3<f64>]; 2],
 ) -> Result<()> {
     let boxes = points.map(around);
-    let (reached, place) = match shape {
+    let (reaches, place) = match shape {
         OverlapShape::Slab { fine, coarse } => {
-            let reached = points.map(|p| {
-                let [first, last] = across(fine, coarse, p);
+            let reaches = points.map(|p| {
+                let [first, last] = positions_across(fine, coarse, p);
                 first < 1.0 - 1e-6 && last > 1e-6
             });
             (
-                reached,
+                reaches,
                 format!("between the planes through {fine:?} and {coarse:?} m"),
             )
         }
-        // Both models are pieces of one body, cut to each other.
+        // Both models are cut from one body and fit each other.
         OverlapShape::Zone(_) => return Ok(()),
         OverlapShape::Shell { domain, .. } => {
             let [low, high] = region_box(domain);
             let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
-            let reached = boxes.map(|[a, b]| {
+            let reaches = boxes.map(|[a, b]| {
                 let apart = (0..3).any(|c| a[c] >= high[c] || b[c] <= low[c]);
                 let corner = |k: usize| {
                     let end = |c: usize| if k >> c & 1 == 0 { a[c] } else { b[c] };
                     Point3::new(end(0), end(1), end(2))
                 };
-                // Its regions are convex: a box whose corners are within one is.
+                // The regions are convex: a box lies inside one if all of its corners do.
                 !apart && !(0..8).map(corner).all(alone)
             });
-            (reached, format!("from {low:?} to {high:?} m at most"))
+            (reaches, format!("from {low:?} to {high:?} m at most"))
         }
     };
-    let missed = match reached {
+    let missed = match reaches {
         [true, true] => return Ok(()),
         [false, false] => format!("the models '{}' and '{}'", names[0], names[1]),
         [coarse, _] => format!("model '{}'", names[usize::from(coarse)]),
@@ -206,14 +207,14 @@ pub(super) fn check_place(
     Err(key(format!("{path}.overlap"), rule))
 }
 
-/// Lowest and highest corner of the box around a region, infinite where a cylinder is.
+/// Lowest and highest corner of the bounding box of a region; infinite along a cylinder.
 fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
     match shape {
         RegionShape::Ball { centre, radius } => [centre.map(|x| x - radius), centre.map(|x| x + radius)],
         RegionShape::Box { low, high } => [*low, *high],
         RegionShape::Cylinder { point, axis, radius } => {
             let length = Vector3::from(*axis).norm();
-            // How far the circle, and a point far along the axis, reach.
+            // Only directions perpendicular to the axis are bounded.
             let reach = |c: usize| match axis[c] / length {
                 0.0 => *radius,
                 _ => f64::INFINITY,
@@ -223,8 +224,7 @@ fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
     }
 }
 
-/// Refuses a slab whose two points are exchanged: the coarse model then has its own region where the fine
-/// one should have it, and the weights leave both without mass.
+/// Refuses a slab whose two points are exchanged: the weights would then leave both models without mass.
 pub(super) fn check_sense(
     path: &str,
     overlap: &OverlapShape,
@@ -238,8 +238,8 @@ pub(super) fn check_sense(
     else {
         return Ok(());
     };
-    let across = |points: &[Point3<f64>]| across(from, to, points);
-    let ([c0, c1], [f0, f1]) = (across(coarse_points), across(fine_points));
+    let range = |points: &[Point3<f64>]| positions_across(from, to, points);
+    let ([c0, c1], [f0, f1]) = (range(coarse_points), range(fine_points));
     let outside = |s: f64| !(-1e-6..=1.0 + 1e-6).contains(&s);
     if f0 > -1e-6 && outside(f1) && c1 < 1.0 + 1e-6 && outside(c0) {
         let rule = format!(
@@ -285,7 +285,7 @@ pub(super) fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result
     })
 }
 
-/// A simple region; refuses numbers that make none.
+/// Builds a simple region; refuses sizes that are not positive.
 pub(super) fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
     let positive = |key: &str, r: f64| match r > 0.0 {
         true => Ok(r),
@@ -322,7 +322,7 @@ pub(super) fn weights(
     mediator: &[Point3<f64>],
     brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
-    let one = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
+    let weight = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
         let path = format!("{path}.weight{key}");
         match (kind == ProfileKind::Constant, constant) {
             (true, None) => {
@@ -350,23 +350,23 @@ pub(super) fn weights(
             .map_err(core(format!("{path}.fine_epsilon")))?;
         Ok(Arc::new(ramp) as Arc<dyn Weight<f64>>)
     };
-    let all = one("", table.kind(), table.value, table.epsilon)?;
-    let own = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
-        None => Ok(all.clone()),
-        Some(t) => one(key, t.profile, t.value, t.epsilon),
+    let common = weight("", table.kind(), table.value, table.epsilon)?;
+    let specific = |key: &str, t: &Option<crate::spec::ProfileTable>| match t {
+        None => Ok(common.clone()),
+        Some(t) => weight(key, t.profile, t.value, t.epsilon),
     };
     Ok(Weights {
-        internal: own(".alpha", &table.alpha)?,
-        kinetic: own(".beta", &table.beta)?,
-        external: own(".gamma", &table.gamma)?,
+        internal: specific(".alpha", &table.alpha)?,
+        kinetic: specific(".beta", &table.beta)?,
+        external: specific(".gamma", &table.gamma)?,
         weighting: table.weighting,
     })
 }
 
-/// Smallest weights of the coarse and the fine model.
+/// Floors of the weight of the coarse and the fine model.
 fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
-    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities of the border positive. The nodal
-    // law loses its critical step with a small floor; 0.05 is the literature's.
+    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities at the border positive. With nodal
+    // weighting, a small floor makes the critical step small; the literature uses 0.05.
     let floor = match table.weighting {
         Weighting::Energy => 1e-6,
         Weighting::Nodal => 0.05,
@@ -376,7 +376,8 @@ fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
     [coarse, table.fine_epsilon.unwrap_or(fine)]
 }
 
-/// Positions `s` of the mediator layers across the overlap.
+/// Positions `s` of the mediator's node layers across the overlap, ascending: 0 at the fine border, 1 at the
+/// coarse one.
 pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> Vec<f64> {
     let position = |x: &Point3<f64>| match overlap.place(x) {
         Place::Fine => 0.0,
@@ -385,23 +386,24 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     };
     let mut s: Vec<f64> = mediator.iter().map(position).collect();
     s.sort_by(f64::total_cmp);
-    s.dedup_by(|next, kept| *next - *kept < 1e-6);
+    // Positions of nodes in one layer differ by round-off.
+    s.dedup_by(|next, last| *next - *last < 1e-6);
     s
 }
 
 pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
-    let at = format!("{path}.junction.length");
-    // Measured best in one and three dimensions: 0.1 to 0.4 of h_B; at h_B the condition is twenty times
-    // worse.
+    let key_path = format!("{path}.junction.length");
+    // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
+    // conditioning is twenty times worse.
     let length = table.junction.length.unwrap_or(0.25 * spacing);
     if let (false, Some(l)) = (table.junction.kind.has_length(), table.junction.length) {
         let rule = format!(
             "the {} junction has no length; remove it or choose an h1 kind",
             table.junction.kind
         );
-        return Err(value(at, l, &rule));
+        return Err(value(key_path, l, &rule));
     }
-    table.junction.kind.junction(length).map_err(core(at))
+    table.junction.kind.junction(length).map_err(core(key_path))
 }
 
 fn absorber(
@@ -431,8 +433,8 @@ fn absorber(
         }
     };
     let overlap = overlap.clone();
-    // Smooth from zero at the border to the fine model's own region, so that the absorber itself does not
-    // reflect.
+    // Grows smoothly from zero at the border to the fine region, so that the absorber itself reflects no
+    // waves.
     let field = move |x: &Point3<f64>| match overlap.place(x) {
         Place::Fine => 0.0,
         Place::Coarse => rate,

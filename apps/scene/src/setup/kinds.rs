@@ -1,7 +1,7 @@
-//! The model kinds, in one place: a table of the scene becomes a body.
+//! The kinds of models: builds a body from a table of the scene.
 //!
-//! A new kind is a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`];
-//! choices of its own go into a table of that name in [`ModelTable`].
+//! A new kind needs a variant of [`ModelKind`], a branch in [`body`] and a function that returns a [`Body`];
+//! its own keys go into a table of that name in [`ModelTable`].
 
 use super::clock::SetupClock;
 use super::grains::Grains;
@@ -21,33 +21,33 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A model and what supports, loads and output need of it.
+/// A model with the data that supports, loads and output need.
 pub struct Body {
     /// The model.
     pub model: Box<dyn Model<f64>>,
-    /// The whole solver that stands behind the model, where one does.
+    /// The external solver behind the model, for a link.
     pub solver: Option<Box<dyn Participant<f64>>>,
-    /// Its field.
+    /// Displacement field of the model.
     pub field: Arc<dyn Interpolation<f64>>,
-    /// Its picture.
+    /// Mesh for output.
     pub grid: Arc<Grid>,
     /// Nodes of the named groups.
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Facets of the named surfaces.
     pub surfaces: BTreeMap<String, Vec<SurfaceFacet<f64>>>,
-    /// All facets of the surface.
+    /// All facets of the surface, for models that have one.
     pub boundary: Vec<SurfaceFacet<f64>>,
-    /// Distance of nodes or particles \[m\].
+    /// Mean distance between nodes or particles \[m\].
     pub spacing: f64,
-    /// What it is made of, but for volumes of other materials; only a link does not say.
+    /// Main material; volumes of a mesh file can have others. `None` for a link, which does not report it.
     pub material: Option<Elastic<f64>>,
-    /// What its elements are made of.
+    /// Materials of the elements; `None` for a link.
     pub materials: Option<Materials<f64>>,
-    /// What it looks like.
+    /// Shape of the body.
     pub shape: Shape,
-    /// What only particles have.
+    /// Data that only particles have.
     pub grains: Option<Grains>,
-    /// What a user should know of it, without its name.
+    /// Warnings for the user, without the name of the model.
     pub warnings: Vec<String>,
 }
 
@@ -57,10 +57,10 @@ impl std::fmt::Debug for Body {
     }
 }
 
-/// What a body is made of.
+/// Main material of a body.
 ///
 /// # Errors
-/// One behind a link, which does not say.
+/// A link, which does not report its material.
 pub(super) fn material<'a>(path: &str, body: &'a Body) -> Result<&'a Elastic<f64>> {
     body.material.as_ref().ok_or_else(|| {
         let name = body.model.name();
@@ -70,20 +70,20 @@ pub(super) fn material<'a>(path: &str, body: &'a Body) -> Result<&'a Elastic<f64
     })
 }
 
-/// The fastest of something over what a body is made of.
+/// Largest wave speed over all materials of a body \[m/s\]; the function maps a material to its speed.
 ///
 /// # Errors
-/// One behind a link, which does not say.
-pub(super) fn fastest(path: &str, body: &Body, of: impl Fn(&Elastic<f64>) -> f64) -> Result<f64> {
-    let main = of(material(path, body)?);
-    let others = body.materials.iter().flat_map(Materials::all);
-    Ok(others.map(of).fold(main, f64::max))
+/// A link, which does not report its material.
+pub(super) fn fastest(path: &str, body: &Body, speed: impl Fn(&Elastic<f64>) -> f64) -> Result<f64> {
+    let main = speed(material(path, body)?);
+    let materials = body.materials.iter().flat_map(Materials::all);
+    Ok(materials.map(speed).fold(main, f64::max))
 }
 
-/// The speed of waves along a bar at every node \[m/s\]: of the elements around it the fastest.
+/// Speed of bar waves at each node \[m/s\]: the highest of the elements around the node.
 ///
 /// # Errors
-/// One behind a link, which does not say.
+/// A link, which does not report its material.
 pub(super) fn bar_speeds(path: &str, body: &Body) -> Result<Vec<f64>> {
     let main = material(path, body)?.bar_speed();
     let Some(materials) = body.materials.as_ref().filter(|m| m.elements().is_some()) else {
@@ -99,8 +99,8 @@ pub(super) fn bar_speeds(path: &str, body: &Body) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-/// Builds the body of `[model.NAME]`; paths are relative to `folder`. `effects` are the effects on this
-/// model with their numbers in the scene, `supports` what holds it; particles need some of them here.
+/// Builds the body of `[model.NAME]`; paths are relative to `folder`. `effects` are the effects on this model
+/// with their numbers in the scene, `supports` the supports of the model; models of particles read both.
 pub(super) fn body(
     name: &str,
     table: &ModelTable,
@@ -122,12 +122,12 @@ pub(super) fn body(
     }
 }
 
-/// What a table's material is, Poisson's ratio zero where it says none.
+/// Material of a table; Poisson's ratio is zero if the table has none.
 pub(super) fn elastic(key: &str, m: &Material) -> Result<Elastic<f64>> {
     elastic_at(&format!("{key}.material"), m)
 }
 
-/// The same of any material, whose key is given.
+/// Material with the key path `key`; Poisson's ratio is zero if it has none.
 pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
     for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
         if x <= 0.0 {
@@ -146,7 +146,7 @@ pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
     }
 }
 
-/// The mesh a table of finite elements asks for.
+/// Request for the mesh that a table of finite elements describes.
 pub(super) fn request<'a>(
     key: &'a str,
     table: &'a ModelTable,
@@ -169,7 +169,7 @@ pub(super) fn request<'a>(
     })
 }
 
-/// Refuses what can be seen to be wrong with a table before anything is meshed or packed.
+/// Checks what can be checked before anything is meshed or packed.
 pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     let key = format!("model.{name}");
     link::check(&key, table)?;
@@ -187,7 +187,7 @@ pub(super) fn check(name: &str, table: &ModelTable, folder: &Path) -> Result<()>
     volumes(&key, table)
 }
 
-/// Refuses materials of volumes where nothing tells volumes apart.
+/// Refuses materials for volumes if the shape has no volumes.
 fn volumes(key: &str, table: &ModelTable) -> Result<()> {
     let filed = match &table.shape {
         Shape::File(_) => true,
@@ -218,7 +218,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     }
     let boundary = mesh.surface_where(|_| true);
     let mut warnings = materials::warnings(table, &mesh);
-    let materials = materials::of(key, table, &mesh)?;
+    let materials = materials::element_materials(key, table, &mesh)?;
     let grid = Grid::of_mesh(&mesh);
     let spacing = mesh.spacing();
     let model = FemModel::new(name, mesh, materials.clone()).map_err(fem(key))?;
@@ -240,7 +240,7 @@ fn finite_elements(name: &str, key: &str, table: &ModelTable, folder: &Path) -> 
     })
 }
 
-/// Poisson's ratio, which a solid must have.
+/// Refuses a solid without Poisson's ratio.
 pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
     table.material.poisson.map(|_| ()).ok_or_else(|| {
         crate::error::key(
@@ -250,7 +250,7 @@ pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
     })
 }
 
-/// Ends, section and number of bonds of a chain.
+/// Ends \[m\], section \[m²\] and number of bonds of a chain.
 fn line(key: &str, table: &ModelTable) -> Result<(f64, f64, f64, usize)> {
     let Shape::Bar { from, to, section } = table.shape else {
         return Err(value(

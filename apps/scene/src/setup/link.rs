@@ -1,4 +1,4 @@
-//! `kind = "link"`: a solver in another process as a body.
+//! `kind = "link"`: an external solver in another process as a body.
 
 use super::kinds::Body;
 use super::mesh::Grid;
@@ -14,10 +14,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Longest a program may be waited for \[s\]: a year.
+/// Longest timeout \[s\]: a year.
 const LONGEST: f64 = 3.2e7;
 
-/// What a table would start or wait for, in words; none if it is no link.
+/// Describes the program that a link starts or the address at which it waits; `None` for other kinds of
+/// models.
 pub fn link_of(table: &ModelTable) -> Option<String> {
     if table.kind != ModelKind::Link {
         return None;
@@ -30,22 +31,23 @@ pub fn link_of(table: &ModelTable) -> Option<String> {
     })
 }
 
-/// Refuses keys of a link elsewhere, and of other kinds here.
-pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
-    let own = [
+/// Refuses keys of a link in other kinds of models, and keys of other kinds in a link.
+pub(super) fn check(path: &str, table: &ModelTable) -> Result<()> {
+    let link_keys = [
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
         ("timeout", table.timeout.is_some()),
         ("start_timeout", table.start_timeout.is_some()),
     ];
     if table.kind != ModelKind::Link {
-        return match own.iter().find(|k| k.1) {
+        return match link_keys.iter().find(|k| k.1) {
             None => Ok(()),
-            Some((name, _)) => Err(key(format!("{at}.{name}"), "is for kind = \"link\"; remove it")),
+            Some((name, _)) => Err(key(format!("{path}.{name}"), "is for kind = \"link\"; remove it")),
         };
     }
     let of_others = [
         ("shape", !matches!(table.shape, Shape::Linked)),
+        // Without a material in the table, Young's modulus is NaN.
         ("material", !table.material.young.is_nan()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),
@@ -54,17 +56,17 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     ];
     if let Some((name, _)) = of_others.iter().find(|k| k.1) {
         let rule = "is the business of the program behind the link; remove it";
-        return Err(key(format!("{at}.{name}"), rule));
+        return Err(key(format!("{path}.{name}"), rule));
     }
     match (&table.command, &table.address) {
         (Some(c), None) if c.is_empty() => Err(key(
-            format!("{at}.command"),
+            format!("{path}.command"),
             "names no program; write command = [\"python3\", \"solver.py\"]",
         )),
         (Some(_), None) => Ok(()),
-        (None, Some(_)) => address(at, table).map(|_| ()),
+        (None, Some(_)) => address(path, table).map(|_| ()),
         _ => Err(key(
-            at,
+            path,
             "a link needs exactly one of command = [\"program\", \"argument\"], address = \"unix:PATH\"",
         )),
     }?;
@@ -74,13 +76,13 @@ pub(super) fn check(at: &str, table: &ModelTable) -> Result<()> {
     ] {
         if let Some(t) = limit.filter(|t| !(*t > 0.0 && *t < LONGEST)) {
             let rule = format!("must be positive [s], and at most a year; the default is {default}");
-            return Err(value(format!("{at}.{name}"), t, &rule));
+            return Err(value(format!("{path}.{name}"), t, &rule));
         }
     }
     Ok(())
 }
 
-/// Refuses what a scene with links cannot have.
+/// Refuses `[wake]` and `[static]` in scenes with links.
 pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
     let Some((name, _)) = scene.model.iter().find(|m| m.1.kind == ModelKind::Link) else {
         return Ok(());
@@ -98,44 +100,44 @@ pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
     Err(key(table, rule))
 }
 
-fn address(at: &str, table: &ModelTable) -> Result<Address> {
+fn address(path: &str, table: &ModelTable) -> Result<Address> {
     let text = table.address.as_deref().unwrap_or_default();
     text.parse().map_err(|e: arlequin_link::Error| {
         let rule = match e {
             arlequin_link::Error::Address { rule, .. } => rule,
-            other => other.to_string(),
+            error => error.to_string(),
         };
-        value(format!("{at}.address"), text, &rule)
+        value(format!("{path}.address"), text, &rule)
     })
 }
 
-/// Starts or awaits the solver and makes a body of what it says of itself.
-pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+/// Starts or awaits the external solver and builds a body from the description it sends.
+pub(super) fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);
     options.start = start.unwrap_or(options.start.max(options.timeout));
-    let met = match &table.command {
+    let remote = match &table.command {
         Some(command) => Remote::start(name, command, folder, options),
-        None => Remote::await_at(name, &address(at, table)?, options),
+        None => Remote::await_at(name, &address(path, table)?, options),
     };
-    let solver = met.map_err(|e| failed(at, name, e))?;
+    let solver = remote.map_err(|e| failed(path, name, e))?;
     let (field, grid, shape): (Arc<dyn Interpolation<f64>>, _, _) = match solver.shape() {
-        LinkShape::Particles { volumes, pairs } => particles(at, solver.nodes(), volumes, pairs)?,
+        LinkShape::Particles { volumes, pairs } => particles(path, solver.nodes(), volumes, pairs)?,
         LinkShape::Mesh {
             element,
             connectivity,
             section,
         } => {
             let mesh = Mesh::new(kind_of(*element), solver.nodes().to_vec(), connectivity.clone());
-            let mesh = mesh.and_then(|m| m.with_section(*section)).map_err(fem(at))?;
+            let mesh = mesh.and_then(|m| m.with_section(*section)).map_err(fem(path))?;
             let grid = Grid::of_mesh(&mesh);
             let shape = extent(solver.nodes(), (*element == Element::Line).then_some(*section));
             (Arc::new(FemField::new(mesh)), grid, shape)
         }
     };
     Ok(Body {
-        // Before the run has the solver; nothing asks it for forces.
+        // An outline without forces, needed only until the run takes over the solver.
         model: Box::new(Outline::of(&solver, solver.description().inertia.clone())),
         spacing: spacing(&grid),
         groups: groups(&solver),
@@ -152,8 +154,8 @@ pub(super) fn body(name: &str, at: &str, table: &ModelTable, folder: &Path) -> R
     })
 }
 
-fn failed(at: &str, name: &str, e: arlequin_link::Error) -> Error {
-    core(at)(arlequin_core::Error::of_model(name, e))
+fn failed(path: &str, name: &str, e: arlequin_link::Error) -> Error {
+    core(path)(arlequin_core::Error::of_model(name, e))
 }
 
 fn kind_of(element: Element) -> ElementKind {
@@ -164,15 +166,15 @@ fn kind_of(element: Element) -> ElementKind {
     }
 }
 
-/// Field, picture and extent of particles.
+/// Field, mesh for output and extent of particles.
 type Parts = (Arc<dyn Interpolation<f64>>, Grid, Shape);
 
-fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
-    let field = ParticleField::new(nodes.to_vec(), volumes).map_err(core(at))?;
+fn particles(path: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]]) -> Result<Parts> {
+    let field = ParticleField::new(nodes.to_vec(), volumes).map_err(core(path))?;
     let field = if pairs.is_empty() {
         field
     } else {
-        field.with_gradients(pairs).map_err(core(at))?
+        field.with_gradients(pairs).map_err(core(path))?
     };
     let third = 0.75 / std::f64::consts::PI;
     let grid = Grid {
@@ -185,8 +187,8 @@ fn particles(at: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 2]
     Ok((Arc::new(field), grid, extent(nodes, None)))
 }
 
-/// The box around the nodes, or the line they lie on: what a mediator is derived from. Where the body fills
-/// less, the set-up finds that the mediator sticks out of it.
+/// Bounding box of the nodes, or the line they lie on, from which a mediator is derived. If the body fills
+/// less than its box, the set-up reports that the mediator sticks out of it.
 fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
     let [low, high] = bounds_of(nodes.iter());
     match section {
@@ -203,7 +205,7 @@ fn extent(nodes: &[Point3<f64>], section: Option<f64>) -> Shape {
     }
 }
 
-/// Mean length of an edge or bond; twice the mean radius of particles without bonds.
+/// Mean length of an edge or bond; twice the mean radius for particles without bonds \[m\].
 fn spacing(grid: &Grid) -> f64 {
     if grid.connectivity.is_empty() {
         return 2.0 * grid.radii.iter().sum::<f64>() / grid.radii.len().max(1) as f64;
@@ -213,7 +215,7 @@ fn spacing(grid: &Grid) -> f64 {
     lengths.sum::<f64>() / grid.cells() as f64
 }
 
-/// Both ends of a line, for probes.
+/// Groups of the two ends of a line, for probes.
 fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
     let line = matches!(
         solver.shape(),
@@ -226,9 +228,9 @@ fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
         return BTreeMap::new();
     }
     let x = |k: &usize| solver.nodes()[*k].x;
-    let all = 0..solver.nodes().len();
-    let first = all.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
-    let last = all.max_by(|a, b| x(a).total_cmp(&x(b)));
+    let nodes = 0..solver.nodes().len();
+    let first = nodes.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
+    let last = nodes.max_by(|a, b| x(a).total_cmp(&x(b)));
     let ends = [("x-min", first), ("x-max", last)];
     ends.into_iter()
         .map(|(n, k)| (n.to_owned(), k.into_iter().collect()))

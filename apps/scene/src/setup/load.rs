@@ -1,4 +1,4 @@
-//! Loads: tractions on the surface of a model, forces on the nodes of one that has none.
+//! Loads: tractions on the surface of a model, or forces on the nodes of a model without a surface.
 
 use super::drive::time_function;
 use super::kinds::Body;
@@ -17,15 +17,15 @@ pub(super) fn name(k: usize, l: &Load) -> String {
     l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1))
 }
 
-/// Refuses a load that says not one thing.
+/// Refuses a load that does not have exactly one of traction, force, pressure, torque.
 pub(super) fn check(path: &str, l: &Load) -> Result<()> {
-    let given = [
+    let choices = [
         l.traction.is_some(),
         l.force.is_some(),
         l.pressure.is_some(),
         l.torque.is_some(),
     ];
-    if given.iter().filter(|g| **g).count() != 1 {
+    if choices.iter().filter(|g| **g).count() != 1 {
         return Err(key(
             path,
             "needs exactly one of traction, force, pressure, torque",
@@ -34,7 +34,7 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
     Ok(())
 }
 
-/// Refuses tractions on a model that has no surface, and moments on one that cannot turn.
+/// Refuses tractions on a model without a surface, and torques on a chain, which cannot turn.
 pub(super) fn check_surface(path: &str, l: &Load, table: &ModelTable) -> Result<()> {
     let missing = match table.kind {
         ModelKind::Dem => l.force.is_none() && l.torque.is_none(),
@@ -51,19 +51,19 @@ fn no_surface(path: &str, model: &str) -> Error {
     key(path, format!("model '{model}' has no surface; give a force [N]"))
 }
 
-/// A load on one model.
+/// Builds a load on one model.
 pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
     check(path, l)?;
     let time = time_function(&format!("{path}.time"), &l.time)?;
-    let at = format!("{path}.where");
-    let Some(facets) = select::facets(&at, body, &l.at)? else {
+    let key_path = format!("{path}.where");
+    let Some(facets) = select::facets(&key_path, body, &l.at)? else {
         return load_on_nodes(path, name, l, body, time);
     };
     let field = traction(path, l, &facets)?;
     effect::Load::traction(name, facets, &*field, time).map_err(core(path))
 }
 
-/// The traction of a load on a surface of some facets.
+/// Traction of a load on the given facets \[Pa\].
 pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
     let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
     Ok(if let Some(t) = l.traction {
@@ -77,8 +77,8 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     })
 }
 
-/// Centre `c` of places `x` with shares `a`, and `J = Σ a (|r|² 1 − r rᵀ)`, `r = x − c`: forces `a θ × r`
-/// have the moment `J θ` and no resultant.
+/// Returns the weighted centre `c` of points `x` with weights `a`, and `J = Σ a (|r|² 1 − r rᵀ)` with
+/// `r = x − c`. Forces `a θ × r` have the moment `J θ` and no resultant.
 pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
     let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
         (s + x.coords * a, t + a)
@@ -92,14 +92,19 @@ pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) ->
     (centre, polar)
 }
 
-/// `θ` with `J θ = m`, but for what `J` has no moment about: places in a line bear none about it.
+/// Returns `θ` with `J θ = m` in the least-squares sense: points on a line cannot carry a moment about that
+/// line.
 pub(super) fn turn(polar: &Matrix3<f64>, moment: &Vector3<f64>) -> Vector3<f64> {
+    // Relative cut-off for a singular `J`.
     let inverse = polar.pseudo_inverse(1e-12 * polar.norm());
     inverse.map_or(Vector3::zeros(), |p| p * moment)
 }
 
-/// Centre `c` and vector `θ` with which forces `a θ × (x − c)` at places `x` have a given moment and no
-/// resultant.
+/// Returns the centre `c` and the vector `θ` with which forces `a θ × (x − c)` at points `x` have a given
+/// moment and no resultant.
+///
+/// # Errors
+/// A zero moment, or points that cannot carry it.
 fn turning(
     path: &str,
     moment: Vector3<f64>,
@@ -107,6 +112,7 @@ fn turning(
 ) -> Result<(Point3<f64>, Vector3<f64>)> {
     let (centre, polar) = polar(places);
     let turn = turn(&polar, &moment);
+    // The pseudo-inverse drops components of the moment that the points cannot carry: refuse these.
     if turn.norm() > 0.0 && (polar * turn - moment).norm() <= 1e-9 * moment.norm() {
         return Ok((centre, turn));
     }
@@ -116,13 +122,14 @@ fn turning(
     ))
 }
 
-/// Tractions `θ × (x − c)` about the centroid whose moment is the given one.
+/// Tractions `θ × (x − c)` about the centroid with the given moment \[Pa\].
 fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
     let (centre, turn) = turning(path, moment, facets.iter().map(|f| (f.centre, f.area())))?;
     Ok(Box::new(move |f| turn.cross(&(f.centre - centre))))
 }
 
-/// Forces on the nodes of a model without a surface, shared by mass; a torque as forces `m_i θ × (x_i − c)`.
+/// Distributes a force over the nodes of a model without a surface, in proportion to mass; a torque becomes
+/// forces `m_i θ × (x_i − c)`.
 fn load_on_nodes(
     path: &str,
     name: &str,
@@ -134,9 +141,9 @@ fn load_on_nodes(
     let layout = body.model.layout();
     let count = layout.components;
     let mut inertia = vec![0.0; layout.dofs()];
-    let one = arlequin::core::Uniform(1.0);
+    let uniform = arlequin::core::Uniform(1.0);
     body.model
-        .lumped_inertia(&one, &mut inertia)
+        .lumped_inertia(&uniform, &mut inertia)
         .map_err(core(path))?;
     let total: f64 = nodes.iter().map(|n| inertia[n * count]).sum();
     let share = |n: usize| inertia[n * count] / total;

@@ -1,4 +1,4 @@
-//! What the volumes of a mesh file are made of.
+//! Materials of the volumes of a mesh file.
 
 use super::kinds::elastic;
 use crate::error::{Result, core, unknown};
@@ -6,17 +6,19 @@ use crate::spec::{Material, ModelTable, Shape};
 use arlequin::core::{Elastic, Materials};
 use arlequin::fem_ref::{Mesh, list_pieces};
 
-/// The material of every element: that of its volume where the table gives one, else that of the table.
-pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
-    let own = elastic(key, &table.material)?;
+/// Materials of the elements: the one given for the volume of the element, otherwise the main one of the
+/// table.
+pub(super) fn element_materials(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
+    let main = elastic(key, &table.material)?;
     if table.materials.is_empty() {
-        return Ok(own.into());
+        return Ok(main.into());
     }
-    let (mut all, mut number) = (vec![own], vec![0; mesh.volumes().len()]);
+    // Number 0 is the main material; volumes that the table does not name keep it.
+    let (mut materials, mut number) = (vec![main], vec![0; mesh.volumes().len()]);
     for (name, material) in &table.materials {
-        let at = format!("{key}.materials.{name}");
-        let found = mesh.volumes().iter().position(|v| v == name);
-        let found = found.ok_or_else(|| {
+        let path = format!("{key}.materials.{name}");
+        let volume = mesh.volumes().iter().position(|v| v == name);
+        let volume = volume.ok_or_else(|| {
             unknown(
                 format!("{key}.materials"),
                 name,
@@ -24,23 +26,23 @@ pub(super) fn of(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Mate
                 mesh.volumes().iter(),
             )
         })?;
-        number[found] = all.len() as u32;
-        all.push(of_volume(&at, table, material)?);
+        number[volume] = materials.len() as u32;
+        materials.push(of_volume(&path, table, material)?);
     }
-    let each = mesh.regions().iter().map(|r| number[*r as usize]);
-    Materials::of_elements(all, each.collect()).map_err(core(format!("{key}.materials")))
+    let numbers = mesh.regions().iter().map(|r| number[*r as usize]);
+    Materials::of_elements(materials, numbers.collect()).map_err(core(format!("{key}.materials")))
 }
 
-/// The material of a volume, with the ratio of the table's own material where it gives none.
-fn of_volume(at: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
+/// Material of a volume; without its own Poisson's ratio it takes that of the main material.
+fn of_volume(path: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
     let whole = Material {
         poisson: material.poisson.or(table.material.poisson),
         ..*material
     };
-    super::kinds::elastic_at(at, &whole)
+    super::kinds::elastic_at(path, &whole)
 }
 
-/// What was read otherwise than the file has it, and volumes that it tells apart and the model does not.
+/// Warnings about a mesh: notices of the reader, volumes that share a single material, unconnected pieces.
 pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
     let mut out: Vec<String> = mesh
         .notices()
@@ -52,7 +54,7 @@ pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
     out
 }
 
-/// Pieces of a mesh that share no node. Zones may part a body.
+/// Warning if the mesh has pieces that share no node; none for zones, which may divide a body.
 fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
     if matches!(table.shape, Shape::Piece(_)) {
         return None;
@@ -69,20 +71,20 @@ fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
 }
 
 fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
-    let mut there: Vec<&str> = mesh
+    let mut volumes: Vec<&str> = mesh
         .regions()
         .iter()
         .map(|r| mesh.volumes()[*r as usize].as_str())
         .collect();
-    there.sort_unstable();
-    there.dedup();
-    if there.len() < 2 || !table.materials.is_empty() {
+    volumes.sort_unstable();
+    volumes.dedup();
+    if volumes.len() < 2 || !table.materials.is_empty() {
         return None;
     }
     Some(format!(
         "its mesh file has {} volumes ({}), and all get the one material of the model; say what they are made of in \
          materials.NAME, or check that they are alike",
-        there.len(),
-        there.join(", ")
+        volumes.len(),
+        volumes.join(", ")
     ))
 }

@@ -1,4 +1,4 @@
-//! Where multipliers live: the mesh of a mediator, as given or derived from overlap and bodies.
+//! Meshes of mediators, given in the scene or derived from overlap and bodies.
 
 use super::kinds::Body;
 use super::mesh::Request;
@@ -8,7 +8,7 @@ use arlequin::core::ShapeRow;
 use arlequin::fem_ref::generate::Rim;
 use std::path::Path;
 
-/// The mediator's body: as given, or what overlap and models leave.
+/// Shape of the mediator: as given, or derived from overlap and models.
 pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
     match (&table.mediator.shape, &table.overlap) {
         (Some(s), _) => Ok(s.clone()),
@@ -17,7 +17,8 @@ pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2])
     }
 }
 
-/// The mediator's mesh, with elements as long as those of the coarse model \[m\] by default.
+/// Request for the mediator's mesh; by default its elements are as long as those of the coarse model,
+/// `coarse` \[m\].
 pub(super) fn mediator<'a>(
     key: &'a str,
     table: &'a Interface,
@@ -26,6 +27,7 @@ pub(super) fn mediator<'a>(
     folder: &'a Path,
 ) -> Request<'a> {
     let t = &table.mediator;
+    // Files and pieces of a body bring their own elements.
     let free = t.divisions.is_none() && !matches!(shape, Shape::File(_) | Shape::Piece(_));
     Request {
         key,
@@ -33,8 +35,8 @@ pub(super) fn mediator<'a>(
         spacing: t.spacing.or(free.then_some(coarse)),
         divisions: t.divisions.as_deref(),
         element: t.element,
-        // Polygons of unequal numbers of sides differ: inside the cylinder, the mediator leaves neither
-        // model.
+        // Models and mediator approximate a cylinder by polygons with different numbers of sides. An
+        // inscribed mediator does not stick out of the models.
         rim: Rim::Inscribed,
         scale: t.scale.unwrap_or(1.0),
         volume: None,
@@ -43,14 +45,18 @@ pub(super) fn mediator<'a>(
     }
 }
 
-/// Whether a field ends at the hull of particle centres, about a radius inside the body.
+/// Returns whether the field of a body ends at the hull of its particle centres, about a radius inside the
+/// body.
 pub(super) fn is_hull(body: &Body) -> bool {
     body.grains.is_some() && body.field.samples().is_none()
 }
 
-/// The mediator's shape moved inwards, in steps of a tenth of the particle spacing, until its mesh lies
-/// within the hull of the particles. The hull is convex, so that its nodes decide. Only faces on the
-/// particles' own surface move.
+/// Moves the shape of the mediator inwards, in steps of a tenth of the particle spacing, until its mesh lies
+/// within the hull of the particle centres. Only faces on the surface of the particle body move. The hull is
+/// convex, so it suffices to test the nodes.
+///
+/// # Errors
+/// A shape that does not fit within 30 steps.
 pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {
@@ -73,12 +79,13 @@ pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> 
     Err(key(request.key, rule))
 }
 
-/// Faces that lie on the given body, moved inwards; none if nothing is left.
+/// Moves faces on the surface of `body` inwards by `inset` \[m\]; `None` if nothing is left, or unless both
+/// shapes are cylinders or both are boxes.
 fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
-    let same = |a: f64, b: f64| (a - b).abs() < inset;
+    let coincide = |a: f64, b: f64| (a - b).abs() < inset;
     let ends = |low: f64, high: f64, first: f64, last: f64| {
-        let low = if same(low, first) { first + inset } else { low };
-        let high = if same(high, last) { last - inset } else { high };
+        let low = if coincide(low, first) { first + inset } else { low };
+        let high = if coincide(high, last) { last - inset } else { high };
         (high > low).then_some([low, high])
     };
     match (shape, body) {
@@ -122,7 +129,7 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
     }
 }
 
-/// The overlap's part of the space both models share.
+/// Derives the shape of the mediator: the part of the overlap that both models fill.
 fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
     let derived = match overlap {
         OverlapShape::Slab { fine, coarse } => layer(fine, coarse, shapes),
@@ -137,7 +144,7 @@ fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Res
     })
 }
 
-/// What two boxes share.
+/// Lowest and highest corner of the box that two boxes share.
 fn shared([a, b]: [&[f64; 3]; 2], [c, d]: [&[f64; 3]; 2]) -> [[f64; 3]; 2] {
     [
         [0, 1, 2].map(|k| a[k].max(c[k])),
@@ -145,7 +152,7 @@ fn shared([a, b]: [&[f64; 3]; 2], [c, d]: [&[f64; 3]; 2]) -> [[f64; 3]; 2] {
     ]
 }
 
-/// What two boxes share in the outer box of a shell, without its inner one.
+/// Part of a shell of boxes that two boxes share: the outer box with the inner one as a hole.
 fn frame(core: &RegionShape, domain: &RegionShape, shapes: [&Shape; 2]) -> Option<Shape> {
     match (core, domain, shapes) {
         (
@@ -160,8 +167,8 @@ fn frame(core: &RegionShape, domain: &RegionShape, shapes: [&Shape; 2]) -> Optio
                 },
             ],
         ) => {
-            let both = shared([a, b], [c, d]);
-            let [low, high] = shared([&both[0], &both[1]], [d0, d1]);
+            let common = shared([a, b], [c, d]);
+            let [low, high] = shared([&common[0], &common[1]], [d0, d1]);
             let hole = Some(Hole { low: *c0, high: *c1 });
             Some(Shape::Box { low, high, hole })
         }
@@ -169,7 +176,7 @@ fn frame(core: &RegionShape, domain: &RegionShape, shapes: [&Shape; 2]) -> Optio
     }
 }
 
-/// What two bodies share in the layer between two points.
+/// Layer between two points that two bodies share; `None` unless the points differ along one axis only.
 fn layer(fine: &[f64; 3], coarse: &[f64; 3], shapes: [&Shape; 2]) -> Option<Shape> {
     let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
     let &[axis] = apart.as_slice() else {

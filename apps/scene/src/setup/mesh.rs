@@ -1,4 +1,4 @@
-//! Shapes become meshes; meshes become pictures.
+//! Meshes of the shapes of a scene, and their form for output.
 
 use super::cloud;
 use crate::error::{Result, fem, unknown, value};
@@ -9,23 +9,23 @@ use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::ffi::OsStr;
 use std::path::Path;
 
-/// What output draws of a mesh.
+/// Mesh of a model for output.
 #[derive(Debug, Clone, Default)]
 pub struct Grid {
     /// Nodes \[m\].
     pub points: Vec<Point3<f64>>,
-    /// Corners of all cells in a row.
+    /// Corners of all cells, one cell after the other.
     pub connectivity: Vec<u32>,
-    /// Corners per cell.
+    /// Number of corners per cell.
     pub corners: usize,
-    /// Cell type of VTK.
+    /// VTK cell type.
     pub cell_type: u8,
-    /// Radii \[m\], if the points are spheres.
+    /// Radii of spheres at the points \[m\]; empty if the points are no spheres.
     pub radii: Vec<f64>,
 }
 
 impl Grid {
-    /// Picture of a finite element mesh.
+    /// Output mesh of a finite element mesh.
     pub fn of_mesh(mesh: &Mesh<f64>) -> Self {
         Self {
             points: mesh.nodes().to_vec(),
@@ -40,7 +40,7 @@ impl Grid {
         }
     }
 
-    /// Picture of particles joined in their order.
+    /// Output mesh of particles, each joined to the next by a line.
     pub fn of_line(points: &[Point3<f64>]) -> Self {
         Self {
             points: points.to_vec(),
@@ -57,41 +57,41 @@ impl Grid {
     }
 }
 
-/// A mesh that is wanted.
+/// Description of a mesh to be generated or read.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request<'a> {
-    /// Key of the table it comes from.
+    /// Key of the table that describes the mesh.
     pub key: &'a str,
-    /// Body.
+    /// Shape of the body.
     pub shape: &'a Shape,
-    /// Target length \[m\].
+    /// Target length of the elements \[m\].
     pub spacing: Option<f64>,
-    /// Number of elements along the axes.
+    /// Numbers of elements along the axes.
     pub divisions: Option<&'a [usize]>,
-    /// Element of solids.
+    /// Element type of solids.
     pub element: Element,
-    /// Where the side nodes of cylinders lie.
+    /// Position of the nodes on the side of cylinders.
     pub rim: Rim,
-    /// Length of a unit of a file \[m\].
+    /// Length of a unit of the file \[m\].
     pub scale: f64,
-    /// Physical volume of a file that is wanted; all of them by default.
+    /// Physical volume of the file to use; all by default.
     pub volume: Option<&'a str>,
-    /// Whether nodes within an STL surface will do.
+    /// True if an STL surface may be filled with nodes.
     pub cloud: bool,
     /// Folder of the scene.
     pub folder: &'a Path,
 }
 
 impl Request<'_> {
-    /// Refuses what can be seen to be wrong before anything is meshed.
+    /// Checks what can be checked before anything is meshed.
     pub(super) fn check(&self) -> Result<()> {
         let key = self.key;
         if self.scale <= 0.0 {
             let rule = "must be positive [m]: 1e-3 for a file in millimetres";
             return Err(value(format!("{key}.scale"), self.scale, rule));
         }
-        let own = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
-        if own && !matches!(self.shape, Shape::File(_)) {
+        let of_file = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
+        if of_file && !matches!(self.shape, Shape::File(_)) {
             let rule = "scale and volume belong to shape.file; remove them";
             return Err(crate::error::key(key, rule));
         }
@@ -120,32 +120,32 @@ impl Request<'_> {
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
             }
             Shape::File(path) if is(path, "stl") => {
-                let at = format!("{key}.shape.file");
+                let key_path = format!("{key}.shape.file");
                 if !self.cloud {
                     let rule = "STL holds a surface, and finite elements need a mesh of the volume; give a Gmsh mesh of the \
                                 body, or take kind = \"cnem\", whose nodes are placed within the surface";
-                    return Err(value(at, path.display(), rule));
+                    return Err(value(key_path, path.display(), rule));
                 }
                 self.by_spacing("an STL body is filled with nodes by spacing")?;
-                there(&at, &self.folder.join(path))
+                check_file(&key_path, &self.folder.join(path))
             }
             Shape::File(path) => {
                 if self.spacing.is_some() || self.divisions.is_some() {
                     let rule = "a mesh file brings its own spacing; remove spacing and divisions";
                     return Err(crate::error::key(key, rule));
                 }
-                there(&format!("{key}.shape.file"), &self.folder.join(path))
+                check_file(&format!("{key}.shape.file"), &self.folder.join(path))
             }
         }
     }
 
     fn check_box(&self, low: [f64; 3], high: [f64; 3], hole: Option<&Hole>) -> Result<()> {
         let key = self.key;
-        let above = |at: &str, low: [f64; 3], high: [f64; 3]| match (0..3).find(|&c| high[c] <= low[c]) {
+        let above = |corner: &str, low: [f64; 3], high: [f64; 3]| match (0..3).find(|&c| high[c] <= low[c]) {
             None => Ok(()),
             Some(c) => {
                 let rule = format!("must be above low[{c}] = {} m", low[c]);
-                Err(value(format!("{key}.shape.box.{at}[{c}]"), high[c], &rule))
+                Err(value(format!("{key}.shape.box.{corner}[{c}]"), high[c], &rule))
             }
         };
         above("high", low, high)?;
@@ -154,7 +154,7 @@ impl Request<'_> {
         hole.map_or(Ok(()), |h| above("hole.high", h.low, h.high))
     }
 
-    /// What has a spacing and no divisions, for the reason given.
+    /// Refuses divisions, for the reason `why`, and a missing spacing.
     fn by_spacing(&self, why: &str) -> Result<()> {
         if self.divisions.is_some() {
             let rule = format!("{why}; give spacing in place of divisions");
@@ -163,7 +163,8 @@ impl Request<'_> {
         positive_spacing(self.key, self.spacing).map(|_| ())
     }
 
-    /// The same of the mesh of a body, whose size of elements is known: a hole takes whole elements.
+    /// Checks the mesh of a body, whose element size is known: the hole of a box must consist of whole
+    /// elements.
     pub(super) fn check_body(&self) -> Result<()> {
         self.check()?;
         let Shape::Box { low, high, hole } = self.shape else {
@@ -178,7 +179,7 @@ impl Request<'_> {
             .map_err(fem(&format!("{}.shape.box.hole", self.key)))
     }
 
-    /// Meshes the shape.
+    /// Generates or reads the mesh.
     pub(super) fn mesh(&self) -> Result<Mesh<f64>> {
         self.check()?;
         let key = self.key;
@@ -212,7 +213,7 @@ impl Request<'_> {
         }
     }
 
-    /// There is no body that could be meshed.
+    /// Error of a model without a shape.
     fn nobody(&self) -> crate::Error {
         crate::error::key(self.key, "missing field `shape`")
     }
@@ -239,11 +240,11 @@ impl Request<'_> {
     }
 }
 
-/// The mesh in a file, or a volume of it.
+/// Reads the mesh in a file, or one of its volumes.
 fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh<f64>> {
-    let at = format!("{key}.shape.file");
-    let mesh = gmsh::load(path).map_err(fem(&at))?;
-    let mesh = scaled(mesh, scale).map_err(fem(&at))?;
+    let key_path = format!("{key}.shape.file");
+    let mesh = gmsh::load(path).map_err(fem(&key_path))?;
+    let mesh = scaled(mesh, scale).map_err(fem(&key_path))?;
     let Some(name) = name else {
         return Ok(mesh);
     };
@@ -251,23 +252,24 @@ fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh
     let number = volumes.iter().position(|v| v == name);
     let number = number.ok_or_else(|| unknown(format!("{key}.volume"), name, "volume", volumes.iter()))?;
     mesh.part(|e| mesh.regions()[e] as usize == number)
-        .map_err(fem(&at))
+        .map_err(fem(&key_path))
 }
 
-/// The mesh in the file of a table, whatever its kind.
+/// Reads the mesh in the file of a table of any kind.
 pub(super) fn volume_of(key: &str, table: &ModelTable, path: &Path) -> Result<Mesh<f64>> {
     volume(key, path, table.scale, table.volume.as_deref())
 }
 
-/// Whether a path ends so.
+/// Returns whether a path has the given extension; upper and lower case are equal.
 pub(super) fn is(path: &Path, extension: &str) -> bool {
     path.extension()
         .and_then(OsStr::to_str)
         .is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// A mesh in metres from one in units of so many of them.
+/// Scales a mesh by `scale`; leaves it unchanged for a scale of 1.
 pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<Mesh<f64>> {
+    // For exactly one nothing is computed, so that coordinates keep their bits.
     if (scale - 1.0).abs() <= 0.0 {
         return Ok(mesh);
     }
@@ -275,7 +277,7 @@ pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<M
 }
 
 /// Refuses a file that cannot be opened.
-pub(super) fn there(key: &str, path: &Path) -> Result<()> {
+pub(super) fn check_file(key: &str, path: &Path) -> Result<()> {
     let opened = std::fs::File::open(path).map(|_| ());
     opened.map_err(|e| {
         fem(key)(arlequin::fem_ref::Error::File {
@@ -285,7 +287,7 @@ pub(super) fn there(key: &str, path: &Path) -> Result<()> {
     })
 }
 
-/// Checks the bar shape.
+/// Refuses a bar without positive length and section.
 pub(super) fn check_bar(key: &str, from: f64, to: f64, section: f64) -> Result<()> {
     if to <= from {
         let rule = format!("must be above from = {from} m");
@@ -309,7 +311,7 @@ pub(super) fn positive_spacing(key: &str, spacing: Option<f64>) -> Result<f64> {
     }
 }
 
-/// Number of elements along each of the extents \[m\].
+/// Numbers of elements along the extents \[m\].
 pub(super) fn divisions_of(
     key: &str,
     extents: &[f64],
@@ -332,7 +334,7 @@ pub(super) fn divisions_of(
         },
         (spacing, None) => {
             let h = positive_spacing(key, spacing)?;
-            // The cast saturates; the generators refuse what is too many.
+            // The cast saturates; the mesh generators refuse numbers that are too large.
             Ok(extents
                 .iter()
                 .map(|l| ((l / h).round() as usize).max(1))

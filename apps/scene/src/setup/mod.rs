@@ -1,4 +1,4 @@
-//! From the scene to a run that is ready to step.
+//! Set-up: builds a run that is ready to step from the tables of a scene.
 
 mod between;
 mod blame;
@@ -68,22 +68,22 @@ pub(crate) use interface::stations;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What output needs of a model besides its state.
+/// Data of a model that output needs besides the state.
 #[derive(Clone)]
 pub struct ModelInfo {
-    /// Picture.
+    /// Mesh for output.
     pub grid: Arc<Grid>,
-    /// Field.
+    /// Displacement field.
     pub field: Arc<dyn Interpolation<f64>>,
-    /// Material, but for volumes of other ones, if it is known.
+    /// Main material, if it is known; volumes of a mesh file can have others.
     pub material: Option<Elastic<f64>>,
-    /// Materials of its elements.
+    /// Materials of the elements.
     pub materials: Option<Materials<f64>>,
-    /// What broke, where bonds can.
+    /// Log of broken bonds, if bonds can break.
     pub breaks: Option<SharedLog>,
-    /// Distance of nodes or particles \[m\].
+    /// Mean distance between nodes or particles \[m\].
     pub spacing: f64,
-    /// How the spheres were packed, where there are any.
+    /// Properties of the packing, for particles.
     pub packing: Option<PackingLine>,
 }
 
@@ -99,7 +99,7 @@ impl std::fmt::Debug for ModelInfo {
 }
 
 impl ModelInfo {
-    fn of(body: &Body) -> Self {
+    fn from_body(body: &Body) -> Self {
         Self {
             grid: body.grid.clone(),
             field: body.field.clone(),
@@ -112,58 +112,60 @@ impl ModelInfo {
     }
 }
 
-/// The state from which a run starts, if not that of `[[initial]]` at time zero.
+/// State from which a run starts, in place of `[[initial]]` at time zero.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Start {
     /// Time \[s\].
     pub time: f64,
-    /// Displacements and velocities of every model.
+    /// Displacements and velocities of each model.
     pub states: Vec<[Vec<f64>; 2]>,
-    /// What a model remembers that went on as it was: orientations.
+    /// For each model, history such as orientations, if the model continues as it was.
     #[serde(default)]
     pub memories: Vec<Option<Record<f64>>>,
 }
 
-/// A run that is ready to step.
+/// A run that is ready to step, with the data around it.
 #[derive(Debug)]
 pub struct Built {
-    /// The run.
+    /// Coupled models.
     pub run: Coupled<f64>,
-    /// Pictures of the models.
+    /// Output data of the models.
     pub models: Vec<ModelInfo>,
-    /// Pictures of the mediators.
+    /// Meshes of the mediators, for output.
     pub mediators: Vec<Grid>,
-    /// Pictures of rigid bodies.
+    /// Outlines of rigid bodies, for output.
     pub rigid: Vec<RigidPicture>,
-    /// Probes.
+    /// Readers of the probes.
     pub probes: Vec<ProbeReader>,
-    /// Steps to make.
+    /// Number of steps.
     pub steps: usize,
-    /// Load steps of a scene at rest.
+    /// Load steps of a `[static]` scene.
     pub load_steps: Option<LoadSteps>,
-    /// Steps between two frames.
+    /// Number of steps between two frames.
     pub frame_every: usize,
-    /// Models of particles between which no contact is on.
+    /// Pairs of particle models without contact.
     pub without_contact: ParticlesWithoutContact,
-    /// What a user should know before the first step: of the bodies, of the interfaces, of the scene as a
-    /// whole.
+    /// Warnings for the user before the first step: about bodies, interfaces and the scene as a whole.
     pub warnings: Vec<String>,
-    /// What the motion is held against.
+    /// Bounds of a plausible motion of each model.
     pub bounds: Bounds,
-    /// How wide the overlaps around zones came out.
+    /// Widths of the overlaps around zones.
     pub zones: Vec<zone::ZoneLine>,
-    /// How the models are held on several ranks; none alone.
+    /// Distribution of the models over ranks; empty for a single rank.
     pub holdings: Vec<RankLine>,
-    /// Where the time of the set-up went, in order.
+    /// Wall times of the phases of the set-up, in order.
     pub phases: Vec<PhaseTime>,
 }
 
-/// Builds everything a scene asks for.
+/// Builds the run that a scene describes.
+///
+/// # Errors
+/// Mistakes in the scene: the key, its value, the limit and the remedy.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None, &Ranks::default(), &mut |_| ())
 }
 
-/// Refuses what can be seen to be wrong from the scene alone, without building anything.
+/// Checks what can be checked from the scene alone, without building anything.
 pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     let scene = &formula::with_tables(scene, folder)?;
     statics::load_steps(scene, folder)?;
@@ -172,16 +174,16 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     precheck::scene(scene, folder)
 }
 
-/// The same with a state of its own to start from, and ranks among which bodies of particles are shared
-/// out; `tell` hears of every phase as it begins.
+/// Builds a run with its own initial state and on several ranks, among which bodies are partitioned; calls
+/// `announce` with the name of each phase as it begins.
 pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
     start: Option<&Start>,
     ranks: &Ranks,
-    tell: &mut dyn FnMut(&str),
+    announce: &mut dyn FnMut(&str),
 ) -> Result<Built> {
-    let mut clock = SetupClock::new(tell);
+    let mut clock = SetupClock::new(announce);
     let scene = &formula::with_tables(scene, folder)?;
     let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
@@ -193,14 +195,14 @@ pub(crate) fn build_from(
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes: Vec<ProbeReader> = probes.collect::<Result<_>>()?;
-    let attachments = Attachments::of(scene, &mut bodies, &interfaces, folder)?;
+    let attachments = Attachments::from_scene(scene, &mut bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
-    let without_contact = ParticlesWithoutContact::of(scene, &bodies)?;
+    let without_contact = ParticlesWithoutContact::from_scene(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     warnings.extend(probes.iter().filter_map(|p| p.warning(&bodies)));
     let zones = zone::lines(scene, &bodies);
-    let forces = totals::of(scene, &bodies)?;
-    let models = bodies.iter().map(ModelInfo::of).collect();
+    let forces = totals::collect(scene, &bodies)?;
+    let models = bodies.iter().map(ModelInfo::from_body).collect();
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
@@ -227,14 +229,14 @@ pub(crate) fn build_from(
         scene.model.keys().cloned().collect(),
         scene.interface.keys().cloned().collect(),
     ];
-    let mut announce = |phase| clock.begin(clock::name(phase, &names));
-    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce);
+    let mut announce_phase = |phase| clock.begin(clock::name(phase, &names));
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
     let mut run = run.map_err(|e| located(scene, e))?;
     if load_steps.is_some() {
         run.check_rest().map_err(crate::error::core("static"))?;
     }
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
-        line.told(s);
+        line.add_imbalance(s);
     }
     for i in run.interfaces().iter().map(|i| i.report()) {
         warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
@@ -267,7 +269,7 @@ pub(crate) fn build_from(
     Ok(built)
 }
 
-/// What the motion is held against, and what a user should know of bodies and interfaces.
+/// Bounds of a plausible motion of each model, and the warnings about bodies and interfaces.
 fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) -> (Bounds, Vec<String>) {
     let mut bounds = Bounds::default();
     let mut warnings = Vec::new();
@@ -287,17 +289,17 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
 fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
     let effects = effects_by_model(scene)?;
     let mut out: Vec<Option<Body>> = scene.model.iter().map(|_| None).collect();
-    // A packing may take minutes: what is wrong with other models is said before.
+    // A packing may take minutes, so mistakes in the other models are reported first.
     for packed in [false, true] {
         for (m, (name, table)) in scene.model.iter().enumerate() {
             if (table.kind == ModelKind::Dem) != packed {
                 continue;
             }
-            // Supports of a body are on its zones as well.
-            let mine =
+            // Supports of a body also act on its zones.
+            let holds =
                 |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
-            let all = scene.support.iter().enumerate();
-            let supports: Vec<_> = all.filter(|(_, s)| mine(s)).collect();
+            let numbered = scene.support.iter().enumerate();
+            let supports: Vec<_> = numbered.filter(|(_, s)| holds(s)).collect();
             out[m] = Some(kinds::body(name, table, folder, (&effects[m], &supports), clock)?);
         }
         if !packed {
@@ -307,17 +309,17 @@ fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Re
     Ok(out.into_iter().flatten().collect())
 }
 
-/// Displacements and velocities of a model at the start, and what it remembers.
+/// Initial displacements and velocities of a model, and its history.
 type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
 
 fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
-    let of = |(m, body): (usize, &Body)| {
+    let state = |(m, body): (usize, &Body)| {
         Ok(match start {
             Some(s) => (s.states[m].clone(), s.memories.get(m).cloned().flatten()),
             None => (drive::initial(scene, m, body)?, None),
         })
     };
-    bodies.iter().enumerate().map(of).collect()
+    bodies.iter().enumerate().map(state).collect()
 }
 
 fn subdomains_of(
@@ -332,27 +334,32 @@ fn subdomains_of(
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
-    let of = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
-        let own = time::own_step(scene, m);
-        let made = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own);
+    let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
+        let own_step = time::own_step(scene, m);
+        let built = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
         Ok(match memory {
-            Some(of) => made.with_memory(of),
-            None => made,
+            Some(record) => built.with_memory(record),
+            None => built,
         })
     };
-    bodies.into_iter().zip(states).enumerate().map(of).collect()
+    bodies
+        .into_iter()
+        .zip(states)
+        .enumerate()
+        .map(subdomain_from)
+        .collect()
 }
 
 fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<BuiltInterface>> {
-    let of = |(name, table): (&String, &Interface)| {
+    let build = |(name, table): (&String, &Interface)| {
         let [c, f] = sides_of(name, table, scene)?;
         interface::interface(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
     };
-    scene.interface.iter().map(of).collect()
+    scene.interface.iter().map(build).collect()
 }
 
-/// Whether parts of a model may turn or go their own way: spheres with finite rotations, contact or bonds
-/// that break.
+/// Returns whether parts of a model may rotate or move away: particles with finite rotations, contact or
+/// bonds that break.
 fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     let loose = scene
         .effect
@@ -362,7 +369,7 @@ fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }
 
-/// Effects of a scene on each of its models, with their numbers.
+/// Effects on each model, with their numbers in the scene.
 fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
     let mut out = vec![Vec::new(); scene.model.len()];
     for (k, e) in scene.effect.iter().enumerate() {
@@ -408,7 +415,7 @@ fn check_numbers(scene: &SceneSpec) -> Result<()> {
     }
 }
 
-/// Names become file names and columns.
+/// Refuses names that cannot be part of file names and column titles.
 fn check_names(scene: &SceneSpec) -> Result<()> {
     let tables = [
         ("model", scene.model.keys().collect::<Vec<_>>()),
@@ -429,12 +436,12 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Indices of the coarse and the fine model of an interface.
+/// Numbers of the coarse and the fine model of an interface.
 fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
     let path = format!("interface.{name}");
     let mut out = [0; 2];
-    let wanted = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
-    for (slot, (model, role)) in out.iter_mut().zip(wanted) {
+    let sides = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
+    for (slot, (model, role)) in out.iter_mut().zip(sides) {
         *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
     }
     if out[0] == out[1] {
@@ -444,7 +451,7 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
         );
         return Err(key(format!("{path}.fine"), rule));
     }
-    for (model, role) in wanted {
+    for (model, role) in sides {
         let table = &scene.model[model];
         let between = table.role.is_none() && is_between(model, scene);
         if between && role == RoleKind::Coarse && table.kind == ModelKind::Chain {
@@ -466,10 +473,10 @@ fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 
     Ok(out)
 }
 
-/// Whether a model is coarse in one interface and fine in another.
+/// Returns whether a model is coarse in one interface and fine in another.
 fn is_between(model: &str, scene: &SceneSpec) -> bool {
-    let mut all = scene.interface.values();
-    all.clone().any(|i| i.coarse == model) && all.any(|i| i.fine == model)
+    let mut interfaces = scene.interface.values();
+    interfaces.clone().any(|i| i.coarse == model) && interfaces.any(|i| i.fine == model)
 }
 
 fn subdomain(
@@ -479,7 +486,7 @@ fn subdomain(
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
-    let weights = weights::of(m, joints)?;
+    let weights = weights::model_weights(m, joints)?;
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
     };
@@ -489,13 +496,13 @@ fn subdomain(
         .map_or(Partition::Checked, |j| j.partition);
     let subdomain = match body.solver {
         Some(solver) => {
-            let made = Subdomain::participant(solver, body.field, weights);
-            made.map_err(|e| located(scene, e))?
+            let participant = Subdomain::participant(solver, body.field, weights);
+            participant.map_err(|e| located(scene, e))?
         }
         None => Subdomain::new(body.model, body.field, weights),
     };
     let subdomain = subdomain.with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
-    let made = subdomain.with_initial(q, v);
-    made.map_err(|e| located(scene, e))
+    let started = subdomain.with_initial(q, v);
+    started.map_err(|e| located(scene, e))
 }

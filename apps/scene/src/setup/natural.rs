@@ -1,4 +1,4 @@
-//! `kind = "cnem"`: the nodes of a mesh carry natural-neighbour functions instead of elements.
+//! `kind = "cnem"`: natural elements on the nodes of a mesh.
 
 use super::clock::SetupClock;
 use super::kinds::{Body, solid_poisson};
@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The mesh whose nodes a table asks for.
+/// Request for the mesh whose nodes a table uses.
 pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<Request<'a>> {
     if let Shape::Bar { .. } = table.shape {
         let rule =
@@ -41,7 +41,8 @@ pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path)
     })
 }
 
-/// Builds a natural-element body on the nodes of the mesh that the same table would give finite elements.
+/// Builds a body of natural elements on the nodes of the mesh that finite elements would have for the same
+/// table.
 pub(super) fn body(
     name: &str,
     key: &str,
@@ -54,7 +55,7 @@ pub(super) fn body(
     let mesh = slit::cut(key, table, mesh)?;
     let material = super::kinds::elastic(key, &table.material)?;
     clock.begin(format!("tetrahedra of '{name}'"));
-    let joined = Joined::of(&mesh).map_err(fem(key))?;
+    let joined = Joined::from_mesh(&mesh).map_err(fem(key))?;
     let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
     clock.begin(format!("cells and natural neighbours of '{name}'"));
     let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
@@ -109,27 +110,27 @@ fn options(table: &CnemTable) -> Options {
     }
 }
 
-/// A mesh without its slits: lips have the same nodes, and the faces between them are those of cracks.
+/// A mesh whose slits are closed: both lips share their nodes, and the faces between them become cracks.
 struct Joined<'a> {
     mesh: &'a Mesh<f64>,
-    /// Nodes, each place once.
+    /// Nodes without duplicates \[m\].
     nodes: Vec<Point3<f64>>,
-    /// Number of the place of every node of the mesh.
+    /// For each node of the mesh, its index in `nodes`.
     place: Vec<usize>,
 }
 
 impl<'a> Joined<'a> {
-    fn of(mesh: &'a Mesh<f64>) -> arlequin::fem_ref::Result<Self> {
+    fn from_mesh(mesh: &'a Mesh<f64>) -> arlequin::fem_ref::Result<Self> {
         let first = mesh.places()?;
         let (mut nodes, mut place) = (Vec::new(), vec![0; first.len()]);
         for (k, x) in mesh.nodes().iter().enumerate() {
-            // The first node of a place comes before the others.
+            // The first node at a place precedes its duplicates.
             place[k] = match first[k] as usize {
-                own if own == k => {
+                first_node if first_node == k => {
                     nodes.push(*x);
                     nodes.len() - 1
                 }
-                other => place[other],
+                first_node => place[first_node],
             };
         }
         Ok(Self { mesh, nodes, place })
@@ -139,7 +140,7 @@ impl<'a> Joined<'a> {
         [0, 1, 2, 3].map(|k: usize| self.place[self.mesh.element(e)[k] as usize])
     }
 
-    /// The boundary, and as cracks the facets of the mesh's surface that have another one at their place.
+    /// Boundary of the mesh; facets of which two lie at the same place become cracks.
     fn surface(&self) -> Surface {
         let corners: Vec<[usize; 4]> = (0..self.mesh.element_count()).map(|e| self.corners(e)).collect();
         let surface = Surface::of_elements(&corners);
@@ -158,22 +159,22 @@ impl<'a> Joined<'a> {
         surface.with_cracks(lips.map(|f| f[0]).collect())
     }
 
-    /// Number in the domain of every node of the mesh. Of the copies of a node on a crack it is the one on
-    /// the side of an element of the node.
+    /// For each node of the mesh, its number in the domain. A node on a crack has copies in the domain; the
+    /// copy on the side of the node's elements is taken.
     fn numbers(&self, domain: &Domain) -> Vec<usize> {
         let mut out = self.place.clone();
         let copied: BTreeSet<usize> = domain.copies().map(|c| c.original).collect();
         if copied.is_empty() {
             return out;
         }
-        let mut around: BTreeMap<usize, Vec<[usize; 4]>> = BTreeMap::new();
+        let mut tets_around: BTreeMap<usize, Vec<[usize; 4]>> = BTreeMap::new();
         for tet in domain.elements() {
             for v in tet
                 .map(|v| domain.original(v))
                 .into_iter()
                 .filter(|v| copied.contains(v))
             {
-                around.entry(v).or_default().push(tet);
+                tets_around.entry(v).or_default().push(tet);
             }
         }
         for e in 0..self.mesh.element_count() {
@@ -181,19 +182,23 @@ impl<'a> Joined<'a> {
             let centre = points.iter().fold(Vector3::zeros(), |s, p| s + p.coords) / 4.0;
             for (k, p) in self.mesh.element(e).iter().zip(points) {
                 let place = self.place[*k as usize];
-                let Some(tets) = around.get(&place) else { continue };
+                let Some(tets) = tets_around.get(&place) else {
+                    continue;
+                };
+                // A point just inside the element, next to the node: the tetrahedron that contains it is on
+                // the same side of the crack.
                 let inside = p + (Point3::from(centre) - p) * 0.1;
                 let depth = |tet: &&[usize; 4]| depth(tet.map(|v| &domain.nodes()[v]), &inside);
                 let deepest = tets.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
-                let own = deepest.and_then(|t| t.iter().find(|v| domain.original(**v) == place));
-                out[*k as usize] = own.copied().unwrap_or(place);
+                let copy = deepest.and_then(|t| t.iter().find(|v| domain.original(**v) == place));
+                out[*k as usize] = copy.copied().unwrap_or(place);
             }
         }
         out
     }
 }
 
-/// Smallest barycentric coordinate of a point in a tetrahedron.
+/// Smallest barycentric coordinate of a point in a tetrahedron; negative outside.
 fn depth([a, b, c, d]: [&Point3<f64>; 4], x: &Point3<f64>) -> f64 {
     let six = |a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>| {
         (b - a).cross(&(c - a)).dot(&(d - a))
@@ -202,12 +207,12 @@ fn depth([a, b, c, d]: [&Point3<f64>; 4], x: &Point3<f64>) -> f64 {
     parts.iter().fold(f64::INFINITY, |m, p| m.min(*p)) / six(a, b, c, d)
 }
 
-/// Corners of every boundary triangle, and whether it is that of a crack.
+/// Corners of each boundary triangle, and whether the triangle belongs to a crack.
 fn faces(model: &CnemModel) -> Vec<([usize; 3], bool)> {
     model.domain().constrained_faces().map(|f| (f.0, f.1)).collect()
 }
 
-/// Named sets of nodes: those of the mesh, and the points inserted on faces within a set.
+/// Named sets of nodes: those of the mesh, and nodes that were inserted on faces of the set.
 fn groups(
     mesh: &Mesh<f64>,
     model: &CnemModel,
@@ -215,27 +220,28 @@ fn groups(
     numbers: &[usize],
 ) -> BTreeMap<String, Vec<usize>> {
     let faces = faces(model);
-    let given = joined.nodes.len();
+    let given_nodes = joined.nodes.len();
+    // Order of the nodes in the domain: given ones, those inserted on faces, copies at cracks.
     let first_copy = model.domain().nodes().len() - model.domain().copies().count();
     let named = mesh.groups().iter().map(|(name, group)| {
         let mut nodes: BTreeSet<usize> = group.nodes.iter().map(|&k| numbers[k as usize]).collect();
-        let own: Vec<usize> = (given..first_copy)
+        let inserted: Vec<usize> = (given_nodes..first_copy)
             .filter(|n| {
-                let around = faces.iter().map(|f| f.0).filter(|f| f.contains(n));
-                around.clone().flatten().any(|k| nodes.contains(&k))
-                    && around
+                let faces_around = faces.iter().map(|f| f.0).filter(|f| f.contains(n));
+                faces_around.clone().flatten().any(|k| nodes.contains(&k))
+                    && faces_around
                         .clone()
-                        .any(|f| f.iter().all(|k| *k >= given || nodes.contains(k)))
+                        .any(|f| f.iter().all(|k| *k >= given_nodes || nodes.contains(k)))
             })
             .collect();
-        nodes.extend(own);
+        nodes.extend(inserted);
         (name.clone(), nodes.into_iter().collect())
     });
     named.collect()
 }
 
-/// Named surfaces: the boundary facets on triangles whose corners all belong to the group; of the two lips
-/// of a crack those that look where the group's facets do.
+/// Named surfaces: boundary facets whose triangles have all corners in the group. Of the two lips of a crack,
+/// only the one with the same outward direction as the facets of the group belongs to the surface.
 fn surfaces(
     mesh: &Mesh<f64>,
     model: &CnemModel,

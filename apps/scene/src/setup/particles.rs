@@ -1,4 +1,4 @@
-//! `kind = "dem"`: a random packing of spheres joined by cohesive beams fills the shape.
+//! `kind = "dem"`: a random packing of spheres, joined by cohesive beams, that fills the shape.
 
 use super::clock::SetupClock;
 use super::filling::{Filling, Recipe, beam, dem, unlike_its_material, unlike_the_body};
@@ -21,22 +21,22 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// The particle field of a scene: natural neighbours between the centres, for probes and for integration
-/// points of another model, and the particles themselves as integration points of interfaces, where
-/// gradients exist as well.
+/// Displacement field of particles. Interfaces integrate over the particles themselves, which have gradients
+/// too; between the centres, for probes and for integration points of another model, natural neighbours
+/// interpolate.
 struct ParticlePoints {
-    /// Made when a point between the particles is asked for first: its tetrahedra take more memory than the
-    /// model, and most runs never ask.
+    /// Built at the first request for a point between the particles: its tetrahedra take more memory than the
+    /// model, and most runs never need it.
     natural: OnceLock<Result<NaturalField, String>>,
     particles: Arc<ParticleField<f64>>,
 }
 
 impl ParticlePoints {
     fn natural(&self) -> arlequin::core::Result<&NaturalField> {
-        let made = self.natural.get_or_init(|| {
+        let field = self.natural.get_or_init(|| {
             NaturalField::from_points(self.particles.nodes(), Interpolant::Laplace).map_err(|e| e.to_string())
         });
-        made.as_ref().map_err(|rule| Core::InvalidParameter {
+        field.as_ref().map_err(|rule| Core::InvalidParameter {
             name: "field between the particles".into(),
             value: format!("{} centres", self.particles.nodes().len()),
             rule: rule.clone(),
@@ -54,8 +54,8 @@ impl Interpolation<f64> for ParticlePoints {
         gradient: bool,
         row: &mut ShapeRow<f64>,
     ) -> arlequin::core::Result<()> {
-        // Between the particles, where those of another model are, the natural neighbours have gradients as
-        // well.
+        // Integration points of another model lie between the particles, where natural neighbours have
+        // gradients too.
         match self.particles.shape_at(x, gradient, row) {
             Err(Core::OutsideDomain { .. }) => self.natural()?.shape_at(x, gradient, row),
             found => found,
@@ -69,7 +69,7 @@ impl Interpolation<f64> for ParticlePoints {
     }
 }
 
-/// Refuses what can be seen to be wrong before anything is packed.
+/// Checks what can be checked before anything is packed.
 pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     unread(key, table)?;
     let filling = Filling::of(key, table, folder)?;
@@ -78,12 +78,12 @@ pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> 
     beam(key, table).map(|_| ())
 }
 
-/// Refuses keys that no packing reads.
+/// Refuses keys that a packing does not use.
 fn unread(key: &str, table: &ModelTable) -> Result<()> {
     let filed = matches!(table.shape, Shape::File(_));
     let of_vtu = table.dem.file.as_ref();
     let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
-    let all = [
+    let keys = [
         (
             "divisions",
             table.divisions.is_some(),
@@ -105,13 +105,13 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
             "names an array of a .vtu file in dem.file; remove it",
         ),
     ];
-    match all.iter().find(|k| k.1) {
+    match keys.iter().find(|k| k.1) {
         None => Ok(()),
         Some((name, _, rule)) => Err(crate::error::key(format!("{key}.{name}"), *rule)),
     }
 }
 
-/// Spheres that do not fit into their body are blamed on what says how large they are.
+/// Places an error about spheres too large for their body at the key that determines their size.
 fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
     match &e {
         Error::Dem {
@@ -125,7 +125,7 @@ fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
     }
 }
 
-/// Builds a bonded packing that fills the shape.
+/// Builds a packing of bonded spheres that fills the shape.
 pub(super) fn body(
     name: &str,
     key: &str,
@@ -136,8 +136,8 @@ pub(super) fn body(
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
     let filling = Filling::of(key, table, folder)?;
-    let made = Recipe::of(key, table, folder, &filling)?.packing(key);
-    let mut packing = made.map_err(|e| too_large(key, table, e))?;
+    let built = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let mut packing = built.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
     let make = |packing: &Packing, beam| {
@@ -149,27 +149,30 @@ pub(super) fn body(
     if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
         && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
     {
+        // Beams that the scene gives are measured but not changed.
         let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
         let group = |model: &DemModel, name: &str| {
-            let mut all = groups(model, &table.shape, &filling);
-            all.remove(name)
+            let mut named = groups(model, &table.shape, &filling);
+            named.remove(name)
         };
         likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
-        beam.young *= likeness.map_or(1.0, |like| like.beams);
+        beam.young *= likeness.map_or(1.0, |l| l.beams);
     }
+    // The body's elements have no notch, so the packing is measured before it gets one.
     grains::cut(key, &table.dem.notch, &mut packing)?;
     let line = PackingLine::of(&packing, table.material.density, likeness);
     let mut warnings = line.warnings();
     warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
     warnings.extend(unlike_its_material(table, &beam));
     let model = make(&packing, beam)?;
+    // Lowers the peak of memory: effects and fields are built below.
     drop(packing);
     let model = if table.dem.finite_rotations {
         model.with_finite_rotations()
     } else {
         model
     };
-    let (model, grains) = Grains::of(model, table, effects, line)?;
+    let (model, grains) = Grains::build(model, table, effects, line)?;
     let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
         ParticleFieldKind::Natural => {
             let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
@@ -208,27 +211,28 @@ pub(super) fn body(
     })
 }
 
-/// The model with the materials of the volumes that its particles lie in, where the table tells them apart.
+/// Gives each particle the material of the volume it lies in, if the table has materials for volumes.
 fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
     let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
         return Ok(model);
     };
-    let materials = materials::of(key, table, mesh)?;
+    let materials = materials::element_materials(key, table, mesh)?;
     let field = FemField::new(mesh.clone());
-    let own = table.material;
-    let at = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
-        // A centre that packing has pushed through a facet.
+    let main = table.material;
+    let grades = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
+        // The centre lies outside the mesh: packing has pushed it through a facet.
         None => [1.0; 2],
-        Some(m) => [m.young() / own.young, m.density() / own.density],
+        Some(m) => [m.young() / main.young, m.density() / main.density],
     };
-    model.with_grades(at).map_err(dem(format!("{key}.materials")))
+    model.with_grades(grades).map_err(dem(format!("{key}.materials")))
 }
 
-/// The layers of particles that touch the plane faces, or the named ones of a mesh file.
+/// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
+/// file.
 fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
-    let mut layer = |name: &str, at: Point3<f64>, normal: Vector3<f64>| {
-        out.insert(name.to_owned(), model.clamp_layer(&at, &normal));
+    let mut layer = |name: &str, point: Point3<f64>, normal: Vector3<f64>| {
+        out.insert(name.to_owned(), model.clamp_layer(&point, &normal));
     };
     match *shape {
         Shape::Box { low, high, .. } => {

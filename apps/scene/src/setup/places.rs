@@ -1,4 +1,4 @@
-//! Places that a scene names, looked up before anything is packed: a packing may take minutes.
+//! Checks of places that a scene names, before anything is packed: a packing may take minutes.
 
 use super::filling::Filling;
 use super::kinds::Body;
@@ -10,28 +10,28 @@ use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
 use std::path::Path;
 
-/// Share of the mean radius of spheres by which no centre is nearer to a wall.
+/// Smallest distance of a centre from a wall, as a share of the mean radius.
 const DEPTH: f64 = 0.5;
 
-/// Refuses probes, supports and loads that find nothing in the models that are built; those that are to be
-/// packed are missing.
+/// Refuses probes, supports and loads that select nothing in the models built so far; models of particles are
+/// not built yet.
 ///
 /// # Errors
-/// The key, and where its model is.
+/// The key, and the extent of its model.
 pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &Path) -> Result<()> {
     let built = |path: &str, name: &str| {
         let m = drive::model_index(&format!("{path}.model"), name, scene)?;
         Ok(bodies[m].as_ref().map(|body| (m, body)))
     };
     for (name, p) in &scene.probe {
-        let (path, Some(called), Some(at)) = (format!("probe.{name}"), &p.model, &p.at) else {
+        let (path, Some(model_name), Some(point)) = (format!("probe.{name}"), &p.model, &p.at) else {
             continue;
         };
-        let Some((_, body)) = built(&path, called)? else {
+        let Some((_, body)) = built(&path, model_name)? else {
             continue;
         };
-        if let Err(e) = probe::placed(&path, called, at, body) {
-            return Err(in_zone(&path, called, at, body, folder)?.unwrap_or(e));
+        if let Err(e) = probe::placed(&path, model_name, point, body) {
+            return Err(in_zone(&path, model_name, point, body, folder)?.unwrap_or(e));
         }
     }
     for (k, s) in scene.support.iter().enumerate() {
@@ -56,30 +56,31 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
     Ok(())
 }
 
-/// Says of a point outside the model of a body in which of its zones it lies, if it does.
+/// Error for a point that lies not in a body's own model but in one of its zones; `None` otherwise.
 fn in_zone(
     path: &str,
-    called: &str,
-    at: &[f64; 3],
+    model_name: &str,
+    point: &[f64; 3],
     body: &Body,
     folder: &Path,
 ) -> Result<Option<crate::Error>> {
     let Shape::Piece(piece) = &body.shape else {
         return Ok(None);
     };
-    let zone = piece.zone_at(&Point3::from(*at), folder)?;
-    Ok(zone.filter(|zone| *zone != called).map(|zone| {
+    let zone = piece.zone_at(&Point3::from(*point), folder)?;
+    Ok(zone.filter(|zone| *zone != model_name).map(|zone| {
         let rule = format!(
-            "is the body outside its zones, and {at:?} m lies in zone '{zone}'; give model = \"{zone}\", or move the probe out of it"
+            "is the body outside its zones, and {point:?} m lies in zone '{zone}'; give model = \"{zone}\", or move the probe out of it"
         );
-        value(format!("{path}.model"), called, &rule)
+        value(format!("{path}.model"), model_name, &rule)
     }))
 }
 
-/// Refuses groups and points that the shapes of particles do not have, from the scene and its files alone.
+/// Refuses groups and points that the shapes of particles do not have, judged by the scene and its files
+/// alone.
 ///
 /// # Errors
-/// The key, and what there is.
+/// The key, and the known groups or the reason.
 pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
         if table.kind != ModelKind::Dem {
@@ -93,16 +94,16 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
             let place = p.at.as_ref();
             Some((format!("probe.{n}"), p.model.as_ref()?, p.over.as_ref(), place))
         });
-        let all = supports.chain(loads).chain(probes);
-        let mine: Vec<_> = all.filter(|(_, model, ..)| *model == name).collect();
-        if mine.is_empty() {
+        let selections = supports.chain(loads).chain(probes);
+        let on_model: Vec<_> = selections.filter(|(_, model, ..)| *model == name).collect();
+        if on_model.is_empty() {
             continue;
         }
         let filling = match table.shape {
             Shape::Piece(_) => None,
             _ => Some(Filling::of(&format!("model.{name}"), table, folder)?),
         };
-        for (path, _, over, at) in mine {
+        for (path, _, over, point) in on_model {
             if let (Some(Selection::Group(group)), Some(filling), Shape::File(_)) =
                 (over, &filling, &table.shape)
                 && !filling.faces.contains_key(group)
@@ -110,37 +111,37 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
                 let path = format!("{path}.where");
                 return Err(unknown(path, group, "group of the model", filling.faces.keys()));
             }
-            if let Some(at) = at {
-                within(&path, name, at, (table, filling.as_ref()), folder)?;
+            if let Some(point) = point {
+                check_point(&path, name, point, (table, filling.as_ref()), folder)?;
             }
         }
     }
     Ok(())
 }
 
-/// Refuses a point at which spheres that are to fill a shape can have no field.
-fn within(
+/// Refuses a point at which the particles that will fill a shape cannot have a displacement.
+fn check_point(
     path: &str,
     name: &str,
-    at: &[f64; 3],
+    point: &[f64; 3],
     (table, filling): (&ModelTable, Option<&Filling>),
     folder: &Path,
 ) -> Result<()> {
     let path = format!("{path}.at");
     let outside = || {
         let rule = format!("lies outside model '{name}'; move the probe into it, or name another model");
-        Err(value(&path, format_args!("{at:?} m"), &rule))
+        Err(value(&path, format_args!("{point:?} m"), &rule))
     };
     let Some(filling) = filling else {
         let Shape::Piece(piece) = &table.shape else {
             return Ok(());
         };
-        return match piece.holds(&Point3::from(*at), folder)? {
+        return match piece.holds(&Point3::from(*point), folder)? {
             true => Ok(()),
             false => outside(),
         };
     };
-    let x = Vector3::from(*at) - filling.shift;
+    let x = Vector3::from(*point) - filling.shift;
     let radius = radius_of(table, &filling.container);
     match &filling.container {
         shape @ (Container::Box { .. } | Container::Cylinder { .. }) => match shape.gap(&x, radius) {
@@ -150,7 +151,7 @@ fn within(
                     "is {depth:.3e} m below the surface of model '{name}', whose field ends at the centres of its spheres, {radius:.3e} m \
                      below the surface; move the probe in by a diameter"
                 );
-                Err(value(&path, format_args!("{at:?} m"), &rule))
+                Err(value(&path, format_args!("{point:?} m"), &rule))
             }
             _ => Ok(()),
         },
@@ -159,7 +160,7 @@ fn within(
     }
 }
 
-/// Mean radius of the spheres that a table asks for \[m\]; zero where a file brings them.
+/// Mean radius of the spheres that a table requests \[m\]; zero if it reads spheres from a file.
 fn radius_of(table: &ModelTable, container: &Container) -> f64 {
     let diameter = match (table.spacing, table.dem.count) {
         (Some(h), _) => h,

@@ -1,5 +1,4 @@
-//! Warnings of what is possible and yet hardly meant. Each names the number that is odd; nothing here
-//! refuses.
+//! Warnings about possible but improbable values. Each names the value; no value is refused.
 
 use super::{Built, ModelInfo, effect_models};
 use crate::spec::{
@@ -11,38 +10,38 @@ use arlequin::core::ranks::Portion;
 use arlequin::core::{Coupled, Elastic, OwnStep, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
 
-/// Steps above which a run is hardly meant: months at a microsecond each.
+/// Number of steps above which a run is probably a mistake.
 const MANY_STEPS: f64 = 1e9;
 
 /// Young's moduli of solids \[Pa\]: from the softest gels to beyond diamond.
 const YOUNG: [f64; 2] = [1e3, 2e12];
 /// Densities of solids \[kg/m³\]: from the lightest foams to beyond osmium.
 const DENSITY: [f64; 2] = [5.0, 3e4];
-/// Strain at which a bond of a solid breaks, strength over the modulus of the beams.
+/// Plausible strains at which a bond breaks: strength over the modulus of the beams \[–\].
 const BREAKING: [f64; 2] = [1e-7, 1.0];
-/// Energy per area at which a bond breaks \[J/m²\].
+/// Plausible energies per area at which a bond breaks \[J/m²\].
 const ENERGY: [f64; 2] = [1e-3, 1e8];
-/// Strain that a load may give a body of linear elasticity.
+/// Largest plausible strain that a load gives a linearly elastic body \[–\].
 const STRAIN: f64 = 0.1;
-/// Ratio of two Young's moduli that share an overlap.
+/// Largest plausible ratio of two Young's moduli in one overlap.
 const STIFFNESS: f64 = 1000.0;
-/// Elements of the coarse model across an overlap, below which long waves see its borders.
+/// Number of coarse elements across an overlap below which long waves are reflected at its borders.
 const ACROSS: f64 = 3.0;
-/// Extent of a body \[m\] and share of it that a wave crosses in the whole run: lengths in millimetres look
-/// so.
+/// Extent of a body \[m\] above which, and share of it crossed by a wave in the whole run below which,
+/// lengths are probably in millimetres.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
-/// Share of a run by which whole steps may make it longer.
+/// Largest plausible overrun of the end, as a share of the run: a run makes whole steps.
 const OVERRUN: f64 = 0.25;
-/// Cells of one model that are looked for in another.
+/// Largest number of cells of one model that are searched for in another.
 const LOOKS: usize = 2000;
 
-/// What is odd about a scene that has been built.
+/// Returns all warnings about a scene that has been built.
 pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
-    // Unit material: lengths, times and loads are in units of the scene's own, and only their ratios can be
-    // odd.
-    let one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
-    let unit = |m: &ModelTable| one(m.material.young) && one(m.material.density);
+    // A unit material means that the scene has its own units of length, time and load; only ratios can then
+    // be odd.
+    let is_one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
+    let unit = |m: &ModelTable| is_one(m.material.young) && is_one(m.material.density);
     if !scene.model.values().any(unit) {
         scene
             .model
@@ -68,8 +67,8 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
     out
 }
 
-/// "far below" or "far above" a range, if the value is.
-fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
+/// Returns "far below" or "far above" if the value lies outside of a range.
+fn far_outside(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
     match x {
         x if x < low => Some("far below"),
         x if x > high => Some("far above"),
@@ -78,15 +77,15 @@ fn beyond(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
 }
 
 fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
-    let all = [
+    let values = [
         ("material.young", Some(table.material.young), "Pa", YOUNG),
         ("material.density", Some(table.material.density), "kg/m³", DENSITY),
-        // Beams are stiffer than the body they make.
+        // Beams are stiffer than the body that they form.
         ("dem.young", table.dem.young, "Pa", [YOUNG[0], 10.0 * YOUNG[1]]),
     ];
-    for (key, x, unit, range) in all {
+    for (key, x, unit, range) in values {
         let Some(x) = x else { continue };
-        if let Some(far) = beyond(x, range) {
+        if let Some(far) = far_outside(x, range) {
             out.push(format!(
                 "model '{name}': {key} = {x:e} {unit} is {far} that of any solid ({:e} to {:e} {unit}); check the unit",
                 range[0], range[1]
@@ -97,7 +96,7 @@ fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
 
 fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
     let beams = scene.model.values().filter(|m| m.kind == ModelKind::Dem);
-    // Whatever the effect acts on, the softest beams are the ones to break.
+    // Independent of the models the effect acts on, the softest beams give the largest strain.
     let young = beams
         .map(|m| m.dem.young.unwrap_or(m.material.young))
         .fold(f64::INFINITY, f64::min);
@@ -109,7 +108,7 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
             CriterionKind::Energy => (f.strength, ENERGY, "J/m²"),
             _ => (f.strength / young, BREAKING, "of Young's modulus"),
         };
-        if let Some(far) = beyond(x, range) {
+        if let Some(far) = far_outside(x, range) {
             out.push(format!(
                 "effect[{k}].fracture: strength = {:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
                  unit",
@@ -120,16 +119,16 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
 }
 
 fn millimetres(built: &Built) -> Option<String> {
-    // No wave runs in a scene at rest.
+    // No wave runs in a `[static]` scene.
     if built.load_steps.is_some() {
         return None;
     }
     let end = built.steps as f64 * built.run.dt();
-    let all = built.run.subdomains().iter().zip(&built.bounds.0);
+    let bounded = built.run.subdomains().iter().zip(&built.bounds.0);
     let odd = |(_, b): &(&Subdomain<f64>, &Bound)| {
         b.extent >= MILLIMETRES[0] && b.wave * end < MILLIMETRES[1] * b.extent
     };
-    all.into_iter().find(odd).map(|(s, b)| {
+    bounded.into_iter().find(odd).map(|(s, b)| {
         format!(
             "model '{}': is {:.3e} m long, and a wave crosses {:.1e} of it in the whole run; lengths are metres: check that \
              they are not given in millimetres, or run longer",
@@ -140,7 +139,7 @@ fn millimetres(built: &Built) -> Option<String> {
     })
 }
 
-/// Stresses that loads and body forces give, by the size of the body they act on.
+/// Warns about large stresses from loads and body forces, estimated from the size of the body.
 fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
@@ -170,6 +169,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             (Some(f), ..) => (format!("force of {:.3e} N", factor * size(f)), size(f) / area),
             (_, Some(t), ..) => (
                 format!("torque of {:.3e} N m", factor * size(t)),
+                // The order of magnitude: a section modulus has the size of area^(3/2).
                 size(t) / area.powf(1.5),
             ),
             (_, _, Some(t), _) => (format!("traction of {:.3e} Pa", factor * size(t)), size(t)),
@@ -196,7 +196,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     prescribed(scene, built, &names, out);
 }
 
-/// Prescribed motions beyond the body or faster than its waves.
+/// Warns about prescribed motions larger than the body or faster than its waves.
 fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec<String>) {
     let supports = scene.support.iter().enumerate();
     for (k, s) in supports {
@@ -217,6 +217,7 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
         let speed = match (motion.speed, &motion.time) {
             (Some(speed), TimeShape::Step | TimeShape::Ramp { .. } | TimeShape::Pulse { .. }) => speed.abs(),
             (None, TimeShape::Ramp { duration }) => amplitude / duration,
+            // The largest slope of `sin²(π t/duration)`.
             (None, TimeShape::Pulse { duration }) => amplitude * std::f64::consts::PI / duration,
             _ => continue,
         };
@@ -232,9 +233,9 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
     }
 }
 
-/// Overlaps of unlike stiffness, or hardly wider than what lies in them.
+/// Warns about overlaps of models with very different stiffness, and about overlaps of few elements.
 fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
-    let at = |name: &String| {
+    let info = |name: &String| {
         scene
             .model
             .keys()
@@ -242,7 +243,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             .map(|m| &built.models[m])
     };
     for (name, i) in &scene.interface {
-        let (Some(coarse), Some(fine)) = (at(&i.coarse), at(&i.fine)) else {
+        let (Some(coarse), Some(fine)) = (info(&i.coarse), info(&i.fine)) else {
             continue;
         };
         let ratio = match (coarse.material, fine.material) {
@@ -257,15 +258,15 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             ));
         }
         let Some(width) = width(&i.overlap) else { continue };
-        // Meshes are finer in one place than in another.
+        // A mesh can be finer in one place than in another.
         let spacing = match &i.overlap {
             OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
             _ => coarse.spacing,
         };
-        let across = width / spacing;
-        if across < ACROSS * (1.0 - 1e-6) {
+        let elements_across = width / spacing;
+        if elements_across < ACROSS * (1.0 - 1e-6) {
             out.push(format!(
-                "interface '{name}': its overlap of {width:.3e} m is {across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
+                "interface '{name}': its overlap of {width:.3e} m is {elements_across:.1} elements of '{}' ({:.3e} m) across; take {ACROSS} \
                  or more, or waves are reflected",
                 i.coarse, spacing
             ));
@@ -273,7 +274,7 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     }
 }
 
-/// Distance of the two borders \[m\], where it is one number.
+/// Distance between the two borders of an overlap \[m\]; `None` if it has no single value.
 fn width(overlap: &OverlapShape) -> Option<f64> {
     match overlap {
         OverlapShape::Slab { fine, coarse } => Some((Vector3::from(*coarse) - Vector3::from(*fine)).norm()),
@@ -282,7 +283,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
             | (RegionShape::Cylinder { radius: a, .. }, RegionShape::Cylinder { radius: b, .. }) => {
                 Some((b - a).abs())
             }
-            // Sides on which the inner box is open count for none.
+            // Sides on which the inner box reaches the outer one do not count.
             (RegionShape::Box { low: a, high: b }, RegionShape::Box { low: c, high: d }) => (0..3)
                 .flat_map(|k| [a[k] - c[k], d[k] - b[k]])
                 .filter(|gap| *gap > 0.0)
@@ -293,7 +294,7 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
     }
 }
 
-/// Models that fill the same space and know nothing of each other.
+/// Warns about models that fill the same space without interface or contact.
 fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     let names: Vec<&String> = scene.model.keys().collect();
     let tied = |a: &String, b: &String| {
@@ -326,28 +327,32 @@ fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     }
 }
 
-/// Share of the cells of a model whose centre lies in another.
-fn inside(of: &ModelInfo, within: &ModelInfo) -> f64 {
-    let ([low, high], [from, to]) = (corners(&of.grid.points), corners(&within.grid.points));
+/// Share of the cells of a model whose centre lies in another model, estimated from a sample.
+fn inside(model: &ModelInfo, other_model: &ModelInfo) -> f64 {
+    let ([low, high], [from, to]) = (corners(&model.grid.points), corners(&other_model.grid.points));
     let apart = |c: usize| low[c] > to[c] || high[c] < from[c];
-    let cells = of.grid.cells();
+    let cells = model.grid.cells();
     if (0..3).any(apart) || cells == 0 {
         return 0.0;
     }
     let every = cells.div_ceil(LOOKS);
     let mut row = ShapeRow::default();
-    let cells = of.grid.connectivity.chunks_exact(of.grid.corners).step_by(every);
-    let (mut found, mut all) = (0, 0);
+    let cells = model
+        .grid
+        .connectivity
+        .chunks_exact(model.grid.corners)
+        .step_by(every);
+    let (mut hits, mut samples) = (0, 0);
     for cell in cells {
         let sum = cell
             .iter()
-            .fold(Vector3::zeros(), |s, &k| s + of.grid.points[k as usize].coords);
+            .fold(Vector3::zeros(), |s, &k| s + model.grid.points[k as usize].coords);
         let centre = Point3::from(sum / cell.len() as f64);
         let near = (0..3).all(|c| centre[c] >= from[c] && centre[c] <= to[c]);
-        all += 1;
-        found += usize::from(near && within.field.shape_at(&centre, false, &mut row).is_ok());
+        samples += 1;
+        hits += usize::from(near && other_model.field.shape_at(&centre, false, &mut row).is_ok());
     }
-    f64::from(found as u32) / f64::from(all)
+    f64::from(hits as u32) / f64::from(samples)
 }
 
 fn steps(built: &Built) -> Option<String> {
@@ -359,53 +364,54 @@ fn steps(built: &Built) -> Option<String> {
     })
 }
 
-/// Own steps that are not what was asked for, or that lose what the mesh resolves.
+/// Warns about own steps that differ from the requested ones, or that are too long for what the mesh
+/// resolves.
 fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
-    // At rest nothing steps.
+    // A `[static]` scene makes no time steps.
     if built.load_steps.is_some() {
         return;
     }
-    let all = built.run.subdomains().iter().zip(built.run.critical_steps());
-    for (s, critical) in all {
-        let (name, made) = (s.model().name(), s.own_steps());
+    let subdomains = built.run.subdomains().iter().zip(built.run.critical_steps());
+    for (s, critical) in subdomains {
+        let (name, own_steps) = (s.model().name(), s.own_steps());
         match s.step_choice() {
-            OwnStep::Ratio(asked) if asked != made => {
+            OwnStep::Ratio(asked) if asked != own_steps => {
                 let acts = |e: &&Effect| e.between.as_ref().is_some_and(|b| b.iter().any(|n| n == name));
-                let others = scene
+                let partners = scene
                     .effect
                     .iter()
                     .filter(acts)
                     .flat_map(|e| e.between.iter().flatten());
-                let others: BTreeSet<&str> = others.map(String::as_str).filter(|n| *n != name).collect();
+                let partners: BTreeSet<&str> = partners.map(String::as_str).filter(|n| *n != name).collect();
                 out.push(format!(
-                    "model '{name}': makes {made} own steps in a step of the run, not step.ratio = {asked}: an effect between it and \
-                     '{}' has them step together, and another of them needs as many; name {made}, or longer steps there",
-                    others.into_iter().collect::<Vec<_>>().join("', '")
+                    "model '{name}': makes {own_steps} own steps in a step of the run, not step.ratio = {asked}: an effect between it and \
+                     '{}' has them step together, and another of them needs as many; name {own_steps}, or longer steps there",
+                    partners.into_iter().collect::<Vec<_>>().join("', '")
                 ));
             }
             OwnStep::Implicit => {
-                let told = advice::implicit(s.own_dt(), *critical);
-                out.extend(told.map(|a| format!("model '{name}': {a}")));
+                let advices = advice::implicit(s.own_dt(), *critical);
+                out.extend(advices.map(|a| format!("model '{name}': {a}")));
             }
             _ => {}
         }
     }
 }
 
-/// A run of few whole steps that goes on well after the end that was asked for.
+/// Warns if a run of few whole steps continues well beyond the requested end.
 fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
     let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
-    let reached = begin + built.steps as f64 * dt;
+    let last = begin + built.steps as f64 * dt;
     let several = built.run.subdomains().iter().any(|s| s.own_steps() > 1);
-    (several && reached - end > OVERRUN * (end - begin)).then(|| {
+    (several && last - end > OVERRUN * (end - begin)).then(|| {
         format!(
-            "time.end = {end:.3e} s: the run goes on to {reached:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
+            "time.end = {end:.3e} s: the run goes on to {last:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
              models make their own; give models fewer own steps, or choose a shorter time.step.seconds"
         )
     })
 }
 
-/// What the motion of each model is held against, before the first step and while it runs.
+/// Bounds of a plausible motion of each model, checked before the first step and during the run.
 #[derive(Debug, Clone, Default)]
 pub struct Bounds(Vec<Bound>);
 
@@ -413,16 +419,16 @@ pub struct Bounds(Vec<Bound>);
 struct Bound {
     /// Speed of pressure waves \[m/s\].
     wave: f64,
-    /// Largest extent \[m\].
+    /// Largest extent of the bounding box \[m\].
     extent: f64,
-    /// Section across it \[m²\].
+    /// Area of the section across the longest extent \[m²\].
     section: f64,
-    /// Whether displacements are taken as small, so that a body cannot turn and no part of it can leave.
+    /// True if displacements are small, so that the body cannot turn and no part of it can leave.
     small: bool,
 }
 
 impl Bounds {
-    /// Adds a model: its nodes, what it is made of, whether its displacements are taken as small.
+    /// Adds a model.
     pub(super) fn add(
         &mut self,
         nodes: &[Point3<f64>],
@@ -433,7 +439,7 @@ impl Bounds {
         let [low, high] = corners(nodes);
         let size = high - low;
         self.0.push(Bound {
-            // Of what nobody knows, no speed is too high.
+            // Without a known material, any speed is plausible.
             wave: material.map_or(f64::INFINITY, Elastic::p_wave_speed),
             extent: size.max(),
             section: match shape {
@@ -444,16 +450,16 @@ impl Bounds {
         });
     }
 
-    /// Displacements beyond the body and speeds beyond the wave speed of the present state, one line per
-    /// model and kind.
+    /// Warns about displacements beyond the body and velocities beyond the wave speed in the present state,
+    /// one line per model and kind. Collective for partitioned models.
     pub fn watch(&self, run: &Coupled<f64>) -> Vec<String> {
         let mut out = Vec::new();
         for (s, b) in run.subdomains().iter().zip(&self.0) {
             let (name, layout) = (s.model().name(), s.model().layout());
             let moving = 0..layout.translations();
             let top = |m: f64, x: &f64| m.max(x.abs());
-            let own = s.state().v[moving.clone()].iter().fold(0.0, top);
-            let speed = s.portion().map_or(own, |p| p.largest(own));
+            let local_top = s.state().v[moving.clone()].iter().fold(0.0, top);
+            let speed = s.portion().map_or(local_top, |p| p.largest(local_top));
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
@@ -476,20 +482,21 @@ impl Bounds {
     }
 }
 
-/// Largest difference of one component of displacement between two nodes.
+/// Largest difference of one displacement component between two nodes \[m\]. Collective.
 fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
         let values = q.iter().skip(c).step_by(components).copied();
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });
-        let highest = |own: f64| portion.map_or(own, |p| p.highest(own));
+        let highest = |value: f64| portion.map_or(value, |p| p.highest(value));
+        // Both as maxima, for which ranks have an all-reduce.
         highest(high) + highest(-low)
     };
     (0..components).map(span).fold(0.0, f64::max)
 }
 
-/// Lowest and highest coordinates.
+/// Lowest and highest corner of the bounding box of nodes.
 pub(super) fn corners(nodes: &[Point3<f64>]) -> [Vector3<f64>; 2] {
     let ends = [f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat);
     nodes

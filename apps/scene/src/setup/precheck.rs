@@ -1,5 +1,4 @@
-//! Everything that can be known from the scene alone is refused here, before anything is meshed, packed or
-//! factored.
+//! Checks of the whole scene before anything is meshed, packed or factorised.
 
 use super::drive::{self, model_index};
 use super::kinds;
@@ -15,7 +14,7 @@ use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
-/// Groups of boxes, balls and cylinders.
+/// Group names of boxes, balls and cylinders.
 const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
 const BALL: [&str; 1] = ["surface"];
 const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
@@ -52,7 +51,7 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     places::check_fillings(scene, folder)
 }
 
-/// Refuses nodes or particles farther apart than the body is long: it would silently be one element.
+/// Refuses a spacing larger than the body: the body would silently become one element.
 fn spacing(path: &str, table: &ModelTable) -> Result<()> {
     let (Some(h), Some([low, high])) = (table.spacing, ends(&table.shape)) else {
         return Ok(());
@@ -65,7 +64,7 @@ fn spacing(path: &str, table: &ModelTable) -> Result<()> {
     Err(value(path, h, &rule))
 }
 
-/// Supports, loads and initial states.
+/// Checks supports, loads and initial states.
 fn acting(scene: &SceneSpec) -> Result<()> {
     for (k, s) in scene.support.iter().enumerate() {
         let path = format!("support[{k}]");
@@ -95,7 +94,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a name that would break the tables at whose head it stands.
+/// Refuses a name that would break the header of output tables.
 fn headline(path: &str, name: Option<&str>) -> Result<()> {
     match name {
         Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
@@ -106,16 +105,16 @@ fn headline(path: &str, name: Option<&str>) -> Result<()> {
     }
 }
 
-/// Probes and curves.
+/// Checks probes and curves.
 fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
-        if let Some(of) = &p.of {
-            exerted::check(&path, of, p, scene)?;
+        if let Some(exerted_name) = &p.of {
+            exerted::check(&path, exerted_name, p, scene)?;
             continue;
         }
-        let called = probe::model(&path, p)?;
-        let table = model(&path, called, scene)?;
+        let model_name = probe::model(&path, p)?;
+        let table = model(&path, model_name, scene)?;
         probe::check(&path, p)?;
         if let Some(c) = &p.crack {
             crack::check(&path, p, c, scene)?;
@@ -123,13 +122,13 @@ fn watched(scene: &SceneSpec) -> Result<()> {
         }
         if !p.quantity.is_recovered() {
             let axis = probe::axis(&path, p)?;
-            along(&format!("{path}.component"), axis, called, table, "\"x\"")?;
+            along(&format!("{path}.component"), axis, model_name, table, "\"x\"")?;
         }
         if let Some(s) = &p.over {
             selection(&format!("{path}.where"), s, table)?;
         }
         if let (Some(x), Some(ends)) = (&p.at, ends(&table.shape)) {
-            probe::inside(&path, called, &Point3::from(*x), ends)?;
+            probe::inside(&path, model_name, &Point3::from(*x), ends)?;
         }
     }
     for (name, c) in &scene.curve {
@@ -148,7 +147,7 @@ fn model<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<&'a ModelTa
     Ok(&scene.model[name])
 }
 
-/// Refuses a direction in which a line cannot move.
+/// Refuses a direction in which a line model cannot move.
 fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -> Result<()> {
     if matches!(table.shape, Shape::Bar { .. }) && axis != Axis::X {
         return Err(key(
@@ -159,13 +158,13 @@ fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -
     Ok(())
 }
 
-/// Refuses a group that a generated shape does not have, and a box turned inside out.
+/// Refuses a group that a generated shape does not have, and a box whose high corner is below its low corner.
 fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()> {
     let name = match selection {
         Selection::Box(low, high) => return select::check_box(path, low, high),
         Selection::Group(name) => name,
     };
-    let known: &[&str] = match (&table.shape, table.kind) {
+    let groups: &[&str] = match (&table.shape, table.kind) {
         (Shape::File(_) | Shape::Piece(_) | Shape::Linked, _) => return Ok(()),
         (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
         (Shape::Ball { .. }, _) => &BALL,
@@ -173,15 +172,15 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
         (Shape::Cylinder { .. }, _) => &CYLINDER,
     };
-    if known.contains(&name.as_str()) {
+    if groups.contains(&name.as_str()) {
         return Ok(());
     }
-    let mut known: Vec<String> = known.iter().map(|n| (*n).to_owned()).collect();
-    known.sort();
-    Err(unknown(path, name, "group of the model", known.iter()))
+    let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
+    groups.sort();
+    Err(unknown(path, name, "group of the model", groups.iter()))
 }
 
-/// Lowest and highest corner of a shape that the scene describes.
+/// Lowest and highest corner of a shape; `None` if a file, a zone or a link determines them.
 fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
     Some(match *shape {
         Shape::Box { low, high, .. } => [low, high],
@@ -195,7 +194,7 @@ fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
     })
 }
 
-/// Corners of the box around a shape.
+/// Corners of the bounding box of a shape.
 fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
     let ends = ends(shape)?;
     let corner = |k: usize| Point3::new(ends[k & 1][0], ends[(k >> 1) & 1][1], ends[(k >> 2) & 1][2]);
@@ -210,19 +209,21 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         interface::check_place(&path, &table.overlap, &*overlap, names, [&coarse, &fine])?;
         interface::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
     }
-    // What lies in the mediator's space is known once there is one.
+    // The mediator-compatible profile needs the mediator's stations, which are not known yet: the cubic one
+    // takes its place.
     let mut weight = table.weight.clone();
-    let known = |p: ProfileKind| match p {
+    let known_profile = |p: ProfileKind| match p {
         ProfileKind::MediatorCompatible => ProfileKind::Cubic,
         p => p,
     };
-    weight.profile = Some(known(weight.kind()));
-    for own in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
+    weight.profile = Some(known_profile(weight.kind()));
+    for profile_table in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
         .into_iter()
         .flatten()
     {
-        own.profile = known(own.profile);
+        profile_table.profile = known_profile(profile_table.profile);
     }
+    // Built for their errors only; the spacing of the mediator is not known yet, any positive one will do.
     interface::weights(&path, &weight, &overlap, &[], [false; 2])?;
     interface::junction(&path, table, 1.0)?;
     if let Some(a) = &table.absorber
@@ -231,20 +232,21 @@ fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &P
         let rule = "needs exactly one of rate [1/s], rate_factor [-]";
         return Err(key(format!("{path}.absorber"), rule));
     }
-    let at = format!("{path}.mediator");
-    // What a link brings is known once it is there.
+    let key_path = format!("{path}.mediator");
+    // The shape of a link is known only after it has connected.
     if table.mediator.shape.is_none() && models.iter().any(|m| m.kind == ModelKind::Link) {
         return Ok(());
     }
-    let shape = mediator::mediator_shape(&at, table, models.map(|m| &m.shape))?;
-    mediator::mediator(&at, table, &shape, 1.0, folder).check()
+    let shape = mediator::mediator_shape(&key_path, table, models.map(|m| &m.shape))?;
+    mediator::mediator(&key_path, table, &shape, 1.0, folder).check()
 }
 
-/// Numbers of an effect, whatever it acts on.
+/// Checks the numbers of an effect, independent of the models it acts on.
 fn effect(k: usize, e: &Effect) -> Result<()> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
         EffectKind::Fracture(f) => grains::fracture(&path, f).map(|_| ()),
+        // Any modulus: only the other numbers are checked.
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
         EffectKind::Obstacle(o) => {
             headline(&path, o.name.as_deref())?;

@@ -1,4 +1,4 @@
-//! Probes: a row of unknowns and factors, read each time.
+//! Probes: linear combinations of unknowns, forces, stresses and energy release rates.
 
 use super::drive::model_index;
 use super::exerted::{Exerted, Readings};
@@ -14,37 +14,38 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, EnergyRelease, ShapeRow, Subdomain};
 
-/// A probe, ready to be read.
+/// A probe that is ready to be read.
 #[derive(Debug, Clone)]
 pub struct ProbeReader {
-    /// Name.
+    /// Name of the probe.
     pub name: String,
-    /// What it reads.
+    /// Quantity that the probe reads.
     pub quantity: Quantity,
     source: Source,
 }
 
-/// Where a value comes from.
+/// Source of the value.
 #[derive(Debug, Clone)]
 enum Source {
-    /// Unknowns of a model.
+    /// Linear combination of the unknowns of a model.
     Motion(Row),
-    /// A component of what acts on the models.
+    /// Component of a force or moment on the models.
     Exerted(Exerted, usize),
     /// Stress or strain.
     Tensor(TensorRow),
-    /// Model, and what a crack in it releases.
+    /// Number of the model, and the energy release rate of a crack in it.
     Released(usize, EnergyRelease<f64>),
 }
 
-/// Unknowns and factors.
+/// Numbers of unknowns with their factors.
 #[derive(Debug, Clone)]
 struct Row {
     model: usize,
     row: Vec<(usize, f64)>,
-    /// For rotations of a model that may turn far: displacements along the arms, as the row has them across.
-    along: Option<Vec<(usize, f64)>>,
-    /// Of a model in parts: who holds the unknowns of both, which are then numbered by their places there.
+    /// For rotations of a model with finite rotations: displacements along the arms; `row` has those across.
+    along_arms: Option<Vec<(usize, f64)>>,
+    /// For a partitioned model: gathers the unknowns of both lists; these then hold places in the gathered
+    /// vector.
     parts: Option<Gather>,
 }
 
@@ -59,14 +60,14 @@ impl ProbeReader {
     ) -> Result<Self> {
         let path = format!("probe.{name}");
         let source = match &probe.of {
-            Some(of) => {
-                let what = Exerted::new(&path, of, probe, scene, bodies)?;
+            Some(exerted_name) => {
+                let what = Exerted::new(&path, exerted_name, probe, scene, bodies)?;
                 Source::Exerted(what, axis(&path, probe)?.index())
             }
             None if probe.crack.is_some() || probe.quantity == Quantity::EnergyRelease => {
-                let called = model(&path, probe)?;
-                let m = model_index(&format!("{path}.model"), called, scene)?;
-                let weights = weights::of(m, joints)?;
+                let model_name = model(&path, probe)?;
+                let m = model_index(&format!("{path}.model"), model_name, scene)?;
+                let weights = weights::model_weights(m, joints)?;
                 Source::Released(m, crack::release(&path, probe, &bodies[m], &weights)?)
             }
             None if probe.quantity.is_recovered() => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
@@ -79,7 +80,7 @@ impl ProbeReader {
         })
     }
 
-    /// What a user should know of its values.
+    /// Warning about the values of the probe, if any.
     pub(super) fn warning(&self, bodies: &[Body]) -> Option<String> {
         match &self.source {
             Source::Tensor(row) => row.warning(&self.name, bodies),
@@ -87,8 +88,8 @@ impl ProbeReader {
         }
     }
 
-    /// Asks other ranks from now on for what they hold of its model.
-    pub(crate) fn share_out(&mut self, run: &Coupled<f64>) {
+    /// Prepares the probe for a partitioned model: its unknowns are gathered from all ranks from now on.
+    pub(crate) fn set_up_gather(&mut self, run: &Coupled<f64>) {
         let Source::Motion(row) = &mut self.source else {
             return;
         };
@@ -97,29 +98,37 @@ impl ProbeReader {
             return;
         };
         let components = s.model().layout().components;
-        let mut all: Vec<&mut (usize, f64)> =
-            row.row.iter_mut().chain(row.along.iter_mut().flatten()).collect();
-        row.parts = Some(Gather::new(portion.clone(), components, all.iter().map(|r| r.0)));
-        all.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
+        let mut entries: Vec<&mut (usize, f64)> = row
+            .row
+            .iter_mut()
+            .chain(row.along_arms.iter_mut().flatten())
+            .collect();
+        row.parts = Some(Gather::new(
+            portion.clone(),
+            components,
+            entries.iter().map(|r| r.0),
+        ));
+        // From now on rows index the gathered vector.
+        entries.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
     }
 
-    /// Current value; of a model in parts, all ranks must ask.
+    /// Returns the current value. Collective for partitioned models.
     ///
     /// # Errors
-    /// Those of the forces of a model.
+    /// An evaluation of forces, stresses or the energy release rate that fails.
     pub fn read<'a>(&'a self, run: &mut Coupled<f64>, readings: &mut Readings<'a>) -> Result<f64> {
         match &self.source {
             Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
             Source::Tensor(row) => row.read(self.quantity, run.subdomains()),
             Source::Released(m, crack) => {
-                let found = run.energy_release(*m, crack);
-                found.map_err(core(format!("probe.{}", self.name)))
+                let release = run.energy_release(*m, crack);
+                release.map_err(core(format!("probe.{}", self.name)))
             }
             Source::Exerted(what, c) => {
-                let found = readings.of(what, run)?;
+                let resultant = readings.resultant(what, run)?;
                 Ok(match self.quantity {
-                    Quantity::Moment => found.moment[*c],
-                    _ => found.force[*c],
+                    Quantity::Moment => resultant.moment[*c],
+                    _ => resultant.force[*c],
                 })
             }
         }
@@ -128,26 +137,26 @@ impl ProbeReader {
 
 impl Row {
     fn new(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
-        let called = model(path, probe)?;
-        let model = model_index(&format!("{path}.model"), called, scene)?;
+        let model_name = model(path, probe)?;
+        let model = model_index(&format!("{path}.model"), model_name, scene)?;
         let body = &bodies[model];
         let count = body.model.layout().components;
         let c = axis(path, probe)?.index();
         if c >= count {
-            let rule = format!("model '{called}' moves along x only; use \"x\"");
+            let rule = format!("model '{model_name}' moves along x only; use \"x\"");
             return Err(key(format!("{path}.component"), rule));
         }
         check(path, probe)?;
-        let mut along = None;
+        let mut along_arms = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
                 let nodes = chosen(path, selection, model, scene, bodies)?;
                 let [row, stretch] = rotation(path, body, &nodes, c)?;
-                along = (body.model.arms() == Arms::Current).then_some(stretch);
+                along_arms = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
             }
             (Some(at), None) => {
-                let (nodes, values) = placed(path, called, at, body)?;
+                let (nodes, values) = placed(path, model_name, at, body)?;
                 let row = nodes.iter().zip(values);
                 row.map(|(n, v)| (n * count + c, v)).collect()
             }
@@ -161,7 +170,7 @@ impl Row {
         Ok(Self {
             model,
             row,
-            along,
+            along_arms,
             parts: None,
         })
     }
@@ -172,17 +181,20 @@ impl Row {
             Quantity::Velocity => &state.v,
             _ => &state.q,
         };
-        let told = self.parts.as_ref().map(|g| g.gathered(1, values));
-        let values = told.as_ref().unwrap_or(values);
+        let gathered = self.parts.as_ref().map(|g| g.gathered(1, values));
+        let values = gathered.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
-        match &self.along {
-            Some(along) => sum(&self.row).atan2(1.0 + sum(along)),
+        match &self.along_arms {
+            Some(along_arms) => sum(&self.row).atan2(1.0 + sum(along_arms)),
             None => sum(&self.row),
         }
     }
 }
 
-/// Nodes of a model that a probe names; where only zones of a body have some, they are named.
+/// Nodes of a model that a probe selects.
+///
+/// # Errors
+/// No nodes; the error names a zone of the body that has some.
 pub(super) fn chosen(
     path: &str,
     selection: &Selection,
@@ -191,10 +203,10 @@ pub(super) fn chosen(
     bodies: &[Body],
 ) -> Result<Vec<usize>> {
     let path = format!("{path}.where");
-    let of = |m: usize| select::nodes(&path, &bodies[m], selection);
-    let found = of(model);
+    let nodes_on = |m: usize| select::nodes(&path, &bodies[m], selection);
+    let nodes = nodes_on(model);
     let zones = || zone::parts(scene, model).into_iter().filter(|m| *m != model);
-    match (found, zones().find(|m| of(*m).is_ok())) {
+    match (nodes, zones().find(|m| nodes_on(*m).is_ok())) {
         (Err(_), Some(zone)) => {
             let name = bodies[zone].model.name();
             let rule = format!(
@@ -203,43 +215,54 @@ pub(super) fn chosen(
             );
             Err(key(path, rule))
         }
-        (found, _) => found,
+        (nodes, _) => nodes,
     }
 }
 
-/// Nodes and shape functions of a point.
-pub(super) fn placed(path: &str, called: &str, at: &[f64; 3], body: &Body) -> Result<(Vec<usize>, Vec<f64>)> {
+/// Nodes and shape functions at a point.
+///
+/// # Errors
+/// A point outside of the model; the error names the extent of the model.
+pub(super) fn placed(
+    path: &str,
+    model_name: &str,
+    point: &[f64; 3],
+    body: &Body,
+) -> Result<(Vec<usize>, Vec<f64>)> {
     let mut row = ShapeRow::default();
-    let x = Point3::from(*at);
-    let found = body.field.shape_at(&x, false, &mut row);
-    found.map_err(|e| outside(path, called, &x, body, e))?;
+    let x = Point3::from(*point);
+    let located = body.field.shape_at(&x, false, &mut row);
+    located.map_err(|e| outside(path, model_name, &x, body, e))?;
     Ok((row.nodes, row.values))
 }
 
 fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<TensorRow> {
-    let called = model(path, probe)?;
-    let number = model_index(&format!("{path}.model"), called, scene)?;
+    let model_name = model(path, probe)?;
+    let number = model_index(&format!("{path}.model"), model_name, scene)?;
     check(path, probe)?;
     let body = &bodies[number];
-    let place = probe.at.as_ref().map(|at| placed(path, called, at, body));
+    let place = probe
+        .at
+        .as_ref()
+        .map(|point| placed(path, model_name, point, body));
     TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
 }
 
-/// The direction that a probe of a vector must name.
+/// Direction that a probe of a vector must name.
 pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
     let rule = "one of \"x\", \"y\", \"z\"";
-    let at = format!("{path}.component");
+    let key_path = format!("{path}.component");
     match probe.component {
-        None => Err(key(at, format!("is needed: {rule}"))),
+        None => Err(key(key_path, format!("is needed: {rule}"))),
         Some(c) => c
             .axis()
-            .ok_or_else(|| value(at, c.name(), &format!("is no direction; take {rule}"))),
+            .ok_or_else(|| value(key_path, c.name(), &format!("is no direction; take {rule}"))),
     }
 }
 
 const ONE_PLACE: &str = "needs exactly one of at, where, of, crack";
 
-/// The model that a probe of motion must name.
+/// Model that a probe of motion must name.
 pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
     let missing = || {
         let rule = "is needed: the name of the model that is looked at";
@@ -248,7 +271,7 @@ pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
     probe.model.as_deref().ok_or_else(missing)
 }
 
-/// Refuses a probe that says not one place.
+/// Refuses a probe that does not name exactly one place, or whose other keys do not fit its quantity.
 pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
     if matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
         let rule = "is what something exerts on the models; name it with of = \"…\" in place of at and where";
@@ -271,20 +294,20 @@ pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
     }
 }
 
-/// Refuses a point outside the box around a model.
+/// Refuses a point outside of the bounding box of a model.
 pub(super) fn inside(path: &str, model: &str, x: &Point3<f64>, [low, high]: [[f64; 3]; 2]) -> Result<()> {
     let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
     let slack = 1e-9 * size;
-    // A line has no width.
+    // A line has no width, so only directions with an extent are checked.
     let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
     if out {
-        Err(beyond(path, model, x, low, high))
+        Err(outside_box(path, model, x, low, high))
     } else {
         Ok(())
     }
 }
 
-fn beyond(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
+fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
     let rule = format!(
         "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
          model"
@@ -296,18 +319,18 @@ fn beyond(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3
     )
 }
 
-/// Says where the model is, to whoever put a probe beside it.
+/// Turns the error about a point outside of a model into one that names the extent of the model.
 fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
     if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
         return core(format!("{path}.at"))(e);
     }
     let [low, high] = corners(body.model.nodes());
-    beyond(path, model, x, low.into(), high.into())
+    outside_box(path, model, x, low.into(), high.into())
 }
 
-/// Least-squares rotation of nodes about axis `c` through their centroid: the rows of `s = Σ e·(r × u) / Σ
-/// |e × r|²`, which is the angle while it is small, and of `k = Σ r·(u − e e·u) / Σ |e × r|²`: any angle is
-/// `atan2(s, 1 + k)`.
+/// Rows of the least-squares rotation of nodes about axis `c` through their centroid:
+/// `s = Σ e·(r × u) / Σ |e × r|²`, which is the angle if it is small, and `k = Σ r·(u − e e·u) / Σ |e × r|²`.
+/// The angle of a finite rotation is `atan2(s, 1 + k)`.
 fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(usize, f64)>; 2]> {
     let count = body.model.layout().components;
     let points = body.model.nodes();
@@ -322,11 +345,11 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(
             "a rotation needs several nodes around its axis; choose a larger group",
         ));
     }
-    let of = |n: usize, factors: Vector3<f64>| (0..3).map(move |a| (3 * n + a, factors[a] / polar));
-    let across = nodes.iter().flat_map(|&n| of(n, arm(n)));
-    let along = nodes.iter().flat_map(|&n| of(n, arm(n).cross(&axis)));
+    let entries = |n: usize, factors: Vector3<f64>| (0..3).map(move |a| (3 * n + a, factors[a] / polar));
+    let across_arms = nodes.iter().flat_map(|&n| entries(n, arm(n)));
+    let along_arms = nodes.iter().flat_map(|&n| entries(n, arm(n).cross(&axis)));
     Ok([
-        across.filter(|(_, f)| *f != 0.0).collect(),
-        along.filter(|(_, f)| *f != 0.0).collect(),
+        across_arms.filter(|(_, f)| *f != 0.0).collect(),
+        along_arms.filter(|(_, f)| *f != 0.0).collect(),
     ])
 }

@@ -1,4 +1,4 @@
-//! Pictures of rigid bodies.
+//! Surfaces of rigid bodies for output.
 
 use super::drive;
 use super::kinds::Body;
@@ -9,23 +9,23 @@ use crate::spec::{EffectKind, Obstacle, ObstacleShape, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use std::f64::consts::PI;
 
-/// Cells along a quarter of the round bodies.
+/// Number of cells along a quarter of a circle.
 const QUARTER: usize = 6;
 
-/// A rigid body as frames show it.
+/// A rigid body for output.
 #[derive(Debug, Clone)]
 pub struct RigidPicture {
-    /// Its name in the ledger.
+    /// Name of the rigid body in the ledger.
     pub name: String,
-    /// Number of the model it acts on.
+    /// Number of the model that it acts on.
     pub model: usize,
-    /// Its surface at rest; endless ones as far as the model reaches.
+    /// Surface in the initial position; planes and cylinders are cut to the size of the model.
     pub grid: Grid,
-    /// Point about which it turns \[m\].
+    /// Centre of rotation \[m\].
     pub centre: Point3<f64>,
 }
 
-/// Rigid bodies of a scene, one for each model they act on.
+/// Rigid bodies of a scene, one for each model that they act on.
 pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
@@ -46,7 +46,7 @@ pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPi
     Ok(out)
 }
 
-/// Surface of an obstacle near a body around `middle` that is `size` large.
+/// Surface of an obstacle, near a body of extent `size` \[m\] around `middle`; and the centre of rotation.
 fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>) {
     match o.shape {
         ObstacleShape::Plane { point, normal } => {
@@ -73,7 +73,7 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
         ObstacleShape::Sphere { centre, radius } => {
             let centre = Point3::from(centre);
             let rows = 2 * QUARTER;
-            let at = |row: usize, k: usize| {
+            let point = |row: usize, k: usize| {
                 let (polar, angle) = (
                     PI * row as f64 / rows as f64,
                     0.5 * PI * k as f64 / QUARTER as f64,
@@ -82,21 +82,21 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
                 centre + (flat + Vector3::z() * polar.cos()) * radius
             };
             let points = (0..=rows).flat_map(|row| (0..4 * QUARTER).map(move |k| (row, k)));
-            let points = points.map(|(row, k)| at(row, k)).collect();
+            let points = points.map(|(row, k)| point(row, k)).collect();
             (grid(points, bands(rows, 4 * QUARTER)), centre)
         }
     }
 }
 
-/// Quadrilaterals between rings of points.
+/// Connectivity of the quadrilaterals between rings of points.
 fn bands(rows: usize, count: usize) -> Vec<u32> {
     let cell = |(row, k): (usize, usize)| {
         let (a, b) = (row * count, (row + 1) * count);
         let next = (k + 1) % count;
         [a + k, a + next, b + next, b + k].map(|i| i as u32)
     };
-    let all = (0..rows).flat_map(|row| (0..count).map(move |k| (row, k)));
-    all.flat_map(cell).collect()
+    let cells = (0..rows).flat_map(|row| (0..count).map(move |k| (row, k)));
+    cells.flat_map(cell).collect()
 }
 
 fn grid(points: Vec<Point3<f64>>, connectivity: Vec<u32>) -> Grid {
@@ -104,14 +104,15 @@ fn grid(points: Vec<Point3<f64>>, connectivity: Vec<u32>) -> Grid {
         points,
         connectivity,
         corners: 4,
-        // A quadrilateral of VTK.
+        // VTK cell type of a quadrilateral.
         cell_type: 9,
         radii: Vec::new(),
     }
 }
 
-/// Two unit vectors across a unit vector.
+/// Two orthogonal unit vectors perpendicular to a unit vector.
 fn across(v: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    // The axis with the smallest component of `v` is far from parallel to it.
     let a = v.cross(&Vector3::ith(v.iamin(), 1.0));
     let a = Unit::new_normalize(a).into_inner();
     [a, v.cross(&a)]

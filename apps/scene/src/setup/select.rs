@@ -1,4 +1,4 @@
-//! Parts of a model: nodes and surface facets by group or box.
+//! Selections of nodes and surface facets, by group or box.
 
 use super::kinds::Body;
 use crate::error::{Result, key, unknown};
@@ -7,13 +7,15 @@ use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
 use std::collections::BTreeMap;
 
-/// How far beyond a box a node of a body with nodes so far apart \[m\] counts as in it: more than files
-/// round places by, and nothing beside an element, wherever the body lies and however large the box is.
+/// Distance \[m\] by which a node outside of a box still counts as inside, for a body with this spacing
+/// \[m\]. It exceeds the rounding of coordinates in files and is negligible beside an element, independent of
+/// the position of the body and the size of the box.
 pub(super) fn slack(spacing: f64) -> f64 {
     1e-6 * spacing
 }
 
-/// Whether a point lies in the closed box, up to a distance \[m\] and the round-off of the point's own place.
+/// Returns whether a point lies in a closed box, with a tolerance `slack` \[m\] and the round-off of the
+/// point's coordinates.
 pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>, slack: f64) -> bool {
     (0..3).all(|c| {
         let slack = slack + 4.0 * f64::EPSILON * x[c].abs();
@@ -21,17 +23,17 @@ pub(super) fn inside(low: &[f64; 3], high: &[f64; 3], x: &Point3<f64>, slack: f6
     })
 }
 
-/// Names of groups that a user gave; those of boxes are ours.
+/// Names of groups that a user gave; group names with a bracket are generated for boxes.
 pub(super) fn named<'a, T: 'a>(groups: &'a BTreeMap<String, T>) -> impl Iterator<Item = &'a String> {
     groups.keys().filter(|n| !n.contains('['))
 }
 
-/// Nodes of a body in a box, perhaps none.
-pub(super) fn within(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
+/// Nodes of a body in a box; can be empty.
+pub(super) fn nodes_in_box(body: &Body, low: &[f64; 3], high: &[f64; 3]) -> Vec<usize> {
     let slack = slack(body.spacing);
-    let all = body.model.nodes().iter().enumerate();
-    let found = all.filter(|(_, x)| inside(low, high, x, slack));
-    found.map(|(k, _)| k).collect()
+    let nodes = body.model.nodes().iter().enumerate();
+    let inside_box = nodes.filter(|(_, x)| inside(low, high, x, slack));
+    inside_box.map(|(k, _)| k).collect()
 }
 
 pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<()> {
@@ -45,7 +47,10 @@ pub(super) fn check_box(path: &str, low: &[f64; 3], high: &[f64; 3]) -> Result<(
     }
 }
 
-/// Nodes of a selection, at least one.
+/// Nodes of a selection.
+///
+/// # Errors
+/// An unknown group, or a box without nodes.
 pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Vec<usize>> {
     match selection {
         Selection::Group(name) => match body.groups.get(name) {
@@ -54,8 +59,8 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
         },
         Selection::Box(low, high) => {
             check_box(path, low, high)?;
-            let found = within(body, low, high);
-            if found.is_empty() {
+            let nodes = nodes_in_box(body, low, high);
+            if nodes.is_empty() {
                 let name = body.model.name();
                 let remedy = "enlarge it or check the units (m)";
                 return Err(key(
@@ -63,12 +68,15 @@ pub(super) fn nodes(path: &str, body: &Body, selection: &Selection) -> Result<Ve
                     format!("{selection} holds no node of model '{name}'; {remedy}"),
                 ));
             }
-            Ok(found)
+            Ok(nodes)
         }
     }
 }
 
-/// Surface facets of a selection; `None` if the model has no surface at all.
+/// Surface facets of a selection; `None` if the model has no surface.
+///
+/// # Errors
+/// An unknown group, or a selection without facets.
 pub(super) fn facets(
     path: &str,
     body: &Body,
@@ -77,7 +85,7 @@ pub(super) fn facets(
     if body.boundary.is_empty() {
         return Ok(None);
     }
-    let found: Vec<_> = match selection {
+    let facets: Vec<_> = match selection {
         Selection::Group(name) => match (body.surfaces.get(name), body.groups.get(name)) {
             (Some(facets), _) => facets.clone(),
             (None, Some(_)) => Vec::new(),
@@ -93,7 +101,7 @@ pub(super) fn facets(
             body.boundary.iter().filter(whole).cloned().collect()
         }
     };
-    if found.is_empty() {
+    if facets.is_empty() {
         let name = body.model.name();
         let remedy = "choose a surface or a larger box";
         return Err(key(
@@ -101,7 +109,7 @@ pub(super) fn facets(
             format!("{selection} holds no surface facet of model '{name}'; {remedy}"),
         ));
     }
-    Ok(Some(found))
+    Ok(Some(facets))
 }
 
 #[cfg(test)]
@@ -110,18 +118,21 @@ mod tests {
 
     #[test]
     fn a_box_holds_its_own_nodes_wherever_the_body_lies_and_no_others() {
-        // Size of a body, and where it lies.
-        for (size, at) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
-            let (h, x): (f64, f64) = (size / 10.0, at);
+        // Size of a body, and its position.
+        for (size, position) in [(1.0, 0.0), (1.0, 1e7), (1e-9, 0.0), (1e-9, 1.0), (1e9, -3.0)] {
+            let (h, x): (f64, f64) = (size / 10.0, position);
             let node = |k: usize| Point3::new(x + h * k as f64, x, x);
-            // The face at the lower end, in a box that is huge across it.
+            // The face at the lower end, in a box that is huge perpendicular to the face normal.
             let (low, high) = ([x - 0.1 * h, -1e12, -1e12], [x, 1e12, 1e12]);
-            let held: Vec<usize> = (0..=10)
+            let selected: Vec<usize> = (0..=10)
                 .filter(|k| inside(&low, &high, &node(*k), slack(h)))
                 .collect();
-            assert_eq!(held, [0], "size {size}, place {at}");
+            assert_eq!(selected, [0], "size {size}, place {position}");
             let rounded = Point3::new(x + 1e-7 * h, x, x);
-            assert!(inside(&low, &high, &rounded, slack(h)), "size {size}, place {at}");
+            assert!(
+                inside(&low, &high, &rounded, slack(h)),
+                "size {size}, place {position}"
+            );
         }
     }
 }

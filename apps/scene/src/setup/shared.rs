@@ -1,11 +1,11 @@
-//! Loads on a body with zones: one load on the whole body, dealt out to its models so that these exert
-//! together what is asked for.
+//! Loads on a body with zones: the load on the whole body is distributed over its models so that their sum is
+//! the prescribed load.
 //!
-//! What is asked for are the tractions on the facets of the whole body, as if it had no zones. The body's
-//! model carries them with its weight `f`, a zone's model with `1 − f` on its own facets of the same
-//! surface; spheres have none and carry it on those that touch it. What the models' own surfaces and rules
-//! leave to be desired, in force and in moment, is made up for on the zones by forces `a (α + θ × (x −
-//! c))`, the smallest that have a given resultant.
+//! The prescribed load consists of the tractions on the facets of the whole body, as if it had no zones. The
+//! body's own model carries them with its weight `f`, a zone's model with `1 − f` on its own facets of the
+//! same surface. Spheres have no facets; those that touch the surface carry the load. The remaining
+//! difference in force and moment is added on the zones as forces `a (α + θ × (x − c))`, the smallest ones
+//! with the given resultant.
 
 use super::interface::BuiltInterface;
 use super::kinds::Body;
@@ -21,15 +21,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Share of what is asked for that may be left over.
+/// Largest relative error of the distributed load.
 const LEFT: f64 = 1e-9;
-/// How far from the surface the middle of a facet on it may lie, in distances of nodes: faces of hexahedra
-/// may be warped.
+/// Largest distance of a facet's centre from the surface, in node spacings: faces of hexahedra may be warped.
 const SKIN: f64 = 0.1;
-/// Share of a load below which a zone has no part in it.
+/// Share of a load below which a zone carries nothing.
 const NO_PART: f64 = 1e-9;
 
-/// Force \[N\] and moment \[N m\] about a point.
+/// A force \[N\] and a moment \[N m\] about a point.
 #[derive(Debug, Clone, Copy)]
 struct Wrench {
     about: Point3<f64>,
@@ -43,12 +42,12 @@ impl Wrench {
         Self { about, force, moment }
     }
 
-    fn add(&mut self, at: &Point3<f64>, force: &Vector3<f64>) {
+    fn add(&mut self, point: &Point3<f64>, force: &Vector3<f64>) {
         self.force += force;
-        self.moment += (at - self.about).cross(force);
+        self.moment += (point - self.about).cross(force);
     }
 
-    fn less(mut self, other: &Self) -> Self {
+    fn minus(mut self, other: &Self) -> Self {
         self.force -= other.force;
         self.moment -= other.moment;
         self
@@ -58,13 +57,13 @@ impl Wrench {
 /// The nodes of one model that carry a load.
 struct Part {
     model: usize,
-    /// Place, area \[m²\] times share, and force of each.
+    /// Force and area of each node, by the number of the node.
     carriers: BTreeMap<usize, Carrier>,
 }
 
 #[derive(Clone, Copy)]
 struct Carrier {
-    at: Point3<f64>,
+    point: Point3<f64>,
     area: f64,
     force: Vector3<f64>,
 }
@@ -77,9 +76,9 @@ impl Part {
         }
     }
 
-    fn add(&mut self, node: usize, at: Point3<f64>, area: f64, force: Vector3<f64>) {
+    fn add(&mut self, node: usize, point: Point3<f64>, area: f64, force: Vector3<f64>) {
         let fresh = Carrier {
-            at,
+            point,
             area: 0.0,
             force: Vector3::zeros(),
         };
@@ -88,7 +87,7 @@ impl Part {
         c.force += force;
     }
 
-    /// Tractions on facets, with a share at their centres.
+    /// Adds tractions on facets, multiplied by a share at the centres of the facets.
     fn carry<'b>(
         &mut self,
         body: &Body,
@@ -106,36 +105,36 @@ impl Part {
 
     fn exerts(&self, about: Point3<f64>) -> Wrench {
         let mut out = Wrench::zero(about);
-        self.carriers.values().for_each(|c| out.add(&c.at, &c.force));
+        self.carriers.values().for_each(|c| out.add(&c.point, &c.force));
         out
     }
 }
 
 type Share<'a> = dyn Fn(&Point3<f64>) -> f64 + 'a;
 
-/// A load on the body and what it needs of the scene.
+/// A load on a body with zones.
 struct Shared<'a> {
     path: String,
-    /// The surface, as a group of the body and its zones.
+    /// Group of the body and its zones that is the loaded surface.
     group: String,
     bodies: &'a [Body],
     folder: &'a Path,
-    /// The body's model.
+    /// Number of the body's own model.
     body: usize,
-    /// Zones, each with the weight that it leaves to the body's model.
+    /// Number of each zone, with the weight of the body's own model in the zone's overlap.
     zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
-    /// The surface as triangles, for models that know the facets of a group by their corners alone: those
-    /// of a cut through a thin body have theirs on its surface too.
+    /// Loaded surface as triangles. Models of natural elements select the facets of a group by their corners
+    /// only; in a thin body this would include facets on a cut.
     skin: Faces,
     field: Traction,
-    /// What is asked for.
-    asked: Wrench,
-    /// Sum of the sizes of its forces \[N\], and of these times their distances from the middle and the
-    /// lengths of their facets \[N m\].
+    /// Prescribed force and moment.
+    prescribed: Wrench,
+    /// Sum of the magnitudes of the prescribed forces \[N\]; and sum of these times lever plus facet length
+    /// \[N m\].
     sizes: [f64; 2],
 }
 
-/// Load `k` of the scene, on the model `body` that has zones, as loads on the models of both.
+/// Distributes load `k` of the scene on the model `body`, which has zones, over its models.
 pub(super) fn loads(
     k: usize,
     body: usize,
@@ -147,32 +146,32 @@ pub(super) fn loads(
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
     load::check(&path, l)?;
     let time = drive::time_function(&format!("{path}.time"), &l.time)?;
-    let shared = Shared::of(k, body, scene, (bodies, joints), folder)?;
+    let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();
-    // `left` is another number than one only where the model is in an overlap with one that is no zone.
-    for part in shared.dealt()? {
+    // `factor` differs from one only in an overlap with a model that is no zone.
+    for part in shared.distribute()? {
         if part.model != body {
             not_twice(k, &part, scene, &bodies[part.model])?;
         }
-        let left = shared.left_by_others(part.model, joints)?;
+        let factor = shared.load_factor(part.model, joints)?;
         let forces = part.carriers.iter().flat_map(|(n, c)| {
-            let f = c.force * left(&c.at);
+            let f = c.force * factor(&c.point);
             (0..3).map(move |axis| (3 * n + axis, f[axis]))
         });
-        let made = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
-        out.push((part.model, made.map_err(core(&*shared.path))?));
+        let load = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
+        out.push((part.model, load.map_err(core(&*shared.path))?));
     }
     Ok(out)
 }
 
-/// Refuses a load on a zone where one on the body acts: it would act twice.
+/// Refuses a load on a zone where a load on the body already acts: the zone would be loaded twice.
 fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()> {
     let (zone, whole) = (body.model.name(), &scene.load[k].model);
-    for (o, other) in scene.load.iter().enumerate().filter(|(_, o)| o.model == zone) {
-        let at = format!("load[{o}].where");
-        let nodes = match select::facets(&at, body, &other.at)? {
+    for (o, other_load) in scene.load.iter().enumerate().filter(|(_, o)| o.model == zone) {
+        let key_path = format!("load[{o}].where");
+        let nodes = match select::facets(&key_path, body, &other_load.at)? {
             Some(facets) => facets.into_iter().flat_map(|f| f.nodes).collect(),
-            None => select::nodes(&at, body, &other.at)?,
+            None => select::nodes(&key_path, body, &other_load.at)?,
         };
         if nodes.iter().any(|n| part.carriers.contains_key(n)) {
             let rule = format!(
@@ -186,7 +185,7 @@ fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()
 }
 
 impl<'a> Shared<'a> {
-    fn of(
+    fn new(
         k: usize,
         body: usize,
         scene: &SceneSpec,
@@ -198,13 +197,13 @@ impl<'a> Shared<'a> {
         let field = load::traction(&path, l, &facets)?;
         let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
         let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-        let mut asked = Wrench::zero(Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area));
+        let mut prescribed = Wrench::zero(Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area));
         let mut sizes = [0.0; 2];
         for f in &facets {
             let force = field(f) * f.area();
-            asked.add(&f.centre, &force);
+            prescribed.add(&f.centre, &force);
             sizes[0] += force.norm();
-            sizes[1] += force.norm() * ((f.centre - asked.about).norm() + f.area().sqrt());
+            sizes[1] += force.norm() * ((f.centre - prescribed.about).norm() + f.area().sqrt());
         }
         let zones = zone::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
@@ -222,24 +221,24 @@ impl<'a> Shared<'a> {
             folder,
             body,
             field,
-            asked,
+            prescribed,
             sizes,
         })
     }
 
-    /// Facets of a model on the surface.
+    /// Facets of a model on the loaded surface.
     fn facets_of<'b>(&'b self, body: &'b Body) -> impl Iterator<Item = &'b SurfaceFacet<f64>> {
-        let all = body.surfaces.get(&self.group).into_iter().flatten();
+        let facets = body.surfaces.get(&self.group).into_iter().flatten();
         let reach = SKIN * body.spacing;
-        all.filter(move |f| self.skin.distance(&f.centre) <= reach)
+        facets.filter(move |f| self.skin.distance(&f.centre) <= reach)
     }
 
-    /// What every model carries, together what is asked for.
-    fn dealt(&self) -> Result<Vec<Part>> {
-        let mut own = Part::new(self.body);
+    /// Distributes the load over the models; the sum is the prescribed load.
+    fn distribute(&self) -> Result<Vec<Part>> {
+        let mut body_part = Part::new(self.body);
         let body = &self.bodies[self.body];
         let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.at(x)).sum::<f64>();
-        own.carry(body, self.facets_of(body), &self.field, &coarse);
+        body_part.carry(body, self.facets_of(body), &self.field, &coarse);
         let mut zones = Vec::new();
         for (z, f) in &self.zones {
             let fine = |x: &Point3<f64>| 1.0 - f.at(x);
@@ -257,21 +256,25 @@ impl<'a> Shared<'a> {
             };
             zones.push(part);
         }
-        let exerted = zones.iter().chain([&own]).map(|p| p.exerts(self.asked.about));
-        let missing = exerted.fold(self.asked, |left, part| left.less(&part));
+        let exerted = zones
+            .iter()
+            .chain([&body_part])
+            .map(|p| p.exerts(self.prescribed.about));
+        let missing = exerted.fold(self.prescribed, |wrench, part| wrench.minus(&part));
         self.make_up(&mut zones, missing)?;
-        zones.push(own);
+        zones.push(body_part);
         zones.retain(|p| !p.carriers.is_empty());
         Ok(zones)
     }
 
-    /// What the spheres of a zone carry: the tractions where each touches the surface, in shares of its
-    /// section, made up to those of the facets of the body there.
+    /// Forces on the spheres of a zone. Each sphere that touches the surface carries the traction of the
+    /// nearest facet on an area in proportion to its section; the resultant is corrected to that of the
+    /// facets.
     fn on_spheres(&self, zone: usize, facets: &[SurfaceFacet<f64>], share: &Share<'_>) -> Result<Part> {
         let mut part = Part::new(zone);
-        let mut wanted = Wrench::zero(self.asked.about);
+        let mut target = Wrench::zero(self.prescribed.about);
         for f in facets {
-            wanted.add(&f.centre, &((self.field)(f) * (f.area() * share(&f.centre))));
+            target.add(&f.centre, &((self.field)(f) * (f.area() * share(&f.centre))));
         }
         let carried: f64 = facets.iter().map(|f| f.area() * share(&f.centre)).sum();
         let whole: f64 = facets.iter().map(SurfaceFacet::area).sum();
@@ -284,8 +287,8 @@ impl<'a> Shared<'a> {
         let sum: f64 = touching.iter().map(|n| section(*n)).sum();
         for &n in touching {
             let x = body.model.nodes()[n];
-            let away = |f: &&SurfaceFacet<f64>| (f.centre - x).norm_squared();
-            let near = facets.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            let distance = |f: &&SurfaceFacet<f64>| (f.centre - x).norm_squared();
+            let near = facets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
             let area = carried * section(n) / sum;
             part.add(
                 n,
@@ -294,63 +297,63 @@ impl<'a> Shared<'a> {
                 near.map_or(Vector3::zeros(), |f| (self.field)(f) * area),
             );
         }
-        let missing = wanted.less(&part.exerts(wanted.about));
+        let missing = target.minus(&part.exerts(target.about));
         self.make_up(std::slice::from_mut(&mut part), missing)?;
         Ok(part)
     }
 
-    /// Adds what is missing.
+    /// Adds forces on the nodes of the parts, in proportion to area, with the missing resultant.
     fn make_up(&self, parts: &mut [Part], missing: Wrench) -> Result<()> {
-        let all = || parts.iter().flat_map(|p| p.carriers.values());
-        let area: f64 = all().map(|c| c.area).sum();
+        let carriers = || parts.iter().flat_map(|p| p.carriers.values());
+        let area: f64 = carriers().map(|c| c.area).sum();
         if area <= 0.0 {
             return self.enough(&missing);
         }
-        let (middle, polar) = load::polar(all().map(|c| (c.at, c.area)));
+        let (middle, polar) = load::polar(carriers().map(|c| (c.point, c.area)));
         let moment = missing.moment - (middle - missing.about).cross(&missing.force);
         let (along, turn) = (missing.force / area, load::turn(&polar, &moment));
-        let mut left = missing;
+        let mut remainder = missing;
         for c in parts.iter_mut().flat_map(|p| p.carriers.values_mut()) {
-            let more = (along + turn.cross(&(c.at - middle))) * c.area;
+            let more = (along + turn.cross(&(c.point - middle))) * c.area;
             c.force += more;
-            left = left.less(&{
-                let mut w = Wrench::zero(left.about);
-                w.add(&c.at, &more);
+            remainder = remainder.minus(&{
+                let mut w = Wrench::zero(remainder.about);
+                w.add(&c.point, &more);
                 w
             });
         }
-        self.enough(&left)
+        self.enough(&remainder)
     }
 
-    /// Refuses a load that the models cannot exert.
-    fn enough(&self, left: &Wrench) -> Result<()> {
+    /// Refuses a load that the models cannot carry.
+    fn enough(&self, remainder: &Wrench) -> Result<()> {
         let [force, moment] = self.sizes;
-        if left.force.norm() <= LEFT * force && left.moment.norm() <= LEFT * moment {
+        if remainder.force.norm() <= LEFT * force && remainder.moment.norm() <= LEFT * moment {
             return Ok(());
         }
         let rule = format!(
             "{:.3e} N and {:.3e} N m of it would be lost: the zones of the body have too few spheres or nodes at this surface to carry \
              their share; take smaller spheres, or keep the zone and its overlap away from it",
-            left.force.norm(),
-            left.moment.norm()
+            remainder.force.norm(),
+            remainder.moment.norm()
         );
         Err(key(format!("{}.where", self.path), rule))
     }
 
-    /// What interfaces with models that are no zones leave to a model, at a point: the load there is theirs
-    /// to be given.
-    fn left_by_others(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
+    /// Returns the factor by which interfaces with models other than zones reduce the load on a model, as a
+    /// function of the point. The scene must give those models their share of the load.
+    fn load_factor(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
         let zones: Vec<_> = self.zones.iter().map(|z| z.1.clone()).collect();
-        let own = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);
-        let own = own.map(|(f, _)| f.clone());
-        let actual = weights::of(model, joints)?.external;
+        let own_weight = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);
+        let own_weight = own_weight.map(|(f, _)| f.clone());
+        let actual = weights::model_weights(model, joints)?.external;
         Ok(Box::new(move |x| {
-            let within = match &own {
+            let share = match &own_weight {
                 Some(f) => 1.0 - f.at(x),
                 None => 1.0 - zones.iter().map(|f| 1.0 - f.at(x)).sum::<f64>(),
             };
-            if within > NO_PART {
-                actual.at(x) / within
+            if share > NO_PART {
+                actual.at(x) / share
             } else {
                 1.0
             }
@@ -358,15 +361,16 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// The group of load `k`, which is on a body with zones: its facets of the whole body, and their triangles.
+/// Loaded surface of load `k` on a body with zones: name of its group, facets of the whole body, and these as
+/// triangles.
 pub(super) fn surface(
     k: usize,
     scene: &SceneSpec,
     body: &Body,
     folder: &Path,
 ) -> Result<(String, Vec<SurfaceFacet<f64>>, Faces)> {
-    let (path, at) = (format!("load[{k}]"), &scene.load[k].at);
-    let group = match at {
+    let (path, selection) = (format!("load[{k}]"), &scene.load[k].at);
+    let group = match selection {
         Selection::Group(name) => name.clone(),
         Selection::Box(..) => path.clone(),
     };
@@ -375,24 +379,25 @@ pub(super) fn surface(
     };
     let whole = piece.whole(folder)?;
     let path = format!("{path}.where");
-    match (whole.groups().get(&group), at) {
+    match (whole.groups().get(&group), selection) {
         (Some(g), _) if !g.facets.is_empty() => {
             let skin = Faces::new(corners_of(whole, &g.facets));
             let facets = whole.surface(&group).map_err(fem(path))?;
             Ok((group, facets, skin))
         }
         (Some(_), Selection::Group(_)) | (_, Selection::Box(..)) => {
-            let rule = format!("{at} holds no surface facet of the body; choose a surface or a larger box");
+            let rule =
+                format!("{selection} holds no surface facet of the body; choose a surface or a larger box");
             Err(key(path, rule))
         }
         (None, _) => {
-            let known = whole.groups().iter().filter(|(_, g)| !g.facets.is_empty());
-            let known: BTreeMap<_, _> = known.map(|(n, _)| (n.clone(), ())).collect();
+            let groups = whole.groups().iter().filter(|(_, g)| !g.facets.is_empty());
+            let groups: BTreeMap<_, _> = groups.map(|(n, _)| (n.clone(), ())).collect();
             Err(unknown(
                 path,
                 &group,
                 "surface of the body",
-                select::named(&known),
+                select::named(&groups),
             ))
         }
     }

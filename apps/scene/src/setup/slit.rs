@@ -1,4 +1,4 @@
-//! `crack` of a model: meshes are parted along faces of their elements.
+//! Key `crack` of a model: separates a mesh along faces of its elements.
 
 use super::select;
 use crate::error::{Result, fem, key, unknown};
@@ -6,7 +6,7 @@ use crate::spec::{ModelKind, ModelTable, Selection, Shape};
 use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::Mesh;
 
-/// Refuses cracks of a model that has no faces between elements.
+/// Refuses cracks in a model without element faces.
 pub(super) fn check(key_of_model: &str, table: &ModelTable) -> Result<()> {
     let path = format!("{key_of_model}.crack");
     for (k, place) in table.crack.iter().enumerate() {
@@ -27,7 +27,7 @@ pub(super) fn check(key_of_model: &str, table: &ModelTable) -> Result<()> {
     Err(key(path, rule))
 }
 
-/// The mesh with the cracks of a table.
+/// Returns the mesh with the cracks of a table.
 pub(super) fn cut(key_of_model: &str, table: &ModelTable, mut mesh: Mesh<f64>) -> Result<Mesh<f64>> {
     for (k, place) in table.crack.iter().enumerate() {
         let path = format!("{key_of_model}.crack[{k}]");

@@ -1,4 +1,4 @@
-//! Load steps of scenes at rest.
+//! Load steps of `[static]` scenes.
 
 use super::formula;
 use crate::error::{Result, key, value};
@@ -6,19 +6,19 @@ use crate::spec::{EffectKind, SceneSpec, Static};
 use arlequin::core::Relaxation;
 use std::path::Path;
 
-/// Most load steps.
+/// Largest number of load steps.
 const MANY: usize = 1_000_000;
 
-/// What a scene at rest goes through.
+/// Load steps of a `[static]` scene.
 #[derive(Debug, Clone)]
 pub struct LoadSteps {
-    /// Times \[s\].
+    /// Times of the load steps \[s\].
     pub times: Vec<f64>,
-    /// How equilibrium is found where there is no direct solution.
+    /// Parameters of the relaxation, used if there is no direct solution.
     pub relaxation: Relaxation<f64>,
 }
 
-/// The load steps of a scene, if it is one at rest.
+/// Load steps of a scene; `None` without `[static]`.
 pub(super) fn load_steps(scene: &SceneSpec, folder: &Path) -> Result<Option<LoadSteps>> {
     let Some(s) = &scene.statics else { return Ok(None) };
     check(scene, s)?;

@@ -1,5 +1,5 @@
-//! Supports: which nodes they hold, in the body and its zones, and which of two holds a component that both
-//! have.
+//! Supports: the nodes that they hold in a body and its zones, and which of two supports holds a component
+//! that both select.
 
 use super::kinds::Body;
 use super::{drive, select, zone};
@@ -9,20 +9,20 @@ use arlequin::core::PrescribedMotion;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Nodes of a model that a support holds.
+/// Nodes of one model that a support holds.
 pub(super) struct Held {
     /// Number of the support in the scene.
     support: usize,
     /// Number of the model.
     model: usize,
     nodes: Vec<usize>,
-    /// Whether the model is a zone of the body that the support names.
+    /// True if the model is a zone of the body that the support names.
     of_zone: bool,
 }
 
-/// What supports hold, in their order; of one on a body with zones first its own nodes, then those of each
-/// zone.
-fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
+/// Nodes that supports hold, in the order of the supports. For a support on a body with zones, those of the
+/// body's own model come first, then those of each zone.
+fn held_nodes(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
         let path = format!("support[{support}]");
@@ -38,14 +38,14 @@ fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> 
             });
             continue;
         }
-        let found = parts
+        let found_nodes = parts
             .iter()
             .map(|p| nodes_of_part(support, s, &bodies[*p]))
             .collect::<Vec<_>>();
-        if found.iter().all(Vec::is_empty) {
+        if found_nodes.iter().all(Vec::is_empty) {
             return Err(nothing(&path, &s.at, parts.iter().map(|p| &bodies[*p])));
         }
-        for (model, nodes) in parts.into_iter().zip(found) {
+        for (model, nodes) in parts.into_iter().zip(found_nodes) {
             check_spheres(&path, s, &bodies[model], &nodes, folder)?;
             out.push(Held {
                 support,
@@ -58,34 +58,36 @@ fn held(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> 
     Ok(out)
 }
 
-/// Nodes of the body, or of one of its zones, that a support on the body holds; spheres are also held by
-/// touching the surface in a box.
+/// Nodes of the body, or of one of its zones, that a support on the body holds. Spheres are also held if they
+/// touch the surface inside a box.
 fn nodes_of_part(support: usize, s: &Support, body: &Body) -> Vec<usize> {
     let group = |name: &str| body.groups.get(name).cloned().unwrap_or_default();
     match &s.at {
         Selection::Group(name) => group(name),
         Selection::Box(low, high) => {
-            let mut found = select::within(body, low, high);
+            let mut nodes = select::nodes_in_box(body, low, high);
             if body.grains.is_some() {
-                found.extend(group(&format!("support[{support}]")));
-                found.sort_unstable();
-                found.dedup();
+                nodes.extend(group(&format!("support[{support}]")));
+                nodes.sort_unstable();
+                nodes.dedup();
             }
-            found
+            nodes
         }
     }
 }
 
-fn nothing<'a>(path: &str, at: &Selection, parts: impl Iterator<Item = &'a Body>) -> crate::Error {
-    let Selection::Group(name) = at else {
-        let rule = format!("{at} holds no node of the body or its zones; enlarge it or check the units (m)");
+fn nothing<'a>(path: &str, selection: &Selection, parts: impl Iterator<Item = &'a Body>) -> crate::Error {
+    let Selection::Group(name) = selection else {
+        let rule =
+            format!("{selection} holds no node of the body or its zones; enlarge it or check the units (m)");
         return key(path, rule);
     };
-    let known: BTreeSet<&String> = parts.flat_map(|b| select::named(&b.groups)).collect();
-    unknown(path, name, "group of the body", known.into_iter())
+    let groups: BTreeSet<&String> = parts.flat_map(|b| select::named(&b.groups)).collect();
+    unknown(path, name, "group of the body", groups.into_iter())
 }
 
-/// Refuses a support that holds nodes of the body where a zone has nothing but spheres, and none of these.
+/// Refuses a support on the body that selects nodes where only spheres of a zone exist, but none of these
+/// spheres.
 fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: &Path) -> Result<()> {
     let (Shape::Piece(piece), true, true) = (&body.shape, body.grains.is_some(), nodes.is_empty()) else {
         return Ok(());
@@ -98,8 +100,8 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
         }
         Selection::Box(low, high) => {
             let slack = select::slack(whole.spacing());
-            let mut all = whole.nodes().iter().zip(&alone);
-            all.any(|(x, alone)| *alone && select::inside(low, high, x, slack))
+            let mut nodes = whole.nodes().iter().zip(&alone);
+            nodes.any(|(x, alone)| *alone && select::inside(low, high, x, slack))
         }
     };
     if !lost {
@@ -114,47 +116,47 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
     Err(key(path, rule))
 }
 
-/// What supports prescribe, with the model of each, in their order. What a zone's own support holds is not
-/// held by one on the body as well.
+/// Motions that supports prescribe, each with the number of its model, in the order of the supports.
+/// Components that a support of a zone holds are removed from the body's supports in that zone.
 pub(super) fn motions(
     scene: &SceneSpec,
     bodies: &[Body],
     folder: &Path,
 ) -> Result<Vec<(usize, PrescribedMotion<f64>)>> {
-    let all = held(scene, bodies, folder)?;
-    check(scene, bodies, &all)?;
-    let mut own: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-    let mut out = Vec::with_capacity(all.len());
-    for h in &all {
+    let holdings = held_nodes(scene, bodies, folder)?;
+    check(scene, bodies, &holdings)?;
+    let mut own_dofs: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut out = Vec::with_capacity(holdings.len());
+    for h in &holdings {
         let path = format!("support[{}]", h.support);
-        let made = motion_of(&path, &scene.support[h.support], &bodies[h.model], &h.nodes)?;
+        let motion = motion_of(&path, &scene.support[h.support], &bodies[h.model], &h.nodes)?;
         if !h.of_zone {
-            own.entry(h.model).or_default().extend(&made.dofs);
+            own_dofs.entry(h.model).or_default().extend(&motion.dofs);
         }
-        out.push((h.model, made));
+        out.push((h.model, motion));
     }
-    for (h, (m, made)) in all.iter().zip(&mut out) {
-        if let (true, Some(own)) = (h.of_zone, own.get(m)) {
-            made.dofs.retain(|d| !own.contains(d));
+    for (h, (m, motion)) in holdings.iter().zip(&mut out) {
+        if let (true, Some(own_dofs)) = (h.of_zone, own_dofs.get(m)) {
+            motion.dofs.retain(|d| !own_dofs.contains(d));
         }
     }
-    // What two supports hold at rest the first of them holds.
+    // A component that two supports hold at rest is left to the first.
     let mut at_rest: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
-    for (h, (m, made)) in all.iter().zip(&mut out) {
+    for (h, (m, motion)) in holdings.iter().zip(&mut out) {
         if is_at_rest(scene, h) {
-            let known = at_rest.entry(*m).or_default();
-            made.dofs.retain(|d| known.insert(*d));
+            let fixed = at_rest.entry(*m).or_default();
+            motion.dofs.retain(|d| fixed.insert(*d));
         }
     }
     Ok(out)
 }
 
-/// Whether a support holds its nodes where they are.
+/// Returns whether a support holds its nodes at rest.
 fn is_at_rest(scene: &SceneSpec, held: &Held) -> bool {
     scene.support[held.support].motion.is_none()
 }
 
-/// What a support prescribes to nodes of a model.
+/// Motion that a support prescribes to nodes of a model.
 fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<PrescribedMotion<f64>> {
     let count = body.model.layout().components;
     let components: Vec<usize> = match &s.components {
@@ -175,7 +177,7 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
         .collect();
     let layout = body.model.layout();
     if s.components.is_none() && s.motion.is_none() && layout.turns() {
-        // A clamp holds rotations too.
+        // A clamp also holds rotations.
         let first = layout.translations();
         dofs.extend(nodes.iter().flat_map(|n| (0..3).map(move |c| first + 3 * n + c)));
     }
@@ -192,31 +194,32 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
     })
 }
 
-/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: which of them
-/// holds it must be said.
-fn check(scene: &SceneSpec, bodies: &[Body], all: &[Held]) -> Result<()> {
-    let mut by: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
-    for h in all {
+/// Refuses a component of a node that two supports prescribe, unless both hold it at rest: the user must
+/// choose one.
+fn check(scene: &SceneSpec, bodies: &[Body], holdings: &[Held]) -> Result<()> {
+    let mut holders: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
+    for h in holdings {
         let (s, body) = (&scene.support[h.support], &bodies[h.model]);
         let count = body.model.layout().components;
         let axes = [Axis::X, Axis::Y, Axis::Z];
         let axes = s.components.as_deref().unwrap_or(&axes[..count]);
-        let (mut first, mut others) = (None, 0);
+        let (mut first, mut further) = (None, 0);
         for n in &h.nodes {
             for axis in axes {
-                match by.insert((h.model, *n, axis.index()), h) {
+                match holders.insert((h.model, *n, axis.index()), h) {
+                    // The zone's own support takes precedence, see `motions`.
                     Some(before) if before.of_zone != h.of_zone => {}
                     Some(before) if is_at_rest(scene, before) && is_at_rest(scene, h) => {}
                     None => {}
                     Some(before) if first.is_none() => first = Some((before.support, *n, axis.index())),
-                    Some(_) => others += 1,
+                    Some(_) => further += 1,
                 }
             }
         }
-        if let Some((by, n, c)) = first {
+        if let Some((other, n, c)) = first {
             let (x, axis) = (&body.model.nodes()[n], ["x", "y", "z"][c]);
             let rule = format!(
-                "holds {axis} of the node of '{}' at ({:.4e}, {:.4e}, {:.4e}) m, as support[{by}] does, and {others} more components of \
+                "holds {axis} of the node of '{}' at ({:.4e}, {:.4e}, {:.4e}) m, as support[{other}] does, and {further} more components of \
                  nodes likewise; leave \"{axis}\" out of the components of one of them, or choose its nodes with a box that leaves \
                  out what both have",
                 body.model.name(),

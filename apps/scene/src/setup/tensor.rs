@@ -9,19 +9,19 @@ use arlequin::core::nalgebra::Vector3;
 use arlequin::core::ranks::Portion;
 use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
-/// Distance \[sphere diameters\] within which the spheres around one are looked at.
+/// Radius around a sphere in which its neighbours are counted, in sphere diameters.
 const AROUND: f64 = 2.5;
-/// Distance of their centroid from a sphere, over that distance, from which the sphere counts as one of the
-/// rim: a plane surface gives 0.27 in the outer layer and 0.1 in the next.
+/// Smallest distance between a sphere and the centroid of its neighbours, over that radius, at which the
+/// sphere counts as one at the rim. At a plane surface the outer layer has 0.27, the next layer 0.1.
 const RIM: f64 = 0.18;
-/// Most spheres of a probe that are looked at.
+/// Largest number of spheres of a probe that are tested.
 const LOOKS: usize = 64;
 
-/// A value of a tensor that is recovered at nodes.
+/// A component of a tensor that is recovered at nodes.
 #[derive(Debug, Clone)]
 pub(super) struct TensorRow {
     model: usize,
-    /// Nodes and their factors.
+    /// Nodes that the value is computed from; `factors` holds their weights in the sum.
     nodes: Vec<usize>,
     factors: Vec<f64>,
     component: Option<Component>,
@@ -29,8 +29,8 @@ pub(super) struct TensorRow {
 
 /// Refuses a component that a quantity does not have.
 pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>) -> Result<()> {
-    let at = || format!("{path}.component");
-    let (fits, wanted): (fn(Component) -> bool, _) = match quantity {
+    let key_path = || format!("{path}.component");
+    let (fits, requirement): (fn(Component) -> bool, _) = match quantity {
         Quantity::Stress | Quantity::Strain => (
             |c| c.tensor().is_some(),
             "a stress or strain has \"xx\", \"yy\", \"zz\", \"xy\", \"yz\", \"xz\"",
@@ -43,7 +43,7 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
             return match component {
                 None => Ok(()),
                 Some(c) => Err(value(
-                    at(),
+                    key_path(),
                     c.name(),
                     "is none of the stress of von Mises; remove it",
                 )),
@@ -53,15 +53,15 @@ pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>
     };
     match component {
         Some(c) if fits(c) => Ok(()),
-        Some(c) => Err(value(at(), c.name(), wanted)),
-        None => Err(key(at(), format!("is needed: {wanted}"))),
+        Some(c) => Err(value(key_path(), c.name(), requirement)),
+        None => Err(key(key_path(), format!("is needed: {requirement}"))),
     }
 }
 
-/// Place, stress and strain of a node, as ranks tell them.
+/// Length of a node's message: its place, six stresses, six strains.
 const WORDS: usize = 13;
 
-/// Whether the spheres around one lie to one side of it.
+/// Returns whether most of a sphere's neighbours lie on one side of it.
 fn is_on_rim(body: &Body, node: usize) -> bool {
     let points = body.model.nodes();
     let (x, reach) = (points[node], AROUND * body.spacing);
@@ -75,14 +75,15 @@ fn recovered(
     s: &Subdomain<f64>,
     nodes: &[usize],
 ) -> Result<Vec<Recovered<f64>>> {
-    let mut found = Vec::with_capacity(nodes.len());
-    let told = recovery.recover(&s.state().q, nodes, &mut found);
-    told.map_err(core(format!("model.{}", s.model().name())))?;
-    Ok(found)
+    let mut tensors = Vec::with_capacity(nodes.len());
+    let result = recovery.recover(&s.state().q, nodes, &mut tensors);
+    result.map_err(core(format!("model.{}", s.model().name())))?;
+    Ok(tensors)
 }
 
 impl TensorRow {
-    /// Prepares a probe of model number `model`; `placed` are the nodes and shape functions of its point.
+    /// Prepares a probe of the model with number `model`; `placed` are the nodes and shape functions of its
+    /// point.
     pub(super) fn new(
         path: &str,
         probe: &Probe,
@@ -103,8 +104,8 @@ impl TensorRow {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
                 let nodes = probe::chosen(path, selection, model, scene, bodies)?;
-                // Particles stand for the volume of their spheres: a plain mean would count the small ones,
-                // which carry more, too high.
+                // Particles are weighted by the volume of their spheres: in a plain mean the small ones,
+                // which carry higher stresses, would count too much.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));
                 let sum: f64 = nodes.iter().map(size).sum();
                 let factors = nodes.iter().map(|n| size(n) / sum).collect();
@@ -120,17 +121,17 @@ impl TensorRow {
         })
     }
 
-    /// Warns of particles on the rim: what carries a stress on their outer side is not there.
+    /// Warns about particles at the rim: outside of them, no bonds carry stress.
     pub(super) fn warning(&self, name: &str, bodies: &[Body]) -> Option<String> {
         let body = &bodies[self.model];
         body.grains.as_ref()?;
         let every = self.nodes.len().div_ceil(LOOKS).max(1);
-        let (mut rim, mut all) = (0.0, 0.0);
+        let (mut rim, mut total) = (0.0, 0.0);
         for (node, factor) in self.nodes.iter().zip(&self.factors).step_by(every) {
-            all += factor;
+            total += factor;
             rim += if is_on_rim(body, *node) { *factor } else { 0.0 };
         }
-        (2.0 * rim > all).then(|| {
+        (2.0 * rim > total).then(|| {
             format!(
                 "probe '{name}': lies on the rim of the particles of '{}', whose stresses are means over volumes without bonds on \
                  one side and not those of the surface (a concentration of 3.2 at the edge of a hole comes out as 1.9); read them \
@@ -140,55 +141,57 @@ impl TensorRow {
         })
     }
 
-    /// What is recovered at its nodes, on whatever ranks they are; all of them must ask.
-    fn of_all(
+    /// All-gathers the tensors at the nodes of the probe from the ranks that own them. Collective.
+    fn gather_tensors(
         &self,
         recovery: &dyn Recovery<f64>,
         s: &Subdomain<f64>,
         portion: &Portion,
     ) -> Result<Vec<Recovered<f64>>> {
-        let here = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
-        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(here).unzip();
+        let local = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
+        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(local).unzip();
         let mut words = Vec::with_capacity(WORDS * nodes.len());
         for (place, r) in places.iter().zip(recovered(recovery, s, &nodes)?) {
             let strain = r.strain.unwrap_or_else(SymmetricTensor::zero);
             let numbers = r.stress.0.into_iter().chain(strain.0);
             words.push(*place);
+            // The all-gather carries integers: numbers travel as their bits.
             words.extend(numbers.map(|x| x.to_bits().cast_signed()));
         }
-        let mut all = portion
+        let mut messages = portion
             .listed(&words)
             .map_err(elsewhere)?
             .as_chunks::<WORDS>()
             .0
             .to_vec();
-        all.sort_unstable_by_key(|of| of[0]);
-        let tensor = |of: &[i64]| {
+        // In the order of the probe's nodes, so that the sum has the same bits on any number of ranks.
+        messages.sort_unstable_by_key(|message| message[0]);
+        let tensor = |numbers: &[i64]| {
             let mut out = SymmetricTensor::zero();
-            let numbers = of.iter().map(|w| f64::from_bits(w.cast_unsigned()));
+            let numbers = numbers.iter().map(|w| f64::from_bits(w.cast_unsigned()));
             out.0.iter_mut().zip(numbers).for_each(|(x, y)| *x = y);
             out
         };
-        let of = |of: &[i64; WORDS]| Recovered {
-            stress: tensor(&of[1..7]),
-            strain: recovery.has_strain().then(|| tensor(&of[7..])),
+        let from_message = |message: &[i64; WORDS]| Recovered {
+            stress: tensor(&message[1..7]),
+            strain: recovery.has_strain().then(|| tensor(&message[7..])),
         };
-        Ok(all.iter().map(of).collect())
+        Ok(messages.iter().map(from_message).collect())
     }
 
-    /// The value: of the tensor interpolated to a point, or averaged over nodes; of a model in parts all
-    /// ranks must ask.
+    /// Returns the value from the tensor interpolated to a point or averaged over nodes. Collective for
+    /// partitioned models.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
         let Some(recovery) = s.model().recovery() else {
             return Ok(f64::NAN);
         };
-        let found = match s.portion() {
+        let tensors = match s.portion() {
             None => recovered(recovery, s, &self.nodes)?,
-            Some(portion) => self.of_all(recovery, s, portion)?,
+            Some(portion) => self.gather_tensors(recovery, s, portion)?,
         };
         let mut sum = SymmetricTensor::zero();
-        for (r, factor) in found.iter().zip(&self.factors) {
+        for (r, factor) in tensors.iter().zip(&self.factors) {
             let tensor = match quantity {
                 Quantity::Strain => r.strain.unwrap_or_else(SymmetricTensor::zero),
                 _ => r.stress,

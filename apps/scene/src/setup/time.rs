@@ -1,13 +1,14 @@
-//! Length of a run, its steps and the own steps of its models.
+//! Length of a run, its time step and the own steps of its models.
 
 use crate::error::{Result, key, value};
 use crate::spec::{ModelKind, ModelTable, OwnStepTable, SceneSpec, Scheme, StepChoice};
 use arlequin::core::{OwnStep, TimeStep};
 
-/// Steps that no run lives to see, nor a number of them that counts each.
+/// Number of steps that no run can complete.
 const MANY_STEPS: f64 = 1e13;
 
-/// The step of the run. A number of steps counts those of the finest model, unless own steps are given.
+/// Time step of the run. With `time.steps`, the number of steps counts those of the finest model, unless own
+/// steps are given.
 pub(super) fn step(scene: &SceneSpec) -> TimeStep<f64> {
     match scene.time.step {
         StepChoice::Fraction(f) if scene.time.steps.is_some() => TimeStep::Fraction(f),
@@ -16,7 +17,7 @@ pub(super) fn step(scene: &SceneSpec) -> TimeStep<f64> {
     }
 }
 
-/// How a model steps between two reflections.
+/// Own steps of a model within a macro step.
 pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
     let table = scene.model.values().nth(m).and_then(|t| t.step);
     match table.unwrap_or_default() {
@@ -32,7 +33,7 @@ pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
     }
 }
 
-/// Refuses a model's table of own steps that makes no sense.
+/// Refuses an invalid table of own steps.
 pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
     let Some(table) = model.step else { return Ok(()) };
     let path = format!("model.{name}.step");
@@ -60,12 +61,13 @@ pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
     }
 }
 
-/// Whole steps up to the end; a step that ends there up to round-off is the last one.
+/// Number of whole steps up to the end; a step that ends there up to round-off is the last one.
 pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
     let end = match (scene.time.steps, scene.time.end) {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
     };
+    // Round-off of the quotient must not add a step.
     let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
     if steps > MANY_STEPS {
         let rule =
@@ -75,19 +77,19 @@ pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
     Ok((steps as usize).max(1))
 }
 
-/// Steps between two frames: as asked for, or about twenty frames in all.
+/// Number of steps between two frames: as given, otherwise for about twenty frames in all.
 pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
     let every = match (scene.output.every, scene.output.interval) {
         (Some(n), _) => n,
         (None, Some(seconds)) => (seconds / dt).round() as usize,
-        // Of a scene at rest every load step.
+        // `[static]` scenes write every load step.
         (None, None) if scene.statics.is_some() => 1,
         (None, None) => steps.div_ceil(20),
     };
     every.max(1)
 }
 
-/// Refuses ends and steps that make no sense.
+/// Refuses invalid ends and steps.
 pub(super) fn check(scene: &SceneSpec) -> Result<()> {
     match (scene.time.end, scene.time.steps) {
         (None, None) if scene.statics.is_some() => {}

@@ -1,8 +1,9 @@
-//! Loads on surfaces that lie in an overlap: each model counts them with its weight, so that what acts may
-//! be less than is asked for.
+//! Loads on surfaces in an overlap: each model carries them with its weight, so that the sum can be less than
+//! the prescribed load.
 //!
-//! A total force or moment is spread over the surface of each model by itself, a traction or pressure is
-//! what it is at each place: it is whole where another load, the other half, gives the rest.
+//! A total force or moment is distributed over the surface of each model separately. A traction or pressure
+//! has a value at each point; in an overlap it is complete only if a second load gives the share of the other
+//! model.
 
 use super::kinds::Body;
 use super::{drive, load, select, zone};
@@ -11,23 +12,23 @@ use crate::spec::{Load, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Uniform, Weight};
 
-/// Share of a load by which it may be another one.
+/// Largest relative deviation of a load that is tolerated.
 const SAME: f64 = 0.01;
 
-/// Where a load acts: places with their parts of it, which sum to one.
+/// Points at which a load acts, with their shares of the load; the shares sum to one.
 #[derive(Debug)]
 pub(super) struct Total {
     load: usize,
     model: usize,
     parts: Vec<(Point3<f64>, f64)>,
-    /// How far from one of its places a point may be that it covers \[m\].
+    /// Distance from one of its points up to which the load covers another point \[m\].
     reach: f64,
-    /// Area of its surface \[m²\].
+    /// Area of the loaded surface \[m²\].
     area: f64,
 }
 
-/// The loads of a scene, but for those on a body with zones, which are dealt out to its models exactly.
-pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
+/// Loads of a scene, except those on a body with zones, which are distributed exactly over its models.
+pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
     let mut out = Vec::new();
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
@@ -36,15 +37,15 @@ pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
             continue;
         }
         let body = &bodies[model];
-        let at = format!("{path}.where");
-        let mut parts: Vec<_> = match select::facets(&at, body, &l.at)? {
+        let key_path = format!("{path}.where");
+        let mut parts: Vec<_> = match select::facets(&key_path, body, &l.at)? {
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
             None => {
                 let layout = body.model.layout();
                 let mut masses = vec![0.0; layout.dofs()];
                 let weighed = body.model.lumped_inertia(&Uniform(1.0), &mut masses);
                 weighed.map_err(core(path))?;
-                let nodes = select::nodes(&at, body, &l.at)?;
+                let nodes = select::nodes(&key_path, body, &l.at)?;
                 let part = |n: &usize| (body.model.nodes()[*n], masses[n * layout.components]);
                 nodes.iter().map(part).collect()
             }
@@ -66,7 +67,7 @@ pub(super) fn of(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
     Ok(out)
 }
 
-/// Of a moment, every place bears as much as the square of its lever.
+/// Multiplies the share of each point by the square of its lever arm, as a moment is distributed.
 fn levers(moment: Vector3<f64>, parts: &mut [(Point3<f64>, f64)]) {
     let sum: f64 = parts.iter().map(|p| p.1).sum();
     let middle = parts.iter().fold(Vector3::zeros(), |s, (x, a)| s + x.coords * *a) / sum;
@@ -76,8 +77,8 @@ fn levers(moment: Vector3<f64>, parts: &mut [(Point3<f64>, f64)]) {
     }
 }
 
-/// Loads of one name, or without a name and of the same numbers, are halves of one load: a line for each
-/// that is not what it says.
+/// Warns about loads whose sum over the models differs from the prescribed value. Loads with equal
+/// numbers and the same name (or none) are parts of one load.
 pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) -> Vec<String> {
     let bits = |v: [f64; 3]| v.map(f64::to_bits);
     let key = |t: &Total| {
@@ -93,7 +94,7 @@ pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) 
         }
         let halves: Vec<&Total> = totals[k..].iter().filter(|t| key(t) == key(first)).collect();
         let l = &scene.load[first.load];
-        let told = if l.force.is_some() || l.torque.is_some() {
+        let finding = if l.force.is_some() || l.torque.is_some() {
             total(l, &halves, run)
         } else {
             surface(&halves, run)
@@ -105,7 +106,7 @@ pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) 
         };
         let name = load::name(first.load, l);
         out.extend(
-            told.map(|(what, why)| format!("load[{}]: of {what} of '{name}' {why}{remedy}", first.load)),
+            finding.map(|(what, why)| format!("load[{}]: of {what} of '{name}' {why}{remedy}", first.load)),
         );
     }
     out
@@ -115,7 +116,7 @@ fn weight<'a>(t: &Total, run: &'a Coupled<f64>) -> &'a dyn Weight<f64> {
     &*run.subdomains()[t.model].weights().external
 }
 
-/// A force or moment that is another one.
+/// Message about a force or moment whose sum differs from the prescribed one.
 fn total(l: &Load, halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
     let share = |t: &&Total| {
         t.parts
@@ -125,7 +126,7 @@ fn total(l: &Load, halves: &[&Total], run: &Coupled<f64>) -> Option<(String, Str
     };
     let shares: Vec<f64> = halves.iter().map(share).collect();
     let acts: f64 = shares.iter().sum();
-    // Without an overlap every load is whole, several of one name included.
+    // Outside of overlaps every load acts completely, even several of one name.
     if !((acts - 1.0).abs() > SAME && shares.iter().any(|s| (s - 1.0).abs() > SAME)) {
         return None;
     }
@@ -141,22 +142,22 @@ fn total(l: &Load, halves: &[&Total], run: &Coupled<f64>) -> Option<(String, Str
     Some((format!("the {size:.4e} {unit}"), why))
 }
 
-/// A traction or pressure of which a part is nowhere given.
+/// Message about a traction or pressure with a share that no model carries.
 fn surface(halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
     let (mut acts, mut lost) = (0.0, 0.0);
     for t in halves {
         for (x, part) in &t.parts {
-            let own = weight(t, run).at(x);
-            let others = halves.iter().filter(|o| o.model != t.model);
+            let weight_here = weight(t, run).at(x);
+            let partners = halves.iter().filter(|o| o.model != t.model);
             let covers = |o: &&&Total| o.parts.iter().any(|p| (p.0 - x).norm() <= o.reach);
-            let rest = if own < 1.0 - SAME {
-                let others = others.filter(covers).map(|o| weight(o, run).at(x));
-                1.0 - own - others.sum::<f64>()
+            let missing = if weight_here < 1.0 - SAME {
+                let partners = partners.filter(covers).map(|o| weight(o, run).at(x));
+                1.0 - weight_here - partners.sum::<f64>()
             } else {
                 0.0
             };
-            acts += t.area * part * own;
-            lost += t.area * part * rest.max(0.0);
+            acts += t.area * part * weight_here;
+            lost += t.area * part * missing.max(0.0);
         }
     }
     let share = lost / (acts + lost);

@@ -1,4 +1,5 @@
-//! The body's elements around a zone, where spheres are packed that are cut off at its border.
+//! Elements of the body around a zone, in which spheres are packed and then cut off at the border of the
+//! zone.
 
 use super::divide::{Division, Owner, crowded_edges, faces_of};
 use super::faces::{Faces, corners_of};
@@ -7,21 +8,20 @@ use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::{Facet, Mesh};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How much farther than spheres the elements reach, in margins: their outer faces are no walls.
+/// Reach of these elements over that of the spheres: their outer faces must not act as walls.
 const REACH: f64 = 1.5;
 
-/// Elements of a zone, and those around it as far as spheres may lie up to `margin` \[m\] beyond its border.
-///
-/// And the faces between the two.
-pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(Mesh<f64>, Triangles)> {
+/// Returns the elements of a zone together with those around it, far enough for spheres up to `margin` \[m\]
+/// beyond the border; and the faces between both.
+pub(super) fn extended_zone(division: &Division, zone: usize, margin: f64) -> Result<(Mesh<f64>, Triangles)> {
     let mesh = division.field.mesh();
-    let mine: Vec<bool> = division
-        .of
+    let in_zone: Vec<bool> = division
+        .owners
         .iter()
         .map(|o| matches!(o, Owner::Zone(z) | Owner::Both(z) if *z == zone))
         .collect();
-    let mut kept = mine.clone();
-    let (beside, border) = neighbours(mesh, &mine);
+    let mut keep = in_zone.clone();
+    let (neighbours_of, border) = neighbours(mesh, &in_zone);
     let faces = Faces::new(border.clone());
     if !faces.is_empty() {
         let near = |e: usize| {
@@ -29,36 +29,37 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
             let longest = corners()
                 .flat_map(|a| corners().map(move |b| (a - b).norm()))
                 .fold(0.0, f64::max);
+            // An element may reach closer to the border than its corners, by at most its longest edge.
             corners().any(|x| faces.distance(&x) < REACH * margin + longest)
         };
-        // Only what hangs together with the zone: a body may come near it on the other side of a gap.
-        let mut open: Vec<usize> = (0..mine.len()).filter(|e| mine[*e]).collect();
-        let mut seen = mine.clone();
+        // Only elements connected to the zone: another part of the body may come close to it across a gap.
+        let mut open: Vec<usize> = (0..in_zone.len()).filter(|e| in_zone[*e]).collect();
+        let mut visited = in_zone.clone();
         while let Some(e) = open.pop() {
-            for &n in beside.get(&e).into_iter().flatten() {
-                if !std::mem::replace(&mut seen[n], true) && near(n) {
-                    kept[n] = true;
+            for &n in neighbours_of.get(&e).into_iter().flatten() {
+                if !std::mem::replace(&mut visited[n], true) && near(n) {
+                    keep[n] = true;
                     open.push(n);
                 }
             }
         }
     }
-    // A surface has two faces at every edge.
+    // A closed surface has two faces at every edge.
     loop {
-        let crowded = crowded_edges(mesh, |e| kept[e]);
+        let crowded = crowded_edges(mesh, |e| keep[e]);
         let meets = |e: usize| {
             let corners = mesh.element(e);
             crowded
                 .iter()
                 .any(|edge| edge.iter().all(|k| corners.contains(k)))
         };
-        let off: Vec<usize> = (0..mine.len())
-            .filter(|&e| kept[e] && !mine[e] && meets(e))
+        let removed: Vec<usize> = (0..in_zone.len())
+            .filter(|&e| keep[e] && !in_zone[e] && meets(e))
             .collect();
-        if off.is_empty() {
-            return Ok((mesh.part(|e| kept[e]).map_err(fem("body"))?, border));
+        if removed.is_empty() {
+            return Ok((mesh.part(|e| keep[e]).map_err(fem("body"))?, border));
         }
-        off.into_iter().for_each(|e| kept[e] = false);
+        removed.into_iter().for_each(|e| keep[e] = false);
     }
 }
 
@@ -66,22 +67,26 @@ pub(super) fn around(division: &Division, zone: usize, margin: f64) -> Result<(M
 pub(super) type Triangles = Vec<[Point3<f64>; 3]>;
 type Beside = BTreeMap<usize, BTreeSet<usize>>;
 
-/// Elements that share a face, and the triangles between those that are kept and the others.
-fn neighbours(mesh: &Mesh<f64>, mine: &[bool]) -> (Beside, Triangles) {
+/// Pairs of elements that share a face, and the triangles between the elements marked in `in_zone` and the
+/// others.
+fn neighbours(mesh: &Mesh<f64>, in_zone: &[bool]) -> (Beside, Triangles) {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
-    let (mut beside, mut border) = (Beside::new(), Vec::new());
+    let (mut neighbours_of, mut border) = (Beside::new(), Vec::new());
     for (facet, key) in faces_of(mesh, |_| true) {
-        let Some(other) = open.insert(key, facet) else {
+        let Some(other_facet) = open.insert(key, facet) else {
             continue;
         };
-        let pair = [facet, other].map(|f| f.element as usize);
+        let pair = [facet, other_facet].map(|f| f.element as usize);
         for (a, b) in [(pair[0], pair[1]), (pair[1], pair[0])] {
-            beside.entry(a).or_default().insert(b);
+            neighbours_of.entry(a).or_default().insert(b);
         }
-        if mine[pair[0]] != mine[pair[1]] {
-            // Seen from the zone, so that they face outwards.
-            border.extend(corners_of(mesh, &[if mine[pair[0]] { facet } else { other }]));
+        if in_zone[pair[0]] != in_zone[pair[1]] {
+            // Taken from the zone's element, so that the triangles face outwards.
+            border.extend(corners_of(
+                mesh,
+                &[if in_zone[pair[0]] { facet } else { other_facet }],
+            ));
         }
     }
-    (beside, border)
+    (neighbours_of, border)
 }

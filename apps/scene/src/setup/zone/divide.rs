@@ -1,10 +1,10 @@
-//! Which elements of the body belong to whom, and how far they are across the overlaps.
+//! Division of a body: which elements belong to which zone, and the position across the overlaps.
 //!
-//! Of a zone are the elements with a corner or the centroid in its region, of the overlap the further ones
-//! with a corner or the centroid less than its width away. The position across the overlap is `s = a/(a +
-//! b)` at the nodes, with the distances `a` from the faces of the zone's own elements and `b` from those of
-//! the elements beyond; between nodes it is interpolated by the element. So it is zero and one on the
-//! borders exactly, whatever these look like.
+//! A zone owns the elements with a corner or the centroid in its region. Its overlap consists of the other
+//! elements with a corner or the centroid closer to the region than the width. The position across the
+//! overlap is `s = a/(a + b)` at the nodes, with the distances `a` from the faces of the zone's own elements
+//! and `b` from those of the elements beyond the overlap; the elements interpolate it. The position is
+//! therefore exactly zero and one on the borders, for borders of any form.
 
 use super::faces::{Faces, corners_of};
 use super::region::Place;
@@ -17,71 +17,71 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Part of an element's length up to which a node on a border is on its outer side.
+/// Tolerance for nodes on a border, in element lengths; they count as outside.
 const ON_BORDER: f64 = 1e-6;
 
-/// Whose an element is.
+/// Owner of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Owner {
-    /// The body's model alone.
+    /// The body's own model alone.
     Body,
     /// The model of a zone alone.
     Zone(usize),
-    /// Both, in the overlap of a zone.
+    /// Both models, in the overlap of a zone.
     Both(usize),
 }
 
-/// What is known of one zone.
+/// Overlap of one zone.
 #[derive(Debug)]
 pub(super) struct Across {
-    /// Positions at the nodes of the body \[–\], zero beyond the overlap.
+    /// Positions across the overlap at the nodes of the body \[–\]; zero outside.
     pub positions: Arc<Vec<f64>>,
     pub width: Width,
 }
 
-/// The body, its elements dealt out.
+/// A body with the owner of each element.
 #[derive(Debug)]
 pub(super) struct Division {
     pub field: Whole,
-    pub of: Arc<Vec<Owner>>,
+    pub owners: Arc<Vec<Owner>>,
     pub zones: Vec<Across>,
 }
 
 impl Division {
-    pub(super) fn of(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
-        let mut of = vec![Owner::Body; mesh.element_count()];
+    pub(super) fn new(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
+        let mut owners = vec![Owner::Body; mesh.element_count()];
         let mut zones = Vec::new();
         for zone in 0..cut.zones.len() {
-            let region = Place::of(cut, zone, &mesh, folder)?;
-            let deal = Deal::of(&mesh, &region, cut, zone)?;
+            let region = Place::new(cut, zone, &mesh, folder)?;
+            let deal = Deal::new(&mesh, &region, cut, zone)?;
             let across = deal.across()?;
             for (e, side) in deal.sides.iter().enumerate() {
-                let mine = match side {
+                let owner = match side {
                     Side::Beyond => continue,
                     Side::Core => Owner::Zone(zone),
                     Side::Layer => Owner::Both(zone),
                 };
-                if let Owner::Zone(other) | Owner::Both(other) = of[e] {
+                if let Owner::Zone(other_zone) | Owner::Both(other_zone) = owners[e] {
                     let rule = format!(
                         "it and its overlap reach into those of zone '{}'; move them apart, make them smaller, or make one zone \
                          of the two",
-                        cut.zones[other].0
+                        cut.zones[other_zone].0
                     );
                     return Err(key(deal.path("shape"), rule));
                 }
-                of[e] = mine;
+                owners[e] = owner;
             }
             zones.push(across);
         }
         Ok(Self {
             field: Arc::new(FemField::new(mesh)),
-            of: Arc::new(of),
+            owners: Arc::new(owners),
             zones,
         })
     }
 }
 
-/// Where an element lies with respect to one zone.
+/// Position of an element with respect to one zone: own element, overlap, or beyond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
     Core,
@@ -89,18 +89,18 @@ enum Side {
     Beyond,
 }
 
-/// The elements of a body, dealt out for one zone.
+/// The elements of a body, divided for one zone.
 struct Deal<'a> {
     mesh: &'a Mesh<f64>,
     name: &'a str,
-    asked: f64,
+    width: f64,
     sides: Vec<Side>,
 }
 
 impl<'a> Deal<'a> {
-    fn of(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
+    fn new(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
         let (name, table) = &cut.zones[zone];
-        let asked = table.overlap.width;
+        let width = table.overlap.width;
         let slack = ON_BORDER * mesh.spacing();
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
         let least = |e: usize| {
@@ -109,13 +109,13 @@ impl<'a> Deal<'a> {
         };
         let side = |e: usize| match least(e) {
             d if d < -slack => Side::Core,
-            d if d < asked - slack => Side::Layer,
+            d if d < width - slack => Side::Layer,
             _ => Side::Beyond,
         };
         let mut deal = Self {
             mesh,
             name,
-            asked,
+            width,
             sides: (0..mesh.element_count()).map(side).collect(),
         };
         if !deal.sides.contains(&Side::Core) {
@@ -131,7 +131,7 @@ impl<'a> Deal<'a> {
         format!("zone.{}.{key}", self.name)
     }
 
-    /// Nodes of the elements on a side.
+    /// For each node: true if it belongs to an element on this side.
     fn nodes_of(&self, side: Side) -> Vec<bool> {
         let mut out = vec![false; self.mesh.nodes().len()];
         for (e, _) in self.sides.iter().enumerate().filter(|(_, s)| **s == side) {
@@ -142,8 +142,8 @@ impl<'a> Deal<'a> {
         out
     }
 
-    /// Gives elements all of whose corners are those of another side to it: the position would not change
-    /// across them. Returns whether there were any.
+    /// Moves elements with all corners on elements of side `to` to that side: the position would be constant
+    /// in them. Returns whether there were any.
     fn fill(&mut self, from: Side, to: Side) -> bool {
         let nodes = self.nodes_of(to);
         let mesh = self.mesh;
@@ -157,8 +157,8 @@ impl<'a> Deal<'a> {
         any
     }
 
-    /// Takes elements off the layer until none hangs at the border alone and, where spheres fill it, the
-    /// surface of what is left has two faces at every edge.
+    /// Removes elements from the layer until none has all its corners on the outer border. If spheres fill
+    /// the zone, also until the remaining surface has two faces at every edge.
     fn round(&mut self, filled: bool) -> Result<()> {
         loop {
             let mut changed = self.fill(Side::Layer, Side::Beyond);
@@ -172,7 +172,8 @@ impl<'a> Deal<'a> {
         }
     }
 
-    /// Takes off the layer what touches an edge at which more than two faces of the zone's surface meet.
+    /// Removes elements from the layer that touch an edge at which more than two faces of the zone's surface
+    /// meet.
     fn part_at_edges(&mut self) -> bool {
         let mesh = self.mesh;
         let crowded = crowded_edges(mesh, |e| self.sides[e] != Side::Beyond);
@@ -195,7 +196,7 @@ impl<'a> Deal<'a> {
         any
     }
 
-    /// Refuses a layer that is somewhere thinner than an element.
+    /// Refuses a layer that is thinner than one element somewhere.
     fn check_layer(&self) -> Result<()> {
         let beyond = self.nodes_of(Side::Beyond);
         if !beyond.contains(&true) {
@@ -216,19 +217,19 @@ impl<'a> Deal<'a> {
                     x.z,
                     3.0 * h
                 );
-                Err(value(self.path("overlap.width"), self.asked, &rule))
+                Err(value(self.path("overlap.width"), self.width, &rule))
             }
         }
     }
 
-    /// Positions at the nodes.
+    /// Positions across the overlap at the nodes, and its width.
     fn across(&self) -> Result<Across> {
         let mesh = self.mesh;
         let of_layer = self.nodes_of(Side::Layer);
         let [inner, outer] = [Side::Core, Side::Beyond].map(|s| self.between(s));
         if inner.is_empty() || outer.is_empty() {
             let rule = "the overlap does not part the body's elements; take a wider one, or another zone";
-            return Err(value(self.path("overlap.width"), self.asked, rule));
+            return Err(value(self.path("overlap.width"), self.width, rule));
         }
         let (of_core, of_beyond) = (self.nodes_of(Side::Core), self.nodes_of(Side::Beyond));
         let mut positions = vec![0.0; mesh.nodes().len()];
@@ -256,16 +257,16 @@ impl<'a> Deal<'a> {
         })
     }
 
-    /// Faces that elements of the layer share with those of a side.
+    /// Faces that elements of the layer share with elements of a side.
     fn between(&self, side: Side) -> Faces {
         let mut open: HashMap<[u32; 4], usize> = HashMap::new();
         let mut out = Vec::new();
         for (facet, key) in faces_of(self.mesh, |_| true) {
             let e = facet.element as usize;
-            let Some(other) = open.insert(key, e) else {
+            let Some(other_element) = open.insert(key, e) else {
                 continue;
             };
-            let pair = [self.sides[e], self.sides[other]];
+            let pair = [self.sides[e], self.sides[other_element]];
             if pair.contains(&side) && pair.contains(&Side::Layer) {
                 out.extend(corners_of(self.mesh, &[facet]));
             }
@@ -274,10 +275,11 @@ impl<'a> Deal<'a> {
     }
 }
 
-/// Edges at which more than two faces of the surface of some elements meet.
+/// Edges at which more than two faces of the surface of the selected elements meet.
 pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     for (facet, key) in faces_of(mesh, keep) {
+        // Faces that two elements share cancel; those of the surface remain.
         if open.remove(&key).is_none() {
             open.insert(key, facet);
         }
@@ -294,13 +296,13 @@ pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> V
     crowded.map(|(edge, _)| edge).collect()
 }
 
-/// Faces of some elements and their corners, ascending, which two neighbours have in common.
+/// Faces of the selected elements, each with its ascending corner numbers; neighbours share these.
 pub(super) fn faces_of(
     mesh: &Mesh<f64>,
     keep: impl Fn(usize) -> bool,
 ) -> impl Iterator<Item = (Facet, [u32; 4])> {
-    let kept = (0..mesh.element_count()).filter(move |&e| keep(e));
-    kept.flat_map(move |e| {
+    let elements = (0..mesh.element_count()).filter(move |&e| keep(e));
+    elements.flat_map(move |e| {
         (0..mesh.kind().faces().len()).map(move |face| {
             let facet = Facet {
                 element: e as u32,

@@ -5,14 +5,14 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::gmsh::facets_of;
 use arlequin::fem_ref::{Facet, Mesh};
 
-/// Corners of the triangles of some facets \[m\], which face outwards of their elements.
+/// Corners of the triangles of facets \[m\]; the triangles face out of their elements.
 pub(in crate::setup) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: &u32| mesh.nodes()[*k as usize];
+    let node = |k: &u32| mesh.nodes()[*k as usize];
     let triangles = facets_of(mesh, facets);
-    triangles.iter().map(|t| t.each_ref().map(at)).collect()
+    triangles.iter().map(|t| t.each_ref().map(node)).collect()
 }
 
-/// Triangles, some of which may be lines or points, to find the nearest of them.
+/// Triangles with a search tree for the nearest one; degenerate triangles (lines and points) are allowed.
 #[derive(Debug, Clone)]
 pub(in crate::setup) struct Faces {
     triangles: Vec<[Point3<f64>; 3]>,
@@ -38,16 +38,17 @@ impl Faces {
         &self.triangles
     }
 
-    /// Number of the nearest triangle and its distance \[m\]; of several the first. There must be one.
+    /// Number of the nearest triangle and its distance \[m\]; the lowest number among equal ones. There must
+    /// be at least one triangle.
     pub(in crate::setup) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
         let [low, high] = &self.bounds;
-        // The boxes of some triangles are at least this far away; with a part of their size, one is met soon.
-        let beyond = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
-        let mut reach = beyond + 0.02 * (high - low).norm() + f64::MIN_POSITIVE;
+        // No triangle is closer than the bounding box; a search radius a little larger finds one soon.
+        let distance_to_box = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
+        let mut reach = distance_to_box + 0.02 * (high - low).norm() + f64::MIN_POSITIVE;
         let mut best = (usize::MAX, f64::INFINITY);
         loop {
-            let around = Vector3::repeat(reach);
-            self.tree.any(&[x - around, x + around], &mut |k| {
+            let half_size = Vector3::repeat(reach);
+            self.tree.any(&[x - half_size, x + half_size], &mut |k| {
                 let d = distance(x, &self.triangles[k]);
                 if d < best.1 || (d <= best.1 && k < best.0) {
                     best = (k, d);
@@ -57,12 +58,13 @@ impl Faces {
             if best.1 <= reach || !reach.is_finite() {
                 return best;
             }
-            // What was found is not farther than this; nothing found: look twice as far.
+            // A triangle outside of the search box may be closer: search again within the distance found, or
+            // twice as far if none was found.
             reach = if best.1.is_finite() { best.1 } else { 2.0 * reach };
         }
     }
 
-    /// The nearest point of all triangles; none without one.
+    /// Closest point of all triangles; `None` without triangles.
     pub(in crate::setup) fn foot(&self, x: &Point3<f64>) -> Option<Point3<f64>> {
         self.triangles.first()?;
         let nearest = self.triangles.get(self.nearest(x).0)?;
@@ -74,7 +76,7 @@ impl Faces {
     }
 }
 
-/// From a point to a triangle \[m\].
+/// Distance from a point to a triangle \[m\].
 fn distance(x: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> f64 {
     (closest_on_triangle(&x.coords, &triangle.map(|p| p.coords)) - x.coords).norm()
 }
@@ -100,13 +102,13 @@ mod tests {
                 9.0 * (0.91 * t).cos(),
                 5.0 * (1.7 * t).sin(),
             );
-            let all = strip.iter().map(|t| distance(&x, t));
-            let least = all.fold(f64::INFINITY, f64::min);
+            let distances = strip.iter().map(|t| distance(&x, t));
+            let least = distances.fold(f64::INFINITY, f64::min);
             assert!((faces.distance(&x) - least).abs() <= 1e-12 * least);
             let foot = faces.foot(&x).expect("a triangle");
             assert!(((foot - x).norm() - least).abs() <= 1e-12 * least);
         }
-        // Points and lines are triangles too.
+        // Points and lines are degenerate triangles.
         let point = Faces::new(vec![[p(1.0, 2.0, 3.0); 3]]);
         assert!((point.distance(&p(1.0, 2.0, 7.0)) - 4.0).abs() < 1e-14);
         let line = Faces::new(vec![[p(0.0, 0.0, 0.0), p(2.0, 0.0, 0.0), p(2.0, 0.0, 0.0)]]);

@@ -1,12 +1,11 @@
-//! How stiff a packing is in its place, beside the body's elements there.
+//! Stiffness of a zone's packing in comparison with the body's elements in its place.
 //!
-//! A packing of a zone is a sample of its own: few spheres across, with free surfaces, its own seed. So it
-//! is tested where it lies. Its border to the body is moved by each of six unit strains, and what supports
-//! hold with it; all else is in equilibrium, and with the shares `w` that the zone has of the energy, `C_kl
-//! = u_k · K_w u_l`. The same is found for the body's elements. The factor by which the beams' modulus is
-//! off is the projection of the one on the other as tensors, so that nothing depends on how the body is
-//! turned. Where the border is open, as at the end of a body, both also hang on it under forces. Decision
-//! 0041.
+//! Each packing differs: it has few spheres across, free surfaces and its own seed. Its stiffness is
+//! therefore measured in place. The border to the body, and the components that supports hold, are moved by
+//! each of six unit strains; all other particles are in equilibrium. With the zone's share `w` of the energy,
+//! `C_kl = u_k · K_w u_l`. The same matrix is computed for the body's elements. The correction factor of the
+//! beams' modulus is the projection of one on the other as tensors, so it is independent of the orientation
+//! of the body. With an open border, as at the end of a body, both are also loaded by forces. Decision 0041.
 
 use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
@@ -26,30 +25,30 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Residual of the equilibria of a packing; errors of the stiffness go with its square.
+/// Residual of the equilibria of a packing; the error of the stiffness is of the order of its square.
 const TOLERANCE: f64 = 3e-3;
-/// Most iterations of each.
+/// Largest number of iterations of each equilibrium.
 const ITERATIONS: usize = 20_000;
 
-/// Part of the area of a border that must be left over of `∫ n dA` for it to be open.
+/// Smallest `|∫ n dA|` of an open border, as a share of its area.
 const CLOSED: f64 = 1e-3;
 
-/// What a packing is like in its place.
+/// Stiffness of a packing in its place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Likeness {
-    /// Its stiffness over that of the body's elements there, with the beams that it has.
+    /// Stiffness over that of the body's elements there, with the beams that the packing has.
     pub stiffness: f64,
-    /// How far it is from theirs, relative to it, but for that factor: other directions, another Poisson's
-    /// ratio.
+    /// Relative deviation from the stiffness of the elements after scaling by that factor: anisotropy, or
+    /// another Poisson's ratio.
     pub uneven: f64,
-    /// Young's modulus of its beams over that of beams for the bulk, or of the scene's own.
+    /// Young's modulus of the beams over that from bulk properties, or over that given in the scene.
     pub beams: f64,
-    /// Spheres across the border on which it hangs: `√|∫ n dA|` over their mean diameter; none where the
-    /// border is closed or supports hold what it does not.
+    /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
+    /// closed or supports hold the zone in every direction.
     pub across: Option<f64>,
 }
 
-/// The fine share of the energy: one in the zone, falling to zero across the overlap.
+/// The fine model's share of the energy: one in the zone, falling to zero across the overlap.
 struct Share(Arc<dyn Overlap<f64>>);
 
 impl Weight<f64> for Share {
@@ -60,7 +59,7 @@ impl Weight<f64> for Share {
             Place::Coarse => 0.0,
         }
     }
-    /// That of the middle; positions are nearly linear in a cell.
+    /// Value at the centre of the cell; positions are nearly linear in a cell.
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
@@ -68,7 +67,7 @@ impl Weight<f64> for Share {
     }
 }
 
-/// `u_k · K_w u_l` of a model with weights `share`, for some fields.
+/// Matrix `u_k · K_w u_l` of a model with weight `share`, for the given fields.
 fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> Result<DMatrix<f64>> {
     model.set_internal_weight(share).map_err(core("zone"))?;
     let mut out = DMatrix::zeros(fields.len(), fields.len());
@@ -76,13 +75,15 @@ fn energies(model: &mut dyn Model<f64>, share: &Share, fields: &[Vec<f64>]) -> R
         let mut force = vec![0.0; u.len()];
         model.add_internal_forces(u, &mut force).map_err(core("zone"))?;
         for (k, v) in fields.iter().enumerate() {
+            // Internal forces are added with the sign of `−K u`.
             out[(k, l)] = -v.iter().zip(&force).map(|(v, f)| v * f).sum::<f64>();
         }
     }
     Ok((&out + out.transpose()) * 0.5)
 }
 
-/// Components that supports hold of points so far apart \[m\], some of which are in groups.
+/// For each point, the components that supports hold. `spacing` \[m\] is that of the points; `group` returns
+/// the points of a named group.
 fn supported(
     supports: Supports<'_>,
     points: &[Point3<f64>],
@@ -92,14 +93,14 @@ fn supported(
     let mut out = vec![[false; 3]; points.len()];
     for (number, s) in supports {
         let holds = |c: usize| {
-            let named = |all: &Vec<Axis>| all.iter().any(|a| a.index() == c);
+            let named = |axes: &Vec<Axis>| axes.iter().any(|a| a.index() == c);
             s.components.as_ref().is_none_or(named)
         };
         let nodes = match &s.at {
             Selection::Group(name) => group(name).unwrap_or_default(),
             Selection::Box(low, high) => group(&format!("support[{number}]")).unwrap_or_else(|| {
-                let there = |k: &usize| inside(low, high, &points[*k], slack(spacing));
-                (0..points.len()).filter(there).collect()
+                let in_box = |k: &usize| inside(low, high, &points[*k], slack(spacing));
+                (0..points.len()).filter(in_box).collect()
             }),
         };
         for k in nodes {
@@ -109,7 +110,7 @@ fn supported(
     out
 }
 
-/// Displacement of a unit strain at `x` \[m\], in the order `xx yy zz yz zx xy`.
+/// Displacement of unit strain `k` at `x` \[m\], in the order `xx yy zz yz zx xy`.
 fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
     const PLACE: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
     let [i, j] = PLACE[k];
@@ -122,26 +123,25 @@ fn strained(k: usize, x: &Vector3<f64>) -> Vector3<f64> {
 /// Supports that hold a model, with their numbers in the scene.
 pub(in crate::setup) type Supports<'a> = &'a [(usize, &'a Support)];
 
-/// The elements of a body in and around a zone, and what a packing there is measured by.
+/// The body's elements in a zone and its overlap, with which the zone's packing is compared.
 pub(in crate::setup) struct Twin<'a> {
     key: &'a str,
     table: &'a ModelTable,
     mesh: &'a Mesh<f64>,
     share: Share,
     supports: Supports<'a>,
-    /// Components of the nodes on the border to the body, and of those that supports hold.
+    /// Held components of each node: all on the border to the body, and those that supports hold.
     held: Vec<[bool; 3]>,
-    /// Faces whose components supports hold.
+    /// For each component, the faces on which supports hold it.
     bearings: [Faces; 3],
     border: Faces,
     middle: Vector3<f64>,
-    /// Forces that are spread over the zone by mass \[N\]; none where its border can hold every stress by
-    /// itself.
+    /// Forces that are distributed over the zone by mass \[N\]; empty for a closed border.
     pulls: Vec<Vector3<f64>>,
 }
 
 impl<'a> Twin<'a> {
-    /// Of a zone's elements; none where they have no border to the body.
+    /// Prepares the elements of a zone; `None` if they have no border to the body.
     pub(in crate::setup) fn new(
         key: &'a str,
         table: &'a ModelTable,
@@ -149,12 +149,12 @@ impl<'a> Twin<'a> {
         (piece, supports, folder): (&Piece, Supports<'a>, &Path),
     ) -> Result<Option<Self>> {
         let share = Share(piece.overlap(folder)?);
-        let beyond = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
-        let outer: Vec<bool> = mesh.nodes().iter().map(beyond).collect();
+        let is_coarse = |x: &Point3<f64>| matches!(share.0.place(x), Place::Coarse);
+        let outer: Vec<bool> = mesh.nodes().iter().map(is_coarse).collect();
         let on_border = |f: &Facet| mesh.facet_nodes(*f).iter().all(|k| outer[*k as usize]);
         let surface = mesh.boundary();
-        let faces = |of: &dyn Fn(&Facet) -> bool| {
-            let facets: Vec<_> = surface.iter().copied().filter(of).collect();
+        let faces = |selected: &dyn Fn(&Facet) -> bool| {
+            let facets: Vec<_> = surface.iter().copied().filter(selected).collect();
             Faces::new(corners_of(mesh, &facets))
         };
         let border = faces(&on_border);
@@ -185,8 +185,8 @@ impl<'a> Twin<'a> {
         }))
     }
 
-    /// Forces on the nodes of a model under a pull \[N\] that acts on the part of its mass which is the
-    /// zone's share.
+    /// Distributes a force `pull` \[N\] over the nodes of a model by mass, so that the zone's share of the
+    /// mass carries it.
     fn spread(&self, model: &dyn Model<f64>, pull: &Vector3<f64>) -> Result<Vec<f64>> {
         let mut mass = vec![0.0; model.layout().dofs()];
         let mut share = mass.clone();
@@ -197,11 +197,11 @@ impl<'a> Twin<'a> {
             .lumped_inertia(&Uniform(1.0), &mut mass)
             .map_err(core(self.key))?;
         let moved = model.layout().translations();
-        let all = share[..moved].iter().sum::<f64>() / 3.0;
-        Ok((0..moved).map(|r| pull[r % 3] * mass[r] / all).collect())
+        let sum = share[..moved].iter().sum::<f64>() / 3.0;
+        Ok((0..moved).map(|r| pull[r % 3] * mass[r] / sum).collect())
     }
 
-    /// Displacements of the elements under the six strains of their border, and under the pulls.
+    /// Displacements of the elements under the six strains of the border, then under the pulls.
     fn equilibria(&self, model: &FemModel<f64>) -> Result<Vec<Vec<f64>>> {
         let whole = model.stiffness();
         let mut place = vec![usize::MAX; whole.rows()];
@@ -209,12 +209,12 @@ impl<'a> Twin<'a> {
         free.iter().enumerate().for_each(|(k, r)| place[*r] = k);
         let mut fields: Vec<Vec<f64>> = (0..6)
             .map(|k| {
-                let at = |(x, held): (&Point3<f64>, &[bool; 3])| {
+                let displaced = |(x, held): (&Point3<f64>, &[bool; 3])| {
                     let held = Vector3::from(held.map(|h| f64::from(u8::from(h))));
                     strained(k, &(x.coords - self.middle)).component_mul(&held)
                 };
                 let nodes = self.mesh.nodes().iter().zip(&self.held);
-                nodes.flat_map(|n| <[f64; 3]>::from(at(n))).collect()
+                nodes.flat_map(|n| <[f64; 3]>::from(displaced(n))).collect()
             })
             .collect();
         fields.resize(6 + self.pulls.len(), vec![0.0; whole.rows()]);
@@ -230,10 +230,11 @@ impl<'a> Twin<'a> {
         for (v, (r, c)) in whole.iter() {
             match (place[r], place[c]) {
                 (usize::MAX, _) => {}
+                // Prescribed displacements move to the right-hand side.
                 (row, usize::MAX) => {
                     (0..6).for_each(|k| sides[k * free.len() + row] -= v * fields[k][c]);
                 }
-                // Parts of the body that nothing holds stay where they are.
+                // The small addition to the diagonal keeps parts that nothing holds at rest.
                 (row, column) => matrix.add_triplet(row, column, if r == c { v * (1.0 + 1e-9) } else { *v }),
             }
         }
@@ -245,48 +246,51 @@ impl<'a> Twin<'a> {
         Ok(fields)
     }
 
-    /// Whether a sphere moves with the border: it is within a mean diameter of it.
+    /// Returns whether a sphere moves with the border: it is within a mean diameter of the border or beyond
+    /// it.
     fn on_border(&self, model: &DemModel, x: &Point3<f64>) -> bool {
         let rim = 2.0 * model.body().mean_radius();
         self.border.distance(x) < rim || matches!(self.share.0.place(x), Place::Coarse)
     }
 
-    /// Displacement of a sphere under a unit strain, where it is held. A support holds the centres of
-    /// spheres that touch a face as it holds the face: a radius of the packing is rigid there, which is a
-    /// part of how stiff it is.
+    /// Displacement of a sphere under unit strain `k`, for its held components. A support moves the centres
+    /// of spheres that touch a face like the face itself: a layer one radius thick is then rigid, which is
+    /// part of the packing's stiffness.
     fn moved(&self, k: usize, model: &DemModel, (x, held): (&Point3<f64>, &Held)) -> Vector3<f64> {
-        let at = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
-        let mut out = at(x);
+        let displaced = |x: &Point3<f64>| strained(k, &(x.coords - self.middle));
+        let mut out = displaced(x);
         if held.linear.contains(&true) && !self.on_border(model, x) {
             for c in (0..3).filter(|c| held.linear[*c]) {
-                out[c] = self.bearings[c].foot(x).map_or(out[c], |foot| at(&foot)[c]);
+                out[c] = self.bearings[c]
+                    .foot(x)
+                    .map_or(out[c], |foot| displaced(&foot)[c]);
             }
         }
         out
     }
 
-    /// What is held of a packing: spheres within a diameter of the border, and what supports hold.
+    /// Held components of each sphere: all within a diameter of the border, and those that supports hold.
     fn holds(&self, model: &DemModel, group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>) -> Vec<Held> {
         let spacing = 2.0 * model.body().mean_radius();
         let fixed = supported(self.supports, model.nodes(), spacing, &|name| group(model, name));
-        let both = |(x, fixed): (&Point3<f64>, [bool; 3])| {
+        let held = |(x, fixed): (&Point3<f64>, [bool; 3])| {
             let rim = self.on_border(model, x);
             Held {
                 linear: fixed.map(|f| f || rim),
                 ..Held::default()
             }
         };
-        model.nodes().iter().zip(fixed).map(both).collect()
+        model.nodes().iter().zip(fixed).map(held).collect()
     }
 
-    /// Displacements and rotations of a packing under the six strains, and under the pulls.
+    /// Displacements and rotations of a packing under the six strains, then under the pulls.
     fn settle(&self, model: &DemModel, held: &[Held]) -> Result<Vec<Vec<f64>>> {
         let body = model.body();
         let solved = |problem: StaticProblem| {
-            let done = problem.solve(body, TOLERANCE, ITERATIONS);
-            let done = done.map_err(dem(self.key))?.displacements;
-            let moves = done.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
-            let turns = done.iter().flat_map(|t| <[f64; 3]>::from(t.angular));
+            let solution = problem.solve(body, TOLERANCE, ITERATIONS);
+            let solution = solution.map_err(dem(self.key))?.displacements;
+            let moves = solution.iter().flat_map(|t| <[f64; 3]>::from(t.linear));
+            let turns = solution.iter().flat_map(|t| <[f64; 3]>::from(t.angular));
             Ok(moves.chain(turns).collect())
         };
         let mut out = Vec::new();
@@ -308,8 +312,9 @@ impl<'a> Twin<'a> {
         Ok(out)
     }
 
-    /// A packing that hangs on its border. Spheres there do not turn, so that all that bonds join to them
-    /// is held; what is not joined carries nothing.
+    /// Static problem of a packing that hangs on its border under a force. Spheres at the border cannot
+    /// rotate, so that everything bonded to them is held; particles that are not connected to them carry no
+    /// load.
     fn hanging(&self, model: &DemModel, held: &[Held], pull: &Vector3<f64>) -> Result<StaticProblem> {
         let body = model.body();
         let mut problem = StaticProblem::free(body.len());
@@ -336,41 +341,41 @@ impl<'a> Twin<'a> {
         Ok(problem)
     }
 
-    /// What a packing is like, whose beams get another modulus if they may be `chosen`. None where it
-    /// cannot be tested: it must have a border and an inside.
+    /// Measures the stiffness of a packing. With `chosen`, the modulus of the beams is corrected to match the
+    /// body. `None` if the packing cannot be measured: it needs a border and an inside.
     pub(in crate::setup) fn likeness(
         &self,
         mut model: DemModel,
         chosen: bool,
         group: &dyn Fn(&DemModel, &str) -> Option<Vec<usize>>,
     ) -> Result<Option<Likeness>> {
-        let materials = materials::of(self.key, self.table, self.mesh)?;
+        let materials = materials::element_materials(self.key, self.table, self.mesh)?;
         let elements = FemModel::new("body", self.mesh.clone(), materials);
         let mut elements = elements.map_err(fem(self.key))?;
         let fields = self.equilibria(&elements)?;
-        let wanted = energies(&mut elements, &self.share, &fields)?;
+        let body_energies = energies(&mut elements, &self.share, &fields)?;
         let held = self.holds(&model, group);
         let fields = self.settle(&model, &held)?;
-        let found = energies(&mut model, &self.share, &fields)?;
-        let of = |first: usize, count: usize| {
-            let part = |all: &DMatrix<f64>| all.view((first, first), (count, count)).into_owned();
-            [part(&found), part(&wanted)]
+        let packing_energies = energies(&mut model, &self.share, &fields)?;
+        let blocks = |first: usize, count: usize| {
+            let part = |energies: &DMatrix<f64>| energies.view((first, first), (count, count)).into_owned();
+            [part(&packing_energies), part(&body_energies)]
         };
-        let Some(strained) = Compared::strained(&of(0, 6)) else {
+        let Some(strained) = Compared::strained(&blocks(0, 6)) else {
             return Ok(None);
         };
-        let Some(hanging) = Compared::hanging(&of(6, self.pulls.len())) else {
+        let Some(hanging) = Compared::hanging(&blocks(6, self.pulls.len())) else {
             return Ok(None);
         };
-        // Energies are those of unit strains and of stresses of the size of Young's modulus: the larger
-        // says more.
+        // Strains and stresses have different energies; the larger energy gets the larger weight.
         let weight = hanging.size / (strained.size + hanging.size);
-        let both = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
-        let factor = both(strained.factor.ln(), hanging.factor.ln()).exp();
-        let uneven = both(strained.off, hanging.off).sqrt();
+        let blend = |a: f64, b: f64| (1.0 - weight) * a + weight * b;
+        // A geometric mean: twice as stiff and half as stiff weigh alike.
+        let factor = blend(strained.factor.ln(), hanging.factor.ln()).exp();
+        let uneven = blend(strained.deviation, hanging.deviation).sqrt();
         let diameter = 2.0 * model.body().mean_radius();
         let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
-        // Stiffness goes with the modulus of the beams.
+        // Stiffness is proportional to the modulus of the beams.
         Ok(Some(Likeness {
             stiffness: if chosen { 1.0 } else { factor },
             uneven,
@@ -380,11 +385,11 @@ impl<'a> Twin<'a> {
     }
 }
 
-/// Forces under which a zone hangs on its border, where that faces one way rather than all: along each axis
-/// on which no support holds a face of the zone, what the border would have to carry of a stress `E` \[N\].
+/// Forces on a zone whose border is open \[N\]: for each axis along which no support holds a face of the
+/// zone, the force of a stress `E` on the border.
 ///
-/// Where a border is closed (`∫ n dA = 0`), it strains what is inside by itself. At the end of a body
-/// strain dies away from it, and what a zone carries comes from its own surface.
+/// A closed border (`∫ n dA = 0`) strains the zone by itself. At the end of a body the strain decays away
+/// from the border, and the zone's load comes from its own surface.
 fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<Vector3<f64>> {
     let areas = border.iter().map(|[a, b, c]| (b - a).cross(&(c - a)) * 0.5);
     let (sum, size) = areas.fold((Vector3::zeros(), 0.0), |(sum, size), a| {
@@ -394,29 +399,29 @@ fn pulls(border: &[[Point3<f64>; 3]], young: f64, supported: [bool; 3]) -> Vec<V
     axes.map(|c| Vector3::ith(c, young * sum.norm())).collect()
 }
 
-/// A packing beside the body's elements.
+/// A packing in comparison with the body's elements.
 #[derive(Debug)]
 struct Compared {
-    /// How much stiffer it is.
+    /// Stiffness over that of the elements.
     factor: f64,
-    /// Square of what is left over, but for the factor, relative to the elements.
-    off: f64,
-    /// Square of the elements' energies \[J²\].
+    /// Squared relative deviation from the elements after scaling by the factor.
+    deviation: f64,
+    /// Square of the elements' energies \[J²\]; the weight of the comparison.
     size: f64,
 }
 
 impl Compared {
-    /// Under strains of the border: the projection of the one stiffness on the other as tensors of fourth
+    /// Comparison under strains of the border: projection of one stiffness on the other as tensors of fourth
     /// order.
     fn strained([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         let size = inner(wanted, wanted);
         let factor = inner(found, wanted) / size;
-        let off = found / factor - wanted;
-        Self::sound(factor, inner(&off, &off) / size, size)
+        let deviation = found / factor - wanted;
+        Self::sound(factor, inner(&deviation, &deviation) / size, size)
     }
 
-    /// Under forces, whose work goes with the inverse of the stiffness: the mean over all directions, each
-    /// beside the elements' own work, as bending may be much softer than tension.
+    /// Comparison under forces, whose work is proportional to the inverse of the stiffness. The mean over all
+    /// directions is relative to the elements' work in each, as bending may be much softer than tension.
     fn hanging([found, wanted]: &[DMatrix<f64>; 2]) -> Option<Self> {
         if wanted.is_empty() {
             return Self::sound(1.0, 0.0, 0.0);
@@ -425,23 +430,27 @@ impl Compared {
         let softer = &root * found * root.transpose();
         let count = softer.nrows();
         let mean = softer.trace() / count as f64;
-        let off = softer / mean - DMatrix::identity(count, count);
+        let deviation = softer / mean - DMatrix::identity(count, count);
         Self::sound(
             1.0 / mean,
-            off.norm_squared() / count as f64,
+            deviation.norm_squared() / count as f64,
             wanted.norm_squared(),
         )
     }
 
-    /// None where nothing carries.
-    fn sound(factor: f64, off: f64, size: f64) -> Option<Self> {
-        (factor > 0.0 && factor.is_finite() && off.is_finite()).then_some(Self { factor, off, size })
+    /// Returns `None` if the numbers are not finite or the packing carries no load.
+    fn sound(factor: f64, deviation: f64, size: f64) -> Option<Self> {
+        (factor > 0.0 && factor.is_finite() && deviation.is_finite()).then_some(Self {
+            factor,
+            deviation,
+            size,
+        })
     }
 }
 
-/// Product of two stiffnesses as tensors of fourth order.
+/// Inner product of two stiffnesses as tensors of fourth order.
 fn inner(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
-    // An entry with a shear component appears twice per such component.
+    // Each shear index of the matrix stands for two tensor components.
     let times = |k: usize| if k < 3 { 1.0 } else { 2.0 };
     let entries = (0..36).map(|k| (k / 6, k % 6));
     entries

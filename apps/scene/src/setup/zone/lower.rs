@@ -1,4 +1,4 @@
-//! `[body]` and `[zone.NAME]` become models and interfaces.
+//! Lowers `[body]` and `[zone.NAME]` to models and interfaces.
 
 use super::region::Place;
 use super::{BODY, Cut, Mark, Piece, Use};
@@ -10,8 +10,8 @@ use crate::spec::{
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-/// The same scene in models and interfaces alone; `body` and `zone` stay as they are, to tell where these
-/// come from.
+/// Adds models and interfaces for the body and its zones. The tables `body` and `zone` remain, for keys in
+/// messages.
 pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
     let Some(body) = scene.body.clone() else {
         return match scene.zone.keys().next() {
@@ -51,16 +51,19 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
         body: body.clone(),
         zones,
         marks: marks(&scene),
-        made: OnceLock::new(),
+        division: OnceLock::new(),
     });
-    let piece = |of: Use| Piece { cut: cut.clone(), of };
+    let piece = |purpose: Use| Piece {
+        cut: cut.clone(),
+        purpose,
+    };
     for (k, (name, zone)) in cut.zones.iter().enumerate() {
         let model = model(zone, &body, piece(Use::Zone(k)));
         scene.model.insert(name.clone(), model);
         let interface = interface(name, zone, piece(Use::Between(k)));
         scene.interface.insert(name.clone(), interface);
     }
-    let rest = ModelTable {
+    let remainder = ModelTable {
         role: Some(RoleKind::Coarse),
         shape: Shape::Piece(piece(Use::Body)),
         spacing: None,
@@ -69,17 +72,17 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
         volume: None,
         ..body
     };
-    scene.model.insert(BODY.to_owned(), rest);
+    scene.model.insert(BODY.to_owned(), remainder);
     Ok(scene)
 }
 
-/// The boxes in which loads and supports act on the body.
+/// Boxes in which loads and supports act on the body.
 fn marks(scene: &SceneSpec) -> Vec<Mark> {
     let loads = scene.load.iter().map(|l| (&l.model, &l.at)).enumerate();
     let supports = scene.support.iter().map(|s| (&s.model, &s.at)).enumerate();
-    let loads = loads.map(|(k, of)| (format!("load[{k}]"), of));
-    let all = loads.chain(supports.map(|(k, of)| (format!("support[{k}]"), of)));
-    let boxes = all.filter_map(|(key, (model, at))| match at {
+    let loads = loads.map(|(k, place)| (format!("load[{k}]"), place));
+    let places = loads.chain(supports.map(|(k, place)| (format!("support[{k}]"), place)));
+    let boxes = places.filter_map(|(key, (model, selection))| match selection {
         Selection::Box(low, high) if model == BODY => Some(Mark {
             key,
             low: *low,
@@ -90,7 +93,7 @@ fn marks(scene: &SceneSpec) -> Vec<Mark> {
     boxes.collect()
 }
 
-/// Where a key of the models and interfaces that were made stands in the scene.
+/// Replaces the key of a generated model or interface in an error by the key that the scene has.
 pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
     if scene.body.is_none() {
         return error;
@@ -98,13 +101,13 @@ pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
     error.at_key(|key| {
         let mut parts = key.splitn(3, '.');
         let (table, name) = (parts.next()?, parts.next()?);
-        let rest = parts.next();
+        let subkey = parts.next();
         let place = match table {
             "model" if name == BODY => BODY.to_owned(),
             "model" | "interface" if scene.zone.contains_key(name) => format!("zone.{name}"),
             _ => return None,
         };
-        Some(rest.map_or(place.clone(), |rest| format!("{place}.{rest}")))
+        Some(subkey.map_or(place.clone(), |subkey| format!("{place}.{subkey}")))
     })
 }
 
@@ -202,7 +205,8 @@ fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> Interface {
         fine: name.to_owned(),
         overlap: OverlapShape::Zone(piece),
         weight: WeightTable {
-            // No weight is compatible with borders of any form; the linear one errs least (decision 0041).
+            // No weight is compatible with borders of arbitrary form; the linear one has the smallest error
+            // (decision 0041).
             profile: zone.weight.profile.or(Some(ProfileKind::Linear)),
             ..zone.weight.clone()
         },

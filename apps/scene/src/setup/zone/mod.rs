@@ -1,8 +1,8 @@
-//! One body, and zones of it in which another model takes its place.
+//! A body with zones in which another model replaces it.
 //!
-//! `[body]` and `[zone.NAME]` become the models and interfaces that a user could have written: the model
-//! `body` of the elements outside of the zones, a model per zone of the elements in and around it, and an
-//! interface between the two whose mediator is made of the elements that both have. Decision 0037.
+//! `[body]` and `[zone.NAME]` become models and interfaces that a user could have written: the model `body`
+//! of the elements outside of the zones, a model for each zone of its elements including the overlap, and an
+//! interface between both whose mediator consists of the elements in the overlap. Decision 0037.
 
 mod around;
 mod divide;
@@ -31,10 +31,10 @@ use divide::Division;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// Name of the body's model.
+/// Name of the body's own model.
 pub(super) const BODY: &str = "body";
 
-/// Models of what a scene names by one of them: where that is the body, its zones as well.
+/// Numbers of the models that a model name in the scene refers to: the body's own model includes its zones.
 pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
     let place = |name: &String| scene.model.keys().position(|n| n == name);
     let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
@@ -42,8 +42,8 @@ pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
     std::iter::once(m).chain(zones).collect()
 }
 
-/// The same of models of which a list names some: zones that another list names are not the body's in this
-/// one.
+/// Expands the body in a list of models to the body and its zones, except zones that `elsewhere` lists by
+/// name.
 pub(super) fn with_parts(
     scene: &SceneSpec,
     named: Vec<usize>,
@@ -59,36 +59,36 @@ pub(super) fn with_parts(
     out
 }
 
-/// Most halvings of the body's elements in a zone.
+/// Largest number of times that the body's elements are halved in a zone.
 const HALVINGS: f64 = 6.0;
 
-/// How far the two borders of an overlap are apart.
+/// Distance between the two borders of an overlap.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Width {
-    /// Mean over the border to the zone's own region \[m\].
+    /// Mean over the border of the zone's own region \[m\].
     pub mean: f64,
-    /// Smallest \[m\].
+    /// Smallest distance \[m\].
     pub least: f64,
-    /// Mean length of the body's elements in it \[m\].
+    /// Mean length of the body's elements in the overlap \[m\].
     pub spacing: f64,
 }
 
-/// How wide the overlap around a zone came out.
+/// Width of the overlap around a zone.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ZoneLine {
     /// Name of the zone.
     pub name: String,
-    /// Distance of its borders.
+    /// Distance between the borders of the overlap.
     pub width: Width,
-    /// The mean of it in elements of the body.
+    /// Mean width in elements of the body.
     pub elements: f64,
-    /// The mean of it in distances of the zone's nodes, or particles.
+    /// Mean width in spacings of the zone's nodes or particles.
     pub fine: f64,
 }
 
-/// How wide the overlaps of a scene came out.
+/// Widths of the overlaps around the zones of a scene.
 pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
-    let of = |(name, table): (&String, &Interface)| {
+    let line = |(name, table): (&String, &Interface)| {
         let OverlapShape::Zone(piece) = &table.overlap else {
             return None;
         };
@@ -101,10 +101,10 @@ pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
             fine: width.mean / fine.spacing,
         })
     };
-    scene.interface.iter().filter_map(of).collect()
+    scene.interface.iter().filter_map(line).collect()
 }
 
-/// What a piece of the body is for.
+/// Purpose of a piece of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
     /// The body's own model.
@@ -115,24 +115,24 @@ enum Use {
     Between(usize),
 }
 
-/// A piece of the body: some of its elements.
+/// A piece of the body: a part of its elements.
 #[derive(Debug, Clone)]
 pub struct Piece {
     cut: Arc<Cut>,
-    of: Use,
+    purpose: Use,
 }
 
-/// A body and the zones in it; divided when the first piece is asked for.
+/// A body and its zones; divided at the first request for a piece.
 #[derive(Debug)]
 struct Cut {
     body: ModelTable,
     zones: Vec<(String, ZoneTable)>,
-    /// Boxes in which loads and supports of the body act, whose surfaces become groups.
+    /// Boxes in which loads and supports act on the body; the surfaces inside become groups.
     marks: Vec<Mark>,
-    made: OnceLock<Division>,
+    division: OnceLock<Division>,
 }
 
-/// A closed box by the key that names it.
+/// A closed box, and the key that names it.
 #[derive(Debug)]
 struct Mark {
     key: String,
@@ -142,14 +142,15 @@ struct Mark {
 
 impl Cut {
     fn division(&self, folder: &Path) -> Result<&Division> {
-        if let Some(made) = self.made.get() {
-            return Ok(made);
+        if let Some(division) = self.division.get() {
+            return Ok(division);
         }
-        let made = Division::of(self.mesh(folder)?, self, folder)?;
-        Ok(self.made.get_or_init(|| made))
+        let division = Division::new(self.mesh(folder)?, self, folder)?;
+        // The cell has no fallible initialisation; a second division of the same body would be equal.
+        Ok(self.division.get_or_init(|| division))
     }
 
-    /// What the body asks for as a model that is alone.
+    /// Request for the mesh of the body as a single model.
     fn request<'a>(&'a self, folder: &'a Path) -> Result<Request<'a>> {
         match self.body.kind {
             ModelKind::Cnem => natural::request("body", &self.body, folder),
@@ -164,16 +165,16 @@ impl Cut {
         }
         let reach = select::slack(whole.spacing());
         for mark in &self.marks {
-            let within = |x: &Point3<f64>| select::inside(&mark.low, &mark.high, x, reach);
+            let inside = |x: &Point3<f64>| select::inside(&mark.low, &mark.high, x, reach);
             let nodes = whole.nodes();
             let corners = |f: Facet| {
                 whole
                     .facet_nodes(f)
                     .into_iter()
-                    .all(|k| within(&nodes[k as usize]))
+                    .all(|k| inside(&nodes[k as usize]))
             };
             if whole.boundary().into_iter().any(corners) {
-                whole = whole.with_surface(&mark.key, within).map_err(fem("body"))?;
+                whole = whole.with_surface(&mark.key, inside).map_err(fem("body"))?;
             }
         }
         Ok(whole)
@@ -181,9 +182,9 @@ impl Cut {
 }
 
 impl Piece {
-    /// Refuses what can be seen to be wrong before anything is meshed.
+    /// Checks what can be checked before anything is meshed.
     pub(super) fn check(&self, request: &Request<'_>) -> Result<()> {
-        match self.of {
+        match self.purpose {
             Use::Body => {
                 let whole = self.cut.request(request.folder)?;
                 whole.check_body()
@@ -199,16 +200,16 @@ impl Piece {
         }
     }
 
-    /// Whether the body comes from a file.
+    /// Returns whether the body comes from a file.
     pub(super) fn is_of_file(&self) -> bool {
         matches!(self.cut.body.shape, Shape::File(_))
     }
 
-    /// Its mesh; that of a zone's model and its mediator are halved until their elements are no longer than
-    /// asked for.
+    /// Mesh of the piece. Elements of a zone or a mediator are halved until they are no longer than
+    /// requested.
     pub(super) fn mesh(&self, request: &Request<'_>) -> Result<Mesh<f64>> {
         let mesh = self.elements(self.cut.division(request.folder)?)?;
-        match (self.of, request.spacing) {
+        match (self.purpose, request.spacing) {
             (Use::Zone(z), Some(wanted)) => halved(
                 mesh,
                 wanted,
@@ -220,55 +221,59 @@ impl Piece {
         }
     }
 
-    /// Its elements as they are in the body.
+    /// Elements of the piece as they are in the body.
     fn elements(&self, division: &Division) -> Result<Mesh<f64>> {
         let mesh = division.field.mesh();
-        let kept = |e: usize| match self.of {
-            Use::Body => !matches!(division.of[e], divide::Owner::Zone(_)),
+        let keep = |e: usize| match self.purpose {
+            Use::Body => !matches!(division.owners[e], divide::Owner::Zone(_)),
             Use::Zone(z) => {
-                matches!(division.of[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
+                matches!(division.owners[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
             }
-            Use::Between(z) => division.of[e] == divide::Owner::Both(z),
+            Use::Between(z) => division.owners[e] == divide::Owner::Both(z),
         };
-        mesh.part(kept).map_err(fem("body"))
+        mesh.part(keep).map_err(fem("body"))
     }
 
-    /// Its surface, to be filled.
+    /// Surface of the piece, to be filled with spheres, and its elements.
     pub(super) fn surface(&self, folder: &Path) -> Result<(Triangles, Mesh<f64>)> {
         let mesh = self.elements(self.cut.division(folder)?)?;
         Ok((triangles_of(&mesh), mesh))
     }
 
-    /// The surface of a zone's elements and of those around them, as far as spheres may lie up to `margin`
-    /// \[m\] beyond. And the faces between the two.
-    pub(super) fn around(&self, folder: &Path, margin: f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
+    /// Surface of the zone's elements together with those around them, far enough for spheres up to `margin`
+    /// \[m\] beyond the border; and the faces between both.
+    pub(super) fn extended_surface(
+        &self,
+        folder: &Path,
+        margin: f64,
+    ) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
         let division = self.cut.division(folder)?;
-        let (mesh, border) = around::around(division, self.number(), margin)?;
+        let (mesh, border) = around::extended_zone(division, self.number(), margin)?;
         Ok((triangles_of(&mesh), border))
     }
 
-    /// The whole body with all its zones. Boxes in which loads and supports of the body act are groups by
-    /// their key (`load[0]`), where these hold a part of the surface.
+    /// Mesh of the whole body with its zones. Boxes in which loads and supports act are groups named by their
+    /// key (`load[0]`), if they contain a part of the surface.
     pub(super) fn whole(&self, folder: &Path) -> Result<&Mesh<f64>> {
         Ok(self.cut.division(folder)?.field.mesh())
     }
 
-    /// Facets of a group on its elements as they are in the body.
+    /// Facets of a group on the elements of the piece as they are in the body.
     pub(super) fn facets(&self, group: &str, folder: &Path) -> Result<Vec<SurfaceFacet<f64>>> {
         let mesh = self.elements(self.cut.division(folder)?)?;
-        let there = mesh.groups().get(group).is_some_and(|g| !g.facets.is_empty());
-        if there {
+        let has_facets = mesh.groups().get(group).is_some_and(|g| !g.facets.is_empty());
+        if has_facets {
             return mesh.surface(group).map_err(fem("body"));
         }
         Ok(Vec::new())
     }
 
-    /// Whether nodes of the whole body are of no element but those that this zone has for itself.
+    /// For each node of the body: true if all of its elements belong to this zone alone.
     pub(super) fn alone(&self, folder: &Path) -> Result<Vec<bool>> {
         let division = self.cut.division(folder)?;
         let mesh = division.field.mesh();
         let mut out = vec![true; mesh.nodes().len()];
-        for (e, owner) in division.of.iter().enumerate() {
+        for (e, owner) in division.owners.iter().enumerate() {
             if *owner != divide::Owner::Zone(self.number()) {
                 mesh.element(e).iter().for_each(|k| out[*k as usize] = false);
             }
@@ -276,47 +281,48 @@ impl Piece {
         Ok(out)
     }
 
-    /// Name of the zone of whose own elements a point is, if it is of any.
+    /// Name of the zone that alone owns the element at a point, if any.
     pub(super) fn zone_at(&self, x: &Point3<f64>, folder: &Path) -> Result<Option<&str>> {
         let division = self.cut.division(folder)?;
-        Ok(match division.field.element_at(x).map(|e| division.of[e]) {
+        Ok(match division.field.element_at(x).map(|e| division.owners[e]) {
             Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].0),
             _ => None,
         })
     }
 
-    /// Whether a point is of the elements that this zone has, alone or with the body's model.
+    /// Returns whether a point lies in an element of this zone, overlap included.
     pub(super) fn holds(&self, x: &Point3<f64>, folder: &Path) -> Result<bool> {
         let division = self.cut.division(folder)?;
-        let owner = division.field.element_at(x).map(|e| division.of[e]);
-        let mine = |z: usize| z == self.number();
-        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if mine(z))))
+        let owner = division.field.element_at(x).map(|e| division.owners[e]);
+        let is_own = |z: usize| z == self.number();
+        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if is_own(z))))
     }
 
-    /// Where points lie with respect to the overlap.
+    /// Positions of points with respect to the overlap.
     pub(super) fn overlap(&self, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
         let division = self.cut.division(folder)?;
         let zone = self.number();
         Ok(Arc::new(place::Layer::new(division, zone)))
     }
 
-    /// Width of the overlap, once the body is divided.
+    /// Width of the overlap; `None` before the body is divided.
     pub(crate) fn width(&self) -> Option<Width> {
-        let division = self.cut.made.get()?;
+        let division = self.cut.division.get()?;
         Some(division.zones[self.number()].width)
     }
 
     fn number(&self) -> usize {
-        match self.of {
+        match self.purpose {
             Use::Zone(z) | Use::Between(z) => z,
             Use::Body => 0,
         }
     }
 }
 
-/// Elements halved until they are no longer than wanted \[m\], so many times at least.
-fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
-    let ratio = mesh.spacing() / wanted;
+/// Halves elements at least `least` times and until they are no longer than `target` \[m\].
+fn halved(mesh: Mesh<f64>, target: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
+    let ratio = mesh.spacing() / target;
+    // A length that fits up to round-off needs no further halving.
     let times = (ratio.log2() - 1e-6).ceil().max(least);
     if times > HALVINGS {
         let rule = format!(
@@ -324,11 +330,11 @@ fn halved(mesh: Mesh<f64>, wanted: f64, least: f64, key: &str) -> Result<Mesh<f6
             mesh.spacing(),
             HALVINGS.exp2()
         );
-        return Err(value(key, wanted, &rule));
+        return Err(value(key, target, &rule));
     }
     let halved = (0..times as usize).try_fold(mesh, |mesh, _| mesh.refined());
     halved.map_err(fem(key))
 }
 
-/// The body's elements as a field, which finds the element of a point.
+/// The body's elements as a field that finds the element at a point.
 type Whole = Arc<FemField<f64>>;

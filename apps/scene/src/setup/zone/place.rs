@@ -1,4 +1,4 @@
-//! The overlap of a zone: places of points by the body's elements.
+//! The overlap of a zone: locates points by the body's elements.
 
 use super::Whole;
 use super::divide::{Division, Owner};
@@ -10,40 +10,47 @@ use arlequin::fem_ref::ElementKind;
 use arlequin::fem_ref::gmsh::facets_of;
 use std::sync::Arc;
 
-/// Positions closer to a border than this are on it, and beyond.
+/// Positions closer to a border than this count as on it.
 const ON_BORDER: f64 = 1e-9;
-/// Share of the way to the middle of a cell at which its corners are looked at: on a face, either element
-/// may be found.
+/// Share of the way to the centre of a cell at which its corners are located: on a face, either element could
+/// be found.
 const INWARDS: f64 = 1e-4;
 
-/// The elements around a zone, with the position across them at the nodes.
+/// The elements of a zone and its overlap, with the positions at the nodes.
 pub(super) struct Layer {
     field: Whole,
-    of: Arc<Vec<Owner>>,
+    owners: Arc<Vec<Owner>>,
     positions: Arc<Vec<f64>>,
     zone: usize,
-    /// Box around what is not the body's alone.
+    /// Bounding box of the zone and its overlap \[m\], with a margin.
     bounds: [Point3<f64>; 2],
-    /// The body's surface near it and the elements there, for points a little outside of the body.
+    /// The body's surface near the zone, for points slightly outside of the body; `below` has the element of
+    /// each triangle.
     skin: Faces,
     below: Vec<u32>,
 }
 
 impl std::fmt::Debug for Layer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Layer around zone {} of {} elements", self.zone, self.of.len())
+        write!(
+            f,
+            "Layer around zone {} of {} elements",
+            self.zone,
+            self.owners.len()
+        )
     }
 }
 
 impl Layer {
     pub(super) fn new(division: &Division, zone: usize) -> Self {
         let mesh = division.field.mesh();
-        let mine = |e: usize| matches!(division.of[e], Owner::Zone(z) | Owner::Both(z) if z == zone);
-        let inside = (0..mesh.element_count()).filter(|&e| mine(e));
+        let in_zone = |e: usize| matches!(division.owners[e], Owner::Zone(z) | Owner::Both(z) if z == zone);
+        let inside = (0..mesh.element_count()).filter(|&e| in_zone(e));
         let corners = inside
             .flat_map(|e| mesh.element(e))
             .map(|&k| &mesh.nodes()[k as usize]);
         let [low, high] = bounds_of(corners);
+        // Points on the border count as inside despite round-off.
         let margin = Vector3::repeat(1e-6 * (high - low).norm());
         let bounds = [low - margin, high + margin];
         let mut below = Vec::new();
@@ -60,7 +67,7 @@ impl Layer {
         }
         Self {
             field: division.field.clone(),
-            of: division.of.clone(),
+            owners: division.owners.clone(),
             positions: division.zones[zone].positions.clone(),
             zone,
             bounds,
@@ -69,16 +76,16 @@ impl Layer {
         }
     }
 
-    /// Whether a point is farther away than the zone.
+    /// Returns whether a point lies outside of the bounding box of the zone.
     fn is_beyond(&self, x: &Point3<f64>) -> bool {
         (0..3).any(|c| x[c] < self.bounds[0][c] || x[c] > self.bounds[1][c])
     }
 
-    /// Number and position of the element at a point; for a point of a bond or a cell that leaves the body
-    /// those of the element below the surface there.
+    /// Number of the element at a point, and the position there. For a point outside of the body, those of
+    /// the element below the nearest surface.
     fn locate(&self, x: &Point3<f64>) -> Option<(usize, f64)> {
-        if let found @ Some(_) = self.field.value_at(x, &self.positions) {
-            return found;
+        if let located @ Some(_) = self.field.value_at(x, &self.positions) {
+            return located;
         }
         if self.skin.is_empty() {
             return None;
@@ -92,11 +99,11 @@ impl Layer {
 
 impl Overlap<f64> for Layer {
     fn place(&self, x: &Point3<f64>) -> Place<f64> {
-        let found = if self.is_beyond(x) { None } else { self.locate(x) };
-        let Some((e, s)) = found else {
+        let located = if self.is_beyond(x) { None } else { self.locate(x) };
+        let Some((e, s)) = located else {
             return Place::Coarse;
         };
-        match self.of[e] {
+        match self.owners[e] {
             Owner::Zone(z) if z == self.zone => Place::Fine,
             Owner::Both(z) if z == self.zone => match s {
                 s if s <= ON_BORDER => Place::Fine,
@@ -107,9 +114,9 @@ impl Overlap<f64> for Layer {
         }
     }
 
-    /// Positions are smooth within an element. A cell in one tetrahedron needs no halving, one in several
-    /// or in a hexahedron, where they are no linear function, a single one, and one that a border cuts, as
-    /// those of natural elements may be, two.
+    /// Positions are smooth within an element. A cell inside one tetrahedron needs no halving. A cell across
+    /// several elements or in a hexahedron, where positions are not linear, needs one. A cell across a
+    /// border, as cells of natural elements may be, needs two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
         let corners = cell.corners();
         if corners.iter().all(|x| self.is_beyond(x)) {
@@ -117,24 +124,24 @@ impl Overlap<f64> for Layer {
         }
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
         let middle = Point3::from(sum / corners.len() as f64);
-        let own = |e: usize| match self.of[e] {
+        let owner_of = |e: usize| match self.owners[e] {
             Owner::Zone(z) | Owner::Both(z) if z != self.zone => Owner::Body,
             owner => owner,
         };
         let (first, _) = self.locate(&middle)?;
         let linear = self.field.mesh().kind() == ElementKind::Tet4;
-        let (mut alike, mut same) = (true, linear);
+        let (mut one_owner, mut one_linear_element) = (true, linear);
         for x in &corners {
             let inwards = x + (middle - x) * INWARDS;
             let (e, _) = self.locate(&inwards)?;
-            same &= e == first;
-            alike &= own(e) == own(first);
+            one_linear_element &= e == first;
+            one_owner &= owner_of(e) == owner_of(first);
         }
-        Some(match (alike, own(first)) {
+        Some(match (one_owner, owner_of(first)) {
             (false, _) => CellPlace::Halved(2),
             (_, Owner::Body) => CellPlace::Coarse,
             (_, Owner::Zone(_)) => CellPlace::Fine,
-            (_, Owner::Both(_)) => CellPlace::Halved(usize::from(!same)),
+            (_, Owner::Both(_)) => CellPlace::Halved(usize::from(!one_linear_element)),
         })
     }
 }

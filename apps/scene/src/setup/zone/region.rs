@@ -1,4 +1,4 @@
-//! Where a zone is: signed distances from what the scene names.
+//! Regions of zones, as signed distances from what the scene names.
 
 use super::Cut;
 use super::faces::{Faces, corners_of};
@@ -14,19 +14,19 @@ use arlequin::dem_beam::packing::read_facets;
 use arlequin::fem_ref::Mesh;
 use std::path::Path;
 
-/// A region by its signed distance.
+/// A region with a signed distance.
 #[derive(Debug)]
 pub(super) enum Place {
     Simple(Primitive<f64>),
-    /// Within a distance of triangles \[m\].
+    /// All points within a distance \[m\] of triangles.
     Near(Faces, f64),
     /// Inside a closed surface.
     Inside(Faces, Box<Surface>),
 }
 
 impl Place {
-    /// The region of a zone.
-    pub(super) fn of(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
+    /// Builds the region of a zone.
+    pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
         let (name, table) = &cut.zones[zone];
         let path = format!("zone.{name}.shape");
         let scale = table.scale.unwrap_or(cut.body.scale);
@@ -36,25 +36,25 @@ impl Place {
                 file,
                 distance,
             } => {
-                let at = format!("{path}.near");
+                let key_path = format!("{path}.near");
                 let faces = match (group, file) {
-                    (Some(g), None) => of_group(&format!("{at}.group"), g, mesh)?,
-                    (None, Some(f)) => of_file(&format!("{at}.file"), &folder.join(f), scale)?,
-                    _ => return Err(key(at, "needs exactly one of group, file")),
+                    (Some(g), None) => of_group(&format!("{key_path}.group"), g, mesh)?,
+                    (None, Some(f)) => of_file(&format!("{key_path}.file"), &folder.join(f), scale)?,
+                    _ => return Err(key(key_path, "needs exactly one of group, file")),
                 };
                 Self::Near(faces, *distance)
             }
             ZoneShape::File(file) => {
-                let at = format!("{path}.file");
-                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&at))?;
-                let surface = surface.scaled(scale).map_err(dem(&at))?;
+                let key_path = format!("{path}.file");
+                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&key_path))?;
+                let surface = surface.scaled(scale).map_err(dem(&key_path))?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
             shape => Self::Simple(simple(&path, shape)?),
         })
     }
 
-    /// Refuses numbers that make no region.
+    /// Refuses sizes that are not positive, and missing or excess keys.
     pub(super) fn check(path: &str, shape: &ZoneShape) -> Result<()> {
         match shape {
             ZoneShape::Near { distance, .. } if *distance <= 0.0 => Err(value(
@@ -90,7 +90,7 @@ fn simple(path: &str, shape: &ZoneShape) -> Result<Primitive<f64>> {
     }
 }
 
-/// The facets of a group, or its nodes where it has none.
+/// Facets of a group, or its nodes if it has no facets.
 fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
     let Some(group) = mesh.groups().get(name) else {
         return Err(unknown(path, name, "group of the body", mesh.groups().keys()));
@@ -104,7 +104,7 @@ fn of_group(path: &str, name: &str, mesh: &Mesh<f64>) -> Result<Faces> {
     }))
 }
 
-/// The triangles of an STL file.
+/// Triangles of an STL file, in units of `scale` metres.
 fn of_file(path: &str, file: &Path, scale: f64) -> Result<Faces> {
     let facets = read_facets(&bytes(file)?).map_err(dem(path))?;
     let facets = facets.iter().map(|t| t.map(|x| Point3::from(x * scale)));
