@@ -1,7 +1,7 @@
-//! Choices: tables with exactly one key, or words, refused in terms of a scene.
+//! Choices: tables with exactly one key, or words, with errors in terms of a scene.
 
-/// Implements `Deserialize` for an enum that derives it with `#[serde(remote = "Self")]`: exactly one key,
-/// or a word for a variant without fields; whatever else is there is told which choices there are.
+/// Implements `Deserialize` for an enum that derives it with `#[serde(remote = "Self")]`. Accepts a table
+/// with exactly one key, or a word for a variant without fields; errors for other input list the choices.
 macro_rules! choice {
     ($choice:ty, $words:literal) => {
         impl<'de> serde::Deserialize<'de> for $choice {
