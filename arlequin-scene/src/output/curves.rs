@@ -9,7 +9,7 @@ use std::path::Path;
 /// An axis of a curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveAxis {
-    /// Probe, quantity and factor, if there is one.
+    /// Name of the probe, its quantity and its factor, if any.
     pub label: String,
     /// SI unit.
     pub unit: String,
@@ -42,7 +42,7 @@ impl CurveAxis {
     }
 }
 
-/// A curve as it is written and drawn.
+/// A curve, ready to be written and drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveLine {
     /// Name in the scene.
@@ -55,7 +55,7 @@ pub struct CurveLine {
     pub y: CurveAxis,
 }
 
-/// Curves of what was recorded; probes are known by then.
+/// Returns the curves of a scene. A curve whose probe has no reader is left out.
 pub(crate) fn of(scene: &SceneSpec, r: &Recorder) -> Vec<CurveLine> {
     let line = |(name, c): (&String, &Curve)| {
         Some(CurveLine {

@@ -1,4 +1,4 @@
-//! What models recover, as arrays of their frames.
+//! Fields that models recover (stresses, strains, bond forces, …), as arrays of a frame.
 
 use super::pieces::Piece;
 use super::vtu::Array;
@@ -14,7 +14,7 @@ const TENSOR: usize = 6;
 /// Name of the array of strain energy densities, at particles and in elements.
 pub(super) const ENERGY_DENSITY: &str = "energy density [J/m3]";
 
-/// Fields that need stresses or strains, with the numbers they have at a node.
+/// Returns how many numbers a node has of a field that needs stresses or strains, and 0 for other fields.
 fn width(field: OutputField) -> usize {
     match field {
         OutputField::Stress | OutputField::Strain => TENSOR,
@@ -24,7 +24,7 @@ fn width(field: OutputField) -> usize {
     }
 }
 
-/// Bytes that recovered fields take in a frame of a model, bonds included.
+/// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
 pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
     let nodes = s.model().recovery().map_or(0, |r| {
         let told = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
@@ -44,8 +44,9 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Numbers of all points that are shown, so many each, of those of the nodes here: of a whole model in
-/// parts on the first rank alone. All ranks must ask.
+/// Gathers `here`, with `each` numbers per node of this rank, for the points that are shown: all points of a
+/// model that is not partitioned, the points of `piece`, or without a piece the whole model on rank 0 (empty
+/// elsewhere). Collective.
 pub(super) fn at_points(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
@@ -62,7 +63,8 @@ pub(super) fn at_points(
     }
 }
 
-/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; see [`at_points`].
+/// Stresses and strains at the nodes, as far as `fields` asks for them and the model has them; see
+/// [`at_points`].
 pub(super) fn recovered(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -107,13 +109,13 @@ pub(super) fn recovered(
     Ok(out)
 }
 
-/// Whether the energy density of a model is wanted and comes from its bonds; else from the gradients in its
-/// cells.
+/// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
+/// gradients in the cells.
 pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
     fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
 }
 
-/// Strain energy density of the nodes of a model with bonds, without weights; see [`at_points`].
+/// Unweighted strain energy density of the nodes of a model with bonds; see [`at_points`].
 pub(super) fn energy_densities(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -153,18 +155,19 @@ pub(super) fn contacts(
     }))
 }
 
-/// Numbers of a bond.
+/// Numbers per bond.
 const WIDTH: usize = 3;
 
-/// Axial and shear force and utilisation of a bond.
+/// Axial force, shear force and utilisation of a bond.
 type Carried = [f64; WIDTH];
 
-/// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and
-/// numbers of those whose first particle is here, in that order.
+/// Gathers the numbers of all bonds on rank 0 (empty elsewhere), in the order of the whole model. `here` has
+/// each bond whose first particle this rank owns, as that particle and the numbers, sorted by particle.
 fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carried>> {
     let mut counts = vec![0.0; portion.nodes()];
     here.iter().for_each(|b| counts[b.0] += 1.0);
-    // As many places per particle as one of them needs.
+    // Every particle gets as many slots as the one with most bonds needs, because `collect` takes a fixed
+    // number of values per node.
     let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
     let mut places = vec![0.0; WIDTH * most * portion.nodes()];
     for bonds in here.chunk_by(|a, b| a.0 == b.0) {
@@ -187,7 +190,8 @@ fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carr
     Ok(counts.iter().enumerate().flat_map(of).collect())
 }
 
-/// What bonds carry, as arrays of the `cells` of a picture that shows them, or of a piece.
+/// Forces of bonds, as arrays of the cells of a picture or of a part of it. Empty if the picture has not one
+/// of its `cells` per bond.
 pub(super) fn bonds(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -195,7 +199,7 @@ pub(super) fn bonds(
     piece: Option<&Piece>,
 ) -> Result<Vec<Array>> {
     let wanted = fields.contains(&OutputField::BondForces);
-    // Of a model in parts some of the bonds are here.
+    // A rank of a partitioned model has only some of the bonds, so that the count does not tell.
     let whole = s.portion().is_none();
     let links = s.model().links();
     let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));

@@ -1,5 +1,5 @@
-//! The folder of a run: it appears when the run has ended, and replaces results only, after the new ones
-//! are there.
+//! The folder of a run. It gets its name when the run has ended. Only results are ever replaced, and only
+//! when the new ones are complete.
 //!
 //! ```text
 //! NAME.unfinished            while the run goes on; what a killed run leaves, until it is resumed or begun again
@@ -14,17 +14,17 @@ use crate::checkpoint;
 use crate::error::{Error, Result, value, write};
 use std::path::{Path, PathBuf};
 
-/// Where a run writes to, and what must never be replaced.
+/// Target folder of a run, with the paths that must never be replaced.
 #[derive(Debug, Clone)]
 pub struct Place {
     target: PathBuf,
     force: bool,
-    /// Files and folders that neither are in the target nor are it, whatever it bears.
+    /// Paths that the target must not be or contain, even if it has the mark of results.
     kept: Vec<PathBuf>,
 }
 
 impl Place {
-    /// A target of a run that reads the given files.
+    /// Target of a run that reads the files `inputs`.
     pub fn new(target: &Path, force: bool, inputs: &[PathBuf]) -> Self {
         let home = std::env::home_dir();
         let here = std::env::current_dir().ok();
@@ -36,8 +36,8 @@ impl Place {
         }
     }
 
-    /// Refuses a target that must not be replaced, or a run that could be resumed. What a killed run left
-    /// half done is put right first.
+    /// Refuses a target that must not be replaced, or a run that could be resumed. First completes the
+    /// renaming that a killed run left half done.
     pub fn check(&self) -> Result<()> {
         let target = &self.target;
         if target.file_name().is_none() {
@@ -47,7 +47,8 @@ impl Place {
         if mark::is_busy(&left) {
             return Err(Error::Busy { folder: left });
         }
-        // Killed between two renames: the earlier results go back, or the new ones to their place.
+        // A run was killed between two renames: moves the earlier results back, or the new ones to their
+        // target.
         if !is_there(target) && earlier.exists() {
             std::fs::rename(&earlier, target).map_err(write(target))?;
         }
@@ -104,19 +105,20 @@ fn object(folder: &Path) -> Result<()> {
     }
 }
 
-/// A folder under construction beside its target; removed unless it is finished or can be resumed.
+/// A folder that is being written beside its target. Dropping it removes it unless it is finished or can be
+/// resumed.
 #[derive(Debug)]
 pub struct Folder {
     place: Place,
     partial: PathBuf,
     mark: Mark,
-    /// What could have been resumed, put out of the way.
+    /// An earlier run that could be resumed, moved out of the way.
     aside: Option<PathBuf>,
     kept: bool,
 }
 
 impl Folder {
-    /// Begins a folder that will become the target of `place`.
+    /// Creates the folder that will become the target of `place`.
     pub fn begin(place: Place) -> Result<Self> {
         place.check()?;
         let partial = beside(&place.target, "unfinished");
@@ -150,19 +152,19 @@ impl Folder {
         })
     }
 
-    /// Where the files of a run go until it has ended.
+    /// Path at which files are written until the run has ended.
     pub fn unfinished(target: &Path) -> PathBuf {
         beside(target, "unfinished")
     }
 
-    /// Where the checkpoint of a run is that was killed or interrupted.
+    /// Path that has the checkpoint of a killed or interrupted run.
     pub fn left_behind(target: &Path) -> PathBuf {
         Some(beside(target, "unfinished"))
             .filter(|p| p.exists())
             .unwrap_or_else(|| target.to_owned())
     }
 
-    /// Goes on with a folder whose run was killed, interrupted or failed.
+    /// Reopens the folder of a run that was killed, interrupted or failed.
     pub fn reopen(target: &Path) -> Result<Self> {
         let partial = beside(target, "unfinished");
         if !partial.exists() {
@@ -181,7 +183,7 @@ impl Folder {
         })
     }
 
-    /// Where files go until the folder is finished.
+    /// Path at which files are written until the folder is finished.
     pub fn path(&self) -> &Path {
         &self.partial
     }
@@ -193,8 +195,8 @@ impl Folder {
         Ok(path)
     }
 
-    /// Moves everything but the checkpoint into a folder inside. The checkpoint stays until another one
-    /// replaces it: killed in between, the run goes on from there after [`Folder::take_back`].
+    /// Moves everything but the checkpoint into a subfolder. The checkpoint stays until the next one replaces
+    /// it: a run that is killed before continues from it after [`Folder::take_back`].
     pub fn put_aside(&self, name: &str) -> Result<()> {
         let into = self.partial.join(name);
         let all = self.results(&self.partial)?;
@@ -206,7 +208,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Undoes [`Folder::put_aside`], whatever it left undone and whatever came after it.
+    /// Undoes [`Folder::put_aside`], even if that was interrupted, and removes files written since.
     pub fn take_back(&self, name: &str) -> Result<()> {
         let from = self.partial.join(name);
         if !from.exists() {
@@ -214,7 +216,7 @@ impl Folder {
         }
         for entry in self.results(&from)? {
             let to = self.partial.join(entry.file_name().unwrap_or_default());
-            // What came after the waking is made anew.
+            // Files written after the waking are made anew by the resumed run.
             if to.is_dir() {
                 for file in self.results(&to)? {
                     std::fs::remove_file(&file).map_err(write(&file))?;
@@ -228,7 +230,7 @@ impl Folder {
         std::fs::remove_dir(&from).map_err(write(&from))
     }
 
-    /// What the run wrote into a folder inside, its checkpoint and mark apart.
+    /// Paths that the run wrote into a subfolder, except the checkpoint and the mark.
     fn results(&self, folder: &Path) -> Result<Vec<PathBuf>> {
         let mut out = Vec::new();
         for entry in std::fs::read_dir(folder).map_err(write(folder))? {
@@ -244,22 +246,22 @@ impl Folder {
         Ok(out)
     }
 
-    /// Moves the folder to its target; results of a run that `failed` do not replace earlier ones but go
-    /// beside them.
+    /// Renames the folder to its target. Results of a run that `failed` do not replace earlier ones; their
+    /// folder gets the ending `failed`.
     pub fn finish(mut self, failed: bool) -> Result<PathBuf> {
         let partial = self.partial.clone();
         self.settle(failed)
             .map_err(|e| e.kept("the results are", &partial))
     }
 
-    /// Keeps the folder under its name of a run that goes on, after an error that leaves nothing better.
+    /// Keeps the folder under its unfinished name, after an error that leaves nothing better to do.
     pub fn keep(mut self, error: Error) -> Error {
         self.kept = true;
         error.kept("what there is so far is", &self.partial)
     }
 
     fn settle(&mut self, failed: bool) -> Result<PathBuf> {
-        // What is finished stays, wherever it ends up.
+        // Finished results are kept even if renaming fails.
         self.kept = true;
         let sealed = self.mark.seal(&self.partial);
         if !failed {
@@ -275,7 +277,7 @@ impl Folder {
     }
 
     fn replace(&mut self, target: &Path) -> Result<()> {
-        // Someone may have made it in the meantime.
+        // Another process may have created the target in the meantime.
         self.place.refuse_existing(target)?;
         let earlier = is_there(target).then(|| beside(target, "replaced"));
         if let Some(earlier) = &earlier {
@@ -299,7 +301,7 @@ impl Drop for Folder {
         if self.kept || self.partial.join(checkpoint::NAME).exists() {
             return;
         }
-        // Nothing better can be done about a failure here than to leave the folder behind under its name.
+        // Drop cannot report an error: on failure the folder stays under its unfinished name.
         if self.partial.join(mark::PART).exists() {
             let _ = self.settle(true);
             return;
@@ -311,20 +313,22 @@ impl Drop for Folder {
     }
 }
 
-/// Marks a folder, or says that another run writes there.
+/// Marks a folder.
+/// # Errors
+/// [`Error::Busy`] if another run writes there.
 fn marked(partial: &Path) -> Result<Mark> {
     Mark::set(partial)?.ok_or_else(|| Error::Busy {
         folder: partial.to_owned(),
     })
 }
 
-/// The path with a further ending.
+/// Appends an ending to a path.
 fn beside(path: &Path, ending: &str) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{name}.{ending}"))
 }
 
-/// Whether there is anything, a dangling link included.
+/// Returns whether the path exists; a dangling link counts.
 fn is_there(path: &Path) -> bool {
     std::fs::symlink_metadata(path).is_ok()
 }

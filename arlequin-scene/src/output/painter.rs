@@ -1,4 +1,4 @@
-//! A model at one instant as arrays of its points and cells.
+//! Draws a model at one instant as arrays of its points and cells.
 
 use super::fields;
 use super::pieces::Piece;
@@ -13,18 +13,18 @@ use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// What a model's files repeat.
+/// Everything about a model that does not change between its files.
 #[derive(Debug)]
 pub(super) struct Painter {
-    /// What is shown: all of the model, or a piece of it.
+    /// Grid of the model, or of the part that this rank shows.
     pub(super) grid: Arc<Grid>,
-    /// What this rank shows of a model in parts, if each of them shows its own.
+    /// Part of a partitioned model that this rank shows, if each rank shows its own.
     pub(super) piece: Option<Piece>,
-    /// None if the energy density is not wanted or comes from bonds, the field has no gradient or the
-    /// material is not known.
+    /// Cells in which the energy density is computed; `None` if it is not asked for or comes from bonds, if
+    /// the field has no gradient or if the material is unknown.
     centres: Option<Vec<Cell>>,
     weights: Vec<Array>,
-    /// What broke, where bonds can.
+    /// Log of broken bonds, if bonds can break.
     breaks: Option<SharedLog>,
     /// Bytes of recovered fields in a frame.
     recovered: usize,
@@ -37,7 +37,8 @@ pub(super) struct Seen<'a> {
 }
 
 impl<'a> Seen<'a> {
-    /// Of a whole model in parts, on the first rank alone; all of them must ask.
+    /// Gathers the state of a partitioned model: of `piece`, or without one of the whole model on rank 0
+    /// (`None` elsewhere). Collective.
     pub(super) fn of(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
         let state = s.state();
         let Some(portion) = s.portion() else {
@@ -102,7 +103,7 @@ impl Painter {
             + self.recovered
     }
 
-    /// Arrays of the points, then of the cells; of a model in parts all ranks must ask.
+    /// Returns the arrays of the points, then of the cells. Collective for a partitioned model.
     pub(super) fn arrays(
         &self,
         fields: &[OutputField],
@@ -147,8 +148,7 @@ impl Painter {
         Ok((points, cells))
     }
 
-    /// Share of broken bonds of every particle, of a piece of those that this rank holds, and which bonds
-    /// are broken.
+    /// Share of broken bonds of every particle (of a part: of the owned ones), and 1 for each broken bond.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
         let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.own);
         let mut counts = vec![[0.0_f64; 2]; points];
@@ -197,7 +197,7 @@ fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
         .into()
 }
 
-/// Three components per point, whatever the model has.
+/// Pads the components of a model with zeros to three per point.
 pub(super) fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
     (0..points)
         .flat_map(|k| (0..3).map(move |c| (k, c)))

@@ -1,5 +1,5 @@
-//! What one rank shows of a model in parts: the points that it holds, the cells whose first corner is among
-//! them, and, as ghosts, the points of other ranks that these cells need.
+//! The part of a partitioned model that one rank shows: the points that it owns, the cells whose first corner
+//! it owns, and as ghosts the points of other ranks that these cells need.
 
 use crate::cells::{self, Cell};
 use crate::error::Result;
@@ -9,33 +9,33 @@ use arlequin::core::ranks::{Message, Portion};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What another rank is sent, and how many points come from it.
+/// Points sent to another rank, and the number of points received from it.
 #[derive(Debug, Default)]
 struct Peer {
     send: Vec<u32>,
     receive: usize,
 }
 
-/// One rank's piece of a model.
+/// One rank's part of a model.
 #[derive(Debug)]
 pub(super) struct Piece {
-    /// Numbers of its points in the whole model: own ones, then ghosts by rank and number.
+    /// Numbers of the points in the whole model: owned ones, then ghosts by rank and number.
     pub(super) points: Vec<u32>,
-    /// How many are own ones.
+    /// Number of owned points.
     pub(super) own: usize,
-    /// Numbers of its cells in the whole model.
+    /// Numbers of the cells in the whole model.
     pub(super) cells: Vec<u32>,
-    /// Gradients in the cells, by the points here; none where no rank has them.
+    /// Gradients in the cells, with local node numbers; `None` if they are not asked for or any rank failed.
     pub(super) centres: Option<Vec<Cell>>,
-    /// Own particle and bond, by its number in the whole model, of all bonds of own particles; empty where
-    /// none can break.
+    /// Owned particle and bond (numbered in the whole model), for all bonds of owned particles; empty if
+    /// bonds cannot break.
     pub(super) bonds: Vec<[u32; 2]>,
     peers: BTreeMap<usize, Peer>,
 }
 
 impl Piece {
-    /// Leaves of a picture what this rank shows, with the gradients in its cells if they are wanted. All
-    /// ranks must ask.
+    /// Restricts the grid of `info` to the points and cells that this rank shows, and computes the gradients
+    /// in the cells if `gradients` is set. Collective.
     pub(super) fn cut(info: &mut ModelInfo, portion: &Portion, gradients: bool) -> Result<Self> {
         let (division, mine) = (portion.division(), portion.communicator().rank());
         let owner = |node: u32| division.owner(node as usize);
@@ -97,7 +97,8 @@ impl Piece {
         })
     }
 
-    /// Numbers of all points here, so many each, of which `own` are those of own ones. All ranks must ask.
+    /// Gathers values with `each` numbers per point: `own` of the owned points, then those of the ghosts from
+    /// other ranks. Collective.
     pub(super) fn told(&self, portion: &Portion, each: usize, own: &[f64]) -> Result<Vec<f64>> {
         let of = |k: &u32| own[each * *k as usize..].iter().take(each).copied();
         let message = |(rank, p): (&usize, &Peer)| Message {
@@ -108,16 +109,17 @@ impl Piece {
         let mut messages: Vec<Message> = self.peers.iter().map(message).collect();
         let told = portion.communicator().exchange(&mut messages, &mut || false);
         told.map_err(elsewhere)?;
-        // In the order of ranks, as ghosts are.
+        // `peers` is sorted by rank, and so are the ghosts.
         let ghosts = messages.iter().flat_map(|m| &m.into);
         Ok(own.iter().chain(ghosts).copied().collect())
     }
 }
 
-/// Asks the ranks of ghosts, given by rank and number, to tell of them whenever all do; hears what others
-/// ask for.
+/// Agrees with the other ranks on what each exchange sends and receives. `ghosts` are given by rank and
+/// number. Collective.
 fn asked(portion: &Portion, ghosts: &[(usize, u32)]) -> Result<BTreeMap<usize, Peer>> {
     let mine = portion.communicator().rank() as i64;
+    // One word per ghost: the rank that asks in the high half, the node in the low half.
     let words: Vec<i64> = ghosts.iter().map(|g| mine << 32 | i64::from(g.1)).collect();
     let all = portion.listed(&words).map_err(elsewhere)?;
     let mut peers: BTreeMap<usize, Peer> = BTreeMap::new();

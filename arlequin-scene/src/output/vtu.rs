@@ -11,7 +11,7 @@ use std::path::Path;
 pub struct Array {
     /// Name with unit.
     pub name: String,
-    /// Values per point or cell: 1 or 3.
+    /// Numbers per point or cell: 1, 3 or 6.
     pub components: usize,
     /// Values.
     pub values: Vec<f64>,
@@ -28,24 +28,24 @@ impl Array {
     }
 }
 
-/// Names that viewers know: numbers of points and cells in the whole model, and which points another rank
-/// holds.
+/// Array names that viewers know: numbers of points and cells in the whole model, and the mark of ghost
+/// points.
 const POINTS: &str = "GlobalPointIds";
 const CELLS: &str = "GlobalCellIds";
 const GHOST: &str = "vtkGhostType";
-/// Kind of the first two, VTK's own for numbers.
+/// Data type of `POINTS` and `CELLS`: VTK's type of identifiers.
 const NUMBER: &str = "Int64\" IdType=\"1";
 /// Name of the coordinates.
 const POSITION: &str = "position [m]";
 
-/// Numbers of a piece in the whole model.
+/// Numbers in the whole model of the points and cells of a part.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers<'a> {
-    /// Of its points.
+    /// Numbers of the points.
     pub(super) points: &'a [u32],
-    /// How many of them, the first ones, no other piece has.
+    /// Number of owned points, which come first.
     pub(super) own: usize,
-    /// Of its cells.
+    /// Numbers of the cells.
     pub(super) cells: &'a [u32],
 }
 
@@ -102,18 +102,18 @@ impl Appended {
     }
 }
 
-/// Type, name and components of an array.
+/// Returns the attributes of an array: type, name and number of components.
 fn described(kind: &str, name: &str, components: usize) -> String {
     let name = escape(name);
     format!("type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"")
 }
 
-/// Says which array of a section has the numbers in the whole model.
+/// Returns the attribute that names the array of global numbers of a section.
 fn numbered(array: Option<&str>) -> String {
     array.map_or_else(String::new, |name| format!(" GlobalIds=\"{name}\""))
 }
 
-/// Writes one grid; of a piece with its numbers in the whole.
+/// Writes one grid. A part of a partitioned model has `numbers` in the whole.
 pub(super) fn write_grid(
     path: &Path,
     grid: &Grid,
@@ -176,7 +176,7 @@ pub(super) fn write_grid(
     put(path, &[head.as_bytes(), &a.data, tail])
 }
 
-/// Writes what names the pieces of a grid, which are beside it.
+/// Writes the `.pvtu` file that lists the parts of a grid, which are in the same folder.
 pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> Result<()> {
     let mut text = String::from(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
@@ -213,14 +213,14 @@ pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> R
     put(path, &[text.as_bytes()])
 }
 
-/// One file of the index.
+/// An entry of the index.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Entry {
     /// Time \[s\].
     pub time: f64,
     /// Index of the model or mediator.
     pub part: usize,
-    /// Its name.
+    /// Name of the model or mediator.
     pub name: String,
     /// Path relative to the index.
     pub file: String,
@@ -243,7 +243,7 @@ pub(super) fn write_index(path: &Path, entries: &[Entry]) -> Result<()> {
         );
     }
     text.push_str("  </Collection>\n</VTKFile>\n");
-    // Whole at any moment: viewers read it while the run goes on.
+    // Renaming replaces the index at once, because viewers read it during the run.
     let aside = path.with_extension("pvd.tmp");
     put(&aside, &[text.as_bytes()])?;
     std::fs::rename(&aside, path).map_err(crate::error::write(path))

@@ -1,6 +1,6 @@
-//! JSON Schema of scenes and sweeps, from the types that read them: with it editors complete and check TOML
-//! files, and the reference of the book is written. It knows keys, kinds of values and choices; what
-//! depends on several keys at once only the program knows.
+//! JSON Schema of scenes and sweeps, generated from the types that read them. Editors use it to complete and
+//! check TOML files, and the reference of the book is written from it. The schema covers keys, kinds of
+//! values and choices; rules across several keys are checked by the program only.
 
 use crate::spec::SceneSpec;
 use crate::sweep::spec::SweepFile;
@@ -10,12 +10,12 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 
-/// The schema of scene files (draft 7, which editors of TOML understand).
+/// Returns the schema of scene files (draft 7, which editors of TOML understand).
 pub fn scene() -> Value {
     of::<SceneSpec>("Scene of Arlequin")
 }
 
-/// The schema of sweep files.
+/// Returns the schema of sweep files.
 pub fn sweep() -> Value {
     of::<SweepFile>("Sweep of Arlequin")
 }
@@ -27,8 +27,7 @@ fn of<T: JsonSchema>(title: &str) -> Value {
     schema.to_value()
 }
 
-/// What TOML and readers have no use for: null, formats of numbers, escapes and links of Rust's
-/// documentation.
+/// Removes what TOML and readers do not need: null, formats of numbers, and escapes of Rust's documentation.
 fn plain(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else {
         return;
@@ -49,7 +48,7 @@ fn plain(schema: &mut Schema) {
         if let [Value::Object(one)] = choices.as_slice() {
             let one = one.clone();
             object.remove("anyOf");
-            // Draft 7 heeds nothing beside a reference.
+            // Draft 7 ignores every key beside a reference.
             if one.contains_key("$ref") && !object.is_empty() {
                 object.insert("allOf".into(), json!([one]));
             } else {
@@ -65,7 +64,7 @@ fn plain(schema: &mut Schema) {
     }
 }
 
-/// A link has a command or an address; all other models need a shape and a material.
+/// Requires `command` or `address` of a link, and `shape` and `material` of all other models.
 pub(crate) fn but_for_links() -> impl Transform {
     move |schema: &mut Schema| {
         let kind = json!({ "const": "link", "description": "A solver in another process." });
@@ -77,9 +76,9 @@ pub(crate) fn but_for_links() -> impl Transform {
     }
 }
 
-/// Exactly one of these keys, parted by spaces, must be there.
-// Words in one text: a list in the attribute would need all of syn, which `derive` of schemars alone does
-// not have.
+/// Requires exactly one of these keys, which are separated by spaces.
+// One text instead of a list, because a list in the attribute would need all of `syn`, which `derive` of
+// schemars alone does not have.
 pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     let keys = keys.into();
     move |schema: &mut Schema| {
@@ -88,7 +87,7 @@ pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     }
 }
 
-/// Not more than one of these keys, parted by spaces, may be there.
+/// Allows at most one of these keys, which are separated by spaces.
 pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
     move |schema: &mut Schema| {
         let keys: Vec<&str> = keys.split(' ').collect();
@@ -101,11 +100,11 @@ pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
     }
 }
 
-/// Choices of the core, by their names.
+/// Declares schemas for enums of the core that list the names of their variants.
 macro_rules! of_the_core {
     ($($kind:ident),*) => {
         $(
-            /// Its names.
+            /// Schema with the names of the variants.
             pub(super) struct $kind;
 
             impl JsonSchema for $kind {
