@@ -1,4 +1,4 @@
-//! What is tested: bars of a scene or of the flags, or periodic samples.
+//! Samples to test: bars from a scene or from the options, or periodic samples.
 
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
@@ -13,9 +13,9 @@ use arlequin::dem_beam::{BeamMaterial, Packing};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Spheres of a periodic sample: isotropic to a per cent.
+/// Number of spheres of a periodic sample, which is then isotropic to a per cent.
 const PERIODIC: usize = 8000;
-/// Shortest bar in mean diameters: shorter ones have no middle that does not feel the ends.
+/// Shortest bar in mean diameters: in shorter ones the ends influence the middle.
 const SHORTEST: f64 = 8.0;
 
 /// Kind of test.
@@ -27,25 +27,25 @@ pub(super) enum Test {
     Bulk,
 }
 
-/// Packings to make and the test of each.
+/// Packings to make, and the test of each.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
-    /// Key of the scene, for errors.
+    /// Key of the model in errors.
     pub key: String,
-    /// In words.
+    /// Description in words.
     pub text: String,
-    /// Seed, if there is one, and recipe of each packing.
+    /// Recipe of each packing, with its seed if it has one.
     pub recipes: Vec<(Option<u64>, Recipe)>,
     /// Beams.
     pub beam: BeamMaterial,
     /// Test.
     pub test: Test,
-    /// Notches of the scene, in the frame of the container; only tests of the strength cut them.
+    /// Notches of the scene in the frame of the container; only strength tests cut them.
     notches: Vec<NotchBox>,
 }
 
 impl Sample {
-    /// What the flags and the scene ask for.
+    /// Combines the options with the scene.
     pub(super) fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
         let (at, mut table, folder) = match source {
             Some(source) => of_scene(wanted, source)?,
@@ -102,7 +102,7 @@ impl Sample {
     }
 }
 
-/// The notches of a table in the frame of the container.
+/// Returns the notches of a table in the frame of the container.
 fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
     let shift = filling.shift;
     let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
@@ -114,7 +114,7 @@ fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
     .collect()
 }
 
-/// The table of the model that is meant.
+/// Returns the key and the table of the chosen model, and the folder of the scene.
 fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
     let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
@@ -149,7 +149,7 @@ fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, Pat
     Ok((at, table.clone(), source.folder.clone()))
 }
 
-/// A table as a scene would have it.
+/// Returns the table that a scene with these options would have.
 fn of_flags(wanted: &Wanted) -> ModelTable {
     let from = [0.0; 3];
     let shape = match (wanted.cylinder, wanted.cuboid) {
@@ -159,7 +159,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
             high: [x, y, z],
             hole: None,
         },
-        // A periodic sample has no shape of its own.
+        // A periodic sample has no shape; this one only fills the field.
         _ => Shape::Box {
             low: from,
             high: [1.0; 3],
@@ -195,14 +195,14 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
     }
 }
 
-/// Flags win over the scene.
+/// Overrides the table by the options that are given.
 fn override_by(wanted: &Wanted, table: &mut ModelTable) {
     if wanted.count.is_some() || wanted.spacing.is_some() {
         (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
     }
     let t = &mut table.dem;
     t.coordination = wanted.coordination.or(t.coordination);
-    // Loose grains carry nothing.
+    // Loose grains carry no load in these tests.
     t.loose = LooseKind::Drop;
     t.protocol = wanted.protocol.or(t.protocol);
     if wanted.radius_ratio.is_some() && wanted.young.is_none() && t.young.is_none() {
@@ -213,7 +213,7 @@ fn override_by(wanted: &Wanted, table: &mut ModelTable) {
     t.radius_ratio = wanted.radius_ratio.or(t.radius_ratio);
 }
 
-/// The bar of a shape, in the frame of its container.
+/// Returns the bar of a shape, in the frame of its container.
 fn bar(at: &str, shape: &Shape) -> Result<Bar> {
     match *shape {
         Shape::Cylinder { length, radius, .. } => Ok(Bar {

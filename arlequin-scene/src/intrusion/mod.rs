@@ -1,17 +1,17 @@
-//! Watch over bodies and obstacles that are inside of what they cannot touch: said the moment it happens,
-//! once per pair.
+//! Watches for bodies and obstacles that enter bodies without contact, and warns as soon as it happens, once
+//! per pair.
 //!
-//! Obstacles act on the particles of the models that they name, contact acts between particles. Elements have
-//! no contact, so that obstacles and other bodies pass through them. The watch looks at pairs without an
-//! effect between the two: an obstacle and a body, or two bodies that no interface ties to each other.
-//! Something is inside once it is deeper by [`TOLERANCE`] of the spacing of the nodes or particles than it
-//! may have been at rest: bodies that touch start, and a flush face vibrates.
+//! Obstacles act on the particles of the models that they name, and contact acts between particles. Elements
+//! have no contact, so that obstacles and other bodies pass through them. The watch checks pairs without an
+//! effect between them: an obstacle and a body, or two bodies that no interface joins. One is inside the
+//! other if the depth exceeds the depth at rest (of particles) by [`TOLERANCE`] times the spacing of nodes or
+//! particles, because bodies may touch at the start and a flush face vibrates.
 //!
-//! A look costs a pass over the displacements and velocities of the bodies. Only where their boxes meet are
-//! surfaces compared. The next look comes before anything can have passed unseen: at the speeds of this look
-//! the two of a pair cover no more than the gap between their boxes and [`STRIDE`] of the smaller of their
-//! spacings or radii, and never more than [`LONGEST`] steps, for what is struck in between. A scene in which
-//! nothing can be entered is not looked at.
+//! A look costs a pass over the displacements and velocities of the bodies; surfaces are compared only if
+//! bounding boxes meet. The next look comes early enough that nothing passes unseen: at the present speeds,
+//! the pair covers at most the gap between its boxes plus [`STRIDE`] times the smaller of its spacings or
+//! radii. It comes after at most [`LONGEST`] steps, because a body may be struck in between. A scene without
+//! such pairs costs nothing.
 
 mod surface;
 
@@ -27,11 +27,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use surface::{Depth, Shell};
 
-/// Depth over the spacing of nodes or particles from which on something is inside.
+/// Depth over the spacing of nodes or particles above which one body is inside the other.
 const TOLERANCE: f64 = 0.05;
-/// Distance over the smaller of two spacings or radii that may be covered between two looks.
+/// Distance that may be covered between two looks, over the smaller spacing or radius of a pair.
 const STRIDE: f64 = 0.25;
-/// Most steps between two looks.
+/// Largest number of steps between two looks.
 const LONGEST: f64 = 32.0;
 
 /// A model that can be entered.
@@ -39,13 +39,13 @@ const LONGEST: f64 = 32.0;
 struct Member {
     name: String,
     particles: bool,
-    /// Distance of nodes or particles, largest radius \[m\].
+    /// Distance of nodes or particles, and largest radius \[m\].
     spacing: f64,
     radius: f64,
-    /// Its picture and, once something comes near, its surface; on the first rank alone.
+    /// Grid until the surface is built, and the surface once something comes near; on rank 0 only.
     grid: Option<Arc<Grid>>,
     shell: Option<Shell>,
-    /// Box \[m\] and largest speed \[m/s\] at the last look.
+    /// Bounding box \[m\] and largest speed \[m/s\] at the last look.
     bounds: [Point3<f64>; 2],
     speed: f64,
 }
@@ -54,7 +54,7 @@ struct Member {
 #[derive(Debug)]
 struct Rigid {
     name: String,
-    /// Number of the effect, and the models that it acts on.
+    /// Index of the effect, and indices of the models on which it acts.
     effect: usize,
     models: Vec<usize>,
     shape: RigidShape,
@@ -62,19 +62,19 @@ struct Rigid {
     speed: f64,
 }
 
-/// One of the two that may enter each other.
+/// First of a pair.
 #[derive(Debug, Clone, Copy)]
 enum Intruder {
     Obstacle(usize),
     Model(usize),
 }
 
-/// Two between which no effect acts.
+/// Two bodies between which no effect acts.
 #[derive(Debug)]
 struct Pair {
     first: Intruder,
     second: usize,
-    /// How deep the two are in each other at rest \[m\], once it is known.
+    /// Depth of one in the other at rest \[m\], once computed.
     at_rest: Option<f64>,
     told: bool,
 }
@@ -90,7 +90,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Of the models and obstacles of a scene.
+    /// Collects the pairs of models and obstacles of a scene between which no effect acts.
     pub(crate) fn new(
         scene: &SceneSpec,
         models: &[ModelInfo],
@@ -126,7 +126,7 @@ impl Watch {
                 if bodies[a] == bodies[b] || touching.contains(&pair) {
                     continue;
                 }
-                // Particles enter elements.
+                // Particles are the intruder of elements, not the reverse.
                 match second.particles && !first.particles {
                     true => add(Intruder::Model(b), a),
                     false => add(Intruder::Model(a), b),
@@ -141,7 +141,7 @@ impl Watch {
         })
     }
 
-    /// Takes pairs of which a warning speaks for told: those of a run that is taken up again.
+    /// Skips the pairs of which a resumed run has already warned.
     pub(crate) fn skip(&mut self, warnings: &[String]) {
         for k in 0..self.pairs.len() {
             let opening = self.opening(&self.pairs[k]);
@@ -149,10 +149,11 @@ impl Watch {
         }
     }
 
-    /// Looks if it is time to; a line for each pair of which one is now inside the other. All ranks must ask.
+    /// Looks if the step of the next look has come. Returns a warning for each pair of which one is now
+    /// inside the other. Collective.
     ///
     /// # Errors
-    /// What ranks say of each other.
+    /// Failures of communication.
     pub(crate) fn look(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
         if run.steps() < self.next || self.pairs.iter().all(|p| p.told) {
             return Ok(Vec::new());
@@ -178,16 +179,16 @@ impl Watch {
         Ok(lines)
     }
 
-    /// Looks now, as between the load steps of a scene at rest.
+    /// Looks now, for instance between the load steps of a scene at rest.
     ///
     /// # Errors
-    /// As [`Self::look`].
+    /// Errors of [`Self::look`].
     pub(crate) fn look_now(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
         self.next = 0;
         self.look(run, ranks)
     }
 
-    /// Reads where everything is and how fast.
+    /// Updates bounding boxes, displacements and speeds.
     fn measure(&mut self, run: &Coupled<f64>) {
         for (member, s) in self.members.iter_mut().zip(run.subdomains()) {
             if let Some(member) = member {
@@ -208,7 +209,7 @@ impl Watch {
         self.members[model].as_ref()
     }
 
-    /// Distance that is certainly between the two \[m\]; not positive where they may meet.
+    /// Lower bound of the distance between the two \[m\]; not positive if they may meet.
     fn gap(&self, pair: &Pair) -> f64 {
         let Some(second) = self.member(pair.second) else {
             return f64::INFINITY;
@@ -227,7 +228,7 @@ impl Watch {
         }
     }
 
-    /// Smaller of the lengths of the two that nothing may jump \[m\].
+    /// Smaller spacing or radius of the two \[m\].
     fn size(&self, pair: &Pair) -> f64 {
         let spacing = |m: usize| self.member(m).map_or(f64::INFINITY, |m| m.spacing);
         let first = match pair.first {
@@ -240,7 +241,7 @@ impl Watch {
         first.min(spacing(pair.second))
     }
 
-    /// Largest speed at which the two may come closer \[m/s\].
+    /// Largest speed at which the two may approach each other \[m/s\].
     fn speed(&self, pair: &Pair) -> f64 {
         let of_model = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
         let first = match pair.first {
@@ -250,7 +251,7 @@ impl Watch {
         first + of_model(pair.second)
     }
 
-    /// Compares the surfaces of a pair; what there is to say of it, on the first rank. All ranks must ask.
+    /// Compares the surfaces of a pair; returns the warning, on rank 0. Collective.
     fn examine(&mut self, k: usize, run: &Coupled<f64>) -> Result<Option<String>> {
         let (first, second) = (self.pairs[k].first, self.pairs[k].second);
         let mut models = vec![second];
@@ -295,8 +296,8 @@ impl Watch {
         Ok(found.map(|d| self.line(pair, &d, run.time())))
     }
 
-    /// Depth at rest that is no more than touching \[m\]: elements have a surface, and particles of a body
-    /// may overlap a little.
+    /// Depth at rest that counts as touching \[m\]: zero for elements, which have an exact surface. Particles
+    /// of two bodies may overlap a little.
     fn touching_depth(&self, pair: &Pair) -> f64 {
         let at_rest = pair.at_rest.unwrap_or_default();
         let particles = |m: usize| self.member(m).is_some_and(|m| m.particles);
@@ -320,7 +321,7 @@ impl Watch {
         }
     }
 
-    /// Words that begin the warning of a pair, and no other.
+    /// Returns the first words of the warning, which no other pair has.
     fn opening(&self, pair: &Pair) -> String {
         let first = match pair.first {
             Intruder::Obstacle(k) => format!("obstacle '{}'", self.obstacles[k].name),
@@ -376,7 +377,7 @@ impl Watch {
 }
 
 impl Member {
-    /// A model of particles or of elements in space; none for a line, which has no inside.
+    /// Describes a model of particles or of elements in space; `None` for a line, which has no inside.
     fn of(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
         let grid = &info.grid;
         let particles = !grid.radii.is_empty();
@@ -395,7 +396,7 @@ impl Member {
         })
     }
 
-    /// Makes the surface, if this rank is to; whether there is one.
+    /// Builds the surface if this rank has the grid. Returns whether there is a surface.
     fn begin(&mut self) -> bool {
         if self.shell.is_none() {
             self.shell = self.grid.take().and_then(|grid| Shell::of(&grid));
@@ -403,7 +404,7 @@ impl Member {
         self.shell.is_some()
     }
 
-    /// Reads its box and its largest speed.
+    /// Updates bounding box and largest speed.
     fn measure(&mut self, s: &Subdomain<f64>) {
         let (q, v) = (s.state().q.as_chunks::<3>().0, s.state().v.as_chunks::<3>().0);
         let mut low = Vector3::repeat(f64::INFINITY);
@@ -423,7 +424,7 @@ impl Member {
     }
 }
 
-/// Obstacles of a scene that are on.
+/// Returns the enabled obstacles of a scene.
 fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
@@ -442,7 +443,7 @@ fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
     Ok(out)
 }
 
-/// Number of the body that each model belongs to: those that interfaces tie to each other are one.
+/// Returns the body of each model; models that interfaces join have one number.
 fn bodies(run: &Coupled<f64>) -> Vec<usize> {
     let mut out: Vec<usize> = (0..run.subdomains().len()).collect();
     for i in run.interfaces() {
@@ -452,7 +453,7 @@ fn bodies(run: &Coupled<f64>) -> Vec<usize> {
     out
 }
 
-/// Names of the models between which contact is on, either way round.
+/// Returns the names of models with contact between them, in both orders.
 fn touching(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
     let between = |e: &Effect| {
         let names = e.between.as_deref().filter(|_| e.enabled)?;

@@ -41,9 +41,9 @@ pub struct Pictures {
 /// A model at one instant.
 #[derive(Debug)]
 pub struct Picture<'a> {
-    /// Its name.
-    pub name: String,
     /// Name of the model.
+    pub name: String,
+    /// Points and cells at rest.
     pub grid: &'a Grid,
     /// Values at the points.
     pub points: Vec<Array>,

@@ -1,4 +1,4 @@
-//! Scenes at rest: from one load step to the next.
+//! Scenes at rest: successive load steps.
 
 use super::session::Session;
 use super::{End, Observer};
@@ -8,7 +8,7 @@ use crate::setup::LoadSteps;
 use arlequin::core::{Error as Failure, Settled};
 use serde::{Deserialize, Serialize};
 
-/// A load step that is in equilibrium.
+/// A load step in equilibrium.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoadStep {
     /// Time of its loads \[s\].
@@ -18,7 +18,7 @@ pub struct LoadStep {
     /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
     /// since the load step before.
     pub residual: f64,
-    /// Steps of relaxation.
+    /// Number of relaxation steps.
     pub iterations: usize,
     /// Internal energy \[J\].
     pub energy: f64,
@@ -37,7 +37,7 @@ impl LoadStep {
 }
 
 impl Session<'_> {
-    /// An error of a load step, with the largest piece that came loose where one did.
+    /// Adds to an error of a load step the largest fragment that came loose, if there is one.
     fn blamed(&self, mut e: Failure) -> Failure {
         if let Failure::NotSettled { free, .. } = &mut e
             && let Some((particles, model, [x, y, z])) = fragments::loose(&self.run, &self.breaks)
@@ -50,7 +50,7 @@ impl Session<'_> {
         e
     }
 
-    /// Goes through the load steps that are left, until the observer ends it.
+    /// Makes the remaining load steps until the observer ends them.
     pub(super) fn settle(&mut self, steps: &LoadSteps, observer: &mut dyn Observer) -> Result<End> {
         self.recorder.warnings.iter().for_each(|w| observer.warning(w));
         let every = self.scene.spec().output.checkpoint_every;

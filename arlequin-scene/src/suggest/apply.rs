@@ -1,4 +1,4 @@
-//! A proposal as changes of the scene file, comments kept.
+//! Writes a proposal into the scene file and keeps its comments.
 
 use super::choose::Prospect;
 use super::scenario::Scenario;
@@ -13,7 +13,7 @@ use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 pub(super) struct Change {
     /// Path of the key.
     pub path: String,
-    /// Its new value as TOML; none if the key goes.
+    /// New value as TOML; `None` to remove the key.
     pub text: Option<String>,
 }
 
@@ -25,19 +25,19 @@ impl Change {
         }
     }
 
-    /// As `--set` takes it, which can remove nothing.
+    /// Returns the change as an argument of `--set`, which cannot remove a key.
     pub(super) fn assignment(&self) -> Option<String> {
         Some(format!("{}={}", self.path, self.text.as_ref()?))
     }
 }
 
-/// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted
-/// error's square.
+/// Returns whether enough energy lies above the coarse cutoff to be worth an absorber: more than a tenth of
+/// the square of the predicted error.
 pub(super) fn needs_absorber(p: &Prospect) -> bool {
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
 
-/// Four digits are more than a spacing needs.
+/// Formats a spacing with four digits, which are more than it needs.
 fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.3e}").parse().unwrap_or(x);
     format!("{rounded:e}")
@@ -51,7 +51,7 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
     format!("[{}]", n.join(", "))
 }
 
-/// What a proposal changes.
+/// Returns the changes that turn the scene into the proposal.
 pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
     let [interface, coarse, fine] = &s.names;
@@ -74,7 +74,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
     let profile = format!("\"{}\"", c.profile);
     out.push(Change::new(format!("{table}.weight.profile"), profile));
     if joint.is_some_and(|j| j.weight.value.is_some()) {
-        // The constant profile's value means nothing to another one.
+        // Other profiles refuse the value of the constant profile.
         out.push(Change {
             path: format!("{table}.weight.value"),
             text: None,
@@ -103,7 +103,7 @@ fn extents(shape: &Shape) -> Vec<f64> {
     }
 }
 
-/// The overlap's border to the coarse model and the end of the fine body, which move together.
+/// Moves the overlap's border to the coarse model and the end of the fine body to the same place.
 fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
     let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
     let place = tidy(s.border + s.inward * overlap);
@@ -144,8 +144,8 @@ fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str)
     out
 }
 
-/// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is,
-/// comments too.
+/// Writes the scene with its earlier `--set` values and the changes; everything else stays as it is, comments
+/// included.
 pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()> {
     if out.exists() {
         let rule = "exists; choose another name, nothing is overwritten";
@@ -168,7 +168,7 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
     for change in given.chain(changes.iter().cloned()) {
         put(&mut document, &change)?;
     }
-    // What is written must be a scene again.
+    // Reading the text again makes sure that it is a scene.
     let written = Scene::of(Source::new(out, document.to_string()))?;
     std::fs::write(out, &written.source().text).map_err(write_error(out))
 }
@@ -206,7 +206,7 @@ fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
     Ok(())
 }
 
-/// Whether two values say the same, whatever their writing.
+/// Returns whether two values are equal, however they are written.
 fn same(a: &Value, b: &Value) -> bool {
     match (a.as_float(), b.as_float()) {
         (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),

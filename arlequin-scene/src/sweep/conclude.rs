@@ -1,23 +1,23 @@
-//! What follows from a sweep, in plain words and as a table of knobs.
+//! Conclusions of a sweep: in plain sentences, and as a table of how much each axis matters.
 
 use super::result::Run;
 use super::spec::{Mark, SweepFile};
 use std::collections::BTreeMap;
 
-/// What one axis does while all others stay.
+/// Effect of one axis on error and cost while all others stay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Knob {
-    /// Axis.
+    /// Name of the axis.
     pub axis: String,
-    /// Largest over smallest error, geometric mean over all groups of runs that differ in this axis only.
+    /// Largest over smallest error; geometric mean over all groups of runs that differ in this axis only.
     pub error_ratio: f64,
-    /// Largest over smallest time.
+    /// Largest over smallest time; mean as for the error.
     pub cost_ratio: f64,
     /// Value with the smallest error in most groups.
     pub best: String,
 }
 
-/// What the axes do, the one that moves the error most first.
+/// Returns the effect of each axis, the one with the largest effect on the error first.
 pub fn knobs(runs: &[Run]) -> Vec<Knob> {
     let swept: Vec<&Run> = runs.iter().filter(|r| r.swept && r.point().is_some()).collect();
     let mut axes: Vec<&String> = swept.iter().flat_map(|r| r.parameters.keys()).collect();
@@ -72,13 +72,13 @@ fn coupled(r: &&Run) -> bool {
     r.mark.is_none() && r.point().is_some()
 }
 
-/// Cheapest of some runs within an error.
+/// Returns the cheapest of some runs whose error is at most `target`.
 fn cheapest<'a>(runs: impl Iterator<Item = &'a Run>, target: f64) -> Option<&'a Run> {
     runs.filter(|r| error(r) <= target)
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// Plain-language conclusion, one sentence or two per target.
+/// Returns the conclusion in plain sentences, one or two per target.
 pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     let mut out = Vec::new();
     let failed = runs.iter().filter(|r| r.status == "failed").count();
@@ -112,7 +112,8 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     out
 }
 
-/// For which errors a coupled run is cheaper than either model alone; none if no model was run alone.
+/// States for which errors a coupled run is cheaper than either model alone; `None` if no model was run
+/// alone.
 fn pays(runs: &[Run]) -> Option<String> {
     let alone = |mark: Mark| {
         runs.iter()
@@ -122,7 +123,7 @@ fn pays(runs: &[Run]) -> Option<String> {
     let coarse = |e: f64| cheapest(alone(Mark::AllCoarse), e).map_or(f64::INFINITY, cost);
     let coupled_at = |e: f64| cheapest(runs.iter().filter(coupled), e).map_or(f64::INFINITY, cost);
     alone(Mark::AllFine).chain(alone(Mark::AllCoarse)).next()?;
-    // Nothing changes between two errors that some run has.
+    // Which run is cheapest can change only at an error that some run has.
     let mut errors: Vec<f64> = runs.iter().filter(|r| r.point().is_some()).map(error).collect();
     errors.sort_by(f64::total_cmp);
     let wins = |e: &f64| coupled_at(*e) < fine(*e).min(coarse(*e));
@@ -152,7 +153,7 @@ fn pays(runs: &[Run]) -> Option<String> {
     Some(format!("Coupling pays for errors {span}{gain}{beyond}."))
 }
 
-/// How far all-fine runs lie apart, if there are several.
+/// States how much all-fine runs differ from the reference, if there are any besides it.
 fn scatter(runs: &[Run]) -> Option<String> {
     let others: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
     let range = range(others.iter().filter_map(|r| r.error_judged), percent)?;
@@ -164,12 +165,12 @@ fn scatter(runs: &[Run]) -> Option<String> {
     ))
 }
 
-/// An all-fine run that is not the reference.
+/// Returns whether this is an all-fine run other than the reference.
 fn other_fine(r: &Run) -> bool {
     r.mark == Some(Mark::AllFine) && r.error_judged.is_some_and(|e| e > 0.0)
 }
 
-/// Smallest to largest, in words; none of nothing.
+/// Returns smallest and largest value in words; `None` without values.
 fn range(values: impl Iterator<Item = f64>, words: impl Fn(f64) -> String) -> Option<String> {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
         (a.min(x), b.max(x))
@@ -178,13 +179,13 @@ fn range(values: impl Iterator<Item = f64>, words: impl Fn(f64) -> String) -> Op
     (low <= high).then(|| if a == b { a } else { format!("{a} to {b}") })
 }
 
-/// A deviation with its sign.
+/// Formats a deviation with its sign.
 pub fn signed(x: f64) -> String {
     let sign = if x < 0.0 { "−" } else { "+" };
     format!("{sign}{}", percent(x.abs()))
 }
 
-/// What a scalar of the sweep says of coupled, all-fine and all-coarse runs.
+/// States the deviations of a scalar in coupled, all-fine and all-coarse runs from the reference.
 fn scalar(runs: &[Run], name: &str) -> String {
     let of = |keep: &dyn Fn(&Run) -> bool| {
         let kept = || runs.iter().filter(|r| r.status == "complete" && keep(r));
@@ -280,7 +281,7 @@ fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {
     text
 }
 
-/// A ratio as a comparison.
+/// Formats a ratio of costs as a comparison.
 fn times(ratio: f64) -> String {
     if ratio >= 1.0 {
         format!("{ratio:.1} times cheaper")
@@ -289,7 +290,7 @@ fn times(ratio: f64) -> String {
     }
 }
 
-/// An error with two digits.
+/// Formats an error with two digits.
 pub fn percent(x: f64) -> String {
     let p = 100.0 * x;
     match p {
@@ -302,7 +303,7 @@ pub fn percent(x: f64) -> String {
     }
 }
 
-/// A time with three digits.
+/// Formats a time with three digits.
 pub fn seconds(x: f64) -> String {
     let (factor, unit) = match x {
         x if x >= 0.1 => (1.0, "s"),

@@ -1,4 +1,4 @@
-//! Curves over time: reading probes, references, errors, and what comes back through a probe.
+//! Curves over time: reading probes and references, errors, and the energy reflected past a probe.
 
 use super::spec::{CurveTable, Reflected, Window};
 use crate::error::{Error, Result, key, unknown};
@@ -7,15 +7,15 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Most points at which two curves are compared.
+/// Largest number of points at which two curves are compared.
 const MOST_POINTS: usize = 200_000;
 
-/// A probe over time.
+/// Values of a probe over time.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// What it shows.
+    /// Quantity of the probe.
     pub quantity: Quantity,
-    /// Times \[s\], rising.
+    /// Times \[s\], increasing.
     pub times: Vec<f64>,
     /// Values.
     pub values: Vec<f64>,
@@ -102,7 +102,7 @@ pub enum Curve {
 }
 
 impl Curve {
-    /// Prepares a table of the sweep file.
+    /// Reads or checks a reference curve of the sweep file; `place` is its key in errors.
     pub fn new(place: &str, from: &CurveTable, folder: &Path) -> Result<Self> {
         let positive = |name: &str, x: f64| {
             if x.is_finite() && x > 0.0 {
@@ -144,7 +144,7 @@ impl Curve {
         }
     }
 
-    /// Times it covers.
+    /// First and last time of the curve \[s\]; infinite for a formula.
     fn span(&self) -> (f64, f64) {
         match self {
             Self::Samples(s) => s.span(),
@@ -175,8 +175,8 @@ impl Series {
         )
     }
 
-    /// Value between the samples by cubic Hermite interpolation with slopes from the neighbours; `hint` is
-    /// the interval found last.
+    /// Interpolates between the samples by a cubic Hermite polynomial with slopes from the neighbours. `hint`
+    /// is the interval of the last call.
     fn at(&self, t: f64, hint: &mut usize) -> f64 {
         let (x, y) = (&self.times, &self.values);
         let last = x.len() - 1;
@@ -225,7 +225,8 @@ fn formula(f: &CurveTable, t: f64, quantity: Quantity) -> f64 {
             speed,
             particle_speed,
         } => {
-            // Each front runs down the bar, turns its sign at the clamp and keeps it at the free end.
+            // Each front travels along the bar; reflection changes its sign at the clamp and keeps it at the
+            // free end.
             let mut sum = 0.0;
             let mut sign = 1.0;
             let mut n = 1.0;
@@ -252,15 +253,17 @@ fn formula(f: &CurveTable, t: f64, quantity: Quantity) -> f64 {
 /// Relative errors of a run.
 #[derive(Debug, Clone, Default, serde::Serialize)]
 pub struct Errors {
-    /// Of all displacement probes together \[–\]; none without one, or if the reference rests.
+    /// Error of all displacement probes together \[–\]; `None` without such a probe, or if the reference is
+    /// zero.
     pub displacement: Option<f64>,
-    /// Of all velocity probes together \[–\].
+    /// Error of all velocity probes together \[–\]; `None` as for displacements.
     pub velocity: Option<f64>,
-    /// Of each probe \[–\].
+    /// Error of each probe \[–\].
     pub probes: BTreeMap<String, f64>,
 }
 
-/// Squares of the difference and of the reference, integrated over the common times; none if these are empty.
+/// Integrals of the squared difference and of the squared reference over the common times; `None` if there
+/// are no common times.
 fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> {
     let ((a0, a1), (b0, b1)) = (a.span(), b.span());
     let low = a0.max(b0).max(window[0].unwrap_or(f64::NEG_INFINITY));
@@ -268,6 +271,7 @@ fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> 
     if a.times.len() < 2 || high <= low {
         return None;
     }
+    // Midpoint sums with at least 64 points, and as many as the finer curve has.
     let n = a.times.len().max(b.points()).clamp(64, MOST_POINTS);
     let step = (high - low) / n as f64;
     let (mut i, mut j) = (0, 0);
@@ -281,7 +285,8 @@ fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> 
     Some(sums)
 }
 
-/// Relative L2 errors over time: `√(∫(u − u_ref)² dt / ∫u_ref² dt)`, per probe and over all of a kind.
+/// Relative L2 errors over time, `√(∫(u − u_ref)² dt / ∫u_ref² dt)`, per probe and over all probes of one
+/// quantity.
 pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: &Window) -> Errors {
     let mut out = Errors::default();
     let mut sums = [[0.0; 2]; 2];
@@ -306,9 +311,9 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
     out
 }
 
-/// Energy that comes back through a probe over energy that went in: `∫v² dt` after a time over that before
-/// it, since a travelling wave carries `ρ c S v²`. Displacement probes are differentiated. None without the
-/// probe or the time.
+/// Ratio of `∫v² dt` after the time `after` to `∫v² dt` before it: reflected over incident energy, since a
+/// travelling wave carries `ρ c S v²`. Displacement probes are differentiated. `None` if the probe is missing
+/// or the run ends before `after`.
 pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table: &Reflected) -> Option<f64> {
     let series = run.get(&table.probe)?;
     let curve = reference.get(&table.probe);
@@ -426,7 +431,8 @@ mod tests {
         assert!(reflected(&run, &BTreeMap::new(), &table).is_none());
     }
 
-    /// Twice the reference is an error of one, half of it one half: the reference is what is divided by.
+    /// Twice the reference has an error of one, and half the reference one half: errors are relative to the
+    /// reference.
     #[test]
     fn an_error_is_relative_to_the_reference() {
         let wave = |t: f64| (2.0 * PI * t).sin();
@@ -452,8 +458,8 @@ mod tests {
         }
     }
 
-    /// A run that is right until 0.4 s, off by one from then to 0.7 s, and right again: what lies outside
-    /// of the window does not count, nor does a probe that is not named.
+    /// A run that is right until 0.4 s, off by one until 0.7 s, and right again. Times outside of the window
+    /// and probes that it does not name do not count.
     #[test]
     fn only_the_window_and_its_probes_count() {
         let off = |t: f64| if (0.4..0.7).contains(&t) { 2.0 } else { 1.0 };

@@ -1,4 +1,5 @@
-//! Runs a scene with `[wake]`: a model sleeps until the one that stands in for it is strained enough.
+//! Runs a scene with `[wake]`: a model sleeps until the strain or stress of the model in its place reaches a
+//! limit.
 
 mod hand_over;
 mod sleep;
@@ -19,10 +20,10 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use watch::Watch;
 
-/// Folder of what was recorded while the model slept.
+/// Subfolder with the results of the time in which the model slept.
 pub(crate) const ASLEEP: &str = mark::PART;
 
-/// The sleeping scene, ready to run, and what leads from there to the scene as given.
+/// The sleeping scene, ready to run, and the transfer from it to the full scene.
 #[derive(Debug)]
 pub(crate) struct Asleep {
     pub(crate) scene: Scene,
@@ -31,8 +32,7 @@ pub(crate) struct Asleep {
     hand_over: HandOver,
 }
 
-/// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before
-/// the first step.
+/// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
 pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
     let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), tell)?;
@@ -51,7 +51,7 @@ pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) ->
 }
 
 impl Asleep {
-    /// Goes on from what a checkpoint knows of the sleep.
+    /// Continues the watch of a checkpoint.
     pub(crate) fn go_on(&mut self, stage: &Stage) {
         if let Stage::Asleep { highest, place } = stage {
             self.watch.highest = (*highest, (*place).into());
@@ -75,26 +75,26 @@ impl SceneSpec {
     }
 }
 
-/// How far a scene with `[wake]` has come.
+/// Progress of a scene with `[wake]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Stage {
     /// The model sleeps.
     Asleep {
-        /// Largest value seen.
+        /// Largest value of the criterion so far.
         highest: f64,
-        /// Where \[m\].
+        /// Place of this value \[m\].
         place: [f64; 3],
     },
-    /// It woke.
+    /// The model woke.
     Awake {
-        /// The state handed over.
+        /// State that was handed over.
         start: Start,
-        /// What is known of the waking.
+        /// Report of the waking.
         report: Box<WakeReport>,
     },
 }
 
-/// Runs the sleeping scene from its start or from a checkpoint, and the scene as given if the model wakes.
+/// Runs the sleeping scene from its start or from a checkpoint, and then the full scene if the model wakes.
 pub(crate) fn run(
     scene: &Scene,
     asleep: Asleep,
@@ -119,7 +119,7 @@ pub(crate) fn run(
         return session.conclude(end, Some(report), observer);
     }
     let begin = Instant::now();
-    // Before anything is put aside: if it fails, the results so far are whole.
+    // Builds the full scene before files are moved: if this fails, the results so far are complete.
     let next = asleep.hand_over.start(session.coupled());
     let next = next.and_then(|s| {
         Ok((
@@ -146,7 +146,7 @@ pub(crate) fn run(
     Ok(done)
 }
 
-/// Makes the steps that are left after the model woke.
+/// Makes the remaining steps after the model woke.
 pub(crate) fn finish(
     mut session: Session<'_>,
     start: Start,
@@ -158,7 +158,7 @@ pub(crate) fn finish(
         report: Box::new(report.clone()),
     });
     if session.checkpoints() {
-        // Takes the place of the last one asleep, whose results have been put aside.
+        // Replaces the last checkpoint of the sleeping scene, whose results have been put aside.
         session.save()?;
     }
     let end = session.advance(observer, &mut |_, _| false);
@@ -166,7 +166,7 @@ pub(crate) fn finish(
 }
 
 impl WakeReport {
-    /// Notes the state in which the model wakes.
+    /// Records the state in which the model wakes.
     fn wake(&mut self, asleep: &Coupled<f64>) {
         self.woken = true;
         self.time = Some(asleep.time());
@@ -175,7 +175,7 @@ impl WakeReport {
         self.momentum_before = Some(Momentum::of(asleep));
     }
 
-    /// Notes the state in which the scene goes on.
+    /// Records the state in which the full scene starts.
     fn woken_as(&mut self, awake: &Coupled<f64>) {
         self.energy_after = Some(awake.energy());
         self.jump = self.energy_after.zip(self.energy_before).map(|(a, b)| a - b);
@@ -183,7 +183,7 @@ impl WakeReport {
     }
 }
 
-/// What is known before the model wakes.
+/// Returns the report before the model wakes.
 fn report_of(wake: &Wake, watch: &Watch) -> WakeReport {
     let (value, place) = watch.highest;
     WakeReport {

@@ -1,11 +1,12 @@
-//! The scene as long as the model sleeps.
+//! The sleeping scene.
 
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::{acts, effect_models};
 use crate::spec::{Bearer, Effect, EffectKind, ModelTable, Near, SceneSpec, Scheme, StepChoice, Wake};
 
-/// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
+/// Applies the assignments of `[wake]`, and removes the sleeping model with its interfaces, probes and
+/// effects.
 pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     check(awake.spec(), wake)?;
     let own = format!("model.{}.", wake.model);
@@ -50,7 +51,8 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     Ok(awake.with_spec(scene))
 }
 
-/// A share of the critical step needs a model that has one while the other sleeps.
+/// Refuses a step given as a fraction if the sleeping scene has only implicit models, which have no critical
+/// step.
 fn check_step(asleep: &SceneSpec, wake: &Wake) -> Result<()> {
     let implicit = |m: &ModelTable| m.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit));
     if !matches!(asleep.time.step, StepChoice::Fraction(_)) || !asleep.model.values().all(implicit) {
@@ -106,7 +108,7 @@ fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     Ok(())
 }
 
-/// What acts on the sleeping model would be lost.
+/// Refuses loads, supports, initial states and body forces of the sleeping model, which would be lost.
 fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     let (sleeper, by) = (&wake.model, &wake.by);
     let lost = |list: &str, k: usize, change: String| {
@@ -138,7 +140,7 @@ fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     Ok(())
 }
 
-/// Effect `k` while the model sleeps; none if it has no other to act on.
+/// Returns effect `k` of the sleeping scene; `None` if it acts on no other model.
 fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option<Effect>> {
     let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
     if e.enabled && matches!(e.kind, EffectKind::Prestress(_)) {
