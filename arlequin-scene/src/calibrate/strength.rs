@@ -114,6 +114,7 @@ pub(super) fn of(
     }
     let strength = asked.beam_strength.unwrap_or(BEAMS);
     let mean = |p: &Packing| 2.0 * p.report.mean_radius;
+    // Elastic energy per section of a beam one mean diameter long at the axial stress `strength`.
     let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sample.beam.young);
     let mut rows = Vec::new();
     let chosen = ALL

@@ -34,7 +34,7 @@ const STRIDE: f64 = 0.25;
 /// Largest number of steps between two looks.
 const LONGEST: f64 = 32.0;
 
-/// A model that can be entered.
+/// A model that other bodies can enter.
 #[derive(Debug)]
 struct Member {
     name: String,
@@ -79,7 +79,7 @@ struct Pair {
     told: bool,
 }
 
-/// The watch.
+/// Watch over all pairs of a scene.
 #[derive(Debug)]
 pub(crate) struct Watch {
     members: Vec<Option<Member>>,
@@ -166,6 +166,7 @@ impl Watch {
             }
             let gap = self.gap(&self.pairs[k]);
             let within = self.size(&self.pairs[k]) * STRIDE;
+            // For a pair at rest this is infinite, and [`LONGEST`] holds.
             let made = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
             steps = made.min(steps);
             if gap > 0.0 {
@@ -218,6 +219,7 @@ impl Watch {
         match pair.first {
             Intruder::Obstacle(k) => {
                 let o = &self.obstacles[k];
+                // The sphere around the bounding box stands in for the body.
                 let half = (high - low) * 0.5;
                 o.shape.distance(&(low + half), &o.moved).0 - half.norm()
             }
@@ -259,6 +261,7 @@ impl Watch {
             Intruder::Obstacle(_) => None,
             Intruder::Model(m) => Some(m),
         });
+        // Gathers before the surfaces are built: all ranks take part, but only rank 0 has grids and goes on.
         let mut displaced = Vec::new();
         for m in &models {
             let s = &run.subdomains()[*m];

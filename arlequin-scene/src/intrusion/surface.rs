@@ -54,6 +54,8 @@ impl Shell {
             return Some(Self::new(nodes, grid, grid.radii.clone(), Vec::new()));
         }
         let mut triangles = boundary(grid, kind(grid)?);
+        // Six times the signed volume between a triangle and the origin; the sum is positive for outward
+        // normals.
         let volume = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|k| grid.points[k as usize].coords);
             a.dot(&b.cross(&c))
@@ -135,6 +137,7 @@ impl Shell {
             let corners = self.corners(k);
             let [first, second, third] = &corners;
             let size = (second - first).norm().max((third - first).norm());
+            // No point of a triangle is farther from its first corner than the longer edge there.
             if shape.distance(first, by).0 < size {
                 let (distance, place) = shape.distance_of_triangle(&corners, by);
                 meet(distance, place);
@@ -189,6 +192,7 @@ impl Shell {
 
     /// Height of a point above the surface \[m\], negative behind it; `None` beyond `reach`.
     fn height(&self, x: &Point3<f64>, reach: f64) -> Option<f64> {
+        // A triangle that starts earlier ends before the reach of the point.
         let first = self.sorted.partition_point(|s| s.0 < x.x - reach - self.widest);
         let near = self.sorted[first..].iter().take_while(|s| s.0 <= x.x + reach);
         let mut best: Option<(f64, f64)> = None;

@@ -1,4 +1,4 @@
-//! One probe over another, `[curve.NAME]`.
+//! Curves of one probe over another, `[curve.NAME]`.
 
 use super::csv;
 use crate::error::Result;

@@ -2,11 +2,11 @@
 //! when the new ones are complete.
 //!
 //! ```text
-//! NAME.unfinished            while the run goes on; what a killed run leaves, until it is resumed or begun again
+//! NAME.unfinished            a run that goes on or was killed, until it is resumed or started again
 //! NAME                       the results
-//! NAME.failed                those of a run that failed, where NAME holds earlier results already
-//! NAME.replaced              the earlier results, for the moment in which the new ones take their place
-//! NAME.unfinished.replaced   what could have been resumed before a run with --force, until that has ended
+//! NAME.failed                results of a failed run, if NAME has earlier results
+//! NAME.replaced              earlier results, while the new ones are renamed
+//! NAME.unfinished.replaced   a run that could be resumed, while a run with --force replaces it
 //! ```
 
 use super::mark::{self, Mark};
@@ -188,7 +188,7 @@ impl Folder {
         &self.partial
     }
 
-    /// Creates a folder inside.
+    /// Creates a subfolder.
     pub fn subfolder(&self, name: &str) -> Result<PathBuf> {
         let path = self.partial.join(name);
         std::fs::create_dir_all(&path).map_err(write(&path))?;
@@ -314,6 +314,7 @@ impl Drop for Folder {
 }
 
 /// Marks a folder.
+///
 /// # Errors
 /// [`Error::Busy`] if another run writes there.
 fn marked(partial: &Path) -> Result<Mark> {

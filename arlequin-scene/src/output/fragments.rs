@@ -135,6 +135,7 @@ impl Fragments {
             let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();
             let whole = bonds.filter(|(k, _)| !log.is_broken(*k));
             let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
+            // Each fragment has the number of its lowest particle, whose entry takes the sums.
             let mut sums = vec![Sums::default(); b.masses.len()];
             for (i, x) in b.grid.points.iter().enumerate() {
                 let m = b.masses[i];
@@ -198,6 +199,7 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
             .map(|d| layout.node_of(*d));
         let weight = &s.weights().internal;
         let tied = (0..nodes.len()).filter(|i| weight.at(&nodes[*i]) < 1.0);
+        // A count of zero takes fragments out that are held or tied.
         held.chain(tied).for_each(|i| sums[piece[i] as usize].0 = 0);
         let most = sums.into_iter().max_by_key(|s| s.0)?;
         if most.0 > largest.as_ref().map_or(0, |l: &(usize, _, _)| l.0) {
@@ -208,7 +210,7 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
     largest
 }
 
-/// Writes the table.
+/// Writes the table of fragments.
 pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
     let mut text = "time [s],model,fragment [-],particles [-],mass [kg],x [m],y [m],z [m],velocity x [m/s],velocity y [m/s],\
                     velocity z [m/s]\n"

@@ -155,6 +155,7 @@ impl Frames {
 
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
+        // Per point position and multiplier, per cell an 8-byte offset and a 1-byte type.
         let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
         let models = self.models.iter().map(|m| m.bytes(&self.fields));
         models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()

@@ -77,6 +77,7 @@ impl Mark {
     /// Marks a folder and locks it; `None` if another process writes there.
     pub fn set(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(NAME);
+        // Opening must not truncate: the file may be the mark of a run that goes on.
         let open = File::options()
             .write(true)
             .create(true)

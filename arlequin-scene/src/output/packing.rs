@@ -14,9 +14,9 @@ const NAMED: usize = 6;
 /// A packing, as `check`, `run` and `summary.json` show it.
 #[derive(Debug, Clone, Serialize)]
 pub struct PackingLine {
-    /// Spheres asked for.
+    /// Number of spheres asked for.
     pub asked: usize,
-    /// Spheres placed, or read from a file.
+    /// Number of spheres placed, or read from a file.
     pub placed: usize,
     /// Placed spheres that were cut off beyond the border of a zone.
     pub beyond: usize,
@@ -25,7 +25,7 @@ pub struct PackingLine {
     /// Share of the dropped spheres in the volume of all placed; the other spheres of the body carry their
     /// mass.
     pub dropped_share: f64,
-    /// Spheres that no bonds join to a part and that stay as loose grains.
+    /// Number of spheres that no bonds join to a part and that stay as loose grains.
     pub grains: usize,
     /// Number of bodies of the shape.
     pub bodies: usize,
@@ -39,7 +39,7 @@ pub struct PackingLine {
     pub coordination_interior: Option<f64>,
     /// Share of the shape that no sphere fills.
     pub void_fraction: f64,
-    /// Mean diameters across the narrowest body.
+    /// Mean sphere diameters across the narrowest body.
     pub across: Option<f64>,
     /// Bonds and spheres that notches removed.
     pub notch: NotchLine,
@@ -57,7 +57,7 @@ pub struct PackingLine {
 pub struct PartLine {
     /// Number of its body in the shape, from 1.
     pub body: usize,
-    /// Spheres.
+    /// Number of spheres.
     pub spheres: usize,
     /// Mass \[kg\].
     pub mass: f64,
@@ -66,7 +66,7 @@ pub struct PartLine {
 /// Bonds and spheres that notches removed.
 #[derive(Debug, Clone, Serialize)]
 pub struct NotchLine {
-    /// Bonds.
+    /// Number of bonds.
     pub bonds: usize,
     /// Spheres removed because they had no bond to a part left.
     pub spheres: usize,

@@ -170,6 +170,7 @@ impl Painter {
                 (0..self.grid.cells()).map(gone).collect()
             }
         };
+        // A particle without bonds has no damage.
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         [shares, broken]
     }

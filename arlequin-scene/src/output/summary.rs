@@ -43,7 +43,7 @@ pub struct Summary {
     /// How the models are distributed over several ranks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ranks: Vec<RankLine>,
-    /// Worker threads.
+    /// Number of worker threads.
     pub threads: usize,
     /// One line per model.
     pub models: Vec<ModelLine>,
@@ -51,11 +51,11 @@ pub struct Summary {
     pub dt: f64,
     /// Largest stable step \[s\].
     pub critical_dt: f64,
-    /// Steps made.
+    /// Number of steps made.
     pub steps: usize,
     /// Time reached \[s\].
     pub time: f64,
-    /// Frames written.
+    /// Number of frames written.
     pub frames: usize,
     /// Wall time \[s\].
     pub wall_seconds: WallSeconds,
@@ -113,9 +113,9 @@ pub struct WakeReport {
 /// Momentum of all models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
 pub struct Momentum {
-    /// Linear \[kg m/s\].
+    /// Linear momentum \[kg m/s\].
     pub linear: [f64; 3],
-    /// Angular about the origin \[kg m²/s\].
+    /// Angular momentum about the origin \[kg m²/s\].
     pub angular: [f64; 3],
 }
 
@@ -157,13 +157,13 @@ pub struct ModelLine {
 /// Wall time by activity \[s\].
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct WallSeconds {
-    /// Reading, meshing, factoring.
+    /// Time of reading, meshing, factoring.
     pub setup: f64,
     /// Phases of `setup`, in order.
     pub setup_phases: Vec<PhaseTime>,
-    /// Steps without output.
+    /// Time of the steps without output.
     pub stepping: f64,
-    /// Probes, frames, plots.
+    /// Time of probes, frames, plots.
     pub output: f64,
     /// Parts of `stepping` and `output` by phase.
     pub phases: BTreeMap<String, f64>,
@@ -223,7 +223,7 @@ pub struct InterfaceLine {
     pub name: String,
     /// Junction.
     pub junction: &'static str,
-    /// Multiplier unknowns.
+    /// Number of multiplier unknowns.
     pub multipliers: usize,
     /// Number of independent multiplier unknowns.
     pub rank: usize,
@@ -373,6 +373,7 @@ pub fn process_bytes(name: &str) -> Option<usize> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with(name))?;
     let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
+    // The system writes "kB" for 1024 bytes.
     Some(kilobytes * 1024)
 }
 

@@ -74,6 +74,7 @@ impl Appended {
             described(kind, name, components),
             self.data.len()
         );
+        // In raw appended data, each array follows its length in 8 bytes.
         let start = self.data.len();
         self.data.extend(0u64.to_le_bytes());
         self.data.extend(bytes);

@@ -93,7 +93,7 @@ pub struct Recorded {
     pub energy: Table,
     /// Figures of effects over time.
     pub effects: Table,
-    /// One probe over another.
+    /// Curves of one probe over another.
     pub curves: Vec<CurveLine>,
     /// Fragments into which bodies broke, at the times of the frames; for partitioned models on rank 0 only.
     pub fragments: Vec<Piece>,
@@ -124,9 +124,8 @@ impl Results {
     /// Prepares to continue a run that its observer or a crack ended. The results have the same bits as
     /// without the stop and include the values recorded so far. The scene is built again.
     ///
+    /// # Errors
     /// A run without remaining steps, files of the scene that have changed, a checkpoint in a folder that
-    /// cannot be used.
-    /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that
     /// cannot be used.
     pub fn resume(self) -> Result<Resumed> {
         match (self.rest, &self.folder) {

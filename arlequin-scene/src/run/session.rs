@@ -240,6 +240,7 @@ impl<'a> Session<'a> {
             self.warn_of_intrusions(false, observer)?;
             let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
             said.into_iter().for_each(|w| self.warn(w, observer));
+            // A run with all steps is complete, even if something else would end it now.
             if made == self.steps {
                 self.run.warn_of_jumps();
                 self.say_warnings(observer);

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 /// A load step in equilibrium.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoadStep {
-    /// Time of its loads \[s\].
+    /// Time at which loads and motions are taken \[s\].
     pub time: f64,
-    /// `direct` or `relaxed`.
+    /// Name of the method: `direct` or `relaxed`.
     pub method: String,
     /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
     /// since the load step before.

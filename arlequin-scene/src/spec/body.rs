@@ -39,7 +39,7 @@ pub struct ZoneTable {
     /// Settings of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
-    /// How the models share energy, mass and load in the layer.
+    /// Weights by which the models share energy, mass and load in the layer.
     #[serde(default)]
     pub weight: WeightTable,
     /// The space of the multipliers.
@@ -51,7 +51,7 @@ pub struct ZoneTable {
     /// How the integrals of the constraint are sampled, as in an interface.
     #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
-    /// How the multipliers are solved for.
+    /// Solver of the multipliers.
     #[serde(default)]
     pub solver: SolverKind,
     /// Check that the weights sum to one: `checked` (default) or `unchecked`.

@@ -21,6 +21,8 @@ macro_rules! choice {
                         self,
                         mut map: A,
                     ) -> Result<$choice, A::Error> {
+                        // `remote = "Self"` makes the derived function an inherent one, so that this is no
+                        // recursion. It reads one key and ignores what follows.
                         let of_map = serde::de::value::MapAccessDeserializer::new(&mut map);
                         let found = <$choice>::deserialize(of_map)?;
                         match map.next_key::<String>()? {

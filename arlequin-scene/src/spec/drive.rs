@@ -116,7 +116,7 @@ pub enum TimeShape {
     },
     /// `sin²(π t/duration)` within a duration, then 0.
     Pulse {
-        /// Length \[s\].
+        /// Duration of the pulse \[s\].
         duration: f64,
     },
     /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
@@ -231,7 +231,7 @@ pub struct Spin {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Field {
-    /// The same everywhere.
+    /// One vector everywhere.
     Uniform([f64; 3]),
     /// One component, a polynomial of one coordinate.
     Polynomial(Polynomial),

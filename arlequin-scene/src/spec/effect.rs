@@ -17,7 +17,7 @@ pub struct Effect {
     /// False to leave the effect out. A `fracture` that is left out still warns at the end if strengths were
     /// exceeded.
     pub enabled: bool,
-    /// The effect itself.
+    /// The effect with its settings.
     pub kind: EffectKind,
 }
 
@@ -28,7 +28,7 @@ pub enum Bearer {
     Any,
     /// Solids of finite or natural elements.
     Solids,
-    /// Particles.
+    /// Models of particles.
     Particles,
 }
 
@@ -96,13 +96,13 @@ effects! {
     local_damping: LocalDamping, Any;
     /// Bulk viscosity.
     bulk_viscosity: BulkViscosity, Solids;
-    /// Initial displacements count as equilibrium.
+    /// Takes the initial displacements as equilibrium.
     prestress: Prestress, Any;
     /// Bonds that break.
     fracture: Fracture, Particles;
     /// Contact between unbonded particles.
     contact: Contact, Particles;
-    /// A rigid body.
+    /// A rigid body that particles touch.
     obstacle: Obstacle, Particles;
 }
 
@@ -244,7 +244,7 @@ pub struct Contact {
     pub skin: Option<f64>,
 }
 
-/// A rigid body.
+/// A rigid body that particles touch.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::at_most_one("velocity displacement"))]

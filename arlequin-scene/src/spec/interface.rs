@@ -1,4 +1,4 @@
-//! Interface tables.
+//! Tables of interfaces.
 
 use super::choice::choice;
 use super::model::{Element, Shape};
@@ -21,7 +21,7 @@ pub struct Interface {
     pub fine: String,
     /// Region in which both models are present.
     pub overlap: OverlapShape,
-    /// How the models share energy, mass and load in the overlap.
+    /// Weights by which the models share energy, mass and load in the overlap.
     #[serde(default)]
     pub weight: WeightTable,
     /// The space of the multipliers.
@@ -35,7 +35,7 @@ pub struct Interface {
     /// particle field (the fine model's points are preferred), else `intersection`.
     #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
-    /// How the multipliers are solved for.
+    /// Solver of the multipliers.
     #[serde(default)]
     pub solver: SolverKind,
     /// True to lump the multiplier operator; `l2` only. The constraint then holds only in the mean.
@@ -53,14 +53,14 @@ pub struct Interface {
     pub absorber: Option<Absorber>,
 }
 
-/// How multipliers are solved for.
+/// Solvers of the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverKind {
     /// By a factor, unless the iteration is expected to be faster.
     #[default]
     Auto,
-    /// By a factor.
+    /// By a factorisation of the operator.
     Factor,
     /// By conjugate gradients to 1e-12 of the jump; the result creates no energy even if the iteration ends
     /// early.
@@ -132,7 +132,7 @@ choice!(
     "{ ball = { centre, radius } }, { box = { low, high } }, { cylinder = { point, axis, radius } }"
 );
 
-/// Weight functions.
+/// Weight functions of the models in the overlap.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WeightTable {
@@ -182,7 +182,7 @@ pub struct ProfileTable {
     pub epsilon: Option<f64>,
 }
 
-/// The multiplier space.
+/// Space of the multipliers.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MediatorTable {
@@ -200,7 +200,7 @@ pub struct MediatorTable {
     pub element: Element,
 }
 
-/// The junction.
+/// Scalar product of the constraint.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JunctionTable {
@@ -212,7 +212,7 @@ pub struct JunctionTable {
     pub length: Option<f64>,
 }
 
-/// The overlap absorber.
+/// Damping of waves in the overlap that the coarse model cannot carry.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Absorber {

@@ -96,7 +96,7 @@ pub struct Time {
     pub step: StepChoice,
 }
 
-/// How the time step is chosen.
+/// Choices of the time step.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum StepChoice {

@@ -1,4 +1,4 @@
-//! Model tables.
+//! Tables of models.
 
 use super::choice::choice;
 use super::drive::Selection;
@@ -285,7 +285,7 @@ pub struct FemTable {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Element {
-    /// Eight-node hexahedra: far less stiff in bending than tetrahedra of the same size, hence the default.
+    /// Eight-node hexahedra, much less stiff in bending than tetrahedra of equal size; therefore the default.
     #[default]
     Hex8,
     /// Four-node tetrahedra.
@@ -334,7 +334,7 @@ pub struct DemTable {
     pub count: Option<usize>,
     /// Seed of the random start; one seed gives one packing, for any number of threads. Default: 1.
     pub seed: Option<u64>,
-    /// How the packing is compacted. Default: `onset`.
+    /// Packing procedure. Default: `onset`.
     pub protocol: Option<Protocol>,
     /// File with spheres in metres, relative to the scene, instead of a generated packing: `.csv` (lines
     /// `x,y,z,r`), `.vtu` (points and a point array of radii, such as the first frame of a run) or `.pvtu`

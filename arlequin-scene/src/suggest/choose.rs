@@ -79,6 +79,7 @@ impl CostModel {
     pub(super) fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
         let (m, b) = (&self.measured, &self.base);
         let d = self.dimension;
+        // Numbers of nodes grow with the power of the dimension.
         let shrink = (b.h / c.h).powi(d);
         let wider = c.overlap / b.overlap;
         let fine = (s.lengths[1] + c.overlap) / (s.lengths[1] + b.overlap);

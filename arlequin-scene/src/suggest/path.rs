@@ -52,6 +52,7 @@ impl Line {
     fn unfolded(&self, y: f64, whole: f64, within: impl Fn(f64) -> f64) -> f64 {
         let n = (y / self.length).floor();
         let r = y - n * self.length;
+        // Every second copy of the line is mirrored.
         let forwards = n.rem_euclid(2.0) < 0.5;
         n * whole
             + if forwards {

@@ -35,7 +35,7 @@ pub(super) struct Candidate {
     pub profile: ProfileKind,
     /// Junction length over mediator spacing; `None` for L2.
     pub length_ratio: Option<f64>,
-    /// Which table of [`Tables`] holds its reflection.
+    /// Index of the table with the losses of its overlap.
     pub table: usize,
 }
 
@@ -73,6 +73,7 @@ pub(super) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
 /// Couples a chain and a bar of unit modulus, density and element length by the overlap of the form.
 fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let r = 1.0 / f.ratio.min(FINEST);
+    // Both models go at least four spacings beyond the overlap, where the ports attach.
     let (bonds, elements) = (((f.overlap / r).round() + 4.0), f.overlap.ceil() + 4.0);
     let start = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds;
     let h = (f.overlap - start) / bonds;
@@ -263,6 +264,8 @@ fn at_probes(
             let seen = spectrum.energies(end - p.way / s.speed);
             let mut error = 0.0;
             for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+                // Two signals that have nothing in common differ by the sum of their energies: a loss is 2 at
+                // most.
                 let loss = match fate {
                     Fate::Carried(k, once) => shift(k * p.coarse, false) + (p.passages * once).min(2.0),
                     Fate::Lost if p.passages > 0.0 => 2.0,

@@ -341,6 +341,7 @@ fn ramp(t: f64) -> f64 {
 
 /// Fourier transform of a signal on [0, 1] stretched to `duration`, at frequencies up to 20/`duration`.
 fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: String) -> Spectrum {
+    // Two frequencies per inverse duration of the run, but at most 2000 in all.
     let step = (0.5 / end.max(duration)).max(20.0 / duration / 2000.0);
     let count = (20.0 / duration / step).ceil() as usize;
     let values: Vec<f64> = (0..SAMPLES)

@@ -44,6 +44,7 @@ fn knob(axis: &str, runs: &[&Run]) -> Option<Knob> {
         if !(spread(0).is_finite() && spread(1).is_finite()) {
             continue;
         }
+        // Sums of logarithms give geometric means. A point is [cost, error], the sums are [error, cost].
         sums = [sums[0] + spread(1), sums[1] + spread(0)];
         count += 1.0;
         let best = g.iter().min_by(|a, b| error(a).total_cmp(&error(b)));

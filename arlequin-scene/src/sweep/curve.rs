@@ -191,6 +191,7 @@ impl Series {
         }
         let k = *hint;
         let h = x[k + 1] - x[k];
+        // Central differences, one-sided at both ends.
         let slope = |i: usize| {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
             (y[b] - y[a]) / (x[b] - x[a])
@@ -359,7 +360,7 @@ mod tests {
     fn a_shifted_sine_has_the_error_of_its_phase() {
         let wave = |phase: f64| move |t: f64| (2.0 * PI * (4.0 * t) + phase).sin();
         let run: Probes = [("p".to_owned(), series(Quantity::Velocity, 700, wave(0.02)))].into();
-        // Times of the two have nothing in common.
+        // The two curves have no sample times in common.
         let reference = [(
             "p".to_owned(),
             Curve::Samples(series(Quantity::Velocity, 911, wave(0.0))),

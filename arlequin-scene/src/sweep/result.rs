@@ -222,6 +222,7 @@ pub(super) fn mark_pareto(runs: &mut [Run]) {
     for (k, r) in runs.iter_mut().enumerate() {
         r.pareto = points[k].is_some_and(|p| {
             let beaten = |q: &[f64; 2]| q[0] <= p[0] && q[1] <= p[1] && (q[0] < p[0] || q[1] < p[1]);
+            // The reference has no error and would beat every other run.
             p[1] > 0.0 && !points.iter().flatten().filter(|q| q[1] > 0.0).any(beaten)
         });
     }

@@ -16,7 +16,7 @@ pub struct SweepFile {
     /// Assignments for every run of the base scene.
     #[serde(default)]
     pub set: Vec<String>,
-    /// How the axes are combined.
+    /// Combination of the axes.
     #[serde(default)]
     pub design: Design,
     /// Number of times that each run is made; the shortest time counts.
@@ -65,7 +65,7 @@ fn targets() -> Vec<f64> {
     vec![0.05, 0.02, 0.01]
 }
 
-/// How axes are combined.
+/// Combinations of the axes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Design {

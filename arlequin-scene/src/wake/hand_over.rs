@@ -113,6 +113,7 @@ impl HandOver {
             let memory = from.model().save();
             memories.push((t.is(from) && memory != Record::default()).then_some(memory));
             let mut state = self.sample(t, from)?;
+            // Held unknowns start on their prescribed motion, which interpolation only approximates.
             for motion in &t.supports {
                 let (q, v, _) = motion.kinematics(asleep.time(), t.dt);
                 for &d in &motion.dofs {

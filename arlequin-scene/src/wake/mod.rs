@@ -60,7 +60,7 @@ impl Asleep {
 }
 
 impl SceneSpec {
-    /// Refuses a scene with `[wake]` where a command does not know it.
+    /// Refuses a scene with `[wake]`, for commands that do not support it.
     ///
     /// # Errors
     /// A scene with `[wake]`.

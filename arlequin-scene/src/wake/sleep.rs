@@ -41,6 +41,7 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
             scene.effect.push(e);
         }
     }
+    // After the effects, because `acts` searches those that are left.
     let probes = std::mem::take(&mut scene.probe);
     let there = |of: &Option<String>| of.as_ref().is_none_or(|n| acts(n, &scene));
     scene.probe = probes.into_iter().filter(|(_, p)| there(&p.of)).collect();
