@@ -173,12 +173,12 @@ pub struct Calibration {
 }
 
 /// Results of the tests of all packings.
-enum Found {
+enum TestResults {
     Bars(Vec<Elasticity>),
     Bulk(Vec<Bulk>),
 }
 
-impl Found {
+impl TestResults {
     fn elastic(&self) -> Elastic {
         match self {
             Self::Bars(tests) => {
@@ -216,21 +216,21 @@ impl Found {
 /// # Errors
 /// Samples that cannot be made or tested; errors name the key in the scene or the option.
 pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_>) -> Result<Calibration> {
-    let sample = Sample::of(wanted, source)?;
+    let sample = Sample::from_options(wanted, source)?;
     let beam = sample.beam;
     let packings = pack(&sample, progress)?;
-    let found = test(&sample, &packings, beam, "testing", progress)?;
+    let results = test(&sample, &packings, beam, "testing", progress)?;
     let mut out = Calibration {
         sample: sample.text.clone(),
         beams: beam.into(),
-        packings: lines(&sample, &packings, &found),
-        elastic: found.elastic(),
+        packings: lines(&sample, &packings, &results),
+        elastic: results.elastic(),
         target: None,
         strength: None,
         warnings: PackingLine::of(&packings[0], 1.0, None).warnings(),
         refused: None,
     };
-    uniform(&found, &mut out);
+    uniform(&results, &mut out);
     if out.refused.is_some() {
         return Ok(out);
     }
@@ -252,7 +252,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         });
     }
     if let Some(asked) = &wanted.strength {
-        out.strength = Some(strength::of(
+        out.strength = Some(strength::test_strength(
             asked,
             wanted,
             source,
@@ -264,8 +264,8 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
 }
 
 /// Warns of bars whose middle differs from the whole, and refuses the result if their mean does.
-fn uniform(found: &Found, out: &mut Calibration) {
-    let Found::Bars(tests) = found else { return };
+fn uniform(results: &TestResults, out: &mut Calibration) {
+    let TestResults::Bars(tests) = results else { return };
     for (line, test) in out.packings.iter().zip(tests) {
         if let Err(e) = test.check_uniform() {
             let which = line.seed.map_or("the file".to_owned(), |s| format!("seed {s}"));
@@ -276,8 +276,8 @@ fn uniform(found: &Found, out: &mut Calibration) {
 }
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
-    let all = sample.recipes.iter().map(|r| &r.1);
-    let out = each(all, "packings", progress, |r| r.clone().packing(&sample.key))?;
+    let recipes = sample.recipes.iter().map(|r| &r.1);
+    let out = with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))?;
     sample.check(&out)?;
     Ok(out)
 }
@@ -288,7 +288,7 @@ fn test(
     beam: BeamMaterial,
     what: &str,
     progress: Progress<'_>,
-) -> Result<Found> {
+) -> Result<TestResults> {
     run(&sample.test, packings, beam, what, progress).map_err(dem(&sample.key))
 }
 
@@ -298,20 +298,22 @@ fn run(
     beam: BeamMaterial,
     what: &str,
     progress: Progress<'_>,
-) -> arlequin::dem_beam::Result<Found> {
+) -> arlequin::dem_beam::Result<TestResults> {
     match test {
-        Test::Tension(shape) => each(packings.iter(), what, progress, |p| {
+        Test::Tension(shape) => with_progress(packings.iter(), what, progress, |p| {
             p.connected("a tension test")?;
             // Statics does not use the density.
             tension_test(&p.bonded(beam, 1.0)?, shape)
         })
-        .map(Found::Bars),
-        Test::Bulk => each(packings.iter(), what, progress, |p| bulk(p, beam)).map(Found::Bulk),
+        .map(TestResults::Bars),
+        Test::Bulk => {
+            with_progress(packings.iter(), what, progress, |p| bulk(p, beam)).map(TestResults::Bulk)
+        }
     }
 }
 
 /// Calls `work` for each item of a list and reports the progress.
-fn each<T, R, E>(
+fn with_progress<T, R, E>(
     items: impl ExactSizeIterator<Item = T>,
     what: &str,
     progress: Progress<'_>,
@@ -320,32 +322,33 @@ fn each<T, R, E>(
     let count = items.len();
     progress(what, 0, count);
     let done = items.enumerate().map(|(k, item)| {
-        let made = work(item);
+        let result = work(item);
         progress(what, k + 1, count);
-        made
+        result
     });
     done.collect()
 }
 
-fn lines(sample: &Sample, packings: &[Packing], found: &Found) -> Vec<PackingTest> {
-    let all = sample.recipes.iter().zip(packings).enumerate();
-    all.map(|(k, ((seed, _), p))| {
-        let r = &p.report;
-        let (young, young_gauge, poisson, anisotropy) = found.line(k);
-        PackingTest {
-            seed: *seed,
-            spheres: r.placed,
-            dropped: r.dropped,
-            coordination_all: r.coordination_all,
-            coordination_retained: r.coordination_retained,
-            coordination_interior: (r.coordination_interior > 0.0).then_some(r.coordination_interior),
-            volume_fraction: r.volume_fraction,
-            mean_overlap: r.mean_overlap,
-            young,
-            young_gauge,
-            poisson,
-            anisotropy,
-        }
-    })
-    .collect()
+fn lines(sample: &Sample, packings: &[Packing], results: &TestResults) -> Vec<PackingTest> {
+    let tested = sample.recipes.iter().zip(packings).enumerate();
+    tested
+        .map(|(k, ((seed, _), p))| {
+            let r = &p.report;
+            let (young, young_gauge, poisson, anisotropy) = results.line(k);
+            PackingTest {
+                seed: *seed,
+                spheres: r.placed,
+                dropped: r.dropped,
+                coordination_all: r.coordination_all,
+                coordination_retained: r.coordination_retained,
+                coordination_interior: (r.coordination_interior > 0.0).then_some(r.coordination_interior),
+                volume_fraction: r.volume_fraction,
+                mean_overlap: r.mean_overlap,
+                young,
+                young_gauge,
+                poisson,
+                anisotropy,
+            }
+        })
+        .collect()
 }

@@ -46,30 +46,30 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Combines the options with the scene.
-    pub(super) fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
-        let (at, mut table, folder) = match source {
-            Some(source) => of_scene(wanted, source)?,
+    pub(super) fn from_options(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
+        let (model_key, mut table, folder) = match source {
+            Some(source) => table_from_scene(wanted, source)?,
             None if wanted.cylinder.is_none() && wanted.cuboid.is_none() && !wanted.periodic => {
                 let rule = "nothing to test; give a scene, --cylinder, --box or --periodic";
                 return Err(key(KEY, rule));
             }
-            None => (KEY.to_owned(), of_flags(wanted), PathBuf::new()),
+            None => (KEY.to_owned(), table_from_options(wanted), PathBuf::new()),
         };
-        override_by(wanted, &mut table);
+        apply_options(wanted, &mut table);
         if wanted.periodic {
-            return periodic(wanted, at, &table);
+            return periodic(wanted, model_key, &table);
         }
-        let bar = bar(&at, &table.shape)?;
-        let filling = Filling::of(&at, &table, &folder)?;
-        let recipes = recipes(wanted.seeds, &at, &table, &folder, &filling)?;
+        let bar = bar(&model_key, &table.shape)?;
+        let filling = Filling::of(&model_key, &table, &folder)?;
+        let recipes = recipes(wanted.seeds, &model_key, &table, &folder, &filling)?;
         let (from, form) = match table.shape {
             Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
             _ => ("box", format!("section {:.4e} m2", bar.area)),
         };
         Ok(Self {
             text: format!("{from} along x, length {:e} m, {form}", bar.length),
-            beam: beam(&at, &table)?,
-            key: at,
+            beam: beam(&model_key, &table)?,
+            key: model_key,
             recipes,
             test: Test::Tension(bar),
             notches: notches(&table, &filling),
@@ -106,16 +106,17 @@ impl Sample {
 fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
     let shift = filling.shift;
     let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
-    let all = table.dem.notch.iter();
-    all.map(|b| NotchBox {
-        low: moved(b.low),
-        high: moved(b.high),
-    })
-    .collect()
+    let boxes = table.dem.notch.iter();
+    boxes
+        .map(|b| NotchBox {
+            low: moved(b.low),
+            high: moved(b.high),
+        })
+        .collect()
 }
 
 /// Returns the key and the table of the chosen model, and the folder of the scene.
-fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
+fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
     let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
     let name = match &wanted.model {
@@ -141,16 +142,16 @@ fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, Pat
     let Some(table) = scene.model.get(&name) else {
         return Err(unknown("--model", &name, "model", scene.model.keys()));
     };
-    let at = format!("model.{name}");
+    let model_key = format!("model.{name}");
     if table.kind != ModelKind::Dem {
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
-        return Err(key(format!("{at}.kind"), rule));
+        return Err(key(format!("{model_key}.kind"), rule));
     }
-    Ok((at, table.clone(), source.folder.clone()))
+    Ok((model_key, table.clone(), source.folder.clone()))
 }
 
 /// Returns the table that a scene with these options would have.
-fn of_flags(wanted: &Wanted) -> ModelTable {
+fn table_from_options(wanted: &Wanted) -> ModelTable {
     let from = [0.0; 3];
     let shape = match (wanted.cylinder, wanted.cuboid) {
         (Some([length, radius]), _) => Shape::Cylinder { from, length, radius },
@@ -196,7 +197,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
 }
 
 /// Overrides the table by the options that are given.
-fn override_by(wanted: &Wanted, table: &mut ModelTable) {
+fn apply_options(wanted: &Wanted, table: &mut ModelTable) {
     if wanted.count.is_some() || wanted.spacing.is_some() {
         (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
     }
@@ -214,7 +215,7 @@ fn override_by(wanted: &Wanted, table: &mut ModelTable) {
 }
 
 /// Returns the bar of a shape, in the frame of its container.
-fn bar(at: &str, shape: &Shape) -> Result<Bar> {
+fn bar(model_key: &str, shape: &Shape) -> Result<Bar> {
     match *shape {
         Shape::Cylinder { length, radius, .. } => Ok(Bar {
             start: 0.0,
@@ -228,39 +229,39 @@ fn bar(at: &str, shape: &Shape) -> Result<Bar> {
         }),
         Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) | Shape::Linked => {
             let rule = "a tension test needs a straight bar along x: a box or a cylinder; or give --periodic";
-            Err(value(format!("{at}.shape"), shape.name(), rule))
+            Err(value(format!("{model_key}.shape"), shape.name(), rule))
         }
     }
 }
 
 fn recipes(
     seeds: u64,
-    at: &str,
+    model_key: &str,
     table: &ModelTable,
     folder: &Path,
     filling: &Filling,
 ) -> Result<Vec<(Option<u64>, Recipe)>> {
     if table.dem.file.is_some() {
-        return Ok(vec![(None, Recipe::of(at, table, folder, filling)?)]);
+        return Ok(vec![(None, Recipe::of(model_key, table, folder, filling)?)]);
     }
     let first = table.dem.seed.unwrap_or(1);
     let mut table = table.clone();
-    let all = (first..).take(seeds as usize).map(|seed| {
+    let seeded = (first..).take(seeds as usize).map(|seed| {
         table.dem.seed = Some(seed);
-        Ok((Some(seed), Recipe::of(at, &table, folder, filling)?))
+        Ok((Some(seed), Recipe::of(model_key, &table, folder, filling)?))
     });
-    all.collect()
+    seeded.collect()
 }
 
-fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
+fn periodic(wanted: &Wanted, model_key: String, table: &ModelTable) -> Result<Sample> {
     if table.dem.file.is_some() {
         let rule = "spheres from a file are not periodic; remove --periodic";
-        return Err(key(format!("{at}.dem.file"), rule));
+        return Err(key(format!("{model_key}.dem.file"), rule));
     }
     let count = wanted.count.unwrap_or(PERIODIC);
     let diameter = table.spacing.unwrap_or(1e-3);
     let edge = (count as f64 * mean_sphere_volume(diameter) / JAMMED_PERIODIC).cbrt();
-    let container = Container::periodic(edge).map_err(dem(&at))?;
+    let container = Container::periodic(edge).map_err(dem(&model_key))?;
     let first = table.dem.seed.unwrap_or(1);
     let recipes = (first..).take(wanted.seeds as usize).map(|seed| {
         let mut spec = spec(table, container.clone(), count);
@@ -269,9 +270,9 @@ fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
     });
     Ok(Sample {
         text: format!("periodic cube of edge {edge:.4e} m"),
-        beam: beam(&at, table)?,
+        beam: beam(&model_key, table)?,
         recipes: recipes.collect(),
-        key: at,
+        key: model_key,
         test: Test::Bulk,
         notches: Vec::new(),
     })

@@ -1,7 +1,7 @@
 //! Strength of bars relative to that of their beams.
 
 use super::sample::{Sample, Test};
-use super::{Estimate, KEY, Wanted, each};
+use super::{Estimate, KEY, Wanted, with_progress};
 use crate::Progress;
 use crate::Source;
 use crate::error::{Result, key};
@@ -84,7 +84,7 @@ pub struct Exponent {
 
 /// Pulls bars of every size with every criterion. `sample` and `packings` are those of the elastic test, used
 /// if no sizes are given.
-pub(super) fn of(
+pub(super) fn test_strength(
     asked: &StrengthTest,
     wanted: &Wanted,
     source: Option<&Source>,
@@ -96,12 +96,12 @@ pub(super) fn of(
         None => sizes.push((sample.clone(), packings.to_vec())),
         Some(all) => {
             for &d in all {
-                let one = Wanted {
+                let sized = Wanted {
                     spacing: Some(d),
                     count: None,
                     ..wanted.clone()
                 };
-                let sample = Sample::of(&one, source)?;
+                let sample = Sample::from_options(&sized, source)?;
                 let packings = super::pack(&sample, progress)?;
                 sizes.push((sample, packings));
             }
@@ -134,9 +134,9 @@ pub(super) fn of(
                     .map_or(Scatter::None, |modulus| Scatter::Weibull { modulus }),
                 ..Fracture::new(criterion, strength)
             };
-            let found = pull(sample, packings, fracture, name, progress)?;
+            let tests = pull(sample, packings, fracture, name, progress)?;
             let spread = |f: &dyn Fn(&Strength) -> f64| {
-                Estimate::from(Spread::of(&found.iter().map(f).collect::<Vec<_>>()))
+                Estimate::from(Spread::of(&tests.iter().map(f).collect::<Vec<_>>()))
             };
             let diameters: Vec<f64> = packings.iter().map(mean).collect();
             rows.push(SizeStrength {
@@ -170,7 +170,7 @@ fn pull(
     let Test::Tension(bar) = &sample.test else {
         return Err(key(KEY, "strength is that of a bar; remove --periodic"));
     };
-    each(packings.iter(), &format!("bars by {name}"), progress, |p| {
+    with_progress(packings.iter(), &format!("bars by {name}"), progress, |p| {
         strength_test(p, sample.beam, bar, fracture).map_err(dem(&sample.key))
     })
 }

@@ -76,7 +76,7 @@ struct Pair {
     second: usize,
     /// Depth of one in the other at rest \[m\], once computed.
     at_rest: Option<f64>,
-    told: bool,
+    warned: bool,
 }
 
 /// Watch over all pairs of a scene.
@@ -99,7 +99,7 @@ impl Watch {
     ) -> Result<Self> {
         let members = models.iter().zip(run.subdomains());
         let members: Vec<_> = members
-            .map(|(info, s)| Member::of(info, s, ranks.leads()))
+            .map(|(info, s)| Member::from_model(info, s, ranks.leads()))
             .collect();
         let obstacles = obstacles(scene)?;
         let mut pairs = Vec::new();
@@ -108,7 +108,7 @@ impl Watch {
                 first,
                 second,
                 at_rest: None,
-                told: false,
+                warned: false,
             });
         };
         let bodies = bodies(run);
@@ -145,7 +145,7 @@ impl Watch {
     pub(crate) fn skip(&mut self, warnings: &[String]) {
         for k in 0..self.pairs.len() {
             let opening = self.opening(&self.pairs[k]);
-            self.pairs[k].told |= warnings.iter().any(|w| w.starts_with(&opening));
+            self.pairs[k].warned |= warnings.iter().any(|w| w.starts_with(&opening));
         }
     }
 
@@ -155,25 +155,25 @@ impl Watch {
     /// # Errors
     /// Failures of communication.
     pub(crate) fn look(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
-        if run.steps() < self.next || self.pairs.iter().all(|p| p.told) {
+        if run.steps() < self.next || self.pairs.iter().all(|p| p.warned) {
             return Ok(Vec::new());
         }
         self.measure(run);
         let (mut lines, mut steps) = (Vec::new(), LONGEST);
         for k in 0..self.pairs.len() {
-            if self.pairs[k].told {
+            if self.pairs[k].warned {
                 continue;
             }
             let gap = self.gap(&self.pairs[k]);
             let within = self.size(&self.pairs[k]) * STRIDE;
             // For a pair at rest this is infinite, and [`LONGEST`] holds.
-            let made = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
-            steps = made.min(steps);
+            let until_look = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
+            steps = until_look.min(steps);
             if gap > 0.0 {
                 continue;
             }
             let line = self.examine(k, run)?;
-            self.pairs[k].told = ranks.any(line.is_some())?;
+            self.pairs[k].warned = ranks.any(line.is_some())?;
             lines.extend(line);
         }
         self.next = run.steps() + (steps as usize).max(1);
@@ -295,8 +295,8 @@ impl Watch {
         let pair = &self.pairs[k];
         let spacing = models.iter().filter_map(|m| Some(self.member(*m)?.spacing));
         let limit = self.touching_depth(pair) + TOLERANCE * spacing.fold(f64::INFINITY, f64::min);
-        let found = self.depth(first, second, &moved).filter(|d| d.depth > limit);
-        Ok(found.map(|d| self.line(pair, &d, run.time())))
+        let deepest = self.depth(first, second, &moved).filter(|d| d.depth > limit);
+        Ok(deepest.map(|d| self.line(pair, &d, run.time())))
     }
 
     /// Depth at rest that counts as touching \[m\]: zero for elements, which have an exact surface. Particles
@@ -381,7 +381,7 @@ impl Watch {
 
 impl Member {
     /// Describes a model of particles or of elements in space; `None` for a line, which has no inside.
-    fn of(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
+    fn from_model(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
         let grid = &info.grid;
         let particles = !grid.radii.is_empty();
         if s.model().layout().components != 3 || !(particles || Shell::is_solid(grid)) {
@@ -402,7 +402,7 @@ impl Member {
     /// Builds the surface if this rank has the grid. Returns whether there is a surface.
     fn begin(&mut self) -> bool {
         if self.shell.is_none() {
-            self.shell = self.grid.take().and_then(|grid| Shell::of(&grid));
+            self.shell = self.grid.take().and_then(|grid| Shell::from_grid(&grid));
         }
         self.shell.is_some()
     }

@@ -29,7 +29,7 @@ impl Depth {
 pub(super) struct Shell {
     /// Numbers of the points in the model, and their positions at rest \[m\].
     nodes: Vec<u32>,
-    rest: Vec<Point3<f64>>,
+    at_rest: Vec<Point3<f64>>,
     now: Vec<Point3<f64>>,
     /// Radii of particles \[m\]; empty for nodes of elements.
     radii: Vec<f64>,
@@ -48,7 +48,7 @@ impl Shell {
     }
 
     /// Takes the particles, or the surface of the elements; `None` for lines.
-    pub(super) fn of(grid: &Grid) -> Option<Self> {
+    pub(super) fn from_grid(grid: &Grid) -> Option<Self> {
         if !grid.radii.is_empty() {
             let nodes = (0..grid.points.len() as u32).collect();
             return Some(Self::new(nodes, grid, grid.radii.clone(), Vec::new()));
@@ -73,13 +73,13 @@ impl Shell {
     }
 
     fn new(nodes: Vec<u32>, grid: &Grid, radii: Vec<f64>, triangles: Vec<[u32; 3]>) -> Self {
-        let rest: Vec<_> = nodes.iter().map(|k| grid.points[*k as usize]).collect();
+        let at_rest: Vec<_> = nodes.iter().map(|k| grid.points[*k as usize]).collect();
         let mut out = Self {
-            now: rest.clone(),
+            now: at_rest.clone(),
             sorted: Vec::with_capacity(triangles.len()),
             widest: 0.0,
             nodes,
-            rest,
+            at_rest,
             radii,
             triangles,
         };
@@ -89,15 +89,15 @@ impl Shell {
 
     /// Moves the points by the displacements `q` of the model, three per node \[m\].
     pub(super) fn displace(&mut self, q: &[f64]) {
-        for ((now, rest), k) in self.now.iter_mut().zip(&self.rest).zip(&self.nodes) {
-            *now = rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
+        for ((now, at_rest), k) in self.now.iter_mut().zip(&self.at_rest).zip(&self.nodes) {
+            *now = at_rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
         }
         self.sort();
     }
 
     /// Moves the points back to their positions at rest.
     pub(super) fn put_back(&mut self) {
-        self.now.clone_from(&self.rest);
+        self.now.clone_from(&self.at_rest);
         self.sort();
     }
 
@@ -154,11 +154,12 @@ impl Shell {
             (true, false) => self.depth_behind(other, &within),
             (false, true) => other.depth_behind(self, &within),
             (false, false) => {
-                let both = [
+                let depths = [
                     self.depth_behind(other, &within),
                     other.depth_behind(self, &within),
                 ];
-                both.into_iter()
+                depths
+                    .into_iter()
                     .flatten()
                     .reduce(|a, b| if a.depth >= b.depth { a } else { b })
             }

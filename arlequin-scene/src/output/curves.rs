@@ -18,7 +18,7 @@ pub struct CurveAxis {
 }
 
 impl CurveAxis {
-    fn of(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
+    fn for_probe(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
         let k = r.readers.iter().position(|p| p.name == probe)?;
         let label = r.readers[k].quantity.label();
         let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
@@ -61,8 +61,8 @@ pub(crate) fn of(scene: &SceneSpec, r: &Recorder) -> Vec<CurveLine> {
         Some(CurveLine {
             name: name.clone(),
             times: r.probes.times.clone(),
-            x: CurveAxis::of(&c.x, c.x_factor, r)?,
-            y: CurveAxis::of(&c.y, c.y_factor, r)?,
+            x: CurveAxis::for_probe(&c.x, c.x_factor, r)?,
+            y: CurveAxis::for_probe(&c.y, c.y_factor, r)?,
         })
     };
     scene.curve.iter().filter_map(line).collect()

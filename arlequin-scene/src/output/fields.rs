@@ -27,8 +27,8 @@ fn width(field: OutputField) -> usize {
 /// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
 pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
     let nodes = s.model().recovery().map_or(0, |r| {
-        let told = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
-        s.model().nodes().len() * fields.iter().filter(told).map(|f| width(*f)).sum::<usize>()
+        let is_known = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
+        s.model().nodes().len() * fields.iter().filter(is_known).map(|f| width(*f)).sum::<usize>()
     });
     let bonds = s.model().links().map_or(0, |l| l.pairs().len());
     let densities = match energy_from_bonds(fields, s) {
@@ -44,21 +44,21 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Gathers `here`, with `each` numbers per node of this rank, for the points that are shown: all points of a
-/// model that is not partitioned, the points of `piece`, or without a piece the whole model on rank 0 (empty
-/// elsewhere). Collective.
+/// Gathers `local_values`, with `components` numbers per node of this rank, for the points that are shown:
+/// all points of a model that is not partitioned, the points of `piece`, or without a piece the whole model
+/// on rank 0 (empty elsewhere). Collective.
 pub(super) fn at_points(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
-    each: usize,
-    here: Vec<f64>,
+    components: usize,
+    local_values: Vec<f64>,
 ) -> Result<Vec<f64>> {
     match (s.portion(), piece) {
-        (None, _) => Ok(here),
-        (Some(portion), Some(piece)) => piece.told(portion, each, &here),
+        (None, _) => Ok(local_values),
+        (Some(portion), Some(piece)) => piece.with_ghosts(portion, components, &local_values),
         (Some(portion), None) => {
-            let all = portion.collect(each, &here).map_err(elsewhere)?;
-            Ok(all.unwrap_or_default())
+            let gathered = portion.collect(components, &local_values).map_err(elsewhere)?;
+            Ok(gathered.unwrap_or_default())
         }
     }
 }
@@ -75,17 +75,17 @@ pub(super) fn recovered(
         return Ok(Vec::new());
     };
     let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
-    let mut found = Vec::with_capacity(nodes.len());
+    let mut tensors = Vec::with_capacity(nodes.len());
     let name = s.model().name();
-    let told = recovery.recover(&s.state().q, &nodes, &mut found);
-    told.map_err(core(format!("output.fields of model '{name}'")))?;
+    let result = recovery.recover(&s.state().q, &nodes, &mut tensors);
+    result.map_err(core(format!("output.fields of model '{name}'")))?;
     let array = |name: &str, components: usize, values: &dyn Fn(&Recovered<f64>, &mut Vec<f64>)| {
-        let mut all = Vec::with_capacity(components * found.len());
-        found.iter().for_each(|r| values(r, &mut all));
+        let mut numbers = Vec::with_capacity(components * tensors.len());
+        tensors.iter().for_each(|r| values(r, &mut numbers));
         Array {
             name: name.into(),
             components,
-            values: all,
+            values: numbers,
         }
     };
     let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
@@ -161,16 +161,17 @@ const WIDTH: usize = 3;
 /// Axial force, shear force and utilisation of a bond.
 type Carried = [f64; WIDTH];
 
-/// Gathers the numbers of all bonds on rank 0 (empty elsewhere), in the order of the whole model. `here` has
-/// each bond whose first particle this rank owns, as that particle and the numbers, sorted by particle.
-fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carried>> {
+/// Gathers the numbers of all bonds on rank 0 (empty elsewhere), in the order of the whole model.
+/// `local_bonds` has each bond whose first particle this rank owns, as that particle and the numbers, sorted
+/// by particle.
+fn gather_bonds(portion: &Portion, local_bonds: &[(usize, Carried)]) -> Result<Vec<Carried>> {
     let mut counts = vec![0.0; portion.nodes()];
-    here.iter().for_each(|b| counts[b.0] += 1.0);
+    local_bonds.iter().for_each(|b| counts[b.0] += 1.0);
     // Every particle gets as many slots as the one with most bonds needs, because `collect` takes a fixed
     // number of values per node.
     let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
     let mut places = vec![0.0; WIDTH * most * portion.nodes()];
-    for bonds in here.chunk_by(|a, b| a.0 == b.0) {
+    for bonds in local_bonds.chunk_by(|a, b| a.0 == b.0) {
         let first = WIDTH * most * bonds[0].0;
         let numbers = bonds.iter().flat_map(|b| b.1);
         places[first..].iter_mut().zip(numbers).for_each(|(p, x)| *p = x);
@@ -180,14 +181,14 @@ fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carr
     let (Some(counts), Some(places)) = (counts, places) else {
         return Ok(Vec::new());
     };
-    let of = |(k, count): (usize, &f64)| {
+    let numbers_of = |(k, count): (usize, &f64)| {
         let first = WIDTH * most * k;
         places[first..first + WIDTH * *count as usize]
             .as_chunks::<WIDTH>()
             .0
             .to_vec()
     };
-    Ok(counts.iter().enumerate().flat_map(of).collect())
+    Ok(counts.iter().enumerate().flat_map(numbers_of).collect())
 }
 
 /// Forces of bonds, as arrays of the cells of a picture or of a part of it. Empty if the picture has not one
@@ -204,31 +205,31 @@ pub(super) fn bonds(
     let links = s.model().links();
     let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));
     let Some(links) = links else { return Ok(Vec::new()) };
-    let mut found = Vec::with_capacity(cells);
-    let told = links.forces(&s.state().q, &mut found);
-    told.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
+    let mut forces = Vec::with_capacity(cells);
+    let result = links.forces(&s.state().q, &mut forces);
+    result.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
     let array = |name: &str, values: Vec<f64>| Array {
         name: name.into(),
         components: 1,
         values,
     };
-    let known = found.iter().all(|b| b.utilisation.is_some());
-    let numbers = found
+    let known = forces.iter().all(|b| b.utilisation.is_some());
+    let numbers = forces
         .iter()
         .map(|b| [b.axial, b.shear, b.utilisation.unwrap_or_default()]);
-    let (all, known) = match s.portion() {
+    let (rows, known) = match s.portion() {
         None => (numbers.collect(), known),
         Some(portion) => {
-            let here = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
-            let here: Vec<(usize, Carried)> = here.filter(|b| b.0 < portion.nodes()).collect();
-            let all = match piece {
-                Some(_) => here.iter().map(|b| b.1).collect(),
-                None => of_all_bonds(portion, &here)?,
+            let local_bonds = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
+            let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < portion.nodes()).collect();
+            let rows = match piece {
+                Some(_) => local_bonds.iter().map(|b| b.1).collect(),
+                None => gather_bonds(portion, &local_bonds)?,
             };
-            (all, !portion.any(!known).map_err(elsewhere)?)
+            (rows, !portion.any(!known).map_err(elsewhere)?)
         }
     };
-    let part = |c: usize| all.iter().map(|x: &Carried| x[c]).collect();
+    let part = |c: usize| rows.iter().map(|x: &Carried| x[c]).collect();
     let mut out = vec![
         array("axial force [N]", part(0)),
         array("shear force [N]", part(1)),

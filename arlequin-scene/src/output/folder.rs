@@ -20,19 +20,19 @@ pub struct Place {
     target: PathBuf,
     force: bool,
     /// Paths that the target must not be or contain, even if it has the mark of results.
-    kept: Vec<PathBuf>,
+    protected: Vec<PathBuf>,
 }
 
 impl Place {
     /// Target of a run that reads the files `inputs`.
     pub fn new(target: &Path, force: bool, inputs: &[PathBuf]) -> Self {
         let home = std::env::home_dir();
-        let here = std::env::current_dir().ok();
-        let kept = inputs.iter().cloned().chain(home).chain(here);
+        let working_folder = std::env::current_dir().ok();
+        let protected = inputs.iter().cloned().chain(home).chain(working_folder);
         Self {
             target: target.to_owned(),
             force,
-            kept: kept.filter_map(|p| p.canonicalize().ok()).collect(),
+            protected: protected.filter_map(|p| p.canonicalize().ok()).collect(),
         }
     }
 
@@ -43,28 +43,28 @@ impl Place {
         if target.file_name().is_none() {
             return Err(value("--out", target.display(), "must name a folder to create"));
         }
-        let (left, earlier) = (beside(target, "unfinished"), beside(target, "replaced"));
-        if mark::is_busy(&left) {
-            return Err(Error::Busy { folder: left });
+        let (partial, earlier) = (beside(target, "unfinished"), beside(target, "replaced"));
+        if mark::is_busy(&partial) {
+            return Err(Error::Busy { folder: partial });
         }
         // A run was killed between two renames: moves the earlier results back, or the new ones to their
         // target.
         if !is_there(target) && earlier.exists() {
             std::fs::rename(&earlier, target).map_err(write(target))?;
         }
-        let resumable = left.join(checkpoint::NAME).exists();
-        if !is_there(target) && !resumable && mark::is_sealed(&left) {
-            std::fs::rename(&left, target).map_err(write(target))?;
+        let resumable = partial.join(checkpoint::NAME).exists();
+        if !is_there(target) && !resumable && mark::is_sealed(&partial) {
+            std::fs::rename(&partial, target).map_err(write(target))?;
         }
         self.refuse_existing(target)?;
         if !resumable {
             return Ok(());
         }
         if self.force {
-            return object(&left);
+            return object(&partial);
         }
         Err(Error::Unfinished {
-            unfinished: left,
+            unfinished: partial,
             target: target.clone(),
         })
     }
@@ -86,7 +86,7 @@ impl Place {
             return refuse("is a file, which --force does not replace; choose another folder");
         }
         let whole = target.canonicalize().map_err(write(target))?;
-        if let Some(inside) = self.kept.iter().find(|p| p.starts_with(&whole)) {
+        if let Some(inside) = self.protected.iter().find(|p| p.starts_with(&whole)) {
             let rule = format!(
                 "is or holds '{}', which this run reads or stands in, so no flag replaces it; choose another --out",
                 inside.display()
@@ -114,7 +114,7 @@ pub struct Folder {
     mark: Mark,
     /// An earlier run that could be resumed, moved out of the way.
     aside: Option<PathBuf>,
-    kept: bool,
+    is_kept: bool,
 }
 
 impl Folder {
@@ -148,7 +148,7 @@ impl Folder {
             place,
             partial,
             aside,
-            kept: false,
+            is_kept: false,
         })
     }
 
@@ -179,7 +179,7 @@ impl Folder {
             mark: marked(&partial)?,
             partial,
             aside: None,
-            kept: false,
+            is_kept: false,
         })
     }
 
@@ -199,11 +199,11 @@ impl Folder {
     /// it: a run that is killed before continues from it after [`Folder::take_back`].
     pub fn put_aside(&self, name: &str) -> Result<()> {
         let into = self.partial.join(name);
-        let all = self.results(&self.partial)?;
+        let results = self.results(&self.partial)?;
         std::fs::create_dir(&into).map_err(write(&into))?;
-        for from in all {
-            let to = into.join(from.file_name().unwrap_or_default());
-            std::fs::rename(&from, &to).map_err(write(&to))?;
+        for from in results {
+            let target = into.join(from.file_name().unwrap_or_default());
+            std::fs::rename(&from, &target).map_err(write(&target))?;
         }
         Ok(())
     }
@@ -215,17 +215,17 @@ impl Folder {
             return Ok(());
         }
         for entry in self.results(&from)? {
-            let to = self.partial.join(entry.file_name().unwrap_or_default());
+            let target = self.partial.join(entry.file_name().unwrap_or_default());
             // Files written after the waking are made anew by the resumed run.
-            if to.is_dir() {
-                for file in self.results(&to)? {
+            if target.is_dir() {
+                for file in self.results(&target)? {
                     std::fs::remove_file(&file).map_err(write(&file))?;
                 }
-                std::fs::remove_dir(&to).map_err(write(&to))?;
-            } else if to.exists() {
-                std::fs::remove_file(&to).map_err(write(&to))?;
+                std::fs::remove_dir(&target).map_err(write(&target))?;
+            } else if target.exists() {
+                std::fs::remove_file(&target).map_err(write(&target))?;
             }
-            std::fs::rename(&entry, &to).map_err(write(&to))?;
+            std::fs::rename(&entry, &target).map_err(write(&target))?;
         }
         std::fs::remove_dir(&from).map_err(write(&from))
     }
@@ -256,13 +256,13 @@ impl Folder {
 
     /// Keeps the folder under its unfinished name, after an error that leaves nothing better to do.
     pub fn keep(mut self, error: Error) -> Error {
-        self.kept = true;
+        self.is_kept = true;
         error.kept("what there is so far is", &self.partial)
     }
 
     fn settle(&mut self, failed: bool) -> Result<PathBuf> {
         // Finished results are kept even if renaming fails.
-        self.kept = true;
+        self.is_kept = true;
         let sealed = self.mark.seal(&self.partial);
         if !failed {
             sealed?;
@@ -298,7 +298,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        if self.kept || self.partial.join(checkpoint::NAME).exists() {
+        if self.is_kept || self.partial.join(checkpoint::NAME).exists() {
             return;
         }
         // Drop cannot report an error: on failure the folder stays under its unfinished name.

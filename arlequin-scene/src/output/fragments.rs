@@ -46,12 +46,12 @@ struct Body {
     masses: Vec<f64>,
 }
 
-/// Gathers `x`, with `each` numbers per particle of this rank, for all particles: on rank 0 if the model is
-/// partitioned (`None` elsewhere). Collective.
-fn on_first<'a>(s: &Subdomain<f64>, each: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
+/// Gathers `x`, with `components` numbers per particle of this rank, for all particles: on rank 0 if the
+/// model is partitioned (`None` elsewhere). Collective.
+fn on_first<'a>(s: &Subdomain<f64>, components: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
     match s.portion() {
         None => Ok(Some(x.into())),
-        Some(p) => Ok(p.collect(each, x).map_err(elsewhere)?.map(Cow::from)),
+        Some(p) => Ok(p.collect(components, x).map_err(elsewhere)?.map(Cow::from)),
     }
 }
 

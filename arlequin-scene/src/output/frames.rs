@@ -70,7 +70,7 @@ impl Frames {
         run: &Coupled<f64>,
         pictures: Pictures,
     ) -> Self {
-        Self::of(folder, fields, run, pictures, Vec::new())
+        Self::with_pieces(folder, fields, run, pictures, Vec::new())
     }
 
     /// Prepares frames of which every rank writes its part of partitioned models, into a folder that all
@@ -86,18 +86,18 @@ impl Frames {
         ranks: &Ranks,
     ) -> Result<Self> {
         let density = fields.contains(&OutputField::EnergyDensity);
-        let all = pictures.models.iter_mut().zip(run.subdomains());
-        let pieces = all.map(|(info, s)| {
+        let models = pictures.models.iter_mut().zip(run.subdomains());
+        let pieces = models.map(|(info, s)| {
             let gradients = density && !fields::energy_from_bonds(fields, s);
             s.portion().map(|p| Piece::cut(info, p, gradients)).transpose()
         });
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
-        let mut out = Self::of(Some(folder), fields, run, pictures, pieces);
+        let mut out = Self::with_pieces(Some(folder), fields, run, pictures, pieces);
         out.ranks = Some(ranks.clone());
         Ok(out)
     }
 
-    fn of(
+    fn with_pieces(
         folder: Option<PathBuf>,
         fields: &[OutputField],
         run: &Coupled<f64>,
@@ -134,13 +134,13 @@ impl Frames {
         let Some(folder) = self.folder.as_ref().filter(|_| self.leads()) else {
             return Ok(());
         };
-        let kept: HashSet<_> = entries
+        let listed: HashSet<_> = entries
             .iter()
             .filter_map(|e| Path::new(&e.file).file_name()?.to_str())
             .collect();
         for file in std::fs::read_dir(folder).map_err(write(folder))?.flatten() {
             let frame = mark::frame(&file.file_name());
-            if frame.is_some_and(|f| !kept.contains(f.as_str())) {
+            if frame.is_some_and(|f| !listed.contains(f.as_str())) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
             }
         }
@@ -173,7 +173,7 @@ impl Frames {
         };
         check_state(run, s)?;
         let piece = painter.piece.as_ref();
-        let Some(seen) = Seen::of(s, piece)? else {
+        let Some(seen) = Seen::gather(s, piece)? else {
             // These gather collectively: other ranks must call them in the same order as `arrays` on rank 0.
             fields::recovered(&self.fields, s, None)?;
             fields::energy_densities(&self.fields, s, None)?;
@@ -256,14 +256,14 @@ impl Frames {
         let path = folder.join(file);
         let numbers = piece.map(|piece| Numbers {
             points: &piece.points,
-            own: piece.own,
+            owned: piece.owned,
             cells: &piece.cells,
         });
         to.failed = vtu::write_grid(&path, p.grid, &p.points, &p.cells, numbers);
         to.files.push(path);
         let (ending, kinds) = match piece {
             None => ("vtu", None),
-            Some(_) => ("pvtu", Some(Kinds::of(&p.points, &p.cells))),
+            Some(_) => ("pvtu", Some(Kinds::from_arrays(&p.points, &p.cells))),
         };
         let entry = entry(run, part, &p.name, format!("{name}.{ending}"));
         to.models.push((entry, kinds));
@@ -372,8 +372,8 @@ fn seen(path: &Path, rank: usize) -> Result<()> {
 fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let state = s.state();
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
-    let own = f64::from(u8::from(!finite));
-    let worst = s.portion().map_or(own, |p| p.largest(own));
+    let is_bad = f64::from(u8::from(!finite));
+    let worst = s.portion().map_or(is_bad, |p| p.largest(is_bad));
     heard(s)?;
     // A non-finite value on any rank makes `worst` 1, and so the checked number infinite.
     check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])

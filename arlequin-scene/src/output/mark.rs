@@ -128,8 +128,8 @@ pub fn is_sealed(folder: &Path) -> bool {
 
 /// Returns the reason why a folder must not be removed; `None` if it holds only what a run wrote.
 pub fn objection(folder: &Path) -> Result<Option<String>> {
-    let found = entries(folder)?;
-    if found.is_empty() {
+    let contents = entries(folder)?;
+    if contents.is_empty() {
         return Ok(None);
     }
     let Some(list) = listed(folder) else {
@@ -138,7 +138,7 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
              yourself"
         )));
     };
-    let foreign = found.iter().find(|(name, kind)| {
+    let foreign = contents.iter().find(|(name, kind)| {
         let added = ADDED.iter().any(|a| name.as_path() == Path::new(a));
         let known = match kind {
             Kind::Other => false,
@@ -160,11 +160,11 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
 /// Removes the files that a run wrote, the mark last, and the folder if it is empty then.
 pub fn remove(folder: &Path) -> Result<()> {
     let list = listed(folder).unwrap_or_default();
-    let all = entries(folder)?;
+    let contents = entries(folder)?;
     // Paths are sorted, so that reverse order removes the contents of a folder before the folder.
-    for (name, kind) in all.iter().rev().filter(|(name, _)| is_ours(name)) {
+    for (name, kind) in contents.iter().rev().filter(|(name, _)| is_ours(name)) {
         let path = folder.join(name);
-        let mine = match kind {
+        let removable = match kind {
             _ if name.as_path() == Path::new(NAME) => continue,
             Kind::Other => false,
             Kind::File => {
@@ -178,7 +178,7 @@ pub fn remove(folder: &Path) -> Result<()> {
                 continue;
             }
         };
-        if mine {
+        if removable {
             std::fs::remove_file(&path).map_err(write(&path))?;
         }
     }
@@ -285,9 +285,9 @@ fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
         let path = folder.join(&below);
         for entry in std::fs::read_dir(&path).map_err(read(&path))? {
             let entry = entry.map_err(read(&path))?;
-            let found = entry.file_type().map_err(read(&entry.path()))?;
+            let file_type = entry.file_type().map_err(read(&entry.path()))?;
             let name = below.join(entry.file_name());
-            let kind = match (found.is_dir(), found.is_file()) {
+            let kind = match (file_type.is_dir(), file_type.is_file()) {
                 (true, _) => Kind::Folder,
                 (_, true) => Kind::File,
                 _ => Kind::Other,

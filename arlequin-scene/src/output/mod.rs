@@ -42,8 +42,8 @@ pub fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<()> {
 
 /// Writes a file completely, or removes it: on a full disk, half a file would take space from others.
 pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let all = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
-    File::create(path).and_then(all).map_err(|e| {
+    let write_parts = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
+    File::create(path).and_then(write_parts).map_err(|e| {
         let _ = std::fs::remove_file(path);
         write(path)(e)
     })

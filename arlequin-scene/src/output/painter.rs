@@ -39,23 +39,23 @@ pub(super) struct Seen<'a> {
 impl<'a> Seen<'a> {
     /// Gathers the state of a partitioned model: of `piece`, or without one of the whole model on rank 0
     /// (`None` elsewhere). Collective.
-    pub(super) fn of(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
+    pub(super) fn gather(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
         let state = s.state();
         let Some(portion) = s.portion() else {
             let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
             return Ok(Some(Self { q, v }));
         };
-        let of = |x: &[f64]| match piece {
+        let gathered = |x: &[f64]| match piece {
             None => s.in_all(x).map_err(core("output")),
             Some(piece) => {
                 let layout = s.model().layout();
                 let moving = &x[..layout.translations()];
-                piece.told(portion, layout.components, moving).map(Some)
+                piece.with_ghosts(portion, layout.components, moving).map(Some)
             }
         };
-        let (q, v) = (of(&state.q)?, of(&state.v)?);
-        let both = q.zip(v);
-        Ok(both.map(|(q, v)| Self {
+        let (q, v) = (gathered(&state.q)?, gathered(&state.v)?);
+        let pair = q.zip(v);
+        Ok(pair.map(|(q, v)| Self {
             q: q.into(),
             v: v.into(),
         }))
@@ -69,16 +69,16 @@ impl Painter {
         s: &Subdomain<f64>,
         mut piece: Option<Piece>,
     ) -> Self {
-        let all = || {
+        let model_cells = || {
             let wanted =
                 fields.contains(&OutputField::EnergyDensity) && !fields::energy_from_bonds(fields, s);
-            let all = wanted.then(|| cells::cells("output.fields", &info).ok());
-            all.flatten().filter(|c| !c.is_empty())
+            let cells = wanted.then(|| cells::cells("output.fields", &info).ok());
+            cells.flatten().filter(|c| !c.is_empty())
         };
         Self {
             centres: match &mut piece {
                 Some(piece) => piece.centres.take(),
-                None => all(),
+                None => model_cells(),
             },
             weights: weights(s, &info.grid.points),
             recovered: fields::bytes(fields, s),
@@ -126,8 +126,8 @@ impl Painter {
                 (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", &seen.v)),
                 (OutputField::Weights, _) => points.extend(self.weights.iter().cloned()),
                 (OutputField::EnergyDensity, Some(centres)) => {
-                    let of = centres.iter().map(|cell| density(cell, &seen.q, count));
-                    cells.push(Array::scalar(fields::ENERGY_DENSITY, of.collect()));
+                    let densities = centres.iter().map(|cell| density(cell, &seen.q, count));
+                    cells.push(Array::scalar(fields::ENERGY_DENSITY, densities.collect()));
                 }
                 _ => {}
             }
@@ -150,7 +150,7 @@ impl Painter {
 
     /// Share of broken bonds of every particle (of a part: of the owned ones), and 1 for each broken bond.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
-        let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.own);
+        let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.owned);
         let mut counts = vec![[0.0_f64; 2]; points];
         let mut count = |particle: u32, bond: usize| {
             let c = &mut counts[particle as usize];
@@ -189,12 +189,13 @@ fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
 
 fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
     let w = s.weights();
-    let all = [
+    let named = [
         ("alpha", &w.internal),
         ("beta", &w.kinetic),
         ("gamma", &w.external),
     ];
-    all.map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
+    named
+        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
         .into()
 }
 

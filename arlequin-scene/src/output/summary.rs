@@ -335,9 +335,9 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
 pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
-    let all = run.watch().into_iter().chain(without_contact.watch(run));
+    let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
     let warnings = run.warnings().iter().map(ToString::to_string);
-    all.map(text).chain(warnings).collect()
+    model_findings.map(text).chain(warnings).collect()
 }
 
 /// Returns the momentum of each body of a run.

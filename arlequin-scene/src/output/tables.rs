@@ -51,17 +51,17 @@ pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
 
 /// Writes all broken bonds of all models in the order of time. [`breaks`] has more columns, per model.
 pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
-    let mut all: Vec<(usize, Break)> = Vec::new();
+    let mut rows: Vec<(usize, Break)> = Vec::new();
     for (k, log) in breaks.iter().enumerate() {
         let events = log.iter().flat_map(|log| locked(log).events().to_vec());
-        all.extend(events.map(|e| (k, e)));
+        rows.extend(events.map(|e| (k, e)));
     }
     if breaks.iter().all(Option::is_none) {
         return Ok(());
     }
-    all.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
+    rows.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
     let mut text = "time [s],model,x [m],y [m],z [m],mode,released [J],in an overlap [-]\n".to_owned();
-    for (k, e) in &all {
+    for (k, e) in &rows {
         let model = run.subdomains()[*k].model().name();
         let (p, mode) = (&e.place, e.mode.name());
         let overlap = u8::from(e.overlap);

@@ -44,7 +44,7 @@ pub(super) struct Numbers<'a> {
     /// Numbers of the points.
     pub(super) points: &'a [u32],
     /// Number of owned points, which come first.
-    pub(super) own: usize,
+    pub(super) owned: usize,
     /// Numbers of the cells.
     pub(super) cells: &'a [u32],
 }
@@ -54,9 +54,9 @@ pub(super) struct Numbers<'a> {
 pub(super) struct Kinds([Vec<(String, usize)>; 2]);
 
 impl Kinds {
-    pub(super) fn of(points: &[Array], cells: &[Array]) -> Self {
-        let of = |all: &[Array]| all.iter().map(|a| (a.name.clone(), a.components)).collect();
-        Self([of(points), of(cells)])
+    pub(super) fn from_arrays(points: &[Array], cells: &[Array]) -> Self {
+        let names = |arrays: &[Array]| arrays.iter().map(|a| (a.name.clone(), a.components)).collect();
+        Self([names(points), names(cells)])
     }
 }
 
@@ -135,7 +135,7 @@ pub(super) fn write_grid(
         arrays(a, points);
         if let Some(n) = numbers {
             a.numbers(POINTS, n.points.iter().map(|k| i64::from(*k)));
-            let ghosts = (0..n.points.len()).map(|k| u8::from(k >= n.own));
+            let ghosts = (0..n.points.len()).map(|k| u8::from(k >= n.owned));
             a.add("UInt8", GHOST, 1, &mut { ghosts });
         }
     });

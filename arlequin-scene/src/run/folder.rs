@@ -146,22 +146,22 @@ impl Session<'_> {
         observer: &mut dyn Observer,
     ) -> Result<Results> {
         let written = end.and_then(|end| {
-            let mut rest = None;
+            let mut remaining = None;
             if end.goes_on() {
                 self.save()?;
                 if self.keep.is_none() {
-                    rest = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
+                    remaining = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
                 }
             }
-            Ok((end, rest, self.finish(end, wake.clone(), observer)?))
+            Ok((end, remaining, self.finish(end, wake.clone(), observer)?))
         });
-        let (end, rest, summary) = match written {
+        let (end, remaining, summary) = match written {
             Ok(done) => done,
             Err(e) => return Err(self.salvage(e, wake, observer)),
         };
         let mut folder = None;
-        if let Some(kept) = self.keep.and_then(|k| k.folder) {
-            let place = kept.finish(false)?;
+        if let Some(partial) = self.keep.and_then(|k| k.folder) {
+            let place = partial.finish(false)?;
             if end == End::Complete {
                 // The checkpoint goes last: a run killed before would have neither results nor a checkpoint.
                 checkpoint::remove(&place)?;
@@ -176,7 +176,7 @@ impl Session<'_> {
             end,
             planned: self.steps,
             folder,
-            rest,
+            remaining,
         })
     }
 

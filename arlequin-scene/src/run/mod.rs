@@ -117,7 +117,7 @@ pub struct Results {
     /// Folder of the results, if any.
     pub folder: Option<PathBuf>,
     /// Checkpoint for the remaining steps of a run without a folder.
-    rest: Option<Box<Checkpoint>>,
+    remaining: Option<Box<Checkpoint>>,
 }
 
 impl Results {
@@ -128,8 +128,8 @@ impl Results {
     /// A run without remaining steps, files of the scene that have changed, a checkpoint in a folder that
     /// cannot be used.
     pub fn resume(self) -> Result<Resumed> {
-        match (self.rest, &self.folder) {
-            (Some(rest), _) => Resumed::of(*rest, None, self.asleep, None),
+        match (self.remaining, &self.folder) {
+            (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, self.asleep, None),
             (None, Some(folder)) if self.end.goes_on() => resume(folder),
             _ => Err(key(
                 "time",
@@ -151,8 +151,8 @@ impl Results {
 
     /// Returns a model in its last state.
     pub fn model(&self, name: &str) -> Option<&Subdomain<f64>> {
-        let all = self.run.subdomains();
-        all.iter().find(|s| s.model().name() == name)
+        let models = self.run.subdomains();
+        models.iter().find(|s| s.model().name() == name)
     }
 }
 
@@ -168,15 +168,15 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    pub(crate) fn new(scene: &Scene, tell: &mut dyn FnMut(&str)) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, report: &mut dyn FnMut(&str)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
             None => {
-                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), tell)?;
+                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), report)?;
                 (None, built)
             }
             Some(wake) => {
-                let (asleep, built) = wake::prepare(scene, wake, tell)?;
+                let (asleep, built) = wake::prepare(scene, wake, report)?;
                 (Some(asleep), built)
             }
         };
@@ -261,12 +261,12 @@ pub fn resume(target: &Path) -> Result<Resumed> {
 /// # Errors
 /// Errors of [`resume`]; checkpoints that differ between ranks.
 pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
-    let saved = together(communicator.as_ref(), left(target))?;
-    Resumed::of(saved, Some(target.to_owned()), None, communicator)
+    let saved = together(communicator.as_ref(), last_checkpoint(target))?;
+    Resumed::from_checkpoint(saved, Some(target.to_owned()), None, communicator)
 }
 
 /// Reads the last checkpoint of a folder and refuses one that does not fit.
-fn left(target: &Path) -> Result<Checkpoint> {
+fn last_checkpoint(target: &Path) -> Result<Checkpoint> {
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     let refuse = |reason: String| {
@@ -309,7 +309,7 @@ fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
 
 impl Resumed {
     /// Builds the scene of a checkpoint.
-    fn of(
+    fn from_checkpoint(
         saved: Checkpoint,
         target: Option<PathBuf>,
         slept: Option<Recorded>,
@@ -322,11 +322,11 @@ impl Resumed {
             let step = saved.snapshot.step as u64;
             scene.ranks().agree("the checkpoint", step)?;
         }
-        let made = match &saved.wake {
+        let built = match &saved.wake {
             Some(Stage::Awake { start, .. }) => awake(&scene, start),
             _ => Prepared::new(&scene, &mut |_| ()),
         };
-        let mut prepared = together(communicator.as_ref(), made)?;
+        let mut prepared = together(communicator.as_ref(), built)?;
         prepared.setup = begin.elapsed().as_secs_f64();
         Ok(Self {
             prepared,

@@ -46,7 +46,7 @@ pub(crate) struct Session<'a> {
     pub(super) phases: Vec<PhaseTime>,
     pub(super) holdings: Vec<RankLine>,
     /// Number of the coupled run's warnings that the observer has received.
-    said: usize,
+    passed_warnings: usize,
 }
 
 impl<'a> Session<'a> {
@@ -74,8 +74,8 @@ impl<'a> Session<'a> {
         let intrusions = intrusion::Watch::new(scene.spec(), &built.models, &built.run, ranks)?;
         // Only rank 0 shows the whole grid of a partitioned model; other ranks free the memory.
         if !ranks.leads() {
-            let all = built.models.iter_mut().zip(built.run.subdomains());
-            all.filter(|(_, s)| in_parts(s)).for_each(|(info, _)| {
+            let models = built.models.iter_mut().zip(built.run.subdomains());
+            models.filter(|(_, s)| in_parts(s)).for_each(|(info, _)| {
                 let corners = info.grid.corners;
                 info.grid = Arc::new(Grid {
                     corners,
@@ -131,11 +131,11 @@ impl<'a> Session<'a> {
             bounds: built.bounds,
             phases: built.phases,
             holdings: built.holdings,
-            said: 0,
+            passed_warnings: 0,
         };
         if let Some(saved) = saved {
             out.restore(saved)?;
-            out.said = out.run.warnings().len();
+            out.passed_warnings = out.run.warnings().len();
         }
         Ok(out)
     }
@@ -160,11 +160,11 @@ impl<'a> Session<'a> {
     /// Passes on the new warnings of the coupled run. `summary::findings` puts them into the summary with
     /// their largest figures.
     fn say_warnings(&mut self, observer: &mut dyn Observer) {
-        let new = &self.run.warnings()[self.said..];
+        let new = &self.run.warnings()[self.passed_warnings..];
         if self.scene.ranks().leads() {
             new.iter().for_each(|w| observer.warning(&w.to_string()));
         }
-        self.said += new.len();
+        self.passed_warnings += new.len();
     }
 
     /// Warns of bodies that have moved inside others without contact. `at_once` looks now, however recent the
@@ -226,20 +226,20 @@ impl<'a> Session<'a> {
                 strange = !odd.is_empty();
                 odd.into_iter().for_each(|w| self.warn(w, observer));
             }
-            let mut asked = observer.step(&self.run, self.steps);
+            let mut flow = observer.step(&self.run, self.steps);
             // Ranks agree only at steps with a ledger, which synchronise them anyway. Any rank can end the
             // steps of all.
             if ranks.count() > 1 {
-                let any = sampled && ranks.any(asked.is_break())?;
-                asked = if any {
+                let any = sampled && ranks.any(flow.is_break())?;
+                flow = if any {
                     ControlFlow::Break(())
                 } else {
                     ControlFlow::Continue(())
                 };
             }
             self.warn_of_intrusions(false, observer)?;
-            let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
-            said.into_iter().for_each(|w| self.warn(w, observer));
+            let (warnings, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
+            warnings.into_iter().for_each(|w| self.warn(w, observer));
             // A run with all steps is complete, even if something else would end it now.
             if made == self.steps {
                 self.run.warn_of_jumps();
@@ -257,7 +257,7 @@ impl<'a> Session<'a> {
             if every.is_some_and(|n| made.is_multiple_of(n)) {
                 self.save()?;
             }
-            if asked.is_break() {
+            if flow.is_break() {
                 end = End::Interrupted;
                 break;
             }

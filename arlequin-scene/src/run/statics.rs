@@ -25,7 +25,7 @@ pub struct LoadStep {
 }
 
 impl LoadStep {
-    fn of(time: f64, s: &Settled<f64>) -> Self {
+    fn new(time: f64, s: &Settled<f64>) -> Self {
         Self {
             time,
             method: s.method.to_owned(),
@@ -61,18 +61,18 @@ impl Session<'_> {
             let time = steps.times[made];
             let settled = self.run.settle(from, time, &steps.relaxation);
             let settled = settled.map_err(|e| core("static")(self.blamed(e)))?;
-            self.recorder.load_steps.push(LoadStep::of(time, &settled));
+            self.recorder.load_steps.push(LoadStep::new(time, &settled));
             self.recorder.observe(&mut self.run, None)?;
             self.flush()?;
             self.warn_of_intrusions(true, observer)?;
-            let asked = observer.step(&self.run, self.steps);
+            let flow = observer.step(&self.run, self.steps);
             if made + 1 == steps.times.len() {
                 break;
             }
             if every.is_some_and(|n| (made + 1).is_multiple_of(n)) {
                 self.save()?;
             }
-            if asked.is_break() {
+            if flow.is_break() {
                 end = End::Interrupted;
                 break;
             }

@@ -24,9 +24,9 @@ macro_rules! choice {
                         // `remote = "Self"` makes the derived function an inherent one, so that this is no
                         // recursion. It reads one key and ignores what follows.
                         let of_map = serde::de::value::MapAccessDeserializer::new(&mut map);
-                        let found = <$choice>::deserialize(of_map)?;
+                        let value = <$choice>::deserialize(of_map)?;
                         match map.next_key::<String>()? {
-                            None => Ok(found),
+                            None => Ok(value),
                             Some(other) => Err(serde::de::Error::custom(format_args!(
                                 "'{other}' is one key too many, expected exactly one of {}; to exchange a choice, set \
                                  the whole table",

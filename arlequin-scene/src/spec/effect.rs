@@ -76,9 +76,9 @@ macro_rules! effects {
         impl Table {
             /// Returns the effect if exactly one is given.
             fn effect(self) -> Option<Effect> {
-                let given = [$(self.$key.map(EffectKind::$kind)),*];
-                let mut given = given.into_iter().flatten();
-                let (Some(kind), None) = (given.next(), given.next()) else { return None };
+                let effects = [$(self.$key.map(EffectKind::$kind)),*];
+                let mut effects = effects.into_iter().flatten();
+                let (Some(kind), None) = (effects.next(), effects.next()) else { return None };
                 Some(Effect { models: self.models, between: self.between, enabled: self.enabled, kind })
             }
         }
@@ -113,12 +113,12 @@ fn yes() -> bool {
 /// Reads all `[[effect]]` tables.
 pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Effect>, D::Error> {
     let tables = Vec::<Table>::deserialize(deserializer)?;
-    let one = |(k, table): (usize, Table)| {
+    let to_effect = |(k, table): (usize, Table)| {
         let keys = EffectKind::KEYS.join(", ");
         let wrong = || D::Error::custom(format!("effect[{k}]: needs exactly one of {keys}"));
         table.effect().ok_or_else(wrong)
     };
-    tables.into_iter().enumerate().map(one).collect()
+    tables.into_iter().enumerate().map(to_effect).collect()
 }
 
 /// A constant acceleration field.
@@ -192,7 +192,7 @@ pub struct Fracture {
     /// scatter.
     pub deviation: Option<f64>,
     /// Seed of the scatter; strengths depend on the place of a bond, not on the numbering.
-    #[serde(default = "one")]
+    #[serde(default = "first_seed")]
     pub seed: u64,
     /// Steps between two checks. Default: 1.
     pub every: Option<usize>,
@@ -207,7 +207,7 @@ pub struct Fracture {
     pub stop_at_overlap: bool,
 }
 
-fn one() -> u64 {
+fn first_seed() -> u64 {
     1
 }
 

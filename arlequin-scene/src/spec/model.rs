@@ -36,7 +36,7 @@ impl ModelKind {
 /// `[model.NAME]`: one mechanics model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::but_for_links())]
+#[schemars(transform = schema::needs_shape_unless_link())]
 pub struct ModelTable {
     /// Kind of the model; changing this word exchanges the model.
     pub kind: ModelKind,

@@ -174,13 +174,13 @@ pub struct Curve {
     /// Probe on the vertical axis.
     pub y: String,
     /// Factor on the values of `x`; -1 changes the sign.
-    #[serde(default = "one")]
+    #[serde(default = "unit_factor")]
     pub x_factor: f64,
     /// Factor on the values of `y`; -1 changes the sign, such as to plot a reaction as a load.
-    #[serde(default = "one")]
+    #[serde(default = "unit_factor")]
     pub y_factor: f64,
 }
 
-fn one() -> f64 {
+fn unit_factor() -> f64 {
     1.0
 }

@@ -12,15 +12,15 @@ use std::borrow::Cow;
 
 /// Returns the schema of scene files (draft 7, which editors of TOML understand).
 pub fn scene() -> Value {
-    of::<SceneSpec>("Scene of Arlequin")
+    schema_of::<SceneSpec>("Scene of Arlequin")
 }
 
 /// Returns the schema of sweep files.
 pub fn sweep() -> Value {
-    of::<SweepFile>("Sweep of Arlequin")
+    schema_of::<SweepFile>("Sweep of Arlequin")
 }
 
-fn of<T: JsonSchema>(title: &str) -> Value {
+fn schema_of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft07().with_transform(RecursiveTransform(plain));
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".into(), title.into());
@@ -35,9 +35,9 @@ fn plain(schema: &mut Schema) {
     object.remove("format");
     if let Some(Value::Array(types)) = object.get_mut("type") {
         types.retain(|t| t != "null");
-        if let [one] = types.as_slice() {
-            let one = one.clone();
-            object.insert("type".into(), one);
+        if let [only_type] = types.as_slice() {
+            let only_type = only_type.clone();
+            object.insert("type".into(), only_type);
         }
     }
     if let Some(Value::Array(names)) = object.get_mut("enum") {
@@ -45,14 +45,14 @@ fn plain(schema: &mut Schema) {
     }
     if let Some(Value::Array(choices)) = object.get_mut("anyOf") {
         choices.retain(|c| *c != json!({ "type": "null" }));
-        if let [Value::Object(one)] = choices.as_slice() {
-            let one = one.clone();
+        if let [Value::Object(only_choice)] = choices.as_slice() {
+            let only_choice = only_choice.clone();
             object.remove("anyOf");
             // Draft 7 ignores every key beside a reference.
-            if one.contains_key("$ref") && !object.is_empty() {
-                object.insert("allOf".into(), json!([one]));
+            if only_choice.contains_key("$ref") && !object.is_empty() {
+                object.insert("allOf".into(), json!([only_choice]));
             } else {
-                object.extend(one);
+                object.extend(only_choice);
             }
         }
     }
@@ -65,13 +65,13 @@ fn plain(schema: &mut Schema) {
 }
 
 /// Requires `command` or `address` of a link, and `shape` and `material` of all other models.
-pub(crate) fn but_for_links() -> impl Transform {
+pub(crate) fn needs_shape_unless_link() -> impl Transform {
     move |schema: &mut Schema| {
         let kind = json!({ "const": "link", "description": "A solver in another process." });
         let link = json!({ "properties": { "kind": kind } });
         schema.insert("if".into(), link);
-        let one = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
-        schema.insert("then".into(), one);
+        let requirement = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
+        schema.insert("then".into(), requirement);
         schema.insert("else".into(), json!({ "required": ["shape", "material"] }));
     }
 }
@@ -82,8 +82,8 @@ pub(crate) fn but_for_links() -> impl Transform {
 pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     let keys = keys.into();
     move |schema: &mut Schema| {
-        let one = |key: &str| json!({ "required": [key] });
-        schema.insert("oneOf".into(), keys.split(' ').map(one).collect());
+        let required = |key: &str| json!({ "required": [key] });
+        schema.insert("oneOf".into(), keys.split(' ').map(required).collect());
     }
 }
 
@@ -101,7 +101,7 @@ pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
 }
 
 /// Declares schemas for enums of the core that list the names of their variants.
-macro_rules! of_the_core {
+macro_rules! core_names {
     ($($kind:ident),*) => {
         $(
             /// Schema with the names of the variants.
@@ -122,4 +122,4 @@ macro_rules! of_the_core {
     };
 }
 
-of_the_core!(JunctionKind, Partition, ProfileKind, Sampling, Weighting);
+core_names!(JunctionKind, Partition, ProfileKind, Sampling, Weighting);

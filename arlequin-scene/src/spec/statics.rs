@@ -19,7 +19,7 @@ pub struct Static {
     /// Number of equal load steps up to `end`.
     pub steps: Option<usize>,
     /// Time of the last load step, for `steps` \[s\].
-    #[serde(default = "one")]
+    #[serde(default = "one_second")]
     pub end: f64,
     /// Relative residual at which relaxation ends: largest unbalanced force over the largest internal force
     /// since the load step before.
@@ -34,7 +34,7 @@ pub struct Static {
     pub ramp: usize,
 }
 
-fn one() -> f64 {
+fn one_second() -> f64 {
     1.0
 }
 

@@ -22,11 +22,11 @@ pub struct Wake {
     /// Region in which element centres are checked. Default: all of `by`.
     pub near: Option<Near>,
     /// Steps between two checks.
-    #[serde(default = "ten")]
+    #[serde(default = "ten_steps")]
     pub every: usize,
 }
 
-fn ten() -> usize {
+fn ten_steps() -> usize {
     10
 }
 

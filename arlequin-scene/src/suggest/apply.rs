@@ -160,12 +160,12 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
                 message: e.message().to_owned(),
                 span: e.span(),
             })?;
-    let given = scene
+    let earlier = scene
         .changes()
         .iter()
         .filter_map(|s| s.split_once('='))
         .map(|(p, v)| Change::new(p.trim(), v.trim()));
-    for change in given.chain(changes.iter().cloned()) {
+    for change in earlier.chain(changes.iter().cloned()) {
         put(&mut document, &change)?;
     }
     // Reading the text again makes sure that it is a scene.
@@ -175,10 +175,10 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
 
 fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
     let (head, last) = change.path.rsplit_once('.').unwrap_or(("", &change.path));
-    let mut at: &mut dyn TableLike = document.as_table_mut();
+    let mut table: &mut dyn TableLike = document.as_table_mut();
     for part in head.split('.').filter(|p| !p.is_empty()) {
-        let item = at.entry(part).or_insert_with(|| Item::Table(Table::new()));
-        at = item.as_table_like_mut().ok_or_else(|| {
+        let item = table.entry(part).or_insert_with(|| Item::Table(Table::new()));
+        table = item.as_table_like_mut().ok_or_else(|| {
             let rule = format!(
                 "'{part}' is a list or a plain value, which --apply cannot reach into; change the file"
             );
@@ -186,28 +186,28 @@ fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
         })?;
     }
     let Some(text) = &change.text else {
-        at.remove(last);
+        table.remove(last);
         return Ok(());
     };
     let mut new = text
         .parse::<Value>()
         .unwrap_or_else(|_| Value::from(text.as_str()));
-    match at.get_mut(last) {
-        Some(Item::Value(old)) if same(old, &new) => {}
+    match table.get_mut(last) {
+        Some(Item::Value(old)) if is_equal(old, &new) => {}
         Some(Item::Value(old)) => {
             *new.decor_mut() = old.decor().clone();
             *old = new;
         }
         Some(other) => *other = Item::Value(new),
         None => {
-            at.insert(last, Item::Value(new));
+            table.insert(last, Item::Value(new));
         }
     }
     Ok(())
 }
 
 /// Returns whether two values are equal, however they are written.
-fn same(a: &Value, b: &Value) -> bool {
+fn is_equal(a: &Value, b: &Value) -> bool {
     match (a.as_float(), b.as_float()) {
         (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),
         _ => {

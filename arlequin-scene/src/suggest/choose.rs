@@ -32,7 +32,7 @@ pub(super) struct Measured {
     /// Own step of the finest model \[s\].
     pub dt: f64,
     /// Own steps of the coarse and of the fine model per step of the run.
-    pub own: [f64; 2],
+    pub own_steps: [f64; 2],
     /// Own steps of the finest model per step of the run.
     pub most: f64,
     /// Critical steps of the coarse and of the fine model \[s\].
@@ -70,8 +70,8 @@ impl CostModel {
         let [coarse, fine] = self.measured.critical;
         let critical = [coarse * c.h / self.base.h, fine];
         match TimeStep::chosen(self.fraction, &critical) {
-            Ok((dt, own)) if s.free_steps => (dt, [0, 1].map(|k| own[k] as f64)),
-            _ => (self.measured.most * self.dt(c), self.measured.own),
+            Ok((dt, own_steps)) if s.free_steps => (dt, [0, 1].map(|k| own_steps[k] as f64)),
+            _ => (self.measured.most * self.dt(c), self.measured.own_steps),
         }
     }
 
@@ -94,8 +94,9 @@ impl CostModel {
         ];
         let interface = work(grown) / work(m.coupled).max(1.0);
         let nodes = (m.nodes[0] * shrink + m.nodes[1] * fine) / (m.nodes[0] + m.nodes[1]);
-        let (dt, own) = self.pace(c, s);
-        let models = m.seconds[0] * shrink * own[0] / m.own[0] + m.seconds[1] * fine * own[1] / m.own[1];
+        let (dt, own_steps) = self.pace(c, s);
+        let models = m.seconds[0] * shrink * own_steps[0] / m.own_steps[0]
+            + m.seconds[1] * fine * own_steps[1] / m.own_steps[1];
         let step = models + m.seconds[2] * interface + m.seconds[3] * nodes;
         (end / dt).ceil() * step + m.setup * nodes
     }
@@ -185,10 +186,10 @@ impl<'a> Search<'a> {
         costs: &CostModel,
     ) -> std::result::Result<Prospect, Option<Prospect>> {
         let predict = |c| self.predict(c, costs, costs.dt(c));
-        let all: Vec<Prospect> = self.candidates.iter().map(predict).collect();
+        let prospects: Vec<Prospect> = self.candidates.iter().map(predict).collect();
         let least = |f: &dyn Fn(&Prospect) -> f64, keep: &dyn Fn(&Prospect) -> bool| {
-            let kept = all.iter().filter(|p| keep(p));
-            kept.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
+            let eligible = prospects.iter().filter(|p| keep(p));
+            eligible.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
         };
         let error = |p: &Prospect| p.errors.worst();
         let time = |p: &Prospect| p.seconds;
@@ -296,7 +297,7 @@ mod tests {
             seconds: [1e-6, 2e-6, 1e-6, 1e-6],
             setup: 1e-3,
             dt: 0.05,
-            own: [1.0; 2],
+            own_steps: [1.0; 2],
             most: 1.0,
             critical,
         };
@@ -344,11 +345,14 @@ mod tests {
         };
         assert!((model.dt(&half) - 0.09).abs() < 1e-12 && (model.dt(&given) - 0.09).abs() < 1e-12);
         // Half of the coarse critical step has room for two fine ones, of half the spacing for one.
-        let near = |(dt, own): (f64, [f64; 2]), expected: (f64, [f64; 2])| {
+        let near = |(dt, own_steps): (f64, [f64; 2]), expected: (f64, [f64; 2])| {
             assert!(
                 (dt - expected.0).abs() < 1e-12
-                    && own.iter().zip(expected.1).all(|(a, b)| (a - b).abs() < 1e-12),
-                "{dt} {own:?}"
+                    && own_steps
+                        .iter()
+                        .zip(expected.1)
+                        .all(|(a, b)| (a - b).abs() < 1e-12),
+                "{dt} {own_steps:?}"
             );
         };
         near(model.pace(&given, &s), (0.18, [1.0, 2.0]));

@@ -53,7 +53,7 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
         seconds,
         setup,
         dt: run.dt() / most as f64,
-        own: sides.map(|k| run.subdomains()[k].own_steps() as f64),
+        own_steps: sides.map(|k| run.subdomains()[k].own_steps() as f64),
         most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };
@@ -65,13 +65,13 @@ fn share(clock: &PhaseClock, run: &Coupled<f64>, s: &Scenario) -> [f64; 4] {
     let mut out = [0.0; 4];
     for (name, seconds) in clock.phases(run) {
         // Phases are named predict/MODEL and effect/MODEL/NAME.
-        let at = match name.split('/').nth(1) {
+        let column = match name.split('/').nth(1) {
             Some(m) if m == s.names[1] => 0,
             Some(m) if m == s.names[2] => 1,
             _ if name == "interface" => 2,
             _ => 3,
         };
-        out[at] += seconds;
+        out[column] += seconds;
     }
     out
 }

@@ -129,7 +129,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
         .fraction
         .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
     let as_given = CostModel::new(search.given, first, &s, fraction);
-    let given = search.predict(&search.given, &as_given, first.dt);
+    let current = search.predict(&search.given, &as_given, first.dt);
     let costs = CostModel::new(search.given, first, &s, FRACTION);
     let (chosen, changes) = settle(scene, &search, goal, costs)?;
     let absorber = s.absorber || apply::needs_absorber(&chosen);
@@ -140,7 +140,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
             Goal::Time(t) => format!("least error within {t} s"),
         },
         signal: spectrum.source.clone(),
-        given: forecast(&search, &s, &given, fraction, s.absorber),
+        given: forecast(&search, &s, &current, fraction, s.absorber),
         proposed: forecast(&search, &s, &chosen, FRACTION, absorber),
         set: changes.iter().filter_map(Change::assignment).collect(),
         notes: notes(&s, &chosen),
@@ -165,12 +165,12 @@ fn settle(
         let measured = costs.seconds(&proposal.candidate, s, search.end);
         let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
         proposal.seconds = measured;
-        let kept = match goal {
+        let goal_met = match goal {
             Goal::Error(_) => true,
             Goal::Time(t) => measured <= t,
         };
         let next = pick(search, goal, &costs)?;
-        if round == ROUNDS || (agreed && kept) || next.candidate == proposal.candidate {
+        if round == ROUNDS || (agreed && goal_met) || next.candidate == proposal.candidate {
             return Ok((proposal, changes));
         }
         proposal = next;

@@ -11,10 +11,10 @@ const MOST: usize = 64;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Origin {
     /// Distance from the fine border, positive into the coarse model \[m\].
-    pub at: f64,
+    pub place: f64,
     /// True if the signal runs towards the coarse model, and away from it.
     pub towards: [bool; 2],
-    /// Distance of the signal's front ahead of `at` \[m\].
+    /// Distance of the signal's front ahead of `place` \[m\].
     pub ahead: f64,
 }
 
@@ -40,8 +40,8 @@ struct Line {
 impl Line {
     /// Returns the coarse length between zero and a place of the mirrored line \[m\].
     fn coarse(&self, y: f64) -> f64 {
-        let own = |r: f64| (r - self.border).max(0.0);
-        self.unfolded(y, own(self.length), own)
+        let coarse_within = |r: f64| (r - self.border).max(0.0);
+        self.unfolded(y, coarse_within(self.length), coarse_within)
     }
 
     /// Returns the number of overlaps between zero and a place of the mirrored line.
@@ -70,14 +70,14 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
         length: s.lengths[0] + s.lengths[1],
         border: s.lengths[1] + 0.5 * overlap,
     };
-    let start = origin.at + s.lengths[1];
+    let start = origin.place + s.lengths[1];
     let mut out = [Vec::new(), Vec::new()];
     let mirrors = (way / line.length).ceil() + 1.0;
     if mirrors > MOST as f64 {
         return None;
     }
-    for (kind, at) in &s.probes {
-        let probe = at + s.lengths[1];
+    for (kind, distance) in &s.probes {
+        let probe = distance + s.lengths[1];
         let images = (-(mirrors as i64)..=mirrors as i64)
             .flat_map(|k| [1.0, -1.0].map(|sign| 2.0 * k as f64 * line.length + sign * probe));
         for y in images {
@@ -132,8 +132,8 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
 
 /// Returns the coordinate of a load's selection on the axis \[m\]; `None` for a group that is not an end
 /// face.
-pub(super) fn place(scene: &SceneSpec, model: &str, at: &Selection, axis: usize) -> Option<f64> {
-    match at {
+pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis: usize) -> Option<f64> {
+    match selection {
         Selection::Group(name) => end(scene, model, name, axis),
         Selection::Box(low, high) => {
             let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;

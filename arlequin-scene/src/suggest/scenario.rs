@@ -64,8 +64,8 @@ pub struct Scenario {
 
 /// Reduces a scene to lengths along its overlap.
 pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
-    let mut all = scene.interface.iter();
-    let (Some((name, table)), None) = (all.next(), all.next()) else {
+    let mut interfaces = scene.interface.iter();
+    let (Some((name, table)), None) = (interfaces.next(), interfaces.next()) else {
         let rule = format!(
             "has {} entries; suggest speaks of scenes with one interface between two models",
             scene.interface.len()
@@ -179,7 +179,7 @@ fn spacings(
     overlap: f64,
     axis: usize,
 ) -> Result<[f64; 3]> {
-    let of = |name: &str, m: &ModelTable, e: [f64; 2]| {
+    let spacing_of = |name: &str, m: &ModelTable, e: [f64; 2]| {
         let divided = m
             .divisions
             .as_ref()
@@ -194,15 +194,15 @@ fn spacings(
             };
             Some(mean_diameter(volume, n as f64))
         });
-        let given = m.spacing.or(divided).or(counted);
-        given.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
+        let spacing = m.spacing.or(divided).or(counted);
+        spacing.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
     };
-    let coarse = of(&table.coarse, c, extents[0])?;
+    let coarse = spacing_of(&table.coarse, c, extents[0])?;
     let divided = table.mediator.divisions.as_ref().and_then(|d| d.get(axis));
     let mediator = table.mediator.spacing.or(divided.map(|n| overlap / *n as f64));
     Ok([
         coarse,
-        of(&table.fine, f, extents[1])?,
+        spacing_of(&table.fine, f, extents[1])?,
         mediator.unwrap_or(coarse),
     ])
 }
@@ -247,10 +247,10 @@ pub(super) fn spectrum(
     frequency: Option<f64>,
 ) -> Result<Spectrum> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
-    let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
+    let mut shortest: Option<(f64, String, Signal, Option<Origin>)> = None;
     let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
-        if found.as_ref().is_none_or(|f| duration < f.0) {
-            found = Some((duration, source, signal, origin));
+        if shortest.as_ref().is_none_or(|f| duration < f.0) {
+            shortest = Some((duration, source, signal, origin));
         }
     };
     if let Some(f) = frequency {
@@ -298,7 +298,7 @@ pub(super) fn spectrum(
             );
         }
     }
-    let Some((duration, source, signal, origin)) = found else {
+    let Some((duration, source, signal, origin)) = shortest else {
         let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
                     highest one of interest, such as --frequency 2e5";
         return Err(Error::Key {
@@ -313,9 +313,9 @@ pub(super) fn spectrum(
 
 /// Returns the place of a load, from which waves run both ways.
 fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
-    let at = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
+    let place = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
     Some(Origin {
-        at,
+        place,
         towards: [true, true],
         ahead: 0.0,
     })
@@ -326,7 +326,7 @@ fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
     let along = w.along.index() == s.axis && w.component.index() == s.axis;
     let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
     along.then_some(Origin {
-        at: (w.centre - s.border) * s.inward,
+        place: (w.centre - s.border) * s.inward,
         towards: [forwards, !forwards],
         ahead: 0.5 * w.width,
     })

@@ -31,8 +31,8 @@ pub fn knobs(runs: &[Run]) -> Vec<Knob> {
 fn knob(axis: &str, runs: &[&Run]) -> Option<Knob> {
     let mut groups: BTreeMap<Vec<(&String, &String)>, Vec<&Run>> = BTreeMap::new();
     for r in runs {
-        let others = r.parameters.iter().filter(|(n, _)| *n != axis).collect();
-        groups.entry(others).or_default().push(r);
+        let other_values = r.parameters.iter().filter(|(n, _)| *n != axis).collect();
+        groups.entry(other_values).or_default().push(r);
     }
     let (mut sums, mut count) = ([0.0; 2], 0.0);
     let mut wins: BTreeMap<&String, usize> = BTreeMap::new();
@@ -156,9 +156,9 @@ fn pays(runs: &[Run]) -> Option<String> {
 
 /// States how much all-fine runs differ from the reference, if there are any besides it.
 fn scatter(runs: &[Run]) -> Option<String> {
-    let others: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
-    let range = range(others.iter().filter_map(|r| r.error_judged), percent)?;
-    let labels: Vec<&str> = others.iter().map(|r| r.label.as_str()).collect();
+    let fine_runs: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
+    let range = range(fine_runs.iter().filter_map(|r| r.error_judged), percent)?;
+    let labels: Vec<&str> = fine_runs.iter().map(|r| r.label.as_str()).collect();
     Some(format!(
         "All-fine runs differ among themselves: {} from the reference ({}). What a coupled run has less than that is not owed to its coupling.",
         range,
@@ -188,16 +188,19 @@ pub fn signed(x: f64) -> String {
 
 /// States the deviations of a scalar in coupled, all-fine and all-coarse runs from the reference.
 fn scalar(runs: &[Run], name: &str) -> String {
-    let of = |keep: &dyn Fn(&Run) -> bool| {
-        let kept = || runs.iter().filter(|r| r.status == "complete" && keep(r));
-        let all = kept().filter_map(|r| r.measures.get(name)?.deviation);
-        let (some, found) = (kept().next().is_some(), range(all, signed));
-        found.or(some.then(|| "none at all".to_owned()))
+    let deviations = |keep: &dyn Fn(&Run) -> bool| {
+        let complete = || runs.iter().filter(|r| r.status == "complete" && keep(r));
+        let values = complete().filter_map(|r| r.measures.get(name)?.deviation);
+        let (some, span) = (complete().next().is_some(), range(values, signed));
+        span.or(some.then(|| "none at all".to_owned()))
     };
     let groups = [
-        ("coupled runs", of(&|r| r.mark.is_none())),
-        ("other all-fine runs", of(&other_fine)),
-        ("all-coarse runs", of(&|r| r.mark == Some(Mark::AllCoarse))),
+        ("coupled runs", deviations(&|r| r.mark.is_none())),
+        ("other all-fine runs", deviations(&other_fine)),
+        (
+            "all-coarse runs",
+            deviations(&|r| r.mark == Some(Mark::AllCoarse)),
+        ),
     ];
     let parts: Vec<String> = groups
         .into_iter()

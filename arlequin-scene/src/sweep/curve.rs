@@ -108,8 +108,8 @@ impl Curve {
             if x.is_finite() && x > 0.0 {
                 return Ok(());
             }
-            let at = format!("{place}.{name}");
-            Err(crate::error::value(at, x, "must be positive"))
+            let field = format!("{place}.{name}");
+            Err(crate::error::value(field, x, "must be positive"))
         };
         match from {
             CurveTable::Csv { file, time, value } => {
@@ -159,9 +159,9 @@ impl Curve {
         }
     }
 
-    fn at(&self, t: f64, quantity: Quantity, hint: &mut usize) -> f64 {
+    fn value_at(&self, t: f64, quantity: Quantity, hint: &mut usize) -> f64 {
         match self {
-            Self::Samples(s) => s.at(t, hint),
+            Self::Samples(s) => s.value_at(t, hint),
             Self::Formula(f) => formula(f, t, quantity),
         }
     }
@@ -177,7 +177,7 @@ impl Series {
 
     /// Interpolates between the samples by a cubic Hermite polynomial with slopes from the neighbours. `hint`
     /// is the interval of the last call.
-    fn at(&self, t: f64, hint: &mut usize) -> f64 {
+    fn value_at(&self, t: f64, hint: &mut usize) -> f64 {
         let (x, y) = (&self.times, &self.values);
         let last = x.len() - 1;
         if last == 0 {
@@ -279,7 +279,7 @@ fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> 
     let mut sums = [0.0; 2];
     for k in 0..n {
         let t = low + (k as f64 + 0.5) * step;
-        let (x, y) = (a.at(t, &mut i), b.at(t, a.quantity, &mut j));
+        let (x, y) = (a.value_at(t, &mut i), b.value_at(t, a.quantity, &mut j));
         sums[0] += (x - y) * (x - y) * step;
         sums[1] += y * y * step;
     }
@@ -295,8 +295,8 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
         if window.probes.as_ref().is_some_and(|p| !p.contains(name)) {
             continue;
         }
-        let found = reference.get(name);
-        let Some(s) = found.and_then(|r| squares(series, r, [window.from, window.to])) else {
+        let curve = reference.get(name);
+        let Some(s) = curve.and_then(|r| squares(series, r, [window.from, window.to])) else {
             continue;
         };
         if s[1] > 0.0 {
@@ -321,7 +321,7 @@ pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table
     let until = table.until.unwrap_or(f64::INFINITY);
     let (mut i, mut sums) = (0, [0.0; 2]);
     let taken = |t: f64, i: &mut usize| match curve {
-        Some(c) if table.minus_reference => c.at(t, series.quantity, i),
+        Some(c) if table.minus_reference => c.value_at(t, series.quantity, i),
         _ => 0.0,
     };
     for (t, v) in series.times.windows(2).zip(series.values.windows(2)) {

@@ -100,8 +100,8 @@ impl PlannedSweep {
 
     /// Returns the label of the first run without finished results in a folder.
     pub fn unfinished(&self, out: &Path) -> Option<&str> {
-        let kept = Kept::new(out, &self.file);
-        let mut missing = self.members.iter().filter(|m| kept.finished(m).is_none());
+        let store = Kept::new(out, &self.file);
+        let mut missing = self.members.iter().filter(|m| store.finished(m).is_none());
         missing.next().map(|m| m.label.as_str())
     }
 
@@ -111,25 +111,25 @@ impl PlannedSweep {
     /// # Errors
     /// Files that cannot be read or written; failed runs are part of the result.
     pub fn make(self, out: &Path, fresh: bool, runner: &dyn Runner, progress: Progress<'_>) -> Result<Sweep> {
-        let kept = Kept::new(out, &self.file);
-        std::fs::create_dir_all(&kept.folder).map_err(write(&kept.folder))?;
+        let store = Kept::new(out, &self.file);
+        std::fs::create_dir_all(&store.folder).map_err(write(&store.folder))?;
         let mut runs: Vec<Run> = self.members.iter().map(Run::planned).collect();
         for (k, (m, r)) in self.members.iter().zip(&mut runs).enumerate() {
             if runner.stopped() {
                 break;
             }
             progress(&m.label, k, self.members.len());
-            let known = if fresh { None } else { kept.finished(m) };
+            let known = if fresh { None } else { store.finished(m) };
             r.reused = known.is_some();
-            let made = match known {
+            let outcome = match known {
                 Some(summary) => Ok(summary),
-                None => kept.run(m, runner)?,
+                None => store.run(m, runner)?,
             };
-            match made {
+            match outcome {
                 Ok(summary) => {
                     r.take(&summary, m, &self.file);
                     if self.file.suggest && m.swept {
-                        r.predicted = Some(predicted(&kept.folder.join(&m.label), m, r.reused)?);
+                        r.predicted = Some(predicted(&store.folder.join(&m.label), m, r.reused)?);
                     }
                 }
                 Err(Outcome::Failed(words)) => {
@@ -139,13 +139,13 @@ impl PlannedSweep {
                 Err(_) => break,
             }
         }
-        self.conclude(runs, &kept, runner.stopped())
+        self.conclude(runs, &store, runner.stopped())
     }
 
     /// Compares the runs with the reference and draws the conclusion.
-    fn conclude(self, mut runs: Vec<Run>, kept: &Kept, interrupted: bool) -> Result<Sweep> {
+    fn conclude(self, mut runs: Vec<Run>, store: &Kept, interrupted: bool) -> Result<Sweep> {
         let Self { file, mut curves, .. } = self;
-        let probes = |label: &str| curve::probes(&kept.folder.join(label).join("probes.csv"));
+        let probes = |label: &str| curve::probes(&store.folder.join(label).join("probes.csv"));
         if let Some(Reference::Run(_)) = &file.reference {
             // `reference_first` put the reference first; it has no result if it failed or was not reached.
             if runs[0].status == "complete" {
@@ -178,7 +178,7 @@ fn predicted(folder: &Path, m: &Member, reused: bool) -> Result<Prediction> {
     if let Some(known) = kept::read(&path).filter(|_| reused) {
         return Ok(known);
     }
-    let found = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
-    kept::put(&path, &found)?;
-    Ok(found)
+    let prediction = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
+    kept::put(&path, &prediction)?;
+    Ok(prediction)
 }

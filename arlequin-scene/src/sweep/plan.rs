@@ -199,9 +199,9 @@ fn choices(name: &str, axis: &Axis) -> Result<Vec<Choice>> {
 fn base(name: &str, axis: &Axis, choices: &[Choice]) -> Result<usize> {
     let Some(wanted) = &axis.base else { return Ok(0) };
     let wanted = plain(wanted);
-    let found = choices.iter().position(|c| c.name == wanted);
+    let index = choices.iter().position(|c| c.name == wanted);
     let names: Vec<String> = choices.iter().map(|c| c.name.clone()).collect();
-    found.ok_or_else(|| unknown(format!("axis.{name}.base"), &wanted, "value", names.iter()))
+    index.ok_or_else(|| unknown(format!("axis.{name}.base"), &wanted, "value", names.iter()))
 }
 
 /// Formats a value for labels and assignments.
@@ -257,23 +257,23 @@ fn fill(place: &str, v: &toml::Value, templates: &[String]) -> Result<(String, V
 fn combinations(design: Design, axes: &[(&String, Vec<Choice>, usize)]) -> Vec<Vec<usize>> {
     let base: Vec<usize> = axes.iter().map(|a| a.2).collect();
     match design {
-        Design::Product => axes.iter().fold(vec![Vec::new()], |all, (_, choices, _)| {
+        Design::Product => axes.iter().fold(vec![Vec::new()], |heads, (_, choices, _)| {
             let with = |head: &Vec<usize>| {
                 let longer = |k| head.iter().copied().chain([k]).collect::<Vec<_>>();
                 (0..choices.len()).map(longer).collect::<Vec<_>>()
             };
-            all.iter().flat_map(with).collect()
+            heads.iter().flat_map(with).collect()
         }),
         Design::OneAtATime => {
-            let mut all = vec![base.clone()];
-            for (a, (_, choices, own)) in axes.iter().enumerate() {
-                for k in (0..choices.len()).filter(|k| k != own) {
+            let mut runs = vec![base.clone()];
+            for (a, (_, choices, base_choice)) in axes.iter().enumerate() {
+                for k in (0..choices.len()).filter(|k| k != base_choice) {
                     let mut picked = base.clone();
                     picked[a] = k;
-                    all.push(picked);
+                    runs.push(picked);
                 }
             }
-            all
+            runs
         }
     }
 }
@@ -330,9 +330,9 @@ fn folder_name(label: &str) -> String {
     label.chars().map(|c| if good(c) { c } else { '_' }).collect()
 }
 
-fn check_labels(all: &[Member]) -> Result<()> {
+fn check_labels(members: &[Member]) -> Result<()> {
     let mut seen = BTreeSet::new();
-    match all.iter().find(|m| !seen.insert(&m.label)) {
+    match members.iter().find(|m| !seen.insert(&m.label)) {
         Some(m) => Err(key(
             "axis",
             format!(
@@ -345,15 +345,15 @@ fn check_labels(all: &[Member]) -> Result<()> {
 }
 
 /// Moves the reference run to the front, so that a sweep that is interrupted has errors too.
-fn reference_first(file: &SweepFile, all: &mut [Member]) -> Result<()> {
+fn reference_first(file: &SweepFile, members: &mut [Member]) -> Result<()> {
     let Some(Reference::Run(name)) = &file.reference else {
         return Ok(());
     };
     let name = folder_name(name);
-    let Some(k) = all.iter().position(|m| m.label == name) else {
-        let labels: Vec<String> = all.iter().map(|m| m.label.clone()).collect();
+    let Some(k) = members.iter().position(|m| m.label == name) else {
+        let labels: Vec<String> = members.iter().map(|m| m.label.clone()).collect();
         return Err(unknown("reference.run", &name, "run", labels.iter()));
     };
-    all[..=k].rotate_right(1);
+    members[..=k].rotate_right(1);
     Ok(())
 }

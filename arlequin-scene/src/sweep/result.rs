@@ -72,7 +72,7 @@ pub struct Measured {
 
 /// Returns the number that a measure names.
 fn measured(summary: &Value, m: &Measure) -> Option<f64> {
-    let found = match (&m.pointer, &m.fact) {
+    let number = match (&m.pointer, &m.fact) {
         (Some(p), _) => summary.pointer(p).and_then(Value::as_f64),
         (_, Some(f)) => {
             let effects = summary["effect_ledger"].as_array().into_iter().flatten();
@@ -82,7 +82,7 @@ fn measured(summary: &Value, m: &Measure) -> Option<f64> {
         }
         _ => None,
     };
-    found.map(|x| x * m.factor)
+    number.map(|x| x * m.factor)
 }
 
 /// Wall times of a run \[s\].
@@ -325,13 +325,13 @@ pub struct HookRow {
 /// Returns the runs along the hook's axis by increasing value. All other axes have the values of the first
 /// run.
 pub fn hook_rows(runs: &[Run], hook: &Hook) -> Vec<HookRow> {
-    let others = |r: &Run| {
+    let other_axes = |r: &Run| {
         let mut p = r.parameters.clone();
         p.remove(&hook.axis);
         p
     };
     let swept = || runs.iter().filter(|r| r.swept && r.cost.is_some());
-    let Some(first) = swept().next().map(others) else {
+    let Some(first) = swept().next().map(other_axes) else {
         return Vec::new();
     };
     let row = |r: &Run| {
@@ -343,7 +343,10 @@ pub fn hook_rows(runs: &[Run], hook: &Hook) -> Vec<HookRow> {
             fine: r.phase_seconds("forces fine"),
         })
     };
-    let mut rows: Vec<HookRow> = swept().filter(|r| others(r) == first).filter_map(row).collect();
+    let mut rows: Vec<HookRow> = swept()
+        .filter(|r| other_axes(r) == first)
+        .filter_map(row)
+        .collect();
     rows.sort_by(|a, b| a.value.total_cmp(&b.value));
     rows
 }

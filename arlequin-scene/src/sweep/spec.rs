@@ -20,7 +20,7 @@ pub struct SweepFile {
     #[serde(default)]
     pub design: Design,
     /// Number of times that each run is made; the shortest time counts.
-    #[serde(default = "one")]
+    #[serde(default = "single_run")]
     pub repeat: usize,
     /// Worker threads of every run.
     pub threads: Option<usize>,
@@ -57,7 +57,7 @@ pub struct SweepFile {
     pub hook: Option<Hook>,
 }
 
-fn one() -> usize {
+fn single_run() -> usize {
     1
 }
 

@@ -36,7 +36,7 @@ struct Target {
 
 impl Target {
     /// Returns whether `from` is the same model, which keeps its state.
-    fn is(&self, from: &Subdomain<f64>) -> bool {
+    fn is_same_model(&self, from: &Subdomain<f64>) -> bool {
         from.model().nodes() == self.points && from.model().layout() == self.layout
     }
 }
@@ -111,7 +111,7 @@ impl HandOver {
         for t in &self.targets {
             let from = &asleep.subdomains()[t.source];
             let memory = from.model().save();
-            memories.push((t.is(from) && memory != Record::default()).then_some(memory));
+            memories.push((t.is_same_model(from) && memory != Record::default()).then_some(memory));
             let mut state = self.sample(t, from)?;
             // Held unknowns start on their prescribed motion, which interpolation only approximates.
             for motion in &t.supports {
@@ -135,7 +135,7 @@ impl HandOver {
     /// Interpolates displacements and velocities; rotations are half their curl.
     fn sample(&self, t: &Target, from: &Subdomain<f64>) -> Result<[Vec<f64>; 2]> {
         let state = from.state();
-        if t.is(from) {
+        if t.is_same_model(from) {
             return Ok([state.q.clone(), state.v.clone()]);
         }
         let (d, field) = (t.layout.components, &**from.field());
@@ -143,8 +143,11 @@ impl HandOver {
             .points
             .par_iter()
             .map(|x| {
-                let at = self.place(t, field, x)?;
-                Ok([value_and_turn(&at, &state.q, d), value_and_turn(&at, &state.v, d)])
+                let placed = self.place(t, field, x)?;
+                Ok([
+                    value_and_turn(&placed, &state.q, d),
+                    value_and_turn(&placed, &state.v, d),
+                ])
             })
             .collect::<Result<_>>()?;
         let turns = t.layout.turns();
@@ -209,8 +212,8 @@ impl HandOver {
     /// its momentum `wanted`.
     fn balance(&self, wanted: Vector3<f64>, states: &mut [[Vec<f64>; 2]]) {
         let (mut momentum, mut mass) = (Vector3::<f64>::zeros(), Vector3::<f64>::zeros());
-        let mine = || self.targets.iter().enumerate().filter(|(_, t)| t.replaces);
-        for (k, t) in mine() {
+        let replacing = || self.targets.iter().enumerate().filter(|(_, t)| t.replaces);
+        for (k, t) in replacing() {
             let d = t.layout.components;
             for i in 0..t.layout.translations() {
                 momentum[i % d] += t.inertia[i] * states[k][1][i];
@@ -226,7 +229,7 @@ impl HandOver {
                 0.0
             }
         });
-        for (k, t) in mine() {
+        for (k, t) in replacing() {
             let d = t.layout.components;
             for i in (0..t.layout.translations()).filter(|i| t.free[*i]) {
                 states[k][1][i] += change[i % d];
@@ -237,11 +240,11 @@ impl HandOver {
 
 /// Evaluates the field, with gradients if it has them. Returns whether the point is inside.
 fn inside(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &mut ShapeRow<f64>) -> Result<bool> {
-    let found = match field.shape_at(x, true, row) {
+    let evaluated = match field.shape_at(x, true, row) {
         Err(Core::NoGradient { .. }) => field.shape_at(x, false, row),
-        found => found,
+        evaluated => evaluated,
     };
-    match found {
+    match evaluated {
         Ok(()) => Ok(true),
         Err(Core::OutsideDomain { .. }) => Ok(false),
         Err(e) => Err(core("wake.by")(e)),
@@ -249,14 +252,14 @@ fn inside(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &mut ShapeRow<f6
 }
 
 /// Returns the value, extrapolated by the gradient if the point is outside, and half the curl.
-fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
+fn value_and_turn(placed: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
     let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
-    for (k, &node) in at.row.nodes.iter().enumerate() {
+    for (k, &node) in placed.row.nodes.iter().enumerate() {
         let mut u = Vector3::zeros();
         u.as_mut_slice()[..d].copy_from_slice(&values[node * d..(node + 1) * d]);
-        value += u * at.row.values[k];
-        if let Some(g) = at.row.gradients.get(k) {
-            value += u * g.dot(&at.way);
+        value += u * placed.row.values[k];
+        if let Some(g) = placed.row.gradients.get(k) {
+            value += u * g.dot(&placed.way);
             turn += g.cross(&u) * 0.5;
         }
     }

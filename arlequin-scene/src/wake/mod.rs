@@ -33,11 +33,11 @@ pub(crate) struct Asleep {
 }
 
 /// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
-pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
+pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
-    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), tell)?;
+    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), report)?;
     let spec = asleep.spec();
-    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), tell)?;
+    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), report)?;
     let carrier = model_index("wake.by", &wake.by, spec)?;
     let watch = Watch::new(wake, carrier, spec.model[&wake.by].kind, &built.models[carrier])?;
     let hand_over = HandOver::new(wake, &awake, &built.run, &built.models)?;
