@@ -112,7 +112,7 @@ impl Watch {
             });
         };
         let bodies = bodies(run);
-        let touching = touching(scene);
+        let touching = contact_pairs(scene);
         for (b, second) in members.iter().enumerate() {
             let Some(second) = second else { continue };
             for (k, o) in obstacles.iter().enumerate() {
@@ -245,12 +245,12 @@ impl Watch {
 
     /// Largest speed at which the two may approach each other \[m/s\].
     fn speed(&self, pair: &Pair) -> f64 {
-        let of_model = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
+        let model_speed = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
         let first = match pair.first {
             Intruder::Obstacle(k) => self.obstacles[k].speed,
-            Intruder::Model(m) => of_model(m),
+            Intruder::Model(m) => model_speed(m),
         };
-        first + of_model(pair.second)
+        first + model_speed(pair.second)
     }
 
     /// Compares the surfaces of a pair; returns the warning, on rank 0. Collective.
@@ -457,7 +457,7 @@ fn bodies(run: &Coupled<f64>) -> Vec<usize> {
 }
 
 /// Returns the names of models with contact between them, in both orders.
-fn touching(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
+fn contact_pairs(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
     let between = |e: &Effect| {
         let names = e.between.as_deref().filter(|_| e.enabled)?;
         <[String; 2]>::try_from(names.to_vec()).ok()

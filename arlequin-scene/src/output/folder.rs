@@ -43,7 +43,7 @@ impl Place {
         if target.file_name().is_none() {
             return Err(value("--out", target.display(), "must name a folder to create"));
         }
-        let (partial, earlier) = (beside(target, "unfinished"), beside(target, "replaced"));
+        let (partial, earlier) = (with_ending(target, "unfinished"), with_ending(target, "replaced"));
         if mark::is_busy(&partial) {
             return Err(Error::Busy { folder: partial });
         }
@@ -61,7 +61,7 @@ impl Place {
             return Ok(());
         }
         if self.force {
-            return object(&partial);
+            return refuse_foreign(&partial);
         }
         Err(Error::Unfinished {
             unfinished: partial,
@@ -93,12 +93,12 @@ impl Place {
             );
             return refuse(&rule);
         }
-        object(target)
+        refuse_foreign(target)
     }
 }
 
 /// Refuses a folder that holds anything but results.
-fn object(folder: &Path) -> Result<()> {
+fn refuse_foreign(folder: &Path) -> Result<()> {
     match mark::objection(folder)? {
         None => Ok(()),
         Some(rule) => Err(value("--out", folder.display(), &rule)),
@@ -121,18 +121,18 @@ impl Folder {
     /// Creates the folder that will become the target of `place`.
     pub fn begin(place: Place) -> Result<Self> {
         place.check()?;
-        let partial = beside(&place.target, "unfinished");
-        let earlier = beside(&place.target, "replaced");
+        let partial = with_ending(&place.target, "unfinished");
+        let earlier = with_ending(&place.target, "replaced");
         if earlier.exists() {
-            object(&earlier)?;
+            refuse_foreign(&earlier)?;
             mark::remove(&earlier)?;
         }
         let mut aside = None;
         if partial.exists() {
-            object(&partial)?;
-            let old = beside(&partial, "replaced");
+            refuse_foreign(&partial)?;
+            let old = with_ending(&partial, "replaced");
             if old.exists() {
-                object(&old)?;
+                refuse_foreign(&old)?;
                 mark::remove(&old)?;
             }
             if partial.join(checkpoint::NAME).exists() {
@@ -144,7 +144,7 @@ impl Folder {
         }
         std::fs::create_dir_all(&partial).map_err(write(&partial))?;
         Ok(Self {
-            mark: marked(&partial)?,
+            mark: set_mark(&partial)?,
             place,
             partial,
             aside,
@@ -154,19 +154,19 @@ impl Folder {
 
     /// Path at which files are written until the run has ended.
     pub fn unfinished(target: &Path) -> PathBuf {
-        beside(target, "unfinished")
+        with_ending(target, "unfinished")
     }
 
     /// Path that has the checkpoint of a killed or interrupted run.
     pub fn left_behind(target: &Path) -> PathBuf {
-        Some(beside(target, "unfinished"))
+        Some(with_ending(target, "unfinished"))
             .filter(|p| p.exists())
             .unwrap_or_else(|| target.to_owned())
     }
 
     /// Reopens the folder of a run that was killed, interrupted or failed.
     pub fn reopen(target: &Path) -> Result<Self> {
-        let partial = beside(target, "unfinished");
+        let partial = with_ending(target, "unfinished");
         if !partial.exists() {
             if std::fs::symlink_metadata(target).is_ok_and(|m| m.is_symlink()) {
                 let rule = "is a symbolic link; name the folder itself";
@@ -176,7 +176,7 @@ impl Folder {
         }
         Ok(Self {
             place: Place::new(target, false, &[]),
-            mark: marked(&partial)?,
+            mark: set_mark(&partial)?,
             partial,
             aside: None,
             is_kept: false,
@@ -269,7 +269,7 @@ impl Folder {
         }
         let mut target = self.place.target.clone();
         if failed && is_there(&target) {
-            target = beside(&target, "failed");
+            target = with_ending(&target, "failed");
             self.place.force = true;
         }
         self.replace(&target)?;
@@ -279,7 +279,7 @@ impl Folder {
     fn replace(&mut self, target: &Path) -> Result<()> {
         // Another process may have created the target in the meantime.
         self.place.refuse_existing(target)?;
-        let earlier = is_there(target).then(|| beside(target, "replaced"));
+        let earlier = is_there(target).then(|| with_ending(target, "replaced"));
         if let Some(earlier) = &earlier {
             std::fs::rename(target, earlier).map_err(write(target))?;
         }
@@ -317,14 +317,14 @@ impl Drop for Folder {
 ///
 /// # Errors
 /// [`Error::Busy`] if another run writes there.
-fn marked(partial: &Path) -> Result<Mark> {
+fn set_mark(partial: &Path) -> Result<Mark> {
     Mark::set(partial)?.ok_or_else(|| Error::Busy {
         folder: partial.to_owned(),
     })
 }
 
 /// Appends an ending to a path.
-fn beside(path: &Path, ending: &str) -> PathBuf {
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{name}.{ending}"))
 }

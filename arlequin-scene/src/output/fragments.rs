@@ -48,7 +48,11 @@ struct Body {
 
 /// Gathers `x`, with `components` numbers per particle of this rank, for all particles: on rank 0 if the
 /// model is partitioned (`None` elsewhere). Collective.
-fn on_first<'a>(s: &Subdomain<f64>, components: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
+fn gather_on_first<'a>(
+    s: &Subdomain<f64>,
+    components: usize,
+    x: &'a [f64],
+) -> Result<Option<Cow<'a, [f64]>>> {
     match s.portion() {
         None => Ok(Some(x.into())),
         Some(p) => Ok(p.collect(components, x).map_err(elsewhere)?.map(Cow::from)),
@@ -114,7 +118,7 @@ impl Fragments {
                 number,
                 breaks,
                 grid: info.grid.clone(),
-                masses: on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
+                masses: gather_on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
             });
         }
         Ok(Self {
@@ -128,8 +132,8 @@ impl Fragments {
         for b in &self.bodies {
             let s = &run.subdomains()[b.number];
             let moving = s.model().layout().translations();
-            let q = on_first(s, 3, &s.state().q[..moving])?;
-            let v = on_first(s, 3, &s.state().v[..moving])?;
+            let q = gather_on_first(s, 3, &s.state().q[..moving])?;
+            let v = gather_on_first(s, 3, &s.state().v[..moving])?;
             let (Some(q), Some(v)) = (q, v) else { continue };
             let log = locked(&b.breaks);
             let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();

@@ -222,7 +222,7 @@ impl Frames {
                 pieces
                     .iter()
                     .enumerate()
-                    .try_for_each(|(r, p)| seen(&folder.join(p), r))?;
+                    .try_for_each(|(r, p)| check_visible(&folder.join(p), r))?;
                 vtu::write_parallel(&folder.join(format!("{name}.pvtu")), &kinds, &pieces)?;
             }
             self.entries.push(entry);
@@ -354,7 +354,7 @@ fn piece_file(name: &str, rank: usize) -> String {
 }
 
 /// Refuses a part that its rank has written where rank 0 does not see it.
-fn seen(path: &Path, rank: usize) -> Result<()> {
+fn check_visible(path: &Path, rank: usize) -> Result<()> {
     if path.exists() {
         return Ok(());
     }
@@ -372,8 +372,8 @@ fn seen(path: &Path, rank: usize) -> Result<()> {
 fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let state = s.state();
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
-    let is_bad = f64::from(u8::from(!finite));
-    let worst = s.portion().map_or(is_bad, |p| p.largest(is_bad));
+    let fault = f64::from(u8::from(!finite));
+    let worst = s.portion().map_or(fault, |p| p.largest(fault));
     heard(s)?;
     // A non-finite value on any rank makes `worst` 1, and so the checked number infinite.
     check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])

@@ -34,10 +34,10 @@ enum Kind {
 }
 
 /// Files that the mark lists, each with its length \[bytes\] and the CRC-32 of its bytes.
-type Listed = BTreeMap<PathBuf, (u64, u32)>;
+type FileList = BTreeMap<PathBuf, (u64, u32)>;
 
 /// Returns whether a file still has the bytes that the run wrote. False for a file that cannot be read.
-fn is_unchanged(list: &Listed, folder: &Path, name: &Path) -> bool {
+fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
     let path = folder.join(name);
     let long = std::fs::metadata(&path).map(|m| m.len()).ok();
     // A different length decides without reading the file.
@@ -123,7 +123,7 @@ pub fn is_busy(folder: &Path) -> bool {
 
 /// Returns whether the run that made a marked folder wrote all of its files.
 pub fn is_sealed(folder: &Path) -> bool {
-    listed(folder).is_some_and(|l| !l.is_empty())
+    read_list(folder).is_some_and(|l| !l.is_empty())
 }
 
 /// Returns the reason why a folder must not be removed; `None` if it holds only what a run wrote.
@@ -132,7 +132,7 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
     if contents.is_empty() {
         return Ok(None);
     }
-    let Some(list) = listed(folder) else {
+    let Some(list) = read_list(folder) else {
         return Ok(Some(format!(
             "does not bear the mark of results ('{NAME}'), so no flag replaces it; choose another --out, or remove it \
              yourself"
@@ -159,7 +159,7 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
 
 /// Removes the files that a run wrote, the mark last, and the folder if it is empty then.
 pub fn remove(folder: &Path) -> Result<()> {
-    let list = listed(folder).unwrap_or_default();
+    let list = read_list(folder).unwrap_or_default();
     let contents = entries(folder)?;
     // Paths are sorted, so that reverse order removes the contents of a folder before the folder.
     for (name, kind) in contents.iter().rev().filter(|(name, _)| is_ours(name)) {
@@ -303,7 +303,7 @@ fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
 }
 
 /// Returns the list in the mark, empty during a run; `None` without a mark.
-fn listed(folder: &Path) -> Option<Listed> {
+fn read_list(folder: &Path) -> Option<FileList> {
     let path = folder.join(NAME);
     if !std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
         return None;

@@ -66,9 +66,9 @@ impl Piece {
         }
         let owned_points = (0..owned).map(|k| portion.global(k) as u32);
         let points: Vec<u32> = owned_points.chain(ghosts.iter().map(|g| g.1)).collect();
-        let of_points = || points.iter().map(|k| *k as usize);
+        let point_numbers = || points.iter().map(|k| *k as usize);
         info.grid = Arc::new(Grid {
-            points: of_points().map(|k| whole.points[k]).collect(),
+            points: point_numbers().map(|k| whole.points[k]).collect(),
             connectivity: cells
                 .iter()
                 .flat_map(|k| corners(*k))
@@ -78,7 +78,7 @@ impl Piece {
             cell_type: whole.cell_type,
             radii: match whole.radii.as_slice() {
                 [] => Vec::new(),
-                radii => of_points().map(|k| radii[k]).collect(),
+                radii => point_numbers().map(|k| radii[k]).collect(),
             },
         });
         let mut bonds = Vec::new();

@@ -181,8 +181,8 @@ pub struct Energy {
     pub h_drift_max: f64,
     /// Drift that the laws of the models and round-off explain, relative to the energy in play \[–\].
     pub h_drift_explained: f64,
-    /// Models whose energy is unknown. The drift then counts the impulses that act on them as energy, but not
-    /// the change of their own energy.
+    /// Models whose energy is unknown. The drift counts the energy that impulses bring to them, but not what
+    /// becomes of it.
     pub unknown: Vec<String>,
     /// Largest energy created by an effect that must not create any, relative to the energy in play \[–\].
     pub created_max: f64,
@@ -209,10 +209,10 @@ pub struct MomentumLine {
     pub keeps: &'static str,
     /// Reason if not both are conserved.
     pub because: Option<String>,
-    /// Largest change of the linear momentum relative to `Σ |m v|` \[–\]; `None` if forces act from outside.
+    /// Largest change of the linear momentum relative to `Σ |m v|` \[–\]; `None` if `keeps` is "neither".
     pub linear_drift: Option<f64>,
-    /// Largest change of the angular momentum relative to `Σ |y × m v| + |I ω|` \[–\]; `None` if forces act
-    /// from outside.
+    /// Largest change of the angular momentum relative to `Σ |y × m v| + |I ω|` \[–\]; `None` if `keeps` is
+    /// "neither".
     pub angular_drift: Option<f64>,
 }
 

@@ -71,7 +71,7 @@ impl Appended {
         let _ = writeln!(
             self.xml,
             "        <DataArray {} format=\"appended\" offset=\"{}\"/>",
-            described(kind, name, components),
+            array_attributes(kind, name, components),
             self.data.len()
         );
         // In raw appended data, each array follows its length in 8 bytes.
@@ -96,7 +96,7 @@ impl Appended {
     }
 
     fn section(&mut self, name: &str, numbers: Option<&str>, fill: impl FnOnce(&mut Self)) {
-        let numbers = numbered(numbers);
+        let numbers = global_ids_attribute(numbers);
         let _ = writeln!(self.xml, "      <{name}{numbers}>");
         fill(self);
         let _ = writeln!(self.xml, "      </{name}>");
@@ -104,13 +104,13 @@ impl Appended {
 }
 
 /// Returns the attributes of an array: type, name and number of components.
-fn described(kind: &str, name: &str, components: usize) -> String {
+fn array_attributes(kind: &str, name: &str, components: usize) -> String {
     let name = escape(name);
     format!("type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"")
 }
 
 /// Returns the attribute that names the array of global numbers of a section.
-fn numbered(array: Option<&str>) -> String {
+fn global_ids_attribute(array: Option<&str>) -> String {
     array.map_or_else(String::new, |name| format!(" GlobalIds=\"{name}\""))
 }
 
@@ -184,24 +184,24 @@ pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> R
          header_type=\"UInt64\">\n  <PUnstructuredGrid GhostLevel=\"0\">\n",
     );
     let [points, cells] = &kinds.0;
-    let float = |(name, components): &(String, usize)| described("Float64", name, *components);
-    let number = |name: &str| described(NUMBER, name, 1);
-    let of_points = [number(POINTS), described("UInt8", GHOST, 1)];
+    let float = |(name, components): &(String, usize)| array_attributes("Float64", name, *components);
+    let number = |name: &str| array_attributes(NUMBER, name, 1);
+    let point_arrays = [number(POINTS), array_attributes("UInt8", GHOST, 1)];
     for (section, name, arrays) in [
         (
             "PPointData",
             Some(POINTS),
-            points.iter().map(float).chain(of_points).collect(),
+            points.iter().map(float).chain(point_arrays).collect(),
         ),
         (
             "PCellData",
             Some(CELLS),
             cells.iter().map(float).chain([number(CELLS)]).collect(),
         ),
-        ("PPoints", None, vec![described("Float64", POSITION, 3)]),
+        ("PPoints", None, vec![array_attributes("Float64", POSITION, 3)]),
     ] {
         let arrays: Vec<String> = arrays;
-        let _ = writeln!(text, "    <{section}{}>", numbered(name));
+        let _ = writeln!(text, "    <{section}{}>", global_ids_attribute(name));
         for array in arrays {
             let _ = writeln!(text, "      <PDataArray {array}/>");
         }

@@ -125,7 +125,7 @@ impl Session<'_> {
     }
 
     /// Returns whether a model of the run is partitioned.
-    fn in_parts(&self) -> bool {
+    fn is_partitioned(&self) -> bool {
         self.run.subdomains().iter().any(|s| s.portion().is_some())
     }
 
@@ -147,7 +147,7 @@ impl Session<'_> {
     ) -> Result<Results> {
         let written = end.and_then(|end| {
             let mut remaining = None;
-            if end.goes_on() {
+            if end.can_resume() {
                 self.save()?;
                 if self.keep.is_none() {
                     remaining = Some(Box::new(self.checkpoint(Origin::of(self.scene)?)?));
@@ -163,7 +163,7 @@ impl Session<'_> {
         if let Some(partial) = self.keep.and_then(|k| k.folder) {
             let place = partial.finish(false)?;
             if end == End::Complete {
-                // The checkpoint goes last: a run killed before would have neither results nor a checkpoint.
+                // Only after the results are in place: a run killed in between would have neither.
                 checkpoint::remove(&place)?;
             }
             folder = Some(place);
@@ -209,7 +209,7 @@ impl Session<'_> {
         };
         // An error of one rank alone: the results of partitioned models need the other ranks, which still
         // make steps.
-        if self.in_parts() && !error.is_everywhere() {
+        if self.is_partitioned() && !error.is_everywhere() {
             return match keep.folder {
                 Some(folder) => folder.keep(error),
                 None => error,

@@ -77,7 +77,7 @@ pub enum End {
 
 impl End {
     /// Returns whether [`resume`] can continue the run.
-    fn goes_on(self) -> bool {
+    fn can_resume(self) -> bool {
         matches!(self, Self::Interrupted | Self::IntoOverlap)
     }
 }
@@ -130,7 +130,7 @@ impl Results {
     pub fn resume(self) -> Result<Resumed> {
         match (self.remaining, &self.folder) {
             (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, self.asleep, None),
-            (None, Some(folder)) if self.end.goes_on() => resume(folder),
+            (None, Some(folder)) if self.end.can_resume() => resume(folder),
             _ => Err(key(
                 "time",
                 "all steps are made; prepare the scene with a later end",
@@ -357,7 +357,7 @@ impl Resumed {
         let setup = prepared.setup;
         match (prepared.asleep, stage) {
             (Some(mut asleep), Some(stage)) => {
-                asleep.go_on(&stage);
+                asleep.restore_watch(&stage);
                 if let Some(keep) = &keep {
                     keep.take_back(wake::ASLEEP)?;
                 }

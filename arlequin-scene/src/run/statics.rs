@@ -38,7 +38,7 @@ impl LoadStep {
 
 impl Session<'_> {
     /// Adds to an error of a load step the largest fragment that came loose, if there is one.
-    fn blamed(&self, mut e: Failure) -> Failure {
+    fn with_loose_fragment(&self, mut e: Failure) -> Failure {
         if let Failure::NotSettled { free, .. } = &mut e
             && let Some((particles, model, [x, y, z])) = fragments::loose(&self.run, &self.breaks)
         {
@@ -60,7 +60,7 @@ impl Session<'_> {
             let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
             let time = steps.times[made];
             let settled = self.run.settle(from, time, &steps.relaxation);
-            let settled = settled.map_err(|e| core("static")(self.blamed(e)))?;
+            let settled = settled.map_err(|e| core("static")(self.with_loose_fragment(e)))?;
             self.recorder.load_steps.push(LoadStep::new(time, &settled));
             self.recorder.observe(&mut self.run, None)?;
             self.flush()?;

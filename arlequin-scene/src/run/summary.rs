@@ -7,7 +7,7 @@ use crate::output::summary::{self, Energy, Summary, WallSeconds};
 
 /// How a run ended.
 pub(super) enum Status {
-    /// As planned, or by its user or an overlap break.
+    /// By plan, by its user, or by a crack in an overlap.
     Ended(End),
     /// By an error with this message.
     Failed(String),

@@ -13,8 +13,8 @@ macro_rules! choice {
                         f.write_str(concat!("exactly one of ", $words))
                     }
                     fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<$choice, E> {
-                        let of_word = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(word);
-                        <$choice>::deserialize(of_word)
+                        let word_deserializer = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(word);
+                        <$choice>::deserialize(word_deserializer)
                             .map_err(|_| E::invalid_value(serde::de::Unexpected::Str(word), &self))
                     }
                     fn visit_map<A: serde::de::MapAccess<'de>>(
@@ -23,8 +23,8 @@ macro_rules! choice {
                     ) -> Result<$choice, A::Error> {
                         // `remote = "Self"` makes the derived function an inherent one, so that this is no
                         // recursion. It reads one key and ignores what follows.
-                        let of_map = serde::de::value::MapAccessDeserializer::new(&mut map);
-                        let value = <$choice>::deserialize(of_map)?;
+                        let map_deserializer = serde::de::value::MapAccessDeserializer::new(&mut map);
+                        let value = <$choice>::deserialize(map_deserializer)?;
                         match map.next_key::<String>()? {
                             None => Ok(value),
                             Some(other) => Err(serde::de::Error::custom(format_args!(

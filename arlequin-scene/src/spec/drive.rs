@@ -64,10 +64,11 @@ impl<'de> Deserialize<'de> for Selection {
                 Ok(Selection::Group(name.to_owned()))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
-                let of_map = MapAccessDeserializer::new(map);
+                let map_deserializer = MapAccessDeserializer::new(map);
                 // The `Deserialize` impl from `choice!` refuses further keys; the derived inherent method of
                 // the same name does not.
-                let SelectionTable::Box { low, high } = <SelectionTable as Deserialize>::deserialize(of_map)?;
+                let SelectionTable::Box { low, high } =
+                    <SelectionTable as Deserialize>::deserialize(map_deserializer)?;
                 Ok(Selection::Box(low, high))
             }
         }

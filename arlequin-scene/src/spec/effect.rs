@@ -68,7 +68,7 @@ macro_rules! effects {
             between: Option<Vec<String>>,
             /// False to leave the effect out. A `fracture` that is left out still warns at the end if
             /// strengths were exceeded.
-            #[serde(default = "yes")]
+            #[serde(default = "enabled")]
             enabled: bool,
             $($(#[$doc])* $key: Option<$kind>,)*
         }
@@ -106,7 +106,7 @@ effects! {
     obstacle: Obstacle, Particles;
 }
 
-fn yes() -> bool {
+fn enabled() -> bool {
     true
 }
 
@@ -168,11 +168,11 @@ pub struct LocalDamping {
 pub struct BulkViscosity {
     /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical
     /// step.
-    #[serde(default = "usual")]
+    #[serde(default = "usual_coefficient")]
     pub coefficient: f64,
 }
 
-fn usual() -> f64 {
+fn usual_coefficient() -> f64 {
     0.06
 }
 

@@ -43,7 +43,7 @@ pub struct ModelTable {
     /// Role in the coupling; required of a model that takes part in an interface.
     pub role: Option<RoleKind>,
     /// Body of the model. Default: needed by all kinds but `link`.
-    #[serde(default = "unsaid_shape")]
+    #[serde(default = "absent_shape")]
     pub shape: Shape,
     /// Target distance of nodes, or mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file
     /// gives it.
@@ -51,7 +51,7 @@ pub struct ModelTable {
     /// Number of elements along each direction (three for a box, one for a bar), instead of `spacing`.
     pub divisions: Option<Vec<usize>>,
     /// Length of one unit of the file in `shape` \[m\]: 1e-3 for a file in millimetres. Default: 1.
-    #[serde(default = "metre")]
+    #[serde(default = "one_metre")]
     pub scale: f64,
     /// Physical volume of the mesh file that the model fills. Default: all of them.
     pub volume: Option<String>,
@@ -61,7 +61,7 @@ pub struct ModelTable {
     #[serde(default)]
     pub crack: Vec<Selection>,
     /// Material of the model. Default: needed by all kinds but `link`.
-    #[serde(default = "unsaid_material")]
+    #[serde(default = "absent_material")]
     pub material: Material,
     /// Other materials by the name of a physical volume of the mesh file (the first group that a volume
     /// belongs to); without `poisson`, that of `material` holds. For `fem` and `dem`. The stiffness of beams
@@ -95,12 +95,12 @@ pub struct ModelTable {
 }
 
 /// Marks a shape that the scene does not give: right for a link, missing for all other kinds.
-fn unsaid_shape() -> Shape {
+fn absent_shape() -> Shape {
     Shape::Linked
 }
 
 /// Marks a material that the scene does not give, by values that no scene can contain.
-fn unsaid_material() -> Material {
+fn absent_material() -> Material {
     Material {
         young: f64::NAN,
         poisson: None,
@@ -126,7 +126,7 @@ impl ModelTable {
 }
 
 /// Scale of files in metres.
-fn metre() -> f64 {
+fn one_metre() -> f64 {
     1.0
 }
 

@@ -21,14 +21,14 @@ pub fn sweep() -> Value {
 }
 
 fn schema_of<T: JsonSchema>(title: &str) -> Value {
-    let settings = SchemaSettings::draft07().with_transform(RecursiveTransform(plain));
+    let settings = SchemaSettings::draft07().with_transform(RecursiveTransform(simplify));
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".into(), title.into());
     schema.to_value()
 }
 
 /// Removes what TOML and readers do not need: null, formats of numbers, and escapes of Rust's documentation.
-fn plain(schema: &mut Schema) {
+fn simplify(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else {
         return;
     };

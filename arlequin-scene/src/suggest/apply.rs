@@ -84,7 +84,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
         out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
     }
     if s.movable {
-        out.extend(moved(scene, s, c.overlap, &table, fine));
+        out.extend(move_overlap(scene, s, c.overlap, &table, fine));
     }
     if needs_absorber(p) && !s.absorber {
         out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
@@ -103,8 +103,9 @@ fn extents(shape: &Shape) -> Vec<f64> {
     }
 }
 
-/// Moves the overlap's border to the coarse model and the end of the fine body to the same place.
-fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
+/// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which
+/// lie at one place.
+fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
     let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {

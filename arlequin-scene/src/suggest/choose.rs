@@ -149,8 +149,8 @@ impl<'a> Search<'a> {
         // The coarse model keeps at least two elements across and four along.
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
         while spacing >= r {
-            for form in tried(s, spacing) {
-                let known = forms.iter().position(|f| alike(f, &form));
+            for form in overlaps_to_try(s, spacing) {
+                let known = forms.iter().position(|f| reflect_alike(f, &form));
                 let table = known.unwrap_or_else(|| {
                     forms.push(form);
                     forms.len() - 1
@@ -226,7 +226,7 @@ fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
 }
 
 /// Returns whether two overlaps reflect alike. Above 10, the ratio of the spacings hardly matters.
-fn alike(a: &Form, b: &Form) -> bool {
+fn reflect_alike(a: &Form, b: &Form) -> bool {
     let close = |x: f64, y: f64| (x / y).ln().abs() < 0.02;
     close(a.ratio.min(10.0), b.ratio.min(10.0))
         && close(a.overlap, b.overlap)
@@ -235,7 +235,7 @@ fn alike(a: &Form, b: &Form) -> bool {
 }
 
 /// Returns the overlaps to try with a coarse spacing `h`.
-fn tried(s: &Scenario, h: f64) -> Vec<Form> {
+fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
     let r = s.spacings[1];
     let widths = if s.movable {
         WIDTHS.to_vec()
@@ -308,7 +308,7 @@ mod tests {
     fn overlaps_keep_the_fine_model_where_its_probes_look() {
         let (.., mut s) = costs([0.5, 0.8]);
         let least = |s: &Scenario| {
-            tried(s, 0.5)
+            overlaps_to_try(s, 0.5)
                 .iter()
                 .map(|f| 0.5 * f.overlap)
                 .fold(f64::INFINITY, f64::min)

@@ -111,7 +111,7 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
-        (_, Some(Selection::Group(name))) => end(scene, p.model.as_ref()?, name, axis),
+        (_, Some(Selection::Group(name))) => end_coordinate(scene, p.model.as_ref()?, name, axis),
         _ => None,
     };
     let along = scene.probe.values().filter(|p| {
@@ -134,7 +134,7 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
 /// face.
 pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis: usize) -> Option<f64> {
     match selection {
-        Selection::Group(name) => end(scene, model, name, axis),
+        Selection::Group(name) => end_coordinate(scene, model, name, axis),
         Selection::Box(low, high) => {
             let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
             Some(0.5 * (low[axis].max(a) + high[axis].min(b)))
@@ -143,7 +143,7 @@ pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis:
 }
 
 /// Returns the coordinate of the end face of a model that a group names.
-fn end(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
+fn end_coordinate(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
     let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
     let name = ["x", "y", "z"][axis];
     match group.split_once('-') {

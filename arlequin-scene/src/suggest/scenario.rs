@@ -96,11 +96,11 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         && (far(ce, -inward) - fine[axis]).abs() < tolerance;
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
     let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
-    let of_fine = scene
+    let fine_probes = scene
         .probe
         .values()
         .filter(|p| p.model.as_ref() == Some(&table.fine));
-    let inside = of_fine.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
+    let inside = fine_probes.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
     Ok(Scenario {
         names: [name.clone(), table.coarse.clone(), table.fine.clone()],
         axis,
@@ -272,7 +272,7 @@ pub(super) fn spectrum(
                         duration,
                         format!("the pulse of load '{name}', {duration:.3e} s"),
                         Box::new(pulse),
-                        start(scene, s, l),
+                        load_origin(scene, s, l),
                     );
                 }
                 // The derivative of a ramp is a block of its length: the velocity rises gradually.
@@ -294,7 +294,7 @@ pub(super) fn spectrum(
                 duration,
                 format!("the initial wave, {duration:.3e} s long"),
                 signal,
-                origin_of(w, s),
+                wave_origin(w, s),
             );
         }
     }
@@ -312,7 +312,7 @@ pub(super) fn spectrum(
 }
 
 /// Returns the place of a load, from which waves run both ways.
-fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
+fn load_origin(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
     let place = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
     Some(Origin {
         place,
@@ -322,7 +322,7 @@ fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
 }
 
 /// Returns the place and direction of an initial wave.
-fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
+fn wave_origin(w: &Wave, s: &Scenario) -> Option<Origin> {
     let along = w.along.index() == s.axis && w.component.index() == s.axis;
     let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
     along.then_some(Origin {

@@ -93,7 +93,7 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
             runs.len()
         ));
     }
-    out.extend(pays(runs));
+    out.extend(where_coupling_pays(runs));
     if runs.iter().filter(coupled).count() == 0 {
         let why = if file.reference.is_none() {
             "No errors: the sweep file names no [reference]."
@@ -115,7 +115,7 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
 
 /// States for which errors a coupled run is cheaper than either model alone; `None` if no model was run
 /// alone.
-fn pays(runs: &[Run]) -> Option<String> {
+fn where_coupling_pays(runs: &[Run]) -> Option<String> {
     let alone = |mark: Mark| {
         runs.iter()
             .filter(move |r| r.mark == Some(mark) && r.cost.is_some())

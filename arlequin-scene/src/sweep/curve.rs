@@ -302,9 +302,9 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
         if s[1] > 0.0 {
             out.probes.insert(name.clone(), (s[0] / s[1]).sqrt());
         }
-        let of_kind = &mut sums[usize::from(series.quantity == Quantity::Velocity)];
-        of_kind[0] += s[0];
-        of_kind[1] += s[1];
+        let kind_sums = &mut sums[usize::from(series.quantity == Quantity::Velocity)];
+        kind_sums[0] += s[0];
+        kind_sums[1] += s[1];
     }
     let total = |s: [f64; 2]| (s[1] > 0.0).then(|| (s[0] / s[1]).sqrt());
     out.displacement = total(sums[0]);

@@ -198,18 +198,18 @@ fn choices(name: &str, axis: &Axis) -> Result<Vec<Choice>> {
 
 fn base(name: &str, axis: &Axis, choices: &[Choice]) -> Result<usize> {
     let Some(wanted) = &axis.base else { return Ok(0) };
-    let wanted = plain(wanted);
+    let wanted = value_text(wanted);
     let index = choices.iter().position(|c| c.name == wanted);
     let names: Vec<String> = choices.iter().map(|c| c.name.clone()).collect();
     index.ok_or_else(|| unknown(format!("axis.{name}.base"), &wanted, "value", names.iter()))
 }
 
 /// Formats a value for labels and assignments.
-fn plain(v: &toml::Value) -> String {
+fn value_text(v: &toml::Value) -> String {
     match v {
         toml::Value::String(s) => s.clone(),
         toml::Value::Float(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => format!("{x:e}"),
-        toml::Value::Array(a) => a.first().map(plain).unwrap_or_default(),
+        toml::Value::Array(a) => a.first().map(value_text).unwrap_or_default(),
         toml::Value::Float(x) => x.to_string(),
         toml::Value::Integer(n) => n.to_string(),
         toml::Value::Boolean(b) => b.to_string(),
@@ -220,10 +220,10 @@ fn plain(v: &toml::Value) -> String {
 /// Returns the name of a value, and the assignments with the value filled in.
 fn fill(place: &str, v: &toml::Value, templates: &[String]) -> Result<(String, Vec<String>)> {
     let parts: Vec<String> = match v {
-        toml::Value::Array(a) => a.iter().map(plain).collect(),
-        other => vec![plain(other)],
+        toml::Value::Array(a) => a.iter().map(value_text).collect(),
+        other => vec![value_text(other)],
     };
-    let name = plain(v);
+    let name = value_text(v);
     if name.is_empty() {
         return Err(key(place, "is empty; give a number, a word or a list of them"));
     }

@@ -178,7 +178,7 @@ impl HandOver {
             .iter()
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let Some(node) = nearest.copied() else {
-            return Err(self.beyond(t, x, f64::INFINITY));
+            return Err(self.outside_error(t, x, f64::INFINITY));
         };
         let (mut out, mut good) = (0.0, 1.0);
         for _ in 0..HALVINGS {
@@ -191,12 +191,12 @@ impl HandOver {
         }
         let way = (x - node) * good;
         if way.norm() > REACH * t.spacing || !inside(field, &(x - way), &mut row)? {
-            return Err(self.beyond(t, x, way.norm()));
+            return Err(self.outside_error(t, x, way.norm()));
         }
         Ok(Placed { row, way })
     }
 
-    fn beyond(&self, t: &Target, x: &Point3<f64>, gap: f64) -> crate::error::Error {
+    fn outside_error(&self, t: &Target, x: &Point3<f64>, gap: f64) -> crate::error::Error {
         let rule = format!(
             "'{}' has a node at {:?} m, {gap:.3e} m outside of what is there while '{}' stands alone (allowed: {:.3e} m); \
              make it cover the whole body by assignments in wake.asleep",

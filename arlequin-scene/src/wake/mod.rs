@@ -52,7 +52,7 @@ pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) 
 
 impl Asleep {
     /// Continues the watch of a checkpoint.
-    pub(crate) fn go_on(&mut self, stage: &Stage) {
+    pub(crate) fn restore_watch(&mut self, stage: &Stage) {
         if let Stage::Asleep { highest, place } = stage {
             self.watch.highest = (*highest, (*place).into());
         }
@@ -114,7 +114,7 @@ pub(crate) fn run(
         *stage = Some(watch.stage());
         woken
     });
-    let mut report = report_of(wake, &watch);
+    let mut report = sleeping_report(wake, &watch);
     if !matches!(end, Ok(End::Woken)) {
         return session.conclude(end, Some(report), observer);
     }
@@ -137,9 +137,9 @@ pub(crate) fn run(
         Ok(next) => next,
         Err(e) => return session.conclude(Err(e), Some(report), observer),
     };
-    report.wake(session.coupled());
+    report.record_waking(session.coupled());
     let (slept, keep) = session.put_aside(ASLEEP, observer)?;
-    report.woken_as(&built.run);
+    report.record_awake(&built.run);
     let session = Session::new(scene, built, keep, begin.elapsed().as_secs_f64(), None)?;
     let mut done = finish(session, start, report, observer)?;
     done.asleep = Some(slept);
@@ -167,7 +167,7 @@ pub(crate) fn finish(
 
 impl WakeReport {
     /// Records the state in which the model wakes.
-    fn wake(&mut self, asleep: &Coupled<f64>) {
+    fn record_waking(&mut self, asleep: &Coupled<f64>) {
         self.woken = true;
         self.time = Some(asleep.time());
         self.step = Some(asleep.steps());
@@ -176,7 +176,7 @@ impl WakeReport {
     }
 
     /// Records the state in which the full scene starts.
-    fn woken_as(&mut self, awake: &Coupled<f64>) {
+    fn record_awake(&mut self, awake: &Coupled<f64>) {
         self.energy_after = Some(awake.energy());
         self.jump = self.energy_after.zip(self.energy_before).map(|(a, b)| a - b);
         self.momentum_after = Some(Momentum::of(awake));
@@ -184,7 +184,7 @@ impl WakeReport {
 }
 
 /// Returns the report before the model wakes.
-fn report_of(wake: &Wake, watch: &Watch) -> WakeReport {
+fn sleeping_report(wake: &Wake, watch: &Watch) -> WakeReport {
     let (value, place) = watch.highest;
     WakeReport {
         woken: false,
