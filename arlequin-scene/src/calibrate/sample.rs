@@ -198,6 +198,7 @@ fn table_from_options(wanted: &Wanted) -> ModelTable {
 
 /// Overrides the table by the options that are given.
 fn apply_options(wanted: &Wanted, table: &mut ModelTable) {
+    // Number and diameter exclude each other: one that is given clears the other.
     if wanted.count.is_some() || wanted.spacing.is_some() {
         (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
     }

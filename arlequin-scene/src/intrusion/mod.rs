@@ -197,6 +197,7 @@ impl Watch {
             }
         }
         for o in &mut self.obstacles {
+            // The first model that the obstacle acts on has it as an effect, which knows the motion.
             let host = o.models.first().and_then(|m| run.subdomains().get(*m));
             let mut effects = host.into_iter().flat_map(Subdomain::effects);
             let motion = effects.find(|e| e.name() == o.name).and_then(|e| e.rigid());

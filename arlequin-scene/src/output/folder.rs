@@ -270,6 +270,7 @@ impl Folder {
         let mut target = self.place.target.clone();
         if failed && is_there(&target) {
             target = with_ending(&target, "failed");
+            // A failed run may replace the folder of an earlier failed one.
             self.place.force = true;
         }
         self.replace(&target)?;

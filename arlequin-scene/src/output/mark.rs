@@ -233,6 +233,7 @@ pub fn generated(flag: &str, page: &Path, head: &str) -> Result<()> {
 pub fn is_ours(name: &Path) -> bool {
     let parts: Option<Vec<&str>> = name.iter().map(|p| p.to_str()).collect();
     match parts.as_deref() {
+        // Only one level: results inside `asleep` have no such folder again.
         Some([PART, rest @ ..]) if rest.first() != Some(&PART) => is_part(rest),
         Some(parts) => is_part(parts),
         None => false,

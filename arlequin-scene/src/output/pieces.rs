@@ -47,6 +47,7 @@ impl Piece {
         let wanted = gradients && whole.cells() > 0;
         let centres = wanted.then(|| cells::some("output.fields", info, cells.iter().map(|k| *k as usize)));
         let failed = centres.as_ref().is_some_and(Result::is_err);
+        // All ranks go without gradients if one fails, so that all parts have the same arrays.
         let lost = portion.any(failed).map_err(elsewhere)?;
         let mut centres = centres.and_then(Result::ok).filter(|_| !lost);
 

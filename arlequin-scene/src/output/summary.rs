@@ -323,6 +323,7 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
             work: e.work,
             stored: e.stored,
             seconds,
+            // A run without steps has no stepping time.
             share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
             facts: e.facts.into_iter().collect(),
         }

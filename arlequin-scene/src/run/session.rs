@@ -92,6 +92,7 @@ impl<'a> Session<'a> {
             Some(keep) => {
                 let folder = keep.folder.as_ref().map(|f| f.subfolder("vtu")).transpose()?;
                 Some(if pieces {
+                    // The parts have grids of their own; this frees the whole ones.
                     drop(models);
                     let folder = folder.unwrap_or_else(|| keep.frames());
                     Frames::in_pieces(folder, &settings.fields, &built.run, pictures, ranks)?

@@ -175,6 +175,7 @@ fn settle(
         }
         proposal = next;
     }
+    // Not reached: the last round returns.
     pick(search, goal, &costs).map(|p| (p, Vec::new()))
 }
 

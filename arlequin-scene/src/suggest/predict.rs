@@ -222,6 +222,7 @@ pub(super) fn errors(
     let fate = |omega: &f64| {
         let [coarse, fine] = lattices.map(|l| wavenumber(*omega, s.speed, l, dt));
         match (coarse, fine) {
+            // The tables of losses end at 0.98 of the cutoff.
             (Some(coarse), Some(fine)) if *omega < 0.98 * cutoff => {
                 Fate::Carried(coarse - fine, tables[c.table].loss(omega / cutoff))
             }

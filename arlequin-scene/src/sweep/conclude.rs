@@ -248,6 +248,7 @@ fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {
     }
     if let Some(n) = next {
         match cheapest(runs.iter().filter(coupled), n) {
+            // Costs within half a per cent count as equal.
             Some(r) if cost(r) > 1.005 * cost(best) => {
                 text += &format!(
                     "; going to {} costs {:.2} times more",

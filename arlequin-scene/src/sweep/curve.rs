@@ -326,6 +326,7 @@ pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table
     };
     for (t, v) in series.times.windows(2).zip(series.values.windows(2)) {
         let (dt, middle) = (t[1] - t[0], 0.5 * (t[0] + t[1]));
+        // The middle of an interval decides on which side of `after` it counts.
         let back = middle > table.after;
         if middle > until {
             break;

@@ -51,6 +51,7 @@ impl Kept {
         let folder = self.folder.join(&m.label);
         let record: Record = read(&folder.join("member.json"))?;
         let mut summary: Value = read(&folder.join("summary.json"))?;
+        // Times of more repetitions than asked for are good enough.
         let good = record.identity == self.identity(m)
             && record.repeat >= self.repeat
             && summary.get("status")? == "complete";

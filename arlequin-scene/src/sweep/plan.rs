@@ -209,6 +209,7 @@ fn value_text(v: &toml::Value) -> String {
     match v {
         toml::Value::String(s) => s.clone(),
         toml::Value::Float(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => format!("{x:e}"),
+        // A list is named after its first entry.
         toml::Value::Array(a) => a.first().map(value_text).unwrap_or_default(),
         toml::Value::Float(x) => x.to_string(),
         toml::Value::Integer(n) => n.to_string(),
@@ -298,6 +299,7 @@ fn member(
     };
     quiet(&mut set, "output.plots", "output.plots=false".into());
     if read.output.interval.is_some() {
+        // Frames farther apart than the run is long.
         let end = read.time.end.unwrap_or(1.0).abs() * 1e3 + 1.0;
         quiet(&mut set, "output.interval", format!("output.interval={end:e}"));
     } else {

@@ -195,6 +195,7 @@ fn phase(name: &str, m: &Member) -> String {
     let (head, model) = name.split_once('/').unwrap_or((name, ""));
     match head {
         "predict" => match m.roles.get(model).copied().flatten() {
+            // In a run of one model alone, the role says nothing.
             Some(role) if m.mark.is_none() => format!("forces {role}"),
             _ => "forces".to_owned(),
         },
