@@ -1,4 +1,5 @@
-//! Macroscopic E and nu of a packing and its beams, with the spread over seeds, and the inverse.
+//! Measures Young's modulus and Poisson's ratio of a packing with its beams, with the spread over seeds, and
+//! finds beams for given constants.
 
 mod sample;
 mod strength;
@@ -16,29 +17,29 @@ use sample::{Sample, Test};
 use serde::Serialize;
 pub use strength::{Exponent, SizeStrength, StrengthTest, Strengths};
 
-/// Key of errors that no scene is to blame for.
+/// Key in errors that concern no scene.
 const KEY: &str = "calibrate";
 
-/// What to measure, and on what. Without a scene a cylinder, a box or a periodic sample is needed.
+/// Settings of a calibration. Without a scene, one of `cylinder`, `cuboid` and `periodic` is needed.
 #[derive(Debug, Clone, Default)]
 pub struct Wanted {
-    /// Model of the scene; its only one of kind "dem" if none.
+    /// Name of the model in the scene. `None`: its only model of kind "dem".
     pub model: Option<String>,
-    /// Changes of the scene.
+    /// Changes of the scene, as assignments.
     pub set: Vec<String>,
     /// Length and radius of a cylinder along x \[m\].
     pub cylinder: Option<[f64; 2]>,
     /// Lengths of a box \[m\].
     pub cuboid: Option<[f64; 3]>,
-    /// A periodic sample of the bulk: no walls, six unit strains.
+    /// True for a periodic sample of the bulk: no walls, six unit strains.
     pub periodic: bool,
     /// Number of spheres.
     pub count: Option<usize>,
-    /// Mean diameter of the spheres \[m\], in place of their number.
+    /// Mean diameter of the spheres \[m\], instead of their number.
     pub spacing: Option<f64>,
-    /// Bonds per particle times two.
+    /// Coordination: bonds per particle times two.
     pub coordination: Option<f64>,
-    /// How the packing is compacted.
+    /// Packing procedure.
     pub protocol: Option<Protocol>,
     /// Young's modulus of the beams \[Pa\].
     pub young: Option<f64>,
@@ -46,9 +47,9 @@ pub struct Wanted {
     pub poisson: Option<f64>,
     /// Beam radius over mean particle radius.
     pub radius_ratio: Option<f64>,
-    /// Young's modulus \[Pa\] and Poisson's ratio that beams are to be found for.
+    /// Target: Young's modulus \[Pa\] and Poisson's ratio for which beams are to be found.
     pub target: Option<[f64; 2]>,
-    /// Pull the bars until they break.
+    /// Settings of a strength test, if bars are to be pulled until they break.
     pub strength: Option<StrengthTest>,
     /// Number of packings, which differ by their seed.
     pub seeds: u64,
@@ -72,7 +73,7 @@ impl From<Spread> for Estimate {
     }
 }
 
-/// Beams of a result.
+/// Beams of a packing.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Beams {
     /// Young's modulus \[Pa\].
@@ -93,20 +94,20 @@ impl From<BeamMaterial> for Beams {
     }
 }
 
-/// One packing and what its test shows.
+/// One packing and the results of its test.
 #[derive(Debug, Clone, Serialize)]
 pub struct PackingTest {
-    /// None for spheres from a file.
+    /// Seed of the packing; `None` for spheres from a file.
     pub seed: Option<u64>,
-    /// Spheres placed.
+    /// Number of spheres placed.
     pub spheres: usize,
-    /// Loose ones left out.
+    /// Number of loose spheres left out.
     pub dropped: usize,
-    /// Bonds per particle times two, of all.
+    /// Coordination of all spheres.
     pub coordination_all: f64,
-    /// Of those kept.
+    /// Coordination of the spheres that were kept.
     pub coordination_retained: f64,
-    /// None where no sphere is far enough from the walls.
+    /// Coordination of the spheres far from the walls; `None` if there are none.
     pub coordination_interior: Option<f64>,
     /// Volume fraction.
     pub volume_fraction: f64,
@@ -114,11 +115,11 @@ pub struct PackingTest {
     pub mean_overlap: f64,
     /// Young's modulus \[Pa\].
     pub young: f64,
-    /// That of the middle; of bars only.
+    /// Young's modulus of the middle of the bar \[Pa\]; `None` for periodic samples.
     pub young_gauge: Option<f64>,
     /// Poisson's ratio.
     pub poisson: f64,
-    /// Of periodic samples only.
+    /// Anisotropy; for periodic samples only.
     pub anisotropy: Option<f64>,
 }
 
@@ -127,37 +128,37 @@ pub struct PackingTest {
 pub struct Elastic {
     /// Young's modulus \[Pa\].
     pub young: Estimate,
-    /// That of the middle; of bars only.
+    /// Young's modulus of the middle of the bars \[Pa\]; `None` for periodic samples.
     pub young_gauge: Option<Estimate>,
     /// Poisson's ratio.
     pub poisson: Estimate,
-    /// Of periodic samples only.
+    /// Anisotropy; for periodic samples only.
     pub anisotropy: Option<Estimate>,
 }
 
-/// The inverse.
+/// Beams found for given constants.
 #[derive(Debug, Clone, Serialize)]
 pub struct Target {
     /// Young's modulus asked for \[Pa\].
     pub young: f64,
     /// Poisson's ratio asked for.
     pub poisson: f64,
-    /// Beams found.
+    /// Beams that were found.
     pub beams: Beams,
-    /// What they give.
+    /// Constants that these beams give.
     pub reached: Elastic,
 }
 
-/// What packings and their beams are as a material.
+/// Results of a calibration.
 #[derive(Debug, Clone, Serialize)]
 pub struct Calibration {
-    /// What was tested, in words.
+    /// Sample in words.
     pub sample: String,
-    /// Its beams.
+    /// Beams of the sample.
     pub beams: Beams,
-    /// Its packings.
+    /// Packings of the sample, with their tests.
     pub packings: Vec<PackingTest>,
-    /// Their means.
+    /// Means over the packings.
     #[serde(flatten)]
     pub elastic: Elastic,
     /// Beams for given constants, if asked for.
@@ -165,19 +166,19 @@ pub struct Calibration {
     /// Strength of the bars, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strength: Option<Strengths>,
-    /// What a user should know.
+    /// Warnings.
     pub warnings: Vec<String>,
-    /// Why the result must not be used, if so.
+    /// Reason why the result must not be used, if any.
     pub refused: Option<String>,
 }
 
-/// A test of any kind.
-enum Found {
+/// Results of the tests of all packings.
+enum TestResults {
     Bars(Vec<Elasticity>),
     Bulk(Vec<Bulk>),
 }
 
-impl Found {
+impl TestResults {
     fn elastic(&self) -> Elastic {
         match self {
             Self::Bars(tests) => {
@@ -201,7 +202,7 @@ impl Found {
         }
     }
 
-    /// E, E of the gauge section, nu and anisotropy of one packing.
+    /// Returns E, E of the middle, nu and anisotropy of one packing.
     fn line(&self, k: usize) -> (f64, Option<f64>, f64, Option<f64>) {
         match self {
             Self::Bars(t) => (t[k].young, Some(t[k].young_gauge), t[k].poisson, None),
@@ -210,26 +211,26 @@ impl Found {
     }
 }
 
-/// Packs and tests what is wanted, in the scene of `source` if there is one.
+/// Packs and tests the samples, from the scene of `source` if there is one.
 ///
 /// # Errors
-/// Samples that cannot be made or tested, by their keys in the scene or their options.
+/// Samples that cannot be made or tested; errors name the key in the scene or the option.
 pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_>) -> Result<Calibration> {
-    let sample = Sample::of(wanted, source)?;
+    let sample = Sample::from_options(wanted, source)?;
     let beam = sample.beam;
     let packings = pack(&sample, progress)?;
-    let found = test(&sample, &packings, beam, "testing", progress)?;
+    let results = test(&sample, &packings, beam, "testing", progress)?;
     let mut out = Calibration {
         sample: sample.text.clone(),
         beams: beam.into(),
-        packings: lines(&sample, &packings, &found),
-        elastic: found.elastic(),
+        packings: lines(&sample, &packings, &results),
+        elastic: results.elastic(),
         target: None,
         strength: None,
         warnings: PackingLine::of(&packings[0], 1.0, None).warnings(),
         refused: None,
     };
-    uniform(&found, &mut out);
+    uniform(&results, &mut out);
     if out.refused.is_some() {
         return Ok(out);
     }
@@ -251,7 +252,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         });
     }
     if let Some(asked) = &wanted.strength {
-        out.strength = Some(strength::of(
+        out.strength = Some(strength::test_strength(
             asked,
             wanted,
             source,
@@ -262,9 +263,9 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
     Ok(out)
 }
 
-/// Says where the middle of a bar differs from the whole: for one packing a warning, for the mean a refusal.
-fn uniform(found: &Found, out: &mut Calibration) {
-    let Found::Bars(tests) = found else { return };
+/// Warns of bars whose middle differs from the whole, and refuses the result if their mean does.
+fn uniform(results: &TestResults, out: &mut Calibration) {
+    let TestResults::Bars(tests) = results else { return };
     for (line, test) in out.packings.iter().zip(tests) {
         if let Err(e) = test.check_uniform() {
             let which = line.seed.map_or("the file".to_owned(), |s| format!("seed {s}"));
@@ -275,8 +276,8 @@ fn uniform(found: &Found, out: &mut Calibration) {
 }
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
-    let all = sample.recipes.iter().map(|r| &r.1);
-    let out = each(all, "packings", progress, |r| r.clone().packing(&sample.key))?;
+    let recipes = sample.recipes.iter().map(|r| &r.1);
+    let out = with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))?;
     sample.check(&out)?;
     Ok(out)
 }
@@ -287,7 +288,7 @@ fn test(
     beam: BeamMaterial,
     what: &str,
     progress: Progress<'_>,
-) -> Result<Found> {
+) -> Result<TestResults> {
     run(&sample.test, packings, beam, what, progress).map_err(dem(&sample.key))
 }
 
@@ -297,20 +298,22 @@ fn run(
     beam: BeamMaterial,
     what: &str,
     progress: Progress<'_>,
-) -> arlequin::dem_beam::Result<Found> {
+) -> arlequin::dem_beam::Result<TestResults> {
     match test {
-        Test::Tension(shape) => each(packings.iter(), what, progress, |p| {
+        Test::Tension(shape) => with_progress(packings.iter(), what, progress, |p| {
             p.connected("a tension test")?;
-            // Statics does not ask for a density.
+            // Statics does not use the density.
             tension_test(&p.bonded(beam, 1.0)?, shape)
         })
-        .map(Found::Bars),
-        Test::Bulk => each(packings.iter(), what, progress, |p| bulk(p, beam)).map(Found::Bulk),
+        .map(TestResults::Bars),
+        Test::Bulk => {
+            with_progress(packings.iter(), what, progress, |p| bulk(p, beam)).map(TestResults::Bulk)
+        }
     }
 }
 
-/// Works through a list and tells of it.
-fn each<T, R, E>(
+/// Calls `work` for each item of a list and reports the progress.
+fn with_progress<T, R, E>(
     items: impl ExactSizeIterator<Item = T>,
     what: &str,
     progress: Progress<'_>,
@@ -319,32 +322,33 @@ fn each<T, R, E>(
     let count = items.len();
     progress(what, 0, count);
     let done = items.enumerate().map(|(k, item)| {
-        let made = work(item);
+        let result = work(item);
         progress(what, k + 1, count);
-        made
+        result
     });
     done.collect()
 }
 
-fn lines(sample: &Sample, packings: &[Packing], found: &Found) -> Vec<PackingTest> {
-    let all = sample.recipes.iter().zip(packings).enumerate();
-    all.map(|(k, ((seed, _), p))| {
-        let r = &p.report;
-        let (young, young_gauge, poisson, anisotropy) = found.line(k);
-        PackingTest {
-            seed: *seed,
-            spheres: r.placed,
-            dropped: r.dropped,
-            coordination_all: r.coordination_all,
-            coordination_retained: r.coordination_retained,
-            coordination_interior: (r.coordination_interior > 0.0).then_some(r.coordination_interior),
-            volume_fraction: r.volume_fraction,
-            mean_overlap: r.mean_overlap,
-            young,
-            young_gauge,
-            poisson,
-            anisotropy,
-        }
-    })
-    .collect()
+fn lines(sample: &Sample, packings: &[Packing], results: &TestResults) -> Vec<PackingTest> {
+    let tested = sample.recipes.iter().zip(packings).enumerate();
+    tested
+        .map(|(k, ((seed, _), p))| {
+            let r = &p.report;
+            let (young, young_gauge, poisson, anisotropy) = results.line(k);
+            PackingTest {
+                seed: *seed,
+                spheres: r.placed,
+                dropped: r.dropped,
+                coordination_all: r.coordination_all,
+                coordination_retained: r.coordination_retained,
+                coordination_interior: (r.coordination_interior > 0.0).then_some(r.coordination_interior),
+                volume_fraction: r.volume_fraction,
+                mean_overlap: r.mean_overlap,
+                young,
+                young_gauge,
+                poisson,
+                anisotropy,
+            }
+        })
+        .collect()
 }

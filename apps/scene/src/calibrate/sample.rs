@@ -1,4 +1,4 @@
-//! What is tested: bars of a scene or of the flags, or periodic samples.
+//! Samples to test: bars from a scene or from the options, or periodic samples.
 
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
@@ -13,9 +13,9 @@ use arlequin::dem_beam::{BeamMaterial, Packing};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Spheres of a periodic sample: isotropic to a per cent.
+/// Number of spheres of a periodic sample, which is then isotropic to a per cent.
 const PERIODIC: usize = 8000;
-/// Shortest bar in mean diameters: shorter ones have no middle that does not feel the ends.
+/// Shortest bar in mean diameters: in shorter ones the ends influence the middle.
 const SHORTEST: f64 = 8.0;
 
 /// Kind of test.
@@ -27,49 +27,49 @@ pub(super) enum Test {
     Bulk,
 }
 
-/// Packings to make and the test of each.
+/// Packings to make, and the test of each.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
-    /// Key of the scene, for errors.
+    /// Key of the model in errors.
     pub key: String,
-    /// In words.
+    /// Description in words.
     pub text: String,
-    /// Seed, if there is one, and recipe of each packing.
+    /// Recipe of each packing, with its seed if it has one.
     pub recipes: Vec<(Option<u64>, Recipe)>,
     /// Beams.
     pub beam: BeamMaterial,
     /// Test.
     pub test: Test,
-    /// Notches of the scene, in the frame of the container; only tests of the strength cut them.
+    /// Notches of the scene in the frame of the container; only strength tests cut them.
     notches: Vec<NotchBox>,
 }
 
 impl Sample {
-    /// What the flags and the scene ask for.
-    pub(super) fn of(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
-        let (at, mut table, folder) = match source {
-            Some(source) => of_scene(wanted, source)?,
+    /// Combines the options with the scene.
+    pub(super) fn from_options(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
+        let (model_key, mut table, folder) = match source {
+            Some(source) => table_from_scene(wanted, source)?,
             None if wanted.cylinder.is_none() && wanted.cuboid.is_none() && !wanted.periodic => {
                 let rule = "nothing to test; give a scene, --cylinder, --box or --periodic";
                 return Err(key(KEY, rule));
             }
-            None => (KEY.to_owned(), of_flags(wanted), PathBuf::new()),
+            None => (KEY.to_owned(), table_from_options(wanted), PathBuf::new()),
         };
-        override_by(wanted, &mut table);
+        apply_options(wanted, &mut table);
         if wanted.periodic {
-            return periodic(wanted, at, &table);
+            return periodic(wanted, model_key, &table);
         }
-        let bar = bar(&at, &table.shape)?;
-        let filling = Filling::of(&at, &table, &folder)?;
-        let recipes = recipes(wanted.seeds, &at, &table, &folder, &filling)?;
+        let bar = bar(&model_key, &table.shape)?;
+        let filling = Filling::of(&model_key, &table, &folder)?;
+        let recipes = recipes(wanted.seeds, &model_key, &table, &folder, &filling)?;
         let (from, form) = match table.shape {
             Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
             _ => ("box", format!("section {:.4e} m2", bar.area)),
         };
         Ok(Self {
             text: format!("{from} along x, length {:e} m, {form}", bar.length),
-            beam: beam(&at, &table)?,
-            key: at,
+            beam: beam(&model_key, &table)?,
+            key: model_key,
             recipes,
             test: Test::Tension(bar),
             notches: notches(&table, &filling),
@@ -102,20 +102,21 @@ impl Sample {
     }
 }
 
-/// The notches of a table in the frame of the container.
+/// Returns the notches of a table in the frame of the container.
 fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
     let shift = filling.shift;
     let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
-    let all = table.dem.notch.iter();
-    all.map(|b| NotchBox {
-        low: moved(b.low),
-        high: moved(b.high),
-    })
-    .collect()
+    let boxes = table.dem.notch.iter();
+    boxes
+        .map(|b| NotchBox {
+            low: moved(b.low),
+            high: moved(b.high),
+        })
+        .collect()
 }
 
-/// The table of the model that is meant.
-fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
+/// Returns the key and the table of the chosen model, and the folder of the scene.
+fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
     let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
     let name = match &wanted.model {
@@ -141,16 +142,16 @@ fn of_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, Pat
     let Some(table) = scene.model.get(&name) else {
         return Err(unknown("--model", &name, "model", scene.model.keys()));
     };
-    let at = format!("model.{name}");
+    let model_key = format!("model.{name}");
     if table.kind != ModelKind::Dem {
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
-        return Err(key(format!("{at}.kind"), rule));
+        return Err(key(format!("{model_key}.kind"), rule));
     }
-    Ok((at, table.clone(), source.folder.clone()))
+    Ok((model_key, table.clone(), source.folder.clone()))
 }
 
-/// A table as a scene would have it.
-fn of_flags(wanted: &Wanted) -> ModelTable {
+/// Returns the table that a scene with these options would have.
+fn table_from_options(wanted: &Wanted) -> ModelTable {
     let from = [0.0; 3];
     let shape = match (wanted.cylinder, wanted.cuboid) {
         (Some([length, radius]), _) => Shape::Cylinder { from, length, radius },
@@ -159,7 +160,7 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
             high: [x, y, z],
             hole: None,
         },
-        // A periodic sample has no shape of its own.
+        // A periodic sample has no shape; this one only fills the field.
         _ => Shape::Box {
             low: from,
             high: [1.0; 3],
@@ -195,14 +196,15 @@ fn of_flags(wanted: &Wanted) -> ModelTable {
     }
 }
 
-/// Flags win over the scene.
-fn override_by(wanted: &Wanted, table: &mut ModelTable) {
+/// Overrides the table by the options that are given.
+fn apply_options(wanted: &Wanted, table: &mut ModelTable) {
+    // Number and diameter exclude each other: one that is given clears the other.
     if wanted.count.is_some() || wanted.spacing.is_some() {
         (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
     }
     let t = &mut table.dem;
     t.coordination = wanted.coordination.or(t.coordination);
-    // Loose grains carry nothing.
+    // Loose grains carry no load in these tests.
     t.loose = LooseKind::Drop;
     t.protocol = wanted.protocol.or(t.protocol);
     if wanted.radius_ratio.is_some() && wanted.young.is_none() && t.young.is_none() {
@@ -213,8 +215,8 @@ fn override_by(wanted: &Wanted, table: &mut ModelTable) {
     t.radius_ratio = wanted.radius_ratio.or(t.radius_ratio);
 }
 
-/// The bar of a shape, in the frame of its container.
-fn bar(at: &str, shape: &Shape) -> Result<Bar> {
+/// Returns the bar of a shape, in the frame of its container.
+fn bar(model_key: &str, shape: &Shape) -> Result<Bar> {
     match *shape {
         Shape::Cylinder { length, radius, .. } => Ok(Bar {
             start: 0.0,
@@ -228,39 +230,39 @@ fn bar(at: &str, shape: &Shape) -> Result<Bar> {
         }),
         Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) | Shape::Linked => {
             let rule = "a tension test needs a straight bar along x: a box or a cylinder; or give --periodic";
-            Err(value(format!("{at}.shape"), shape.name(), rule))
+            Err(value(format!("{model_key}.shape"), shape.name(), rule))
         }
     }
 }
 
 fn recipes(
     seeds: u64,
-    at: &str,
+    model_key: &str,
     table: &ModelTable,
     folder: &Path,
     filling: &Filling,
 ) -> Result<Vec<(Option<u64>, Recipe)>> {
     if table.dem.file.is_some() {
-        return Ok(vec![(None, Recipe::of(at, table, folder, filling)?)]);
+        return Ok(vec![(None, Recipe::of(model_key, table, folder, filling)?)]);
     }
     let first = table.dem.seed.unwrap_or(1);
     let mut table = table.clone();
-    let all = (first..).take(seeds as usize).map(|seed| {
+    let seeded = (first..).take(seeds as usize).map(|seed| {
         table.dem.seed = Some(seed);
-        Ok((Some(seed), Recipe::of(at, &table, folder, filling)?))
+        Ok((Some(seed), Recipe::of(model_key, &table, folder, filling)?))
     });
-    all.collect()
+    seeded.collect()
 }
 
-fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
+fn periodic(wanted: &Wanted, model_key: String, table: &ModelTable) -> Result<Sample> {
     if table.dem.file.is_some() {
         let rule = "spheres from a file are not periodic; remove --periodic";
-        return Err(key(format!("{at}.dem.file"), rule));
+        return Err(key(format!("{model_key}.dem.file"), rule));
     }
     let count = wanted.count.unwrap_or(PERIODIC);
     let diameter = table.spacing.unwrap_or(1e-3);
     let edge = (count as f64 * mean_sphere_volume(diameter) / JAMMED_PERIODIC).cbrt();
-    let container = Container::periodic(edge).map_err(dem(&at))?;
+    let container = Container::periodic(edge).map_err(dem(&model_key))?;
     let first = table.dem.seed.unwrap_or(1);
     let recipes = (first..).take(wanted.seeds as usize).map(|seed| {
         let mut spec = spec(table, container.clone(), count);
@@ -269,9 +271,9 @@ fn periodic(wanted: &Wanted, at: String, table: &ModelTable) -> Result<Sample> {
     });
     Ok(Sample {
         text: format!("periodic cube of edge {edge:.4e} m"),
-        beam: beam(&at, table)?,
+        beam: beam(&model_key, table)?,
         recipes: recipes.collect(),
-        key: at,
+        key: model_key,
         test: Test::Bulk,
         notches: Vec::new(),
     })

@@ -1,7 +1,7 @@
-//! The strength of bars over that of their beams.
+//! Strength of bars relative to that of their beams.
 
 use super::sample::{Sample, Test};
-use super::{Estimate, KEY, Wanted, each};
+use super::{Estimate, KEY, Wanted, with_progress};
 use crate::Progress;
 use crate::Source;
 use crate::error::{Result, key};
@@ -13,7 +13,7 @@ use arlequin::dem_beam::strength::{Strength, strength_test};
 use arlequin::dem_beam::{Criterion, Fracture, Scatter};
 use serde::Serialize;
 
-/// Strength of the beams \[Pa\] unless one is given; ratios do not depend on it.
+/// Default strength of the beams \[Pa\]; ratios do not depend on it.
 const BEAMS: f64 = 200e6;
 
 /// All criteria with their names.
@@ -24,56 +24,56 @@ const ALL: [(CriterionKind, &str); 4] = [
     (CriterionKind::Energy, "energy"),
 ];
 
-/// How bars are pulled until they break.
+/// Settings of a strength test.
 #[derive(Debug, Clone, Default)]
 pub struct StrengthTest {
-    /// When beams break; all criteria if empty.
+    /// Failure criteria of the beams; all if empty.
     pub criteria: Vec<CriterionKind>,
     /// Strength of the beams \[Pa\]; ratios do not depend on it.
     pub beam_strength: Option<f64>,
     /// Weibull modulus of the scatter of strengths between beams.
     pub weibull: Option<f64>,
-    /// Mean diameters of the spheres \[m\] at which bars are pulled; the one of the elasticity if none.
+    /// Mean diameters of the spheres \[m\] at which bars are pulled. `None`: that of the elastic test.
     pub sizes: Option<Vec<f64>>,
 }
 
-/// What the bars showed.
+/// Results of a strength test.
 #[derive(Debug, Clone, Serialize)]
 pub struct Strengths {
     /// Strength of the beams \[Pa\].
     pub beam_strength: f64,
-    /// Energy per section of the beams for the criterion of that name \[J/m²\].
+    /// Energy per section of the beams \[J/m²\], used by the criterion `energy`.
     pub beam_energy: f64,
     /// Weibull modulus of the scatter between bonds, if there is one.
     pub weibull: Option<f64>,
-    /// One per criterion and size.
+    /// Results, one row per criterion and size.
     pub rows: Vec<SizeStrength>,
-    /// Power of the mean diameter with which the strength of the body goes, by criterion; with several sizes.
+    /// Exponent of the strength over the mean diameter, by criterion; only with several sizes.
     pub exponents: Vec<Exponent>,
 }
 
-/// One criterion at one size.
+/// Strength for one criterion at one size.
 #[derive(Debug, Clone, Serialize)]
 pub struct SizeStrength {
     /// Criterion.
     pub criterion: &'static str,
     /// Mean diameter \[m\].
     pub diameter: f64,
-    /// Spheres of the first packing.
+    /// Number of spheres of the first packing.
     pub spheres: usize,
-    /// Strength of the body \[Pa\].
+    /// Strength of the bar \[Pa\].
     pub body: Estimate,
-    /// Strength of the beams over that of the body.
+    /// Strength of the beams over that of the bar.
     pub ratio: Estimate,
-    /// Stress at the first broken bond over the strength.
+    /// Stress at the first broken bond over the strength of the bar.
     pub first: Estimate,
-    /// Mean strain at the peak.
+    /// Mean strain at the largest stress.
     pub strain: Estimate,
-    /// Share of the bonds that are broken at the peak.
+    /// Share of bonds that are broken at the largest stress.
     pub broken: Estimate,
 }
 
-/// Power with which the strength of the body goes.
+/// Size effect: the strength of a bar is proportional to a power of the mean diameter.
 #[derive(Debug, Clone, Serialize)]
 pub struct Exponent {
     /// Criterion.
@@ -82,8 +82,9 @@ pub struct Exponent {
     pub power: f64,
 }
 
-/// Pulls bars of every size by every criterion; `sample` and `packings` are those of the elasticity.
-pub(super) fn of(
+/// Pulls bars of every size with every criterion. `sample` and `packings` are those of the elastic test, used
+/// if no sizes are given.
+pub(super) fn test_strength(
     asked: &StrengthTest,
     wanted: &Wanted,
     source: Option<&Source>,
@@ -95,12 +96,12 @@ pub(super) fn of(
         None => sizes.push((sample.clone(), packings.to_vec())),
         Some(all) => {
             for &d in all {
-                let one = Wanted {
+                let sized = Wanted {
                     spacing: Some(d),
                     count: None,
                     ..wanted.clone()
                 };
-                let sample = Sample::of(&one, source)?;
+                let sample = Sample::from_options(&sized, source)?;
                 let packings = super::pack(&sample, progress)?;
                 sizes.push((sample, packings));
             }
@@ -113,6 +114,7 @@ pub(super) fn of(
     }
     let strength = asked.beam_strength.unwrap_or(BEAMS);
     let mean = |p: &Packing| 2.0 * p.report.mean_radius;
+    // Elastic energy per section of a beam one mean diameter long at the axial stress `strength`.
     let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sample.beam.young);
     let mut rows = Vec::new();
     let chosen = ALL
@@ -132,9 +134,9 @@ pub(super) fn of(
                     .map_or(Scatter::None, |modulus| Scatter::Weibull { modulus }),
                 ..Fracture::new(criterion, strength)
             };
-            let found = pull(sample, packings, fracture, name, progress)?;
+            let tests = pull(sample, packings, fracture, name, progress)?;
             let spread = |f: &dyn Fn(&Strength) -> f64| {
-                Estimate::from(Spread::of(&found.iter().map(f).collect::<Vec<_>>()))
+                Estimate::from(Spread::of(&tests.iter().map(f).collect::<Vec<_>>()))
             };
             let diameters: Vec<f64> = packings.iter().map(mean).collect();
             rows.push(SizeStrength {
@@ -168,12 +170,12 @@ fn pull(
     let Test::Tension(bar) = &sample.test else {
         return Err(key(KEY, "strength is that of a bar; remove --periodic"));
     };
-    each(packings.iter(), &format!("bars by {name}"), progress, |p| {
+    with_progress(packings.iter(), &format!("bars by {name}"), progress, |p| {
         strength_test(p, sample.beam, bar, fracture).map_err(dem(&sample.key))
     })
 }
 
-/// Slopes of the logarithms by least squares.
+/// Slope of log strength over log diameter, by least squares.
 fn exponents(rows: &[SizeStrength]) -> Vec<Exponent> {
     let slope = |name: &'static str| {
         let points: Vec<[f64; 2]> = rows

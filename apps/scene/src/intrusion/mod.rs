@@ -1,17 +1,17 @@
-//! Watch over bodies and obstacles that are inside of what they cannot touch: said the moment it happens,
-//! once per pair.
+//! Watches for bodies and obstacles that enter bodies without contact, and warns as soon as it happens, once
+//! per pair.
 //!
-//! Obstacles act on the particles of the models that they name, contact acts between particles. Elements have
-//! no contact, so that obstacles and other bodies pass through them. The watch looks at pairs without an
-//! effect between the two: an obstacle and a body, or two bodies that no interface ties to each other.
-//! Something is inside once it is deeper by [`TOLERANCE`] of the spacing of the nodes or particles than it
-//! may have been at rest: bodies that touch start, and a flush face vibrates.
+//! Obstacles act on the particles of the models that they name, and contact acts between particles. Elements
+//! have no contact, so that obstacles and other bodies pass through them. The watch checks pairs without an
+//! effect between them: an obstacle and a body, or two bodies that no interface joins. One is inside the
+//! other if the depth exceeds the depth at rest (of particles) by [`TOLERANCE`] times the spacing of nodes or
+//! particles, because bodies may touch at the start and a flush face vibrates.
 //!
-//! A look costs a pass over the displacements and velocities of the bodies. Only where their boxes meet are
-//! surfaces compared. The next look comes before anything can have passed unseen: at the speeds of this look
-//! the two of a pair cover no more than the gap between their boxes and [`STRIDE`] of the smaller of their
-//! spacings or radii, and never more than [`LONGEST`] steps, for what is struck in between. A scene in which
-//! nothing can be entered is not looked at.
+//! A look costs a pass over the displacements and velocities of the bodies; surfaces are compared only if
+//! bounding boxes meet. The next look comes early enough that nothing passes unseen: at the present speeds,
+//! the pair covers at most the gap between its boxes plus [`STRIDE`] times the smaller of its spacings or
+//! radii. It comes after at most [`LONGEST`] steps, because a body may be struck in between. A scene without
+//! such pairs costs nothing.
 
 mod surface;
 
@@ -27,25 +27,25 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use surface::{Depth, Shell};
 
-/// Depth over the spacing of nodes or particles from which on something is inside.
+/// Depth over the spacing of nodes or particles above which one body is inside the other.
 const TOLERANCE: f64 = 0.05;
-/// Distance over the smaller of two spacings or radii that may be covered between two looks.
+/// Distance that may be covered between two looks, over the smaller spacing or radius of a pair.
 const STRIDE: f64 = 0.25;
-/// Most steps between two looks.
+/// Largest number of steps between two looks.
 const LONGEST: f64 = 32.0;
 
-/// A model that can be entered.
+/// A model that other bodies can enter.
 #[derive(Debug)]
 struct Member {
     name: String,
     particles: bool,
-    /// Distance of nodes or particles, largest radius \[m\].
+    /// Distance of nodes or particles, and largest radius \[m\].
     spacing: f64,
     radius: f64,
-    /// Its picture and, once something comes near, its surface; on the first rank alone.
+    /// Grid until the surface is built, and the surface once something comes near; on rank 0 only.
     grid: Option<Arc<Grid>>,
     shell: Option<Shell>,
-    /// Box \[m\] and largest speed \[m/s\] at the last look.
+    /// Bounding box \[m\] and largest speed \[m/s\] at the last look.
     bounds: [Point3<f64>; 2],
     speed: f64,
 }
@@ -54,7 +54,7 @@ struct Member {
 #[derive(Debug)]
 struct Rigid {
     name: String,
-    /// Number of the effect, and the models that it acts on.
+    /// Index of the effect, and indices of the models on which it acts.
     effect: usize,
     models: Vec<usize>,
     shape: RigidShape,
@@ -62,24 +62,24 @@ struct Rigid {
     speed: f64,
 }
 
-/// One of the two that may enter each other.
+/// First of a pair.
 #[derive(Debug, Clone, Copy)]
 enum Intruder {
     Obstacle(usize),
     Model(usize),
 }
 
-/// Two between which no effect acts.
+/// Two bodies between which no effect acts.
 #[derive(Debug)]
 struct Pair {
     first: Intruder,
     second: usize,
-    /// How deep the two are in each other at rest \[m\], once it is known.
+    /// Depth of one in the other at rest \[m\], once computed.
     at_rest: Option<f64>,
-    told: bool,
+    warned: bool,
 }
 
-/// The watch.
+/// Watch over all pairs of a scene.
 #[derive(Debug)]
 pub(crate) struct Watch {
     members: Vec<Option<Member>>,
@@ -90,7 +90,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Of the models and obstacles of a scene.
+    /// Collects the pairs of models and obstacles of a scene between which no effect acts.
     pub(crate) fn new(
         scene: &SceneSpec,
         models: &[ModelInfo],
@@ -99,7 +99,7 @@ impl Watch {
     ) -> Result<Self> {
         let members = models.iter().zip(run.subdomains());
         let members: Vec<_> = members
-            .map(|(info, s)| Member::of(info, s, ranks.leads()))
+            .map(|(info, s)| Member::from_model(info, s, ranks.leads()))
             .collect();
         let obstacles = obstacles(scene)?;
         let mut pairs = Vec::new();
@@ -108,11 +108,11 @@ impl Watch {
                 first,
                 second,
                 at_rest: None,
-                told: false,
+                warned: false,
             });
         };
         let bodies = bodies(run);
-        let touching = touching(scene);
+        let touching = contact_pairs(scene);
         for (b, second) in members.iter().enumerate() {
             let Some(second) = second else { continue };
             for (k, o) in obstacles.iter().enumerate() {
@@ -126,7 +126,7 @@ impl Watch {
                 if bodies[a] == bodies[b] || touching.contains(&pair) {
                     continue;
                 }
-                // Particles enter elements.
+                // Particles are the intruder of elements, not the reverse.
                 match second.particles && !first.particles {
                     true => add(Intruder::Model(b), a),
                     false => add(Intruder::Model(a), b),
@@ -141,53 +141,55 @@ impl Watch {
         })
     }
 
-    /// Takes pairs of which a warning speaks for told: those of a run that is taken up again.
+    /// Skips the pairs of which a resumed run has already warned.
     pub(crate) fn skip(&mut self, warnings: &[String]) {
         for k in 0..self.pairs.len() {
             let opening = self.opening(&self.pairs[k]);
-            self.pairs[k].told |= warnings.iter().any(|w| w.starts_with(&opening));
+            self.pairs[k].warned |= warnings.iter().any(|w| w.starts_with(&opening));
         }
     }
 
-    /// Looks if it is time to; a line for each pair of which one is now inside the other. All ranks must ask.
+    /// Looks if the step of the next look has come. Returns a warning for each pair of which one is now
+    /// inside the other. Collective.
     ///
     /// # Errors
-    /// What ranks say of each other.
+    /// Failures of communication.
     pub(crate) fn look(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
-        if run.steps() < self.next || self.pairs.iter().all(|p| p.told) {
+        if run.steps() < self.next || self.pairs.iter().all(|p| p.warned) {
             return Ok(Vec::new());
         }
         self.measure(run);
         let (mut lines, mut steps) = (Vec::new(), LONGEST);
         for k in 0..self.pairs.len() {
-            if self.pairs[k].told {
+            if self.pairs[k].warned {
                 continue;
             }
             let gap = self.gap(&self.pairs[k]);
             let within = self.size(&self.pairs[k]) * STRIDE;
-            let made = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
-            steps = made.min(steps);
+            // For a pair at rest this is infinite, and [`LONGEST`] holds.
+            let until_look = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
+            steps = until_look.min(steps);
             if gap > 0.0 {
                 continue;
             }
             let line = self.examine(k, run)?;
-            self.pairs[k].told = ranks.any(line.is_some())?;
+            self.pairs[k].warned = ranks.any(line.is_some())?;
             lines.extend(line);
         }
         self.next = run.steps() + (steps as usize).max(1);
         Ok(lines)
     }
 
-    /// Looks now, as between the load steps of a scene at rest.
+    /// Looks now, for instance between the load steps of a scene at rest.
     ///
     /// # Errors
-    /// As [`Self::look`].
+    /// Errors of [`Self::look`].
     pub(crate) fn look_now(&mut self, run: &Coupled<f64>, ranks: &Ranks) -> Result<Vec<String>> {
         self.next = 0;
         self.look(run, ranks)
     }
 
-    /// Reads where everything is and how fast.
+    /// Updates bounding boxes, displacements and speeds.
     fn measure(&mut self, run: &Coupled<f64>) {
         for (member, s) in self.members.iter_mut().zip(run.subdomains()) {
             if let Some(member) = member {
@@ -195,6 +197,7 @@ impl Watch {
             }
         }
         for o in &mut self.obstacles {
+            // The first model that the obstacle acts on has it as an effect, which knows the motion.
             let host = o.models.first().and_then(|m| run.subdomains().get(*m));
             let mut effects = host.into_iter().flat_map(Subdomain::effects);
             let motion = effects.find(|e| e.name() == o.name).and_then(|e| e.rigid());
@@ -208,7 +211,7 @@ impl Watch {
         self.members[model].as_ref()
     }
 
-    /// Distance that is certainly between the two \[m\]; not positive where they may meet.
+    /// Lower bound of the distance between the two \[m\]; not positive if they may meet.
     fn gap(&self, pair: &Pair) -> f64 {
         let Some(second) = self.member(pair.second) else {
             return f64::INFINITY;
@@ -217,6 +220,7 @@ impl Watch {
         match pair.first {
             Intruder::Obstacle(k) => {
                 let o = &self.obstacles[k];
+                // The sphere around the bounding box stands in for the body.
                 let half = (high - low) * 0.5;
                 o.shape.distance(&(low + half), &o.moved).0 - half.norm()
             }
@@ -227,7 +231,7 @@ impl Watch {
         }
     }
 
-    /// Smaller of the lengths of the two that nothing may jump \[m\].
+    /// Smaller spacing or radius of the two \[m\].
     fn size(&self, pair: &Pair) -> f64 {
         let spacing = |m: usize| self.member(m).map_or(f64::INFINITY, |m| m.spacing);
         let first = match pair.first {
@@ -240,17 +244,17 @@ impl Watch {
         first.min(spacing(pair.second))
     }
 
-    /// Largest speed at which the two may come closer \[m/s\].
+    /// Largest speed at which the two may approach each other \[m/s\].
     fn speed(&self, pair: &Pair) -> f64 {
-        let of_model = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
+        let model_speed = |m: usize| self.member(m).map_or(0.0, |m| m.speed);
         let first = match pair.first {
             Intruder::Obstacle(k) => self.obstacles[k].speed,
-            Intruder::Model(m) => of_model(m),
+            Intruder::Model(m) => model_speed(m),
         };
-        first + of_model(pair.second)
+        first + model_speed(pair.second)
     }
 
-    /// Compares the surfaces of a pair; what there is to say of it, on the first rank. All ranks must ask.
+    /// Compares the surfaces of a pair; returns the warning, on rank 0. Collective.
     fn examine(&mut self, k: usize, run: &Coupled<f64>) -> Result<Option<String>> {
         let (first, second) = (self.pairs[k].first, self.pairs[k].second);
         let mut models = vec![second];
@@ -258,6 +262,7 @@ impl Watch {
             Intruder::Obstacle(_) => None,
             Intruder::Model(m) => Some(m),
         });
+        // Gathers before the surfaces are built: all ranks take part, but only rank 0 has grids and goes on.
         let mut displaced = Vec::new();
         for m in &models {
             let s = &run.subdomains()[*m];
@@ -291,12 +296,12 @@ impl Watch {
         let pair = &self.pairs[k];
         let spacing = models.iter().filter_map(|m| Some(self.member(*m)?.spacing));
         let limit = self.touching_depth(pair) + TOLERANCE * spacing.fold(f64::INFINITY, f64::min);
-        let found = self.depth(first, second, &moved).filter(|d| d.depth > limit);
-        Ok(found.map(|d| self.line(pair, &d, run.time())))
+        let deepest = self.depth(first, second, &moved).filter(|d| d.depth > limit);
+        Ok(deepest.map(|d| self.line(pair, &d, run.time())))
     }
 
-    /// Depth at rest that is no more than touching \[m\]: elements have a surface, and particles of a body
-    /// may overlap a little.
+    /// Depth at rest that counts as touching \[m\]: zero for elements, which have an exact surface. Particles
+    /// of two bodies may overlap a little.
     fn touching_depth(&self, pair: &Pair) -> f64 {
         let at_rest = pair.at_rest.unwrap_or_default();
         let particles = |m: usize| self.member(m).is_some_and(|m| m.particles);
@@ -320,7 +325,7 @@ impl Watch {
         }
     }
 
-    /// Words that begin the warning of a pair, and no other.
+    /// Returns the first words of the warning, which no other pair has.
     fn opening(&self, pair: &Pair) -> String {
         let first = match pair.first {
             Intruder::Obstacle(k) => format!("obstacle '{}'", self.obstacles[k].name),
@@ -376,8 +381,8 @@ impl Watch {
 }
 
 impl Member {
-    /// A model of particles or of elements in space; none for a line, which has no inside.
-    fn of(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
+    /// Describes a model of particles or of elements in space; `None` for a line, which has no inside.
+    fn from_model(info: &ModelInfo, s: &Subdomain<f64>, leads: bool) -> Option<Self> {
         let grid = &info.grid;
         let particles = !grid.radii.is_empty();
         if s.model().layout().components != 3 || !(particles || Shell::is_solid(grid)) {
@@ -395,15 +400,15 @@ impl Member {
         })
     }
 
-    /// Makes the surface, if this rank is to; whether there is one.
+    /// Builds the surface if this rank has the grid. Returns whether there is a surface.
     fn begin(&mut self) -> bool {
         if self.shell.is_none() {
-            self.shell = self.grid.take().and_then(|grid| Shell::of(&grid));
+            self.shell = self.grid.take().and_then(|grid| Shell::from_grid(&grid));
         }
         self.shell.is_some()
     }
 
-    /// Reads its box and its largest speed.
+    /// Updates bounding box and largest speed.
     fn measure(&mut self, s: &Subdomain<f64>) {
         let (q, v) = (s.state().q.as_chunks::<3>().0, s.state().v.as_chunks::<3>().0);
         let mut low = Vector3::repeat(f64::INFINITY);
@@ -423,7 +428,7 @@ impl Member {
     }
 }
 
-/// Obstacles of a scene that are on.
+/// Returns the enabled obstacles of a scene.
 fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
@@ -442,7 +447,7 @@ fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
     Ok(out)
 }
 
-/// Number of the body that each model belongs to: those that interfaces tie to each other are one.
+/// Returns the body of each model; models that interfaces join have one number.
 fn bodies(run: &Coupled<f64>) -> Vec<usize> {
     let mut out: Vec<usize> = (0..run.subdomains().len()).collect();
     for i in run.interfaces() {
@@ -452,8 +457,8 @@ fn bodies(run: &Coupled<f64>) -> Vec<usize> {
     out
 }
 
-/// Names of the models between which contact is on, either way round.
-fn touching(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
+/// Returns the names of models with contact between them, in both orders.
+fn contact_pairs(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
     let between = |e: &Effect| {
         let names = e.between.as_deref().filter(|_| e.enabled)?;
         <[String; 2]>::try_from(names.to_vec()).ok()

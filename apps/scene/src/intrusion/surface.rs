@@ -1,5 +1,4 @@
-//! Bodies as the watch over intrusions sees them: their points, and the triangles of the surface of those of
-//! elements.
+//! Points of bodies, and triangles of the surface of bodies of elements, for the watch over intrusions.
 
 use crate::setup::Grid;
 use arlequin::core::geometry::{bounds_of, closest_on_triangle};
@@ -7,7 +6,7 @@ use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::RigidShape;
 use arlequin::fem_ref::ElementKind;
 
-/// How deep something is in something else, and where.
+/// Depth of one body in another, and its place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Depth {
     /// Depth \[m\], positive inside.
@@ -25,42 +24,44 @@ impl Depth {
     }
 }
 
-/// Points and surface of a body, displaced to where they are.
+/// Points and surface of a body in their displaced positions.
 #[derive(Debug, Clone)]
 pub(super) struct Shell {
-    /// Numbers of the points in the model, and their places at rest \[m\].
+    /// Numbers of the points in the model, and their positions at rest \[m\].
     nodes: Vec<u32>,
-    rest: Vec<Point3<f64>>,
+    at_rest: Vec<Point3<f64>>,
     now: Vec<Point3<f64>>,
     /// Radii of particles \[m\]; empty for nodes of elements.
     radii: Vec<f64>,
     /// Triangles of the surface of elements by their points, normal outwards; empty for particles.
     triangles: Vec<[u32; 3]>,
-    /// Lower ends of the triangles along x with their numbers, ascending, and the largest extent of a
-    /// triangle along x \[m\].
+    /// Smallest x of each triangle with its number, ascending, and the largest extent of a triangle along x
+    /// \[m\].
     sorted: Vec<(f64, u32)>,
     widest: f64,
 }
 
 impl Shell {
-    /// Whether a picture is that of elements with an inside.
+    /// Returns whether a grid shows solid elements.
     pub(super) fn is_solid(grid: &Grid) -> bool {
         kind(grid).is_some()
     }
 
-    /// Particles, or the surface of elements; none for lines.
-    pub(super) fn of(grid: &Grid) -> Option<Self> {
+    /// Takes the particles, or the surface of the elements; `None` for lines.
+    pub(super) fn from_grid(grid: &Grid) -> Option<Self> {
         if !grid.radii.is_empty() {
             let nodes = (0..grid.points.len() as u32).collect();
             return Some(Self::new(nodes, grid, grid.radii.clone(), Vec::new()));
         }
         let mut triangles = boundary(grid, kind(grid)?);
+        // Six times the signed volume between a triangle and the origin; the sum is positive for outward
+        // normals.
         let volume = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|k| grid.points[k as usize].coords);
             a.dot(&b.cross(&c))
         };
         if triangles.iter().map(volume).sum::<f64>() < 0.0 {
-            // Elements that are listed the other way round.
+            // The elements have the reverse orientation.
             triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
         let mut nodes: Vec<u32> = triangles.iter().flatten().copied().collect();
@@ -72,13 +73,13 @@ impl Shell {
     }
 
     fn new(nodes: Vec<u32>, grid: &Grid, radii: Vec<f64>, triangles: Vec<[u32; 3]>) -> Self {
-        let rest: Vec<_> = nodes.iter().map(|k| grid.points[*k as usize]).collect();
+        let at_rest: Vec<_> = nodes.iter().map(|k| grid.points[*k as usize]).collect();
         let mut out = Self {
-            now: rest.clone(),
+            now: at_rest.clone(),
             sorted: Vec::with_capacity(triangles.len()),
             widest: 0.0,
             nodes,
-            rest,
+            at_rest,
             radii,
             triangles,
         };
@@ -88,15 +89,15 @@ impl Shell {
 
     /// Moves the points by the displacements `q` of the model, three per node \[m\].
     pub(super) fn displace(&mut self, q: &[f64]) {
-        for ((now, rest), k) in self.now.iter_mut().zip(&self.rest).zip(&self.nodes) {
-            *now = rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
+        for ((now, at_rest), k) in self.now.iter_mut().zip(&self.at_rest).zip(&self.nodes) {
+            *now = at_rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
         }
         self.sort();
     }
 
-    /// Moves the points to where they are at rest.
+    /// Moves the points back to their positions at rest.
     pub(super) fn put_back(&mut self) {
-        self.now.clone_from(&self.rest);
+        self.now.clone_from(&self.at_rest);
         self.sort();
     }
 
@@ -120,7 +121,7 @@ impl Shell {
         self.radii.get(point).copied().unwrap_or(0.0)
     }
 
-    /// How deep the body is in an obstacle moved by `by`; none if they are apart.
+    /// Returns the largest depth of the body in an obstacle displaced by `by`; `None` if they are apart.
     pub(super) fn depth_in_obstacle(&self, shape: &RigidShape, by: &Vector3<f64>) -> Option<Depth> {
         let mut deepest = None;
         let mut meet = |distance: f64, place: Point3<f64>| {
@@ -136,6 +137,7 @@ impl Shell {
             let corners = self.corners(k);
             let [first, second, third] = &corners;
             let size = (second - first).norm().max((third - first).norm());
+            // No point of a triangle is farther from its first corner than the longer edge there.
             if shape.distance(first, by).0 < size {
                 let (distance, place) = shape.distance_of_triangle(&corners, by);
                 meet(distance, place);
@@ -144,7 +146,7 @@ impl Shell {
         deepest
     }
 
-    /// How deep the body and another are in each other; none if they are apart.
+    /// Returns the largest depth of the body and another in each other; `None` if they are apart.
     pub(super) fn depth_in(&self, other: &Self) -> Option<Depth> {
         let within = self.common(other);
         match (self.triangles.is_empty(), other.triangles.is_empty()) {
@@ -152,18 +154,19 @@ impl Shell {
             (true, false) => self.depth_behind(other, &within),
             (false, true) => other.depth_behind(self, &within),
             (false, false) => {
-                let both = [
+                let depths = [
                     self.depth_behind(other, &within),
                     other.depth_behind(self, &within),
                 ];
-                both.into_iter()
+                depths
+                    .into_iter()
                     .flatten()
                     .reduce(|a, b| if a.depth >= b.depth { a } else { b })
             }
         }
     }
 
-    /// Box in which points of both may be, with their radii \[m\].
+    /// Box that contains all points that may meet the other body \[m\].
     fn common(&self, other: &Self) -> [Point3<f64>; 2] {
         let [a, b] = [self, other].map(|s| bounds_of(s.now.iter()));
         let radius = |s: &Self| s.radii.iter().fold(0.0, |m: f64, r| m.max(*r));
@@ -171,8 +174,8 @@ impl Shell {
         [a[0].sup(&b[0]) - reach, a[1].inf(&b[1]) + reach]
     }
 
-    /// How deep its points in a box are behind the surface of the elements of `other`, as far as they are
-    /// near it.
+    /// Returns the largest depth of the points in a box behind the surface of the elements of `other`.
+    /// Considers points up to the extent of a triangle from the surface.
     fn depth_behind(&self, other: &Self, within: &[Point3<f64>; 2]) -> Option<Depth> {
         let reach = other.widest;
         let mut deepest = None;
@@ -188,8 +191,9 @@ impl Shell {
         deepest
     }
 
-    /// Height of a point above the surface \[m\], negative behind it; none beyond `reach` of it.
+    /// Height of a point above the surface \[m\], negative behind it; `None` beyond `reach`.
     fn height(&self, x: &Point3<f64>, reach: f64) -> Option<f64> {
+        // A triangle that starts earlier ends before the reach of the point.
         let first = self.sorted.partition_point(|s| s.0 < x.x - reach - self.widest);
         let near = self.sorted[first..].iter().take_while(|s| s.0 <= x.x + reach);
         let mut best: Option<(f64, f64)> = None;
@@ -203,7 +207,8 @@ impl Shell {
             let [a, b, c] = corners;
             let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
             let height = normal.dot(&d);
-            // Where triangles meet, the one that the point lies most straight above decides on the side.
+            // At an edge or corner several triangles are equally near; the one with the largest height
+            // decides the side.
             let slack = 1e-9 * reach;
             let nearer = best.is_none_or(|(least, before)| {
                 distance < least - slack || (distance < least + slack && height.abs() > before.abs())
@@ -215,7 +220,8 @@ impl Shell {
         best.map(|(distance, height)| distance.copysign(height))
     }
 
-    /// How deep its particles overlap those of `other`: the radii less the distance of the centres.
+    /// Returns the largest overlap of particles with those of `other`: sum of the radii minus distance of the
+    /// centres.
     fn overlap(&self, other: &Self, within: &[Point3<f64>; 2]) -> Option<Depth> {
         let largest = other.radii.iter().fold(0.0, |m: f64, r| m.max(*r));
         let mut near: Vec<(f64, usize)> = Vec::new();
@@ -243,8 +249,9 @@ fn contains([low, high]: &[Point3<f64>; 2], x: &Point3<f64>) -> bool {
     (0..3).all(|c| low[c] <= x[c] && x[c] <= high[c])
 }
 
-/// Kind of the elements that a picture shows; none for lines and particles.
+/// Element type of a grid; `None` for lines and particles.
 fn kind(grid: &Grid) -> Option<ElementKind> {
+    // Cell types of VTK.
     match grid.cell_type {
         10 => Some(ElementKind::Tet4),
         12 => Some(ElementKind::Hex8),
@@ -252,9 +259,9 @@ fn kind(grid: &Grid) -> Option<ElementKind> {
     }
 }
 
-/// Triangles of the faces that one cell alone has, with normals outwards.
+/// Triangles of the faces that belong to one cell only, with outward normals.
 fn boundary(grid: &Grid, kind: ElementKind) -> Vec<[u32; 3]> {
-    // Corners of a face, ascending, then in their order; the fourth of a triangle is none.
+    // Corners of a face, sorted and in their order; a triangular face has no fourth.
     let mut faces: Vec<[[u32; 4]; 2]> = Vec::new();
     for cell in grid.connectivity.chunks_exact(grid.corners) {
         for face in kind.faces() {

@@ -1,4 +1,4 @@
-//! One probe over another, `[curve.NAME]`.
+//! Curves of one probe over another, `[curve.NAME]`.
 
 use super::csv;
 use crate::error::Result;
@@ -9,7 +9,7 @@ use std::path::Path;
 /// An axis of a curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveAxis {
-    /// Probe, quantity and factor, if there is one.
+    /// Name of the probe, its quantity and its factor, if any.
     pub label: String,
     /// SI unit.
     pub unit: String,
@@ -18,7 +18,7 @@ pub struct CurveAxis {
 }
 
 impl CurveAxis {
-    fn of(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
+    fn for_probe(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
         let k = r.readers.iter().position(|p| p.name == probe)?;
         let label = r.readers[k].quantity.label();
         let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
@@ -42,7 +42,7 @@ impl CurveAxis {
     }
 }
 
-/// A curve as it is written and drawn.
+/// A curve, ready to be written and drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveLine {
     /// Name in the scene.
@@ -55,14 +55,14 @@ pub struct CurveLine {
     pub y: CurveAxis,
 }
 
-/// Curves of what was recorded; probes are known by then.
+/// Returns the curves of a scene. A curve whose probe has no reader is left out.
 pub(crate) fn of(scene: &SceneSpec, r: &Recorder) -> Vec<CurveLine> {
     let line = |(name, c): (&String, &Curve)| {
         Some(CurveLine {
             name: name.clone(),
             times: r.probes.times.clone(),
-            x: CurveAxis::of(&c.x, c.x_factor, r)?,
-            y: CurveAxis::of(&c.y, c.y_factor, r)?,
+            x: CurveAxis::for_probe(&c.x, c.x_factor, r)?,
+            y: CurveAxis::for_probe(&c.y, c.y_factor, r)?,
         })
     };
     scene.curve.iter().filter_map(line).collect()

@@ -1,4 +1,4 @@
-//! What models recover, as arrays of their frames.
+//! Fields that models recover (stresses, strains, bond forces, …), as arrays of a frame.
 
 use super::pieces::Piece;
 use super::vtu::Array;
@@ -14,7 +14,7 @@ const TENSOR: usize = 6;
 /// Name of the array of strain energy densities, at particles and in elements.
 pub(super) const ENERGY_DENSITY: &str = "energy density [J/m3]";
 
-/// Fields that need stresses or strains, with the numbers they have at a node.
+/// Returns how many numbers a node has of a field that needs stresses or strains, and 0 for other fields.
 fn width(field: OutputField) -> usize {
     match field {
         OutputField::Stress | OutputField::Strain => TENSOR,
@@ -24,11 +24,11 @@ fn width(field: OutputField) -> usize {
     }
 }
 
-/// Bytes that recovered fields take in a frame of a model, bonds included.
+/// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
 pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
     let nodes = s.model().recovery().map_or(0, |r| {
-        let told = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
-        s.model().nodes().len() * fields.iter().filter(told).map(|f| width(*f)).sum::<usize>()
+        let is_known = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
+        s.model().nodes().len() * fields.iter().filter(is_known).map(|f| width(*f)).sum::<usize>()
     });
     let bonds = s.model().links().map_or(0, |l| l.pairs().len());
     let densities = match energy_from_bonds(fields, s) {
@@ -44,25 +44,27 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         })
 }
 
-/// Numbers of all points that are shown, so many each, of those of the nodes here: of a whole model in
-/// parts on the first rank alone. All ranks must ask.
+/// Gathers `local_values`, with `components` numbers per node of this rank, for the points that are shown:
+/// all points of a model that is not partitioned, the points of `piece`, or without a piece the whole model
+/// on rank 0 (empty elsewhere). Collective.
 pub(super) fn at_points(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
-    each: usize,
-    here: Vec<f64>,
+    components: usize,
+    local_values: Vec<f64>,
 ) -> Result<Vec<f64>> {
     match (s.portion(), piece) {
-        (None, _) => Ok(here),
-        (Some(portion), Some(piece)) => piece.told(portion, each, &here),
+        (None, _) => Ok(local_values),
+        (Some(portion), Some(piece)) => piece.with_ghosts(portion, components, &local_values),
         (Some(portion), None) => {
-            let all = portion.collect(each, &here).map_err(elsewhere)?;
-            Ok(all.unwrap_or_default())
+            let gathered = portion.collect(components, &local_values).map_err(elsewhere)?;
+            Ok(gathered.unwrap_or_default())
         }
     }
 }
 
-/// Stresses and strains at the nodes, as far as they are wanted and the model knows them; see [`at_points`].
+/// Stresses and strains at the nodes, as far as `fields` asks for them and the model has them; see
+/// [`at_points`].
 pub(super) fn recovered(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -73,17 +75,17 @@ pub(super) fn recovered(
         return Ok(Vec::new());
     };
     let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
-    let mut found = Vec::with_capacity(nodes.len());
+    let mut tensors = Vec::with_capacity(nodes.len());
     let name = s.model().name();
-    let told = recovery.recover(&s.state().q, &nodes, &mut found);
-    told.map_err(core(format!("output.fields of model '{name}'")))?;
+    let result = recovery.recover(&s.state().q, &nodes, &mut tensors);
+    result.map_err(core(format!("output.fields of model '{name}'")))?;
     let array = |name: &str, components: usize, values: &dyn Fn(&Recovered<f64>, &mut Vec<f64>)| {
-        let mut all = Vec::with_capacity(components * found.len());
-        found.iter().for_each(|r| values(r, &mut all));
+        let mut numbers = Vec::with_capacity(components * tensors.len());
+        tensors.iter().for_each(|r| values(r, &mut numbers));
         Array {
             name: name.into(),
             components,
-            values: all,
+            values: numbers,
         }
     };
     let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
@@ -107,13 +109,13 @@ pub(super) fn recovered(
     Ok(out)
 }
 
-/// Whether the energy density of a model is wanted and comes from its bonds; else from the gradients in its
-/// cells.
+/// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
+/// gradients in the cells.
 pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
     fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
 }
 
-/// Strain energy density of the nodes of a model with bonds, without weights; see [`at_points`].
+/// Unweighted strain energy density of the nodes of a model with bonds; see [`at_points`].
 pub(super) fn energy_densities(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -153,21 +155,23 @@ pub(super) fn contacts(
     }))
 }
 
-/// Numbers of a bond.
+/// Numbers per bond.
 const WIDTH: usize = 3;
 
-/// Axial and shear force and utilisation of a bond.
+/// Axial force, shear force and utilisation of a bond.
 type Carried = [f64; WIDTH];
 
-/// Numbers of all bonds in the order of the whole model, on the first rank; `here`: first particle and
-/// numbers of those whose first particle is here, in that order.
-fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carried>> {
+/// Gathers the numbers of all bonds on rank 0 (empty elsewhere), in the order of the whole model.
+/// `local_bonds` has each bond whose first particle this rank owns, as that particle and the numbers, sorted
+/// by particle.
+fn gather_bonds(portion: &Portion, local_bonds: &[(usize, Carried)]) -> Result<Vec<Carried>> {
     let mut counts = vec![0.0; portion.nodes()];
-    here.iter().for_each(|b| counts[b.0] += 1.0);
-    // As many places per particle as one of them needs.
+    local_bonds.iter().for_each(|b| counts[b.0] += 1.0);
+    // Every particle gets as many slots as the one with most bonds needs, because `collect` takes a fixed
+    // number of values per node.
     let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
     let mut places = vec![0.0; WIDTH * most * portion.nodes()];
-    for bonds in here.chunk_by(|a, b| a.0 == b.0) {
+    for bonds in local_bonds.chunk_by(|a, b| a.0 == b.0) {
         let first = WIDTH * most * bonds[0].0;
         let numbers = bonds.iter().flat_map(|b| b.1);
         places[first..].iter_mut().zip(numbers).for_each(|(p, x)| *p = x);
@@ -177,17 +181,18 @@ fn of_all_bonds(portion: &Portion, here: &[(usize, Carried)]) -> Result<Vec<Carr
     let (Some(counts), Some(places)) = (counts, places) else {
         return Ok(Vec::new());
     };
-    let of = |(k, count): (usize, &f64)| {
+    let numbers_of = |(k, count): (usize, &f64)| {
         let first = WIDTH * most * k;
         places[first..first + WIDTH * *count as usize]
             .as_chunks::<WIDTH>()
             .0
             .to_vec()
     };
-    Ok(counts.iter().enumerate().flat_map(of).collect())
+    Ok(counts.iter().enumerate().flat_map(numbers_of).collect())
 }
 
-/// What bonds carry, as arrays of the `cells` of a picture that shows them, or of a piece.
+/// Forces of bonds, as arrays of the cells of a picture or of a part of it. Empty if the picture has not one
+/// of its `cells` per bond.
 pub(super) fn bonds(
     fields: &[OutputField],
     s: &Subdomain<f64>,
@@ -195,36 +200,36 @@ pub(super) fn bonds(
     piece: Option<&Piece>,
 ) -> Result<Vec<Array>> {
     let wanted = fields.contains(&OutputField::BondForces);
-    // Of a model in parts some of the bonds are here.
+    // A rank of a partitioned model has only some of the bonds, so that the count does not tell.
     let whole = s.portion().is_none();
     let links = s.model().links();
     let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));
     let Some(links) = links else { return Ok(Vec::new()) };
-    let mut found = Vec::with_capacity(cells);
-    let told = links.forces(&s.state().q, &mut found);
-    told.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
+    let mut forces = Vec::with_capacity(cells);
+    let result = links.forces(&s.state().q, &mut forces);
+    result.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
     let array = |name: &str, values: Vec<f64>| Array {
         name: name.into(),
         components: 1,
         values,
     };
-    let known = found.iter().all(|b| b.utilisation.is_some());
-    let numbers = found
+    let known = forces.iter().all(|b| b.utilisation.is_some());
+    let numbers = forces
         .iter()
         .map(|b| [b.axial, b.shear, b.utilisation.unwrap_or_default()]);
-    let (all, known) = match s.portion() {
+    let (rows, known) = match s.portion() {
         None => (numbers.collect(), known),
         Some(portion) => {
-            let here = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
-            let here: Vec<(usize, Carried)> = here.filter(|b| b.0 < portion.nodes()).collect();
-            let all = match piece {
-                Some(_) => here.iter().map(|b| b.1).collect(),
-                None => of_all_bonds(portion, &here)?,
+            let local_bonds = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
+            let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < portion.nodes()).collect();
+            let rows = match piece {
+                Some(_) => local_bonds.iter().map(|b| b.1).collect(),
+                None => gather_bonds(portion, &local_bonds)?,
             };
-            (all, !portion.any(!known).map_err(elsewhere)?)
+            (rows, !portion.any(!known).map_err(elsewhere)?)
         }
     };
-    let part = |c: usize| all.iter().map(|x: &Carried| x[c]).collect();
+    let part = |c: usize| rows.iter().map(|x: &Carried| x[c]).collect();
     let mut out = vec![
         array("axial force [N]", part(0)),
         array("shear force [N]", part(1)),

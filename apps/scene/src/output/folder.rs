@@ -1,12 +1,12 @@
-//! The folder of a run: it appears when the run has ended, and replaces results only, after the new ones
-//! are there.
+//! The folder of a run. It gets its name when the run has ended. Only results are ever replaced, and only
+//! when the new ones are complete.
 //!
 //! ```text
-//! NAME.unfinished            while the run goes on; what a killed run leaves, until it is resumed or begun again
+//! NAME.unfinished            a run that goes on or was killed, until it is resumed or started again
 //! NAME                       the results
-//! NAME.failed                those of a run that failed, where NAME holds earlier results already
-//! NAME.replaced              the earlier results, for the moment in which the new ones take their place
-//! NAME.unfinished.replaced   what could have been resumed before a run with --force, until that has ended
+//! NAME.failed                results of a failed run, if NAME has earlier results
+//! NAME.replaced              earlier results, while the new ones are renamed
+//! NAME.unfinished.replaced   a run that could be resumed, while a run with --force replaces it
 //! ```
 
 use super::mark::{self, Mark};
@@ -14,56 +14,57 @@ use crate::checkpoint;
 use crate::error::{Error, Result, value, write};
 use std::path::{Path, PathBuf};
 
-/// Where a run writes to, and what must never be replaced.
+/// Target folder of a run, with the paths that must never be replaced.
 #[derive(Debug, Clone)]
 pub struct Place {
     target: PathBuf,
     force: bool,
-    /// Files and folders that neither are in the target nor are it, whatever it bears.
-    kept: Vec<PathBuf>,
+    /// Paths that the target must not be or contain, even if it has the mark of results.
+    protected: Vec<PathBuf>,
 }
 
 impl Place {
-    /// A target of a run that reads the given files.
+    /// Target of a run that reads the files `inputs`.
     pub fn new(target: &Path, force: bool, inputs: &[PathBuf]) -> Self {
         let home = std::env::home_dir();
-        let here = std::env::current_dir().ok();
-        let kept = inputs.iter().cloned().chain(home).chain(here);
+        let working_folder = std::env::current_dir().ok();
+        let protected = inputs.iter().cloned().chain(home).chain(working_folder);
         Self {
             target: target.to_owned(),
             force,
-            kept: kept.filter_map(|p| p.canonicalize().ok()).collect(),
+            protected: protected.filter_map(|p| p.canonicalize().ok()).collect(),
         }
     }
 
-    /// Refuses a target that must not be replaced, or a run that could be resumed. What a killed run left
-    /// half done is put right first.
+    /// Refuses a target that must not be replaced, or a run that could be resumed. First completes the
+    /// renaming that a killed run left half done.
     pub fn check(&self) -> Result<()> {
         let target = &self.target;
         if target.file_name().is_none() {
             return Err(value("--out", target.display(), "must name a folder to create"));
         }
-        let (left, earlier) = (beside(target, "unfinished"), beside(target, "replaced"));
-        if mark::is_busy(&left) {
-            return Err(Error::Busy { folder: left });
+        let (partial, earlier) = (with_ending(target, "unfinished"), with_ending(target, "replaced"));
+        if mark::is_busy(&partial) {
+            return Err(Error::Busy { folder: partial });
         }
-        // Killed between two renames: the earlier results go back, or the new ones to their place.
+        // A run was killed between two renames: moves the earlier results back, or the new ones to their
+        // target.
         if !is_there(target) && earlier.exists() {
             std::fs::rename(&earlier, target).map_err(write(target))?;
         }
-        let resumable = left.join(checkpoint::NAME).exists();
-        if !is_there(target) && !resumable && mark::is_sealed(&left) {
-            std::fs::rename(&left, target).map_err(write(target))?;
+        let resumable = partial.join(checkpoint::NAME).exists();
+        if !is_there(target) && !resumable && mark::is_sealed(&partial) {
+            std::fs::rename(&partial, target).map_err(write(target))?;
         }
         self.refuse_existing(target)?;
         if !resumable {
             return Ok(());
         }
         if self.force {
-            return object(&left);
+            return refuse_foreign(&partial);
         }
         Err(Error::Unfinished {
-            unfinished: left,
+            unfinished: partial,
             target: target.clone(),
         })
     }
@@ -85,52 +86,53 @@ impl Place {
             return refuse("is a file, which --force does not replace; choose another folder");
         }
         let whole = target.canonicalize().map_err(write(target))?;
-        if let Some(inside) = self.kept.iter().find(|p| p.starts_with(&whole)) {
+        if let Some(inside) = self.protected.iter().find(|p| p.starts_with(&whole)) {
             let rule = format!(
                 "is or holds '{}', which this run reads or stands in, so no flag replaces it; choose another --out",
                 inside.display()
             );
             return refuse(&rule);
         }
-        object(target)
+        refuse_foreign(target)
     }
 }
 
 /// Refuses a folder that holds anything but results.
-fn object(folder: &Path) -> Result<()> {
+fn refuse_foreign(folder: &Path) -> Result<()> {
     match mark::objection(folder)? {
         None => Ok(()),
         Some(rule) => Err(value("--out", folder.display(), &rule)),
     }
 }
 
-/// A folder under construction beside its target; removed unless it is finished or can be resumed.
+/// A folder that is being written beside its target. Dropping it removes it unless it is finished or can be
+/// resumed.
 #[derive(Debug)]
 pub struct Folder {
     place: Place,
     partial: PathBuf,
     mark: Mark,
-    /// What could have been resumed, put out of the way.
+    /// An earlier run that could be resumed, moved out of the way.
     aside: Option<PathBuf>,
-    kept: bool,
+    is_kept: bool,
 }
 
 impl Folder {
-    /// Begins a folder that will become the target of `place`.
+    /// Creates the folder that will become the target of `place`.
     pub fn begin(place: Place) -> Result<Self> {
         place.check()?;
-        let partial = beside(&place.target, "unfinished");
-        let earlier = beside(&place.target, "replaced");
+        let partial = with_ending(&place.target, "unfinished");
+        let earlier = with_ending(&place.target, "replaced");
         if earlier.exists() {
-            object(&earlier)?;
+            refuse_foreign(&earlier)?;
             mark::remove(&earlier)?;
         }
         let mut aside = None;
         if partial.exists() {
-            object(&partial)?;
-            let old = beside(&partial, "replaced");
+            refuse_foreign(&partial)?;
+            let old = with_ending(&partial, "replaced");
             if old.exists() {
-                object(&old)?;
+                refuse_foreign(&old)?;
                 mark::remove(&old)?;
             }
             if partial.join(checkpoint::NAME).exists() {
@@ -142,29 +144,29 @@ impl Folder {
         }
         std::fs::create_dir_all(&partial).map_err(write(&partial))?;
         Ok(Self {
-            mark: marked(&partial)?,
+            mark: set_mark(&partial)?,
             place,
             partial,
             aside,
-            kept: false,
+            is_kept: false,
         })
     }
 
-    /// Where the files of a run go until it has ended.
+    /// Path at which files are written until the run has ended.
     pub fn unfinished(target: &Path) -> PathBuf {
-        beside(target, "unfinished")
+        with_ending(target, "unfinished")
     }
 
-    /// Where the checkpoint of a run is that was killed or interrupted.
+    /// Path that has the checkpoint of a killed or interrupted run.
     pub fn left_behind(target: &Path) -> PathBuf {
-        Some(beside(target, "unfinished"))
+        Some(with_ending(target, "unfinished"))
             .filter(|p| p.exists())
             .unwrap_or_else(|| target.to_owned())
     }
 
-    /// Goes on with a folder whose run was killed, interrupted or failed.
+    /// Reopens the folder of a run that was killed, interrupted or failed.
     pub fn reopen(target: &Path) -> Result<Self> {
-        let partial = beside(target, "unfinished");
+        let partial = with_ending(target, "unfinished");
         if !partial.exists() {
             if std::fs::symlink_metadata(target).is_ok_and(|m| m.is_symlink()) {
                 let rule = "is a symbolic link; name the folder itself";
@@ -174,61 +176,61 @@ impl Folder {
         }
         Ok(Self {
             place: Place::new(target, false, &[]),
-            mark: marked(&partial)?,
+            mark: set_mark(&partial)?,
             partial,
             aside: None,
-            kept: false,
+            is_kept: false,
         })
     }
 
-    /// Where files go until the folder is finished.
+    /// Path at which files are written until the folder is finished.
     pub fn path(&self) -> &Path {
         &self.partial
     }
 
-    /// Creates a folder inside.
+    /// Creates a subfolder.
     pub fn subfolder(&self, name: &str) -> Result<PathBuf> {
         let path = self.partial.join(name);
         std::fs::create_dir_all(&path).map_err(write(&path))?;
         Ok(path)
     }
 
-    /// Moves everything but the checkpoint into a folder inside. The checkpoint stays until another one
-    /// replaces it: killed in between, the run goes on from there after [`Folder::take_back`].
+    /// Moves everything but the checkpoint into a subfolder. The checkpoint stays until the next one replaces
+    /// it: a run that is killed before continues from it after [`Folder::take_back`].
     pub fn put_aside(&self, name: &str) -> Result<()> {
         let into = self.partial.join(name);
-        let all = self.results(&self.partial)?;
+        let results = self.results(&self.partial)?;
         std::fs::create_dir(&into).map_err(write(&into))?;
-        for from in all {
-            let to = into.join(from.file_name().unwrap_or_default());
-            std::fs::rename(&from, &to).map_err(write(&to))?;
+        for from in results {
+            let target = into.join(from.file_name().unwrap_or_default());
+            std::fs::rename(&from, &target).map_err(write(&target))?;
         }
         Ok(())
     }
 
-    /// Undoes [`Folder::put_aside`], whatever it left undone and whatever came after it.
+    /// Undoes [`Folder::put_aside`], even if that was interrupted, and removes files written since.
     pub fn take_back(&self, name: &str) -> Result<()> {
         let from = self.partial.join(name);
         if !from.exists() {
             return Ok(());
         }
         for entry in self.results(&from)? {
-            let to = self.partial.join(entry.file_name().unwrap_or_default());
-            // What came after the waking is made anew.
-            if to.is_dir() {
-                for file in self.results(&to)? {
+            let target = self.partial.join(entry.file_name().unwrap_or_default());
+            // Files written after the waking are made anew by the resumed run.
+            if target.is_dir() {
+                for file in self.results(&target)? {
                     std::fs::remove_file(&file).map_err(write(&file))?;
                 }
-                std::fs::remove_dir(&to).map_err(write(&to))?;
-            } else if to.exists() {
-                std::fs::remove_file(&to).map_err(write(&to))?;
+                std::fs::remove_dir(&target).map_err(write(&target))?;
+            } else if target.exists() {
+                std::fs::remove_file(&target).map_err(write(&target))?;
             }
-            std::fs::rename(&entry, &to).map_err(write(&to))?;
+            std::fs::rename(&entry, &target).map_err(write(&target))?;
         }
         std::fs::remove_dir(&from).map_err(write(&from))
     }
 
-    /// What the run wrote into a folder inside, its checkpoint and mark apart.
+    /// Paths that the run wrote into a subfolder, except the checkpoint and the mark.
     fn results(&self, folder: &Path) -> Result<Vec<PathBuf>> {
         let mut out = Vec::new();
         for entry in std::fs::read_dir(folder).map_err(write(folder))? {
@@ -244,30 +246,31 @@ impl Folder {
         Ok(out)
     }
 
-    /// Moves the folder to its target; results of a run that `failed` do not replace earlier ones but go
-    /// beside them.
+    /// Renames the folder to its target. Results of a run that `failed` do not replace earlier ones; their
+    /// folder gets the ending `failed`.
     pub fn finish(mut self, failed: bool) -> Result<PathBuf> {
         let partial = self.partial.clone();
         self.settle(failed)
             .map_err(|e| e.kept("the results are", &partial))
     }
 
-    /// Keeps the folder under its name of a run that goes on, after an error that leaves nothing better.
+    /// Keeps the folder under its unfinished name, after an error that leaves nothing better to do.
     pub fn keep(mut self, error: Error) -> Error {
-        self.kept = true;
+        self.is_kept = true;
         error.kept("what there is so far is", &self.partial)
     }
 
     fn settle(&mut self, failed: bool) -> Result<PathBuf> {
-        // What is finished stays, wherever it ends up.
-        self.kept = true;
+        // Finished results are kept even if renaming fails.
+        self.is_kept = true;
         let sealed = self.mark.seal(&self.partial);
         if !failed {
             sealed?;
         }
         let mut target = self.place.target.clone();
         if failed && is_there(&target) {
-            target = beside(&target, "failed");
+            target = with_ending(&target, "failed");
+            // A failed run may replace the folder of an earlier failed one.
             self.place.force = true;
         }
         self.replace(&target)?;
@@ -275,9 +278,9 @@ impl Folder {
     }
 
     fn replace(&mut self, target: &Path) -> Result<()> {
-        // Someone may have made it in the meantime.
+        // Another process may have created the target in the meantime.
         self.place.refuse_existing(target)?;
-        let earlier = is_there(target).then(|| beside(target, "replaced"));
+        let earlier = is_there(target).then(|| with_ending(target, "replaced"));
         if let Some(earlier) = &earlier {
             std::fs::rename(target, earlier).map_err(write(target))?;
         }
@@ -296,10 +299,10 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        if self.kept || self.partial.join(checkpoint::NAME).exists() {
+        if self.is_kept || self.partial.join(checkpoint::NAME).exists() {
             return;
         }
-        // Nothing better can be done about a failure here than to leave the folder behind under its name.
+        // Drop cannot report an error: on failure the folder stays under its unfinished name.
         if self.partial.join(mark::PART).exists() {
             let _ = self.settle(true);
             return;
@@ -311,20 +314,23 @@ impl Drop for Folder {
     }
 }
 
-/// Marks a folder, or says that another run writes there.
-fn marked(partial: &Path) -> Result<Mark> {
+/// Marks a folder.
+///
+/// # Errors
+/// [`Error::Busy`] if another run writes there.
+fn set_mark(partial: &Path) -> Result<Mark> {
     Mark::set(partial)?.ok_or_else(|| Error::Busy {
         folder: partial.to_owned(),
     })
 }
 
-/// The path with a further ending.
-fn beside(path: &Path, ending: &str) -> PathBuf {
+/// Appends an ending to a path.
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{name}.{ending}"))
 }
 
-/// Whether there is anything, a dangling link included.
+/// Returns whether the path exists; a dangling link counts.
 fn is_there(path: &Path) -> bool {
     std::fs::symlink_metadata(path).is_ok()
 }

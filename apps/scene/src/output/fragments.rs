@@ -1,4 +1,4 @@
-//! Pieces into which bodies of bonds have fallen, over time.
+//! Fragments into which bodies with bonds have broken, over time.
 
 use super::put;
 use crate::error::{Result, core};
@@ -13,10 +13,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Most pieces of one model that are listed at one instant, the heaviest.
+/// Largest number of fragments of one model that are listed at one instant; the heaviest are.
 const MOST: usize = 1_000;
 
-/// A piece at one instant; number 0 stands for all particles without a bond.
+/// A fragment at one instant; number 0 stands for all particles without a bond.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Piece {
     /// Time \[s\].
@@ -25,7 +25,7 @@ pub struct Piece {
     pub model: String,
     /// Number, from 1 for the heaviest.
     pub number: usize,
-    /// Its particles.
+    /// Number of particles.
     pub particles: usize,
     /// Unweighted mass \[kg\].
     pub mass: f64,
@@ -35,35 +35,39 @@ pub struct Piece {
     pub velocity: [f64; 3],
 }
 
-/// A model that can fall to pieces.
+/// A model whose bonds can break.
 #[derive(Debug)]
 struct Body {
     number: usize,
     breaks: SharedLog,
     /// Particles and bonds at rest.
     grid: Arc<Grid>,
-    /// Of a body in parts on the first rank alone, which has its pieces.
+    /// Masses of all particles \[kg\]; for a partitioned model on rank 0 only, which finds the fragments.
     masses: Vec<f64>,
 }
 
-/// Numbers of all particles, so many each, of which `x` are those here: of a body in parts on the first
-/// rank alone.
-fn on_first<'a>(s: &Subdomain<f64>, each: usize, x: &'a [f64]) -> Result<Option<Cow<'a, [f64]>>> {
+/// Gathers `x`, with `components` numbers per particle of this rank, for all particles: on rank 0 if the
+/// model is partitioned (`None` elsewhere). Collective.
+fn gather_on_first<'a>(
+    s: &Subdomain<f64>,
+    components: usize,
+    x: &'a [f64],
+) -> Result<Option<Cow<'a, [f64]>>> {
     match s.portion() {
         None => Ok(Some(x.into())),
-        Some(p) => Ok(p.collect(each, x).map_err(elsewhere)?.map(Cow::from)),
+        Some(p) => Ok(p.collect(components, x).map_err(elsewhere)?.map(Cow::from)),
     }
 }
 
-/// The pieces of all models whose bonds can break.
+/// The fragments of all models whose bonds can break.
 #[derive(Debug, Default)]
 pub struct Fragments {
     bodies: Vec<Body>,
-    /// What was found so far.
+    /// Fragments found so far.
     pub rows: Vec<Piece>,
 }
 
-/// Sums over the particles of a piece.
+/// Sums over the particles of a fragment.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     particles: usize,
@@ -96,7 +100,7 @@ impl Sums {
 }
 
 impl Fragments {
-    /// Of the models whose bonds can break. All ranks must ask.
+    /// Prepares the models whose bonds can break. Collective.
     pub(crate) fn new(run: &Coupled<f64>, models: &[ModelInfo]) -> Result<Self> {
         let mut bodies = Vec::new();
         for (number, (s, info)) in run.subdomains().iter().zip(models).enumerate() {
@@ -114,7 +118,7 @@ impl Fragments {
                 number,
                 breaks,
                 grid: info.grid.clone(),
-                masses: on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
+                masses: gather_on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
             });
         }
         Ok(Self {
@@ -123,18 +127,19 @@ impl Fragments {
         })
     }
 
-    /// Finds the pieces of this instant. All ranks must ask.
+    /// Finds the fragments at the present time and appends them to `rows`. Collective.
     pub(crate) fn look(&mut self, run: &Coupled<f64>) -> Result<()> {
         for b in &self.bodies {
             let s = &run.subdomains()[b.number];
             let moving = s.model().layout().translations();
-            let q = on_first(s, 3, &s.state().q[..moving])?;
-            let v = on_first(s, 3, &s.state().v[..moving])?;
+            let q = gather_on_first(s, 3, &s.state().q[..moving])?;
+            let v = gather_on_first(s, 3, &s.state().v[..moving])?;
             let (Some(q), Some(v)) = (q, v) else { continue };
             let log = locked(&b.breaks);
             let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();
             let whole = bonds.filter(|(k, _)| !log.is_broken(*k));
             let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
+            // Each fragment has the number of its lowest particle, whose entry takes the sums.
             let mut sums = vec![Sums::default(); b.masses.len()];
             for (i, x) in b.grid.points.iter().enumerate() {
                 let m = b.masses[i];
@@ -164,13 +169,14 @@ impl Fragments {
         Ok(())
     }
 
-    /// Whether there is any model that can fall to pieces.
+    /// Returns whether no model can break.
     pub(crate) fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
 }
 
-/// Particles, model and middle \[m\] of the largest piece that no support holds and no overlap ties.
+/// Returns the number of particles, the model and the centre \[m\] of the largest fragment that no support
+/// holds and no overlap ties.
 pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<(usize, String, [f64; 3])> {
     let mut largest = None;
     for (s, log) in run.subdomains().iter().zip(breaks) {
@@ -197,6 +203,7 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
             .map(|d| layout.node_of(*d));
         let weight = &s.weights().internal;
         let tied = (0..nodes.len()).filter(|i| weight.at(&nodes[*i]) < 1.0);
+        // A count of zero takes fragments out that are held or tied.
         held.chain(tied).for_each(|i| sums[piece[i] as usize].0 = 0);
         let most = sums.into_iter().max_by_key(|s| s.0)?;
         if most.0 > largest.as_ref().map_or(0, |l: &(usize, _, _)| l.0) {
@@ -207,7 +214,7 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
     largest
 }
 
-/// Writes the table.
+/// Writes the table of fragments.
 pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
     let mut text = "time [s],model,fragment [-],particles [-],mass [kg],x [m],y [m],z [m],velocity x [m/s],velocity y [m/s],\
                     velocity z [m/s]\n"

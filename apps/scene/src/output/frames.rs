@@ -1,4 +1,4 @@
-//! Frames: the state of all models and mediators at one instant.
+//! Frames: files with the state of all models and mediators at one instant.
 
 use super::painter::{Painter, Seen, vectors};
 use super::pieces::Piece;
@@ -13,12 +13,12 @@ use arlequin::core::{Coupled, Subdomain};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-/// Writes frames and, at the end, their index.
+/// Writes frames, and their index at the end.
 #[derive(Debug)]
 pub struct Frames {
-    /// None on a rank that writes nothing.
+    /// `None` on a rank that writes nothing.
     folder: Option<PathBuf>,
-    /// All ranks, where each of them writes its piece of models in parts.
+    /// All ranks, if each writes its part of partitioned models.
     ranks: Option<Ranks>,
     fields: Vec<OutputField>,
     models: Vec<Painter>,
@@ -27,7 +27,7 @@ pub struct Frames {
     entries: Vec<Entry>,
 }
 
-/// What frames show.
+/// Everything that frames show.
 #[derive(Debug)]
 pub struct Pictures {
     /// Models.
@@ -41,7 +41,7 @@ pub struct Pictures {
 /// A model at one instant.
 #[derive(Debug)]
 pub struct Picture<'a> {
-    /// Its name.
+    /// Name of the model.
     pub name: String,
     /// Points and cells at rest.
     pub grid: &'a Grid,
@@ -51,14 +51,14 @@ pub struct Picture<'a> {
     pub cells: Vec<Array>,
 }
 
-/// What a rank has written of an instant.
+/// Files that a rank has written of one instant.
 #[derive(Debug)]
 struct Written {
-    /// Entries of models, with the arrays of those in pieces.
+    /// Entries of models, with the names of the arrays of partitioned models.
     models: Vec<(Entry, Option<Kinds>)>,
-    /// Files of this rank.
+    /// Paths of the files of this rank.
     files: Vec<PathBuf>,
-    /// What went wrong first.
+    /// First error.
     failed: Result<()>,
 }
 
@@ -70,14 +70,14 @@ impl Frames {
         run: &Coupled<f64>,
         pictures: Pictures,
     ) -> Self {
-        Self::of(folder, fields, run, pictures, Vec::new())
+        Self::with_pieces(folder, fields, run, pictures, Vec::new())
     }
 
-    /// Prepares frames of which every rank writes its piece of models in parts into the folder, which all
-    /// of them see. All must ask.
+    /// Prepares frames of which every rank writes its part of partitioned models, into a folder that all
+    /// ranks see. Collective.
     ///
     /// # Errors
-    /// What ranks say of each other.
+    /// Failures of communication.
     pub(crate) fn in_pieces(
         folder: PathBuf,
         fields: &[OutputField],
@@ -86,18 +86,18 @@ impl Frames {
         ranks: &Ranks,
     ) -> Result<Self> {
         let density = fields.contains(&OutputField::EnergyDensity);
-        let all = pictures.models.iter_mut().zip(run.subdomains());
-        let pieces = all.map(|(info, s)| {
+        let models = pictures.models.iter_mut().zip(run.subdomains());
+        let pieces = models.map(|(info, s)| {
             let gradients = density && !fields::energy_from_bonds(fields, s);
             s.portion().map(|p| Piece::cut(info, p, gradients)).transpose()
         });
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
-        let mut out = Self::of(Some(folder), fields, run, pictures, pieces);
+        let mut out = Self::with_pieces(Some(folder), fields, run, pictures, pieces);
         out.ranks = Some(ranks.clone());
         Ok(out)
     }
 
-    fn of(
+    fn with_pieces(
         folder: Option<PathBuf>,
         fields: &[OutputField],
         run: &Coupled<f64>,
@@ -119,28 +119,28 @@ impl Frames {
         }
     }
 
-    /// Whether this rank writes what is whole, and the index.
+    /// Returns whether this rank writes the index and the models that are not partitioned.
     fn leads(&self) -> bool {
         self.folder.is_some() && self.ranks.as_ref().is_none_or(Ranks::leads)
     }
 
-    /// Files written so far.
+    /// Entries of the files written so far.
     pub fn entries(&self) -> &[Entry] {
         &self.entries
     }
 
-    /// Goes on with the files written before; removes those of later instants.
+    /// Continues after the files of `entries`; removes frames that are not among them.
     pub fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
         let Some(folder) = self.folder.as_ref().filter(|_| self.leads()) else {
             return Ok(());
         };
-        let kept: HashSet<_> = entries
+        let listed: HashSet<_> = entries
             .iter()
             .filter_map(|e| Path::new(&e.file).file_name()?.to_str())
             .collect();
         for file in std::fs::read_dir(folder).map_err(write(folder))?.flatten() {
             let frame = mark::frame(&file.file_name());
-            if frame.is_some_and(|f| !kept.contains(f.as_str())) {
+            if frame.is_some_and(|f| !listed.contains(f.as_str())) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
             }
         }
@@ -155,24 +155,26 @@ impl Frames {
 
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
+        // Per point position and multiplier, per cell an 8-byte offset and a 1-byte type.
         let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
         let models = self.models.iter().map(|m| m.bytes(&self.fields));
         models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
 
-    /// A model in its current state, as [`Self::write`] puts it into a file; none beyond the last model. Of
-    /// one in parts all ranks must ask: the first gets it whole and the others none, or each its piece.
+    /// Returns a model in its current state, as [`Self::write`] writes it; `None` beyond the last model. Of a
+    /// partitioned model rank 0 gets the whole and other ranks `None`, unless each rank shows its own part.
+    /// Collective.
     ///
     /// # Errors
-    /// Values that are not finite; what a model cannot recover.
+    /// Values that are not finite; stresses that a model cannot recover.
     pub fn picture(&self, run: &Coupled<f64>, part: usize) -> Result<Option<Picture<'_>>> {
         let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
             return Ok(None);
         };
         check_state(run, s)?;
         let piece = painter.piece.as_ref();
-        let Some(seen) = Seen::of(s, piece)? else {
-            // What the first rank asks of models in parts, in its order.
+        let Some(seen) = Seen::gather(s, piece)? else {
+            // These gather collectively: other ranks must call them in the same order as `arrays` on rank 0.
             fields::recovered(&self.fields, s, None)?;
             fields::energy_densities(&self.fields, s, None)?;
             fields::bonds(&self.fields, s, 0, None)?;
@@ -197,7 +199,8 @@ impl Frames {
             failed: Ok(()),
         };
         let shown = self.write_models(run, &mut written);
-        // Pieces are there before what names them; what fails leaves nothing of this instant.
+        // Rank 0 lists the parts only after all ranks have written them. If one fails, no file of this
+        // instant stays.
         let failed = written.failed;
         let done = shown.and_then(|()| match &self.ranks {
             Some(ranks) => ranks.together(failed),
@@ -219,7 +222,7 @@ impl Frames {
                 pieces
                     .iter()
                     .enumerate()
-                    .try_for_each(|(r, p)| seen(&folder.join(p), r))?;
+                    .try_for_each(|(r, p)| check_visible(&folder.join(p), r))?;
                 vtu::write_parallel(&folder.join(format!("{name}.pvtu")), &kinds, &pieces)?;
             }
             self.entries.push(entry);
@@ -239,7 +242,7 @@ impl Frames {
         Ok(())
     }
 
-    /// Writes what this rank shows of a model, unless it has failed before.
+    /// Writes a model as this rank shows it, unless an earlier write of this instant failed.
     fn write_model(&self, run: &Coupled<f64>, part: usize, p: &Picture<'_>, to: &mut Written) {
         let (Some(folder), Ok(())) = (&self.folder, &to.failed) else {
             return;
@@ -253,14 +256,14 @@ impl Frames {
         let path = folder.join(file);
         let numbers = piece.map(|piece| Numbers {
             points: &piece.points,
-            own: piece.own,
+            owned: piece.owned,
             cells: &piece.cells,
         });
         to.failed = vtu::write_grid(&path, p.grid, &p.points, &p.cells, numbers);
         to.files.push(path);
         let (ending, kinds) = match piece {
             None => ("vtu", None),
-            Some(_) => ("pvtu", Some(Kinds::of(&p.points, &p.cells))),
+            Some(_) => ("pvtu", Some(Kinds::from_arrays(&p.points, &p.cells))),
         };
         let entry = entry(run, part, &p.name, format!("{name}.{ending}"));
         to.models.push((entry, kinds));
@@ -290,7 +293,7 @@ impl Frames {
         Ok(())
     }
 
-    /// Rigid bodies where they are at rest, with the displacement and velocity of every point.
+    /// Writes rigid bodies at rest, with the displacement and velocity of every point.
     fn write_rigid(&mut self, run: &Coupled<f64>, folder: &Path) -> Result<()> {
         for (k, p) in self.rigid.iter().enumerate() {
             let mut effects = run.subdomains()[p.model].effects();
@@ -310,7 +313,7 @@ impl Frames {
             ];
             let model = run.subdomains()[p.model].model().name();
             let name = format!("rigid-{}-{model}", p.name);
-            // Names of rigid bodies are free, those of files are not.
+            // Rigid bodies may have any name, files may not.
             let plain = |c: char| {
                 if c.is_ascii_alphanumeric() || "-_".contains(c) {
                     c
@@ -345,13 +348,13 @@ fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
     }
 }
 
-/// Name of the file of a rank.
+/// File name of a rank's part.
 fn piece_file(name: &str, rank: usize) -> String {
     format!("{name}_{rank}.vtu")
 }
 
-/// Refuses a piece that its rank has written where nobody else sees it.
-fn seen(path: &Path, rank: usize) -> Result<()> {
+/// Refuses a part that its rank has written where rank 0 does not see it.
+fn check_visible(path: &Path, rank: usize) -> Result<()> {
     if path.exists() {
         return Ok(());
     }
@@ -365,13 +368,14 @@ fn seen(path: &Path, rank: usize) -> Result<()> {
     })
 }
 
-/// Refuses displacements and velocities that are no numbers, on whatever rank they are: on all of them.
+/// Refuses displacements and velocities that are not finite. Collective: all ranks fail if one does.
 fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let state = s.state();
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
-    let own = f64::from(u8::from(!finite));
-    let worst = s.portion().map_or(own, |p| p.largest(own));
+    let fault = f64::from(u8::from(!finite));
+    let worst = s.portion().map_or(fault, |p| p.largest(fault));
     check_exchange(s)?;
+    // A non-finite value on any rank makes `worst` 1, and so the checked number infinite.
     check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])
 }
 

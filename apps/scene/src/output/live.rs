@@ -1,4 +1,4 @@
-//! Tables of a run that goes on: rows are added as they come, so that it can be read while it runs.
+//! Tables that are written during a run, so that they can be read before it ends.
 
 use crate::error::{Result, write};
 use crate::recorder::{Recorder, Table};
@@ -8,10 +8,10 @@ use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Longest time that rows wait.
+/// Longest time between rows being recorded and written.
 const WAIT: Duration = Duration::from_secs(1);
 
-/// Rows written so far.
+/// Counts the rows written so far.
 #[derive(Debug)]
 pub(crate) struct Live {
     last: Instant,
@@ -19,7 +19,7 @@ pub(crate) struct Live {
 }
 
 impl Live {
-    /// Nothing is written yet; what is there of an earlier part of the run is written again.
+    /// Starts with no row written. The rows of an earlier part of a resumed run are written again.
     pub(crate) fn new() -> Self {
         Self {
             last: Instant::now(),
@@ -27,7 +27,7 @@ impl Live {
         }
     }
 
-    /// Adds the rows that are not there, if some have waited for long or a frame was written.
+    /// Appends the new rows if the last write is [`WAIT`] ago or a frame was written.
     pub(crate) fn flush(&mut self, folder: &Path, r: &Recorder, framed: bool) -> Result<()> {
         if !framed && self.last.elapsed() < WAIT {
             return Ok(());
@@ -47,7 +47,7 @@ impl Live {
     }
 }
 
-/// Adds the rows of a table beyond those `written`; the headline comes with the first.
+/// Appends the rows of a table after the first `written`; writes the headings with the first row.
 fn append(path: &Path, table: &Table, written: &mut usize) -> Result<()> {
     let mut text = String::new();
     if *written == 0 {

@@ -1,5 +1,5 @@
-//! The mark of folders of results. Nothing that the program did not write is ever removed or replaced: a
-//! folder goes file by file, by the list in its mark.
+//! The mark of result folders. Nothing that the program did not write is removed or replaced: a folder is
+//! removed file by file, following the list in its mark.
 //!
 //! ```text
 //! Results of arlequin, ...            head
@@ -7,8 +7,8 @@
 //! end
 //! ```
 //!
-//! While the run goes on there is no list; then the names that a run uses decide, and a lock says that it
-//! goes on.
+//! During a run there is no list. Then the names that a run uses decide, and a lock shows that the run goes
+//! on.
 
 use crate::checkpoint::fingerprint;
 use crate::error::{Error, Result, write};
@@ -18,34 +18,34 @@ use std::fs::{File, TryLockError};
 use std::io::{Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Name of the file.
+/// Name of the mark's file.
 pub const NAME: &str = ".arlequin-results";
 const HEAD: &str = "Results of arlequin. A run with --force replaces this folder as long as it holds nothing but the \
                     files listed here, unchanged.\n";
-/// Last line of a list that is whole.
+/// Last line of a complete list.
 const END: &str = "end\n";
-/// What stands in a folder.
+/// Type of a directory entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     File,
     Folder,
-    /// A link, a pipe, a device: no run writes one.
+    /// A link, a pipe or a device; no run creates these.
     Other,
 }
 
 /// Files that the mark lists, each with its length \[bytes\] and the CRC-32 of its bytes.
-type Listed = BTreeMap<PathBuf, (u64, u32)>;
+type FileList = BTreeMap<PathBuf, (u64, u32)>;
 
-/// Whether a file still has the bytes that the run wrote. One that cannot be read has not.
-fn is_unchanged(list: &Listed, folder: &Path, name: &Path) -> bool {
+/// Returns whether a file still has the bytes that the run wrote. False for a file that cannot be read.
+fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
     let path = folder.join(name);
     let long = std::fs::metadata(&path).map(|m| m.len()).ok();
-    // A file of another length need not be read.
+    // A different length decides without reading the file.
     let listed = list.get(name).filter(|l| Some(l.0) == long);
     listed.is_some_and(|l| fingerprint(&path).is_ok_and(|f| f == *l))
 }
 
-/// Files of a run.
+/// Files of a run at the top level.
 const FILES: [&str; 12] = [
     NAME,
     "probes.csv",
@@ -60,16 +60,16 @@ const FILES: [&str; 12] = [
     "checkpoint.bin",
     "checkpoint.bin.tmp",
 ];
-/// Files that a sweep, or `arlequin view`, adds to results afterwards.
+/// Files that a sweep or `arlequin view` adds to results later.
 const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view.html"];
-/// Folders inside, and what their files end with.
+/// Subfolders and the endings of the files in them.
 const FOLDERS: [(&str, &str); 3] = [("vtu", ".vtu"), ("vtu", ".pvtu"), ("plots", ".svg")];
-/// How tables begin that are named after a model or a curve.
+/// Prefixes of tables that are named after a model or a curve.
 const NAMED: [&str; 2] = ["fracture-", "curve-"];
-/// Folder with the same again.
+/// Subfolder that again has results, of the time before a model woke.
 pub const PART: &str = "asleep";
 
-/// A marked folder in which this process writes; others see that it does.
+/// A marked and locked folder in which this process writes.
 #[derive(Debug)]
 pub struct Mark(File);
 
@@ -77,6 +77,7 @@ impl Mark {
     /// Marks a folder and locks it; `None` if another process writes there.
     pub fn set(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(NAME);
+        // Opening must not truncate: the file may be the mark of a run that goes on.
         let open = File::options()
             .write(true)
             .create(true)
@@ -85,7 +86,7 @@ impl Mark {
         let mut file = open.map_err(write(&path))?;
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => return Ok(None),
-            // Some file systems know no locks: then nobody is watched.
+            // Some file systems have no locks; runs there are not protected from each other.
             Err(TryLockError::Error(_)) | Ok(()) => {}
         }
         file.set_len(0)
@@ -94,7 +95,7 @@ impl Mark {
         Ok(Some(Self(file)))
     }
 
-    /// Lists what the run wrote: from now on these files, unchanged, are what may be replaced.
+    /// Lists the files that the run wrote. From then on exactly these files, unchanged, may be replaced.
     pub fn seal(&mut self, folder: &Path) -> Result<()> {
         let mut text = HEAD.to_owned();
         for (name, kind) in entries(folder)? {
@@ -114,30 +115,30 @@ impl Mark {
     }
 }
 
-/// Whether another process writes into a marked folder.
+/// Returns whether another process writes into a marked folder.
 pub fn is_busy(folder: &Path) -> bool {
     let file = File::options().write(true).open(folder.join(NAME));
     file.is_ok_and(|f| matches!(f.try_lock(), Err(TryLockError::WouldBlock)))
 }
 
-/// Whether the run that made a marked folder wrote all it had to.
+/// Returns whether the run that made a marked folder wrote all of its files.
 pub fn is_sealed(folder: &Path) -> bool {
-    listed(folder).is_some_and(|l| !l.is_empty())
+    read_list(folder).is_some_and(|l| !l.is_empty())
 }
 
-/// Why a folder must not be removed; none if it holds nothing but what a run wrote.
+/// Returns the reason why a folder must not be removed; `None` if it holds only what a run wrote.
 pub fn objection(folder: &Path) -> Result<Option<String>> {
-    let found = entries(folder)?;
-    if found.is_empty() {
+    let contents = entries(folder)?;
+    if contents.is_empty() {
         return Ok(None);
     }
-    let Some(list) = listed(folder) else {
+    let Some(list) = read_list(folder) else {
         return Ok(Some(format!(
             "does not bear the mark of results ('{NAME}'), so no flag replaces it; choose another --out, or remove it \
              yourself"
         )));
     };
-    let foreign = found.iter().find(|(name, kind)| {
+    let foreign = contents.iter().find(|(name, kind)| {
         let added = ADDED.iter().any(|a| name.as_path() == Path::new(a));
         let known = match kind {
             Kind::Other => false,
@@ -156,14 +157,14 @@ pub fn objection(folder: &Path) -> Result<Option<String>> {
     }))
 }
 
-/// Removes what a run wrote, the mark last, and the folder if nothing else is left in it.
+/// Removes the files that a run wrote, the mark last, and the folder if it is empty then.
 pub fn remove(folder: &Path) -> Result<()> {
-    let list = listed(folder).unwrap_or_default();
-    let all = entries(folder)?;
-    // Deepest first: the paths are sorted.
-    for (name, kind) in all.iter().rev().filter(|(name, _)| is_ours(name)) {
+    let list = read_list(folder).unwrap_or_default();
+    let contents = entries(folder)?;
+    // Paths are sorted, so that reverse order removes the contents of a folder before the folder.
+    for (name, kind) in contents.iter().rev().filter(|(name, _)| is_ours(name)) {
         let path = folder.join(name);
-        let mine = match kind {
+        let removable = match kind {
             _ if name.as_path() == Path::new(NAME) => continue,
             Kind::Other => false,
             Kind::File => {
@@ -171,13 +172,13 @@ pub fn remove(folder: &Path) -> Result<()> {
                     || ADDED.iter().any(|a| name.ends_with(a))
                     || is_unchanged(&list, folder, name)
             }
-            // A folder that still holds something stays.
+            // Fails for a folder that is not empty, which then stays.
             Kind::Folder => {
                 let _ = std::fs::remove_dir(&path);
                 continue;
             }
         };
-        if mine {
+        if removable {
             std::fs::remove_file(&path).map_err(write(&path))?;
         }
     }
@@ -191,8 +192,8 @@ pub fn remove(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A folder of many runs or of pictures, into which files are written again and again: it must be new,
-/// empty or marked.
+/// Claims a folder for many runs or plots, into which files are written again and again. Refuses one that is
+/// neither new nor empty nor marked.
 pub fn claim(flag: &str, folder: &Path) -> Result<()> {
     if folder.exists() && !folder.is_dir() {
         let rule = "is a file; choose another folder";
@@ -214,7 +215,7 @@ pub fn claim(flag: &str, folder: &Path) -> Result<()> {
     std::fs::write(&path, HEAD).map_err(write(&path))
 }
 
-/// Refuses to write over a page that does not begin as the one that is written there.
+/// Refuses to overwrite a page whose first line differs from that of `head`.
 pub fn generated(flag: &str, page: &Path, head: &str) -> Result<()> {
     let Ok(text) = std::fs::read(page) else {
         return Ok(());
@@ -228,18 +229,19 @@ pub fn generated(flag: &str, page: &Path, head: &str) -> Result<()> {
     Err(crate::error::value(flag, page.display(), &rule))
 }
 
-/// Whether a run may have given this name to something in its folder.
+/// Returns whether a run may have given this name to something in its folder.
 pub fn is_ours(name: &Path) -> bool {
     let parts: Option<Vec<&str>> = name.iter().map(|p| p.to_str()).collect();
     match parts.as_deref() {
+        // Only one level: results inside `asleep` have no such folder again.
         Some([PART, rest @ ..]) if rest.first() != Some(&PART) => is_part(rest),
         Some(parts) => is_part(parts),
         None => false,
     }
 }
 
-/// The file that the index names of a frame that a file is, or is a piece of: a model, an underscore and
-/// the number of the step; of a piece another underscore and its rank.
+/// Returns the name under which the index lists a frame, given the name of its file or of a rank's part.
+/// Frames are named `MODEL_STEP.vtu`, parts `MODEL_STEP_RANK.vtu` (listed as `MODEL_STEP.pvtu`).
 pub fn frame(name: &OsStr) -> Option<String> {
     let name = name.to_str()?;
     let is_step = |s: &str| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit());
@@ -272,7 +274,7 @@ fn is_part(parts: &[&str]) -> bool {
     }
 }
 
-/// Everything below a folder. A link is never followed.
+/// All entries below a folder. Links are not followed.
 fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
     let read = |path: &Path| {
         let path = path.to_owned();
@@ -284,14 +286,14 @@ fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
         let path = folder.join(&below);
         for entry in std::fs::read_dir(&path).map_err(read(&path))? {
             let entry = entry.map_err(read(&path))?;
-            let found = entry.file_type().map_err(read(&entry.path()))?;
+            let file_type = entry.file_type().map_err(read(&entry.path()))?;
             let name = below.join(entry.file_name());
-            let kind = match (found.is_dir(), found.is_file()) {
+            let kind = match (file_type.is_dir(), file_type.is_file()) {
                 (true, _) => Kind::Folder,
                 (_, true) => Kind::File,
                 _ => Kind::Other,
             };
-            // What lies deeper than a run writes is foreign by its folder's name already.
+            // A run writes no deeper folders, so the name of this one already marks its contents as foreign.
             if kind == Kind::Folder && is_ours(&name) {
                 open.push(name.clone());
             }
@@ -301,8 +303,8 @@ fn entries(folder: &Path) -> Result<BTreeMap<PathBuf, Kind>> {
     Ok(out)
 }
 
-/// The list of the mark, empty while the run goes on; none without a mark.
-fn listed(folder: &Path) -> Option<Listed> {
+/// Returns the list in the mark, empty during a run; `None` without a mark.
+fn read_list(folder: &Path) -> Option<FileList> {
     let path = folder.join(NAME);
     if !std::fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
         return None;
@@ -311,7 +313,7 @@ fn listed(folder: &Path) -> Option<Listed> {
     if HEAD.starts_with(&text) {
         return Some(BTreeMap::new());
     }
-    // Killed while it was written: as if there were no list yet.
+    // The program was killed while it wrote the list: treated as no list yet.
     let Some(list) = text.strip_prefix(HEAD)?.strip_suffix(END) else {
         return Some(BTreeMap::new());
     };

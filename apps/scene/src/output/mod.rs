@@ -40,19 +40,19 @@ pub fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<()> {
     put(path, &[text.as_bytes()])
 }
 
-/// Writes a file whole, or leaves none: on a full disk, half a file takes the space of others.
+/// Writes a file completely, or removes it: on a full disk, half a file would take space from others.
 pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let all = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
-    File::create(path).and_then(all).map_err(|e| {
+    let write_parts = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
+    File::create(path).and_then(write_parts).map_err(|e| {
         let _ = std::fs::remove_file(path);
         write(path)(e)
     })
 }
 
-/// A value as JSON for people; `what` is being written.
+/// Returns a value as indented JSON; `what` names the task in an error.
 ///
 /// # Errors
-/// A value that JSON cannot tell.
+/// A value that JSON cannot express.
 pub fn json(what: &'static str, value: &impl serde::Serialize) -> Result<String> {
     serde_json::to_string_pretty(value).map_err(|e| Error::System {
         what,

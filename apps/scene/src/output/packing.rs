@@ -1,80 +1,81 @@
-//! How the packings of particle models came out, in numbers and in warnings.
+//! Results of packings of particle models, in numbers and in warnings.
 
 use crate::setup::zone::Likeness;
 use arlequin::dem_beam::packing::{Packing, narrow};
 use serde::Serialize;
 
-/// Largest share of the volume of spheres left out that goes without a warning.
+/// Largest dropped share of the volume of spheres without a warning.
 const FEW_DROPPED: f64 = 0.005;
-/// Shares of its volume that spheres fill in any packing of ours, walls included; files may bring others.
+/// Usual range of the share of the volume that generated spheres fill, walls included; files may differ.
 const FILLED: [f64; 2] = [0.45, 0.75];
-/// Parts that are named by size in a warning.
+/// Number of parts whose size a warning gives.
 const NAMED: usize = 6;
 
-/// A packing in `check`, `run` and `summary.json`.
+/// A packing, as `check`, `run` and `summary.json` show it.
 #[derive(Debug, Clone, Serialize)]
 pub struct PackingLine {
-    /// Spheres asked for.
+    /// Number of spheres asked for.
     pub asked: usize,
-    /// Spheres placed, or read from a file.
+    /// Number of spheres placed, or read from a file.
     pub placed: usize,
-    /// Of these, cut off beyond the border of a zone.
+    /// Placed spheres that were cut off beyond the border of a zone.
     pub beyond: usize,
-    /// Of these, left out because no bonds join them to a part.
+    /// Placed spheres that were left out because no bonds join them to a part.
     pub dropped: usize,
-    /// Their share of the volume of all placed; their body's other spheres are by so much heavier.
+    /// Share of the dropped spheres in the volume of all placed; the other spheres of the body carry their
+    /// mass.
     pub dropped_share: f64,
-    /// Spheres that no bonds join to a part and that stay as loose grains.
+    /// Number of spheres that no bonds join to a part and that stay as loose grains.
     pub grains: usize,
-    /// Bodies of the shape.
+    /// Number of bodies of the shape.
     pub bodies: usize,
     /// Connected parts.
     pub parts: Vec<PartLine>,
-    /// Bonds per sphere times two, over all placed.
+    /// Coordination: bonds per sphere times two, over all placed spheres.
     pub coordination_all: f64,
-    /// The same over those that stayed.
+    /// Coordination of the spheres that stayed.
     pub coordination_retained: f64,
-    /// The same over those farther than two mean diameters from a wall, if there are any.
+    /// Coordination of the spheres farther than two mean diameters from a wall, if any.
     pub coordination_interior: Option<f64>,
     /// Share of the shape that no sphere fills.
     pub void_fraction: f64,
-    /// Mean diameters across the narrowest body.
+    /// Mean sphere diameters across the narrowest body.
     pub across: Option<f64>,
-    /// What notches took.
+    /// Bonds and spheres that notches removed.
     pub notch: NotchLine,
     /// Mass of all spheres \[kg\].
     pub mass: f64,
-    /// That over density times volume of the shape.
+    /// Mass of all spheres over density times volume of the shape.
     pub mass_ratio: f64,
-    /// What the packing of a zone is like in its place.
+    /// Stiffness of a zone's packing compared with the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub likeness: Option<Likeness>,
 }
 
-/// A connected part.
+/// A connected part of a packing.
 #[derive(Debug, Clone, Serialize)]
 pub struct PartLine {
-    /// Body of the shape, from 1.
+    /// Number of its body in the shape, from 1.
     pub body: usize,
-    /// Spheres.
+    /// Number of spheres.
     pub spheres: usize,
     /// Mass \[kg\].
     pub mass: f64,
 }
 
-/// What notches took away.
+/// Bonds and spheres that notches removed.
 #[derive(Debug, Clone, Serialize)]
 pub struct NotchLine {
-    /// Bonds.
+    /// Number of bonds.
     pub bonds: usize,
-    /// Spheres they left without a bond to a part.
+    /// Spheres removed because they had no bond to a part left.
     pub spheres: usize,
-    /// Mass of these \[kg\].
+    /// Mass of these spheres \[kg\].
     pub mass: f64,
 }
 
 impl PackingLine {
-    /// Of a packing, cut and all, in a material of this density \[kg/m³\].
+    /// Describes a finished packing of a material with this density \[kg/m³\].
     pub fn of(packing: &Packing, density: f64, likeness: Option<Likeness>) -> Self {
         let r = &packing.report;
         let parts = packing.parts().into_iter().map(|p| PartLine {
@@ -108,7 +109,7 @@ impl PackingLine {
         }
     }
 
-    /// What a user should know.
+    /// Warnings about the packing.
     pub fn warnings(&self) -> Vec<String> {
         let mut out = Vec::new();
         if self.dropped_share > FEW_DROPPED {
@@ -160,7 +161,7 @@ impl PackingLine {
         out
     }
 
-    /// Lines for a terminal.
+    /// Description in lines for a terminal.
     pub fn text(&self) -> Vec<String> {
         let loose = match self.grains {
             0 => String::new(),

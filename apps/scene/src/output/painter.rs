@@ -1,4 +1,4 @@
-//! A model at one instant as arrays of its points and cells.
+//! Draws a model at one instant as arrays of its points and cells.
 
 use super::fields;
 use super::pieces::Piece;
@@ -13,18 +13,18 @@ use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// What a model's files repeat.
+/// Everything about a model that does not change between its files.
 #[derive(Debug)]
 pub(super) struct Painter {
-    /// What is shown: all of the model, or a piece of it.
+    /// Grid of the model, or of the part that this rank shows.
     pub(super) grid: Arc<Grid>,
-    /// What this rank shows of a model in parts, if each of them shows its own.
+    /// Part of a partitioned model that this rank shows, if each rank shows its own.
     pub(super) piece: Option<Piece>,
-    /// None if the energy density is not wanted or comes from bonds, the field has no gradient or the
-    /// material is not known.
+    /// Cells in which the energy density is computed; `None` if it is not asked for or comes from bonds, if
+    /// the field has no gradient or if the material is unknown.
     centres: Option<Vec<Cell>>,
     weights: Vec<Array>,
-    /// What broke, where bonds can.
+    /// Log of broken bonds, if bonds can break.
     breaks: Option<SharedLog>,
     /// Bytes of recovered fields in a frame.
     recovered: usize,
@@ -37,24 +37,25 @@ pub(super) struct Seen<'a> {
 }
 
 impl<'a> Seen<'a> {
-    /// Of a whole model in parts, on the first rank alone; all of them must ask.
-    pub(super) fn of(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
+    /// Gathers the state of a partitioned model: of `piece`, or without one of the whole model on rank 0
+    /// (`None` elsewhere). Collective.
+    pub(super) fn gather(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
         let state = s.state();
         let Some(portion) = s.portion() else {
             let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
             return Ok(Some(Self { q, v }));
         };
-        let of = |x: &[f64]| match piece {
+        let gathered = |x: &[f64]| match piece {
             None => s.in_all(x).map_err(core("output")),
             Some(piece) => {
                 let layout = s.model().layout();
                 let moving = &x[..layout.translations()];
-                piece.told(portion, layout.components, moving).map(Some)
+                piece.with_ghosts(portion, layout.components, moving).map(Some)
             }
         };
-        let (q, v) = (of(&state.q)?, of(&state.v)?);
-        let both = q.zip(v);
-        Ok(both.map(|(q, v)| Self {
+        let (q, v) = (gathered(&state.q)?, gathered(&state.v)?);
+        let pair = q.zip(v);
+        Ok(pair.map(|(q, v)| Self {
             q: q.into(),
             v: v.into(),
         }))
@@ -68,16 +69,16 @@ impl Painter {
         s: &Subdomain<f64>,
         mut piece: Option<Piece>,
     ) -> Self {
-        let all = || {
+        let model_cells = || {
             let wanted =
                 fields.contains(&OutputField::EnergyDensity) && !fields::energy_from_bonds(fields, s);
-            let all = wanted.then(|| cells::cells("output.fields", &info).ok());
-            all.flatten().filter(|c| !c.is_empty())
+            let cells = wanted.then(|| cells::cells("output.fields", &info).ok());
+            cells.flatten().filter(|c| !c.is_empty())
         };
         Self {
             centres: match &mut piece {
                 Some(piece) => piece.centres.take(),
-                None => all(),
+                None => model_cells(),
             },
             weights: weights(s, &info.grid.points),
             recovered: fields::bytes(fields, s),
@@ -102,7 +103,7 @@ impl Painter {
             + self.recovered
     }
 
-    /// Arrays of the points, then of the cells; of a model in parts all ranks must ask.
+    /// Returns the arrays of the points, then of the cells. Collective for a partitioned model.
     pub(super) fn arrays(
         &self,
         fields: &[OutputField],
@@ -125,8 +126,8 @@ impl Painter {
                 (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", &seen.v)),
                 (OutputField::Weights, _) => points.extend(self.weights.iter().cloned()),
                 (OutputField::EnergyDensity, Some(centres)) => {
-                    let of = centres.iter().map(|cell| density(cell, &seen.q, count));
-                    cells.push(Array::scalar(fields::ENERGY_DENSITY, of.collect()));
+                    let densities = centres.iter().map(|cell| density(cell, &seen.q, count));
+                    cells.push(Array::scalar(fields::ENERGY_DENSITY, densities.collect()));
                 }
                 _ => {}
             }
@@ -147,10 +148,9 @@ impl Painter {
         Ok((points, cells))
     }
 
-    /// Share of broken bonds of every particle, of a piece of those that this rank holds, and which bonds
-    /// are broken.
+    /// Share of broken bonds of every particle (of a part: of the owned ones), and 1 for each broken bond.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
-        let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.own);
+        let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.owned);
         let mut counts = vec![[0.0_f64; 2]; points];
         let mut count = |particle: u32, bond: usize| {
             let c = &mut counts[particle as usize];
@@ -170,6 +170,7 @@ impl Painter {
                 (0..self.grid.cells()).map(gone).collect()
             }
         };
+        // A particle without bonds has no damage.
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         [shares, broken]
     }
@@ -188,16 +189,17 @@ fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
 
 fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
     let w = s.weights();
-    let all = [
+    let named = [
         ("alpha", &w.internal),
         ("beta", &w.kinetic),
         ("gamma", &w.external),
     ];
-    all.map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
+    named
+        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
         .into()
 }
 
-/// Three components per point, whatever the model has.
+/// Pads the components of a model with zeros to three per point.
 pub(super) fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
     (0..points)
         .flat_map(|k| (0..3).map(move |c| (k, c)))

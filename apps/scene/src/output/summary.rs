@@ -1,4 +1,4 @@
-//! `summary.json`, and the plan of `check` in the same words.
+//! `summary.json`, and the plan of `check` with the same fields.
 
 use super::packing::PackingLine;
 use crate::ranks::RankLine;
@@ -14,112 +14,113 @@ use std::collections::BTreeMap;
 /// `summary.json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Summary {
-    /// Path of the scene as given.
+    /// Path of the scene, as given.
     pub scene: String,
-    /// Its title.
+    /// Title of the scene.
     pub title: Option<String>,
     /// Load steps of a scene at rest.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub load_steps: Vec<LoadStep>,
-    /// "complete", "interrupted" or "failed"; "woken" for the part of a run in which a model slept.
+    /// "complete", "interrupted", "stopped-at-overlap" or "failed"; "woken" for the part of a run in which a
+    /// model slept.
     pub status: &'static str,
-    /// What ended a failed run.
+    /// Error that ended a failed run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
     /// Version of this program.
     pub version: &'static str,
-    /// Step from which a killed or interrupted run went on.
+    /// Step from which a resumed run continued.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resumed_at_step: Option<usize>,
-    /// The sleeping model and what woke it.
+    /// The sleeping model and its waking.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wake: Option<WakeReport>,
-    /// First cracks that ran into an overlap, one per model.
+    /// First crack of each model that ran into an overlap.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub into_overlap: Vec<crate::crossing::OverlapBreak>,
     /// Assignments of `--set`.
     pub set: Vec<String>,
-    /// How the models are held on several ranks.
+    /// How the models are distributed over several ranks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ranks: Vec<RankLine>,
-    /// Worker threads.
+    /// Number of worker threads.
     pub threads: usize,
-    /// Models.
+    /// One line per model.
     pub models: Vec<ModelLine>,
-    /// Step \[s\].
+    /// Step of the run \[s\].
     pub dt: f64,
     /// Largest stable step \[s\].
     pub critical_dt: f64,
-    /// Steps made.
+    /// Number of steps made.
     pub steps: usize,
     /// Time reached \[s\].
     pub time: f64,
-    /// Frames written.
+    /// Number of frames written.
     pub frames: usize,
     /// Wall time \[s\].
     pub wall_seconds: WallSeconds,
-    /// Peak of the process's memory \[bytes\]; none where the system does not tell.
+    /// Peak memory of the process \[bytes\]; `None` if the system does not report it.
     pub peak_bytes: Option<usize>,
     /// Energy \[J\].
     pub energy: Energy,
-    /// Momentum of every body.
+    /// Momentum of each body.
     pub momentum: Vec<MomentumLine>,
-    /// Interfaces.
+    /// One line per interface.
     pub interface: Vec<InterfaceLine>,
-    /// Effects that were on.
+    /// Effects that were enabled.
     pub effects: Vec<String>,
-    /// What each of them did.
+    /// Ledger of the effects.
     pub effect_ledger: Vec<EffectReport>,
-    /// Probes.
+    /// Statistics of the probes.
     pub probes: BTreeMap<String, ProbeLine>,
-    /// What a user should know.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
-/// A model that slept, and what its waking did.
+/// A model that slept, and the change at its waking.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, serde::Deserialize)]
 pub struct WakeReport {
-    /// Whether it woke.
+    /// True if the model woke.
     pub woken: bool,
-    /// The model.
+    /// Name of the model that slept.
     pub model: String,
-    /// Its carrier.
+    /// Name of the model in its place until then.
     pub by: String,
-    /// What is compared, with its unit.
+    /// Quantity of the criterion, with its unit.
     pub criterion: String,
-    /// Its limit.
+    /// Limit of the criterion.
     pub limit: f64,
-    /// Value that woke the model, or the largest one seen; none before the first look.
+    /// Value that woke the model, or the largest one seen; `None` before the first check.
     pub value: Option<f64>,
-    /// Where \[m\].
+    /// Place of that value \[m\].
     pub place: Option<[f64; 3]>,
-    /// When it woke \[s\].
+    /// Time of the waking \[s\].
     pub time: Option<f64>,
-    /// After how many steps.
+    /// Number of steps before the waking.
     pub step: Option<usize>,
-    /// Kinetic plus internal energy before \[J\].
+    /// Kinetic plus internal energy before the waking \[J\].
     pub energy_before: Option<f64>,
-    /// The same after.
+    /// Kinetic plus internal energy after the waking \[J\].
     pub energy_after: Option<f64>,
-    /// Their difference.
+    /// Change of the energy \[J\].
     pub jump: Option<f64>,
-    /// Momentum before.
+    /// Momentum before the waking.
     pub momentum_before: Option<Momentum>,
-    /// Momentum after.
+    /// Momentum after the waking.
     pub momentum_after: Option<Momentum>,
 }
 
 /// Momentum of all models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
 pub struct Momentum {
-    /// Linear \[kg m/s\].
+    /// Linear momentum \[kg m/s\].
     pub linear: [f64; 3],
-    /// Angular about the origin \[kg m²/s\].
+    /// Angular momentum about the origin \[kg m²/s\].
     pub angular: [f64; 3],
 }
 
 impl Momentum {
-    /// Of a run.
+    /// Sums over all models of a run.
     pub fn of(run: &Coupled<f64>) -> Self {
         let [linear, angular] = run.momentum();
         Self {
@@ -129,40 +130,40 @@ impl Momentum {
     }
 }
 
-/// A model.
+/// Size and time steps of a model.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModelLine {
     /// Name.
     pub name: String,
     /// Kind.
     pub kind: String,
-    /// Nodes or particles.
+    /// Number of nodes or particles.
     pub nodes: usize,
-    /// Unknowns.
+    /// Number of unknowns.
     pub unknowns: usize,
-    /// Its own critical step \[s\].
+    /// Critical step of the model \[s\].
     pub critical_dt: f64,
-    /// Its own steps in a step of the run.
+    /// Number of the model's own steps per step of the run.
     pub own_steps: usize,
-    /// Length of these \[s\].
+    /// Length of an own step \[s\].
     pub own_dt: f64,
-    /// How it steps: `"explicit"` or `"implicit"`.
+    /// Time stepping scheme: `"explicit"` or `"implicit"`.
     pub scheme: &'static str,
-    /// How the spheres were packed, where there are any.
+    /// Result of the packing of spheres, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub packing: Option<PackingLine>,
 }
 
-/// Where wall time went \[s\].
+/// Wall time by activity \[s\].
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct WallSeconds {
-    /// Reading, meshing, factoring.
+    /// Time of reading, meshing, factoring.
     pub setup: f64,
-    /// Parts of `setup`, in order.
+    /// Phases of `setup`, in order.
     pub setup_phases: Vec<PhaseTime>,
-    /// Steps without output.
+    /// Time of the steps without output.
     pub stepping: f64,
-    /// Probes, frames, plots.
+    /// Time of probes, frames, plots.
     pub output: f64,
     /// Parts of `stepping` and `output` by phase.
     pub phases: BTreeMap<String, f64>,
@@ -171,109 +172,111 @@ pub struct WallSeconds {
 /// The energy balance \[J\].
 #[derive(Debug, Clone, Serialize)]
 pub struct Energy {
-    /// Kinetic plus internal at the start.
+    /// Kinetic plus internal energy at the start.
     pub initial: f64,
-    /// Kinetic plus internal at the end.
+    /// Kinetic plus internal energy at the end.
     #[serde(rename = "final")]
     pub last: f64,
     /// Largest drift of the discrete invariant, relative to the energy in play \[–\].
     pub h_drift_max: f64,
-    /// Drift that the laws of the models and round-off explain \[–\].
+    /// Drift that the laws of the models and round-off explain, relative to the energy in play \[–\].
     pub h_drift_explained: f64,
-    /// Models whose energy is not known: the drift has what impulses brought to them, and not what became
-    /// of that.
+    /// Models whose energy is unknown. The drift counts the energy that impulses bring to them, but not what
+    /// becomes of it.
     pub unknown: Vec<String>,
-    /// Largest share of the energy in play that effects created which must not \[–\].
+    /// Largest energy created by an effect that must not create any, relative to the energy in play \[–\].
     pub created_max: f64,
-    /// Kinetic energy removed from initial velocities that broke the constraint.
+    /// Kinetic energy removed from initial velocities that violated the constraint.
     pub start_loss: f64,
-    /// Works since the start.
+    /// Work by ledger line, since the start.
     pub ledger: BTreeMap<String, f64>,
 }
 
-/// Momentum of a body: of the models that interfaces and contact hold together.
+/// Momentum of a body, that is of all models joined by interfaces and contact.
 #[derive(Debug, Clone, Serialize)]
 pub struct MomentumLine {
-    /// Its models.
+    /// Names of the models.
     pub models: Vec<String>,
     /// Linear momentum at the end \[kg m/s\].
     pub linear: [f64; 3],
     /// Angular momentum at the end \[kg m²/s\].
     pub angular: [f64; 3],
-    /// Fixed point it is about: the centre of mass at the start \[m\].
+    /// Fixed point of the angular momentum: the centre of mass at the start \[m\].
     pub about: [f64; 3],
-    /// Positions it is drawn up with: at "rest" or "present" ones.
+    /// Positions used for the angular momentum: "rest" or "present".
     pub arms: &'static str,
-    /// What must stay: "both", "linear" or "neither".
+    /// Conserved momenta: "both", "linear" or "neither".
     pub keeps: &'static str,
-    /// Why not both.
+    /// Reason if not both are conserved.
     pub because: Option<String>,
-    /// Largest change relative to `Σ |m v|` \[–\]; none where something acts from outside.
+    /// Largest change of the linear momentum relative to `Σ |m v|` \[–\]; `None` if `keeps` is "neither".
     pub linear_drift: Option<f64>,
-    /// The same of the angular one, relative to `Σ |y × m v| + |I ω|` \[–\].
+    /// Largest change of the angular momentum relative to `Σ |y × m v| + |I ω|` \[–\]; `None` if `keeps` is
+    /// "neither".
     pub angular_drift: Option<f64>,
 }
 
-/// An interface.
+/// Sizes, solver and errors of an interface.
 #[derive(Debug, Clone, Serialize)]
 pub struct InterfaceLine {
     /// Name.
     pub name: String,
     /// Junction.
     pub junction: &'static str,
-    /// Multiplier unknowns.
+    /// Number of multiplier unknowns.
     pub multipliers: usize,
-    /// Independent ones.
+    /// Number of independent multiplier unknowns.
     pub rank: usize,
-    /// How they are solved for.
+    /// Solver of the multipliers.
     pub solver: &'static str,
-    /// Interfaces that act on the same nodes and are solved for together with it.
+    /// Interfaces that share nodes with this one and are solved jointly with it.
     pub together: Vec<String>,
     /// Iterations of the last solve; zero with a factor.
     pub iterations: usize,
-    /// Lowest and highest eigenvalue that a Chebyshev iteration damps, of the operator scaled to a diagonal
-    /// of ones.
+    /// Lowest and highest eigenvalue that a Chebyshev iteration damps; the operator is scaled to a unit
+    /// diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub eigenvalues: Option<[f64; 2]>,
-    /// Iterations of each solve that the set-up found to be needed for them.
+    /// Iterations per solve that the set-up found necessary for these eigenvalues.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub planned_iterations: Option<usize>,
-    /// What a solution is expected to take \[s\] on as many ranks as a plan is for, by solvers; nothing
-    /// without such a plan.
+    /// Expected time of a solve by each solver \[s\], on the planned number of ranks; empty without a plan
+    /// for ranks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub solution_times: Vec<(&'static str, f64)>,
     /// Condition number of the operator.
     pub condition: f64,
-    /// Whether it is at least that: its smallest eigenvalue is known from above only.
+    /// True if `condition` is a lower bound, because the smallest eigenvalue is known from above only.
     pub condition_at_least: bool,
     /// Volume of the overlap \[m³\].
     pub measure: f64,
-    /// Nodes of the coarse and the fine model under the constraint.
+    /// Number of constrained nodes of the coarse and of the fine model.
     pub coupled_nodes: [usize; 2],
-    /// Shares of the coarse and the fine model's nodes in the overlap on which multipliers act (by volume
+    /// Shares of the coarse and of the fine model's nodes in the overlap on which multipliers act (by volume
     /// for particles).
     pub tied: [f64; 2],
     /// Share of the overlap outside the mediator.
     pub outside_mediator: f64,
     /// Weight that is missing at surfaces where the models' shapes differ, relative to the overlap.
     pub missing_weight: f64,
-    /// Weighted inertia of the tied models less that of the space they fill, relative to the overlap.
+    /// Weighted inertia of the tied models minus that of the space they fill, relative to the overlap.
     pub excess_mass: f64,
-    /// Whether the weights were checked to sum to one.
+    /// True if the weights were checked to sum to one.
     pub partition_checked: bool,
-    /// Jump of the initial displacements that was projected away \[m\].
+    /// Jump of the initial displacements that was projected out \[m\].
     pub initial_jump: f64,
-    /// Largest change of an initial displacement by that \[m\].
+    /// Largest change of an initial displacement by this projection \[m\].
     pub initial_change: f64,
-    /// Largest velocity jump relative to the largest velocity \[–\]; none before a step was made.
+    /// Largest velocity jump relative to the largest velocity \[–\]; `None` before the first step.
     pub max_constraint_residual: Option<f64>,
-    /// Largest jump of displacements \[m\], which own steps leave.
+    /// Largest displacement jump \[m\], which own steps leave behind.
     pub max_displacement_jump: Option<f64>,
-    /// The same over the deformation of the overlap: the largest displacement there from a rigid motion.
+    /// Largest displacement jump over the deformation of the overlap, which is its largest displacement
+    /// relative to a rigid motion \[–\].
     pub displacement_jump_share: Option<f64>,
 }
 
-/// A probe.
+/// Statistics of a probe.
 #[derive(Debug, Clone, Serialize)]
 pub struct ProbeLine {
     /// Quantity and unit.
@@ -286,30 +289,30 @@ pub struct ProbeLine {
     pub min: f64,
     /// Largest value.
     pub max: f64,
-    /// Frequencies of the peaks of its spectrum \[Hz\], ascending.
+    /// Frequencies at the peaks of the spectrum \[Hz\], ascending.
     pub frequencies: Vec<f64>,
 }
 
-/// What one effect did.
+/// Ledger line of one effect.
 #[derive(Debug, Clone, Serialize)]
 pub struct EffectReport {
-    /// Model and effect.
+    /// Name of model and effect.
     pub name: String,
-    /// Work on the models \[J\]; none for what does none of its own.
+    /// Work on the models \[J\]; `None` for an effect that does no work of its own.
     pub work: Option<f64>,
-    /// Energy it holds \[J\].
+    /// Energy stored in the effect \[J\].
     pub stored: f64,
-    /// Energy that is gone \[J\]; none for loads.
+    /// Energy dissipated \[J\]; `None` for loads.
     pub dissipated: Option<f64>,
-    /// Wall time \[s\]; none for what is part of the forces.
+    /// Wall time \[s\]; `None` if the effect is part of the internal forces.
     pub seconds: Option<f64>,
     /// Share of the wall time of all steps \[–\].
     pub share: Option<f64>,
-    /// Figures of its own.
+    /// Further figures of the effect.
     pub facts: BTreeMap<String, f64>,
 }
 
-/// What the effects of a run did, and how long it took.
+/// Returns the ledger lines of the effects, with their wall time.
 pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
     let [stepping, _] = clock.split();
     let line = |e: EffectLine<f64>| {
@@ -320,6 +323,7 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
             work: e.work,
             stored: e.stored,
             seconds,
+            // A run without steps has no stepping time.
             share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
             facts: e.facts.into_iter().collect(),
         }
@@ -327,16 +331,17 @@ pub fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
     run.effects().into_iter().map(line).collect()
 }
 
-/// What the last state would need effects for that are not on, and what the run warns of.
+/// Returns warnings about effects that the last state would need but the scene does not list, and the
+/// warnings of the run.
 pub fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
     let text =
         |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
-    let all = run.watch().into_iter().chain(without_contact.watch(run));
+    let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
     let warnings = run.warnings().iter().map(ToString::to_string);
-    all.map(text).chain(warnings).collect()
+    model_findings.map(text).chain(warnings).collect()
 }
 
-/// Momentum of the bodies of a run.
+/// Returns the momentum of each body of a run.
 pub fn momentum(run: &Coupled<f64>) -> Vec<MomentumLine> {
     let line = |b: BodyMomentum<f64>| {
         let (keeps, because) = match b.claim {
@@ -363,15 +368,17 @@ pub fn momentum(run: &Coupled<f64>) -> Vec<MomentumLine> {
     run.bodies().into_iter().map(line).collect()
 }
 
-/// A figure of this process's memory \[bytes\], such as `VmRSS:` or `VmHWM:`, where the system tells.
+/// Returns a figure of this process's memory, such as `VmRSS:` or `VmHWM:` \[bytes\], if the system reports
+/// it.
 pub fn process_bytes(name: &str) -> Option<usize> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with(name))?;
     let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
+    // The system writes "kB" for 1024 bytes.
     Some(kilobytes * 1024)
 }
 
-/// Models of a run.
+/// Returns a line for each model of a run.
 pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
     let plan = run.plan();
     let sides = run.subdomains();
@@ -392,9 +399,9 @@ pub fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<Model
     plan.models.into_iter().enumerate().map(line).collect()
 }
 
-/// Interfaces of a run with their largest residuals, as far as there are any.
+/// Returns a line for each interface of a run, with its largest residual if there is one.
 pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
-    // A plan has none yet.
+    // A plan, which makes no steps, has no residuals and no jumps.
     let jump = |k: usize| run.displacement_jumps().get(k).filter(|_| k < residuals.len());
     let line = |(k, i): (usize, &arlequin::core::Interface<f64>)| {
         let r = i.report();
@@ -433,7 +440,7 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
     run.interfaces().iter().enumerate().map(line).collect()
 }
 
-/// Means, extremes and frequencies of all probes.
+/// Returns the mean, extremes and frequencies of all probes.
 pub fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
     let times = &r.probes.times;
     let step = match times.as_slice() {

@@ -1,4 +1,4 @@
-//! Tables of what was recorded.
+//! Tables of recorded values.
 
 use super::{csv, fragments, put};
 use crate::error::Result;
@@ -9,7 +9,7 @@ use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Writes what probes, ledger and effects recorded.
+/// Writes the tables of probes, energy, load steps, fragments and effects.
 pub fn write(folder: &Path, r: &Recorder) -> Result<()> {
     for (name, table) in [("probes.csv", &r.probes), ("energy.csv", &r.energy)] {
         table_csv(&folder.join(name), table)?;
@@ -33,7 +33,7 @@ fn table_csv(path: &Path, table: &Table) -> Result<()> {
     csv(path, &names, &columns)
 }
 
-/// What load steps took, if there are any.
+/// Writes method, residual and iterations of the load steps, if there are any.
 pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
     if steps.is_empty() {
         return Ok(());
@@ -49,20 +49,19 @@ pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
     put(&folder.join("static.csv"), &[text.as_bytes()])
 }
 
-/// All broken bonds in the order in which they broke: what a user asks first. Models tell more, see
-/// [`breaks`].
+/// Writes all broken bonds of all models in the order of time. [`breaks`] has more columns, per model.
 pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
-    let mut all: Vec<(usize, Break)> = Vec::new();
+    let mut rows: Vec<(usize, Break)> = Vec::new();
     for (k, log) in breaks.iter().enumerate() {
         let events = log.iter().flat_map(|log| locked(log).events().to_vec());
-        all.extend(events.map(|e| (k, e)));
+        rows.extend(events.map(|e| (k, e)));
     }
     if breaks.iter().all(Option::is_none) {
         return Ok(());
     }
-    all.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
+    rows.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
     let mut text = "time [s],model,x [m],y [m],z [m],mode,released [J],in an overlap [-]\n".to_owned();
-    for (k, e) in &all {
+    for (k, e) in &rows {
         let model = run.subdomains()[*k].model().name();
         let (p, mode) = (&e.place, e.mode.name());
         let overlap = u8::from(e.overlap);
@@ -75,7 +74,7 @@ pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>
     put(&folder.join("breaks.csv"), &[text.as_bytes()])
 }
 
-/// One table of broken bonds per model whose bonds can break.
+/// Writes one table of broken bonds per model whose bonds can break.
 pub fn breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Result<()> {
     let names = [
         "time [s]",

@@ -11,7 +11,7 @@ use std::path::Path;
 pub struct Array {
     /// Name with unit.
     pub name: String,
-    /// Values per point or cell: 1 or 3.
+    /// Numbers per point or cell: 1, 3 or 6.
     pub components: usize,
     /// Values.
     pub values: Vec<f64>,
@@ -28,24 +28,24 @@ impl Array {
     }
 }
 
-/// Names that viewers know: numbers of points and cells in the whole model, and which points another rank
-/// holds.
+/// Array names that viewers know: numbers of points and cells in the whole model, and the mark of ghost
+/// points.
 const POINTS: &str = "GlobalPointIds";
 const CELLS: &str = "GlobalCellIds";
 const GHOST: &str = "vtkGhostType";
-/// Kind of the first two, VTK's own for numbers.
+/// Data type of `POINTS` and `CELLS`: VTK's type of identifiers.
 const NUMBER: &str = "Int64\" IdType=\"1";
 /// Name of the coordinates.
 const POSITION: &str = "position [m]";
 
-/// Numbers of a piece in the whole model.
+/// Numbers in the whole model of the points and cells of a part.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers<'a> {
-    /// Of its points.
+    /// Numbers of the points.
     pub(super) points: &'a [u32],
-    /// How many of them, the first ones, no other piece has.
-    pub(super) own: usize,
-    /// Of its cells.
+    /// Number of owned points, which come first.
+    pub(super) owned: usize,
+    /// Numbers of the cells.
     pub(super) cells: &'a [u32],
 }
 
@@ -54,9 +54,9 @@ pub(super) struct Numbers<'a> {
 pub(super) struct Kinds([Vec<(String, usize)>; 2]);
 
 impl Kinds {
-    pub(super) fn of(points: &[Array], cells: &[Array]) -> Self {
-        let of = |all: &[Array]| all.iter().map(|a| (a.name.clone(), a.components)).collect();
-        Self([of(points), of(cells)])
+    pub(super) fn from_arrays(points: &[Array], cells: &[Array]) -> Self {
+        let names = |arrays: &[Array]| arrays.iter().map(|a| (a.name.clone(), a.components)).collect();
+        Self([names(points), names(cells)])
     }
 }
 
@@ -71,9 +71,10 @@ impl Appended {
         let _ = writeln!(
             self.xml,
             "        <DataArray {} format=\"appended\" offset=\"{}\"/>",
-            described(kind, name, components),
+            array_attributes(kind, name, components),
             self.data.len()
         );
+        // In raw appended data, each array follows its length in 8 bytes.
         let start = self.data.len();
         self.data.extend(0u64.to_le_bytes());
         self.data.extend(bytes);
@@ -95,25 +96,25 @@ impl Appended {
     }
 
     fn section(&mut self, name: &str, numbers: Option<&str>, fill: impl FnOnce(&mut Self)) {
-        let numbers = numbered(numbers);
+        let numbers = global_ids_attribute(numbers);
         let _ = writeln!(self.xml, "      <{name}{numbers}>");
         fill(self);
         let _ = writeln!(self.xml, "      </{name}>");
     }
 }
 
-/// Type, name and components of an array.
-fn described(kind: &str, name: &str, components: usize) -> String {
+/// Returns the attributes of an array: type, name and number of components.
+fn array_attributes(kind: &str, name: &str, components: usize) -> String {
     let name = escape(name);
     format!("type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"")
 }
 
-/// Says which array of a section has the numbers in the whole model.
-fn numbered(array: Option<&str>) -> String {
+/// Returns the attribute that names the array of global numbers of a section.
+fn global_ids_attribute(array: Option<&str>) -> String {
     array.map_or_else(String::new, |name| format!(" GlobalIds=\"{name}\""))
 }
 
-/// Writes one grid; of a piece with its numbers in the whole.
+/// Writes one grid. A part of a partitioned model has `numbers` in the whole.
 pub(super) fn write_grid(
     path: &Path,
     grid: &Grid,
@@ -134,7 +135,7 @@ pub(super) fn write_grid(
         arrays(a, points);
         if let Some(n) = numbers {
             a.numbers(POINTS, n.points.iter().map(|k| i64::from(*k)));
-            let ghosts = (0..n.points.len()).map(|k| u8::from(k >= n.own));
+            let ghosts = (0..n.points.len()).map(|k| u8::from(k >= n.owned));
             a.add("UInt8", GHOST, 1, &mut { ghosts });
         }
     });
@@ -176,31 +177,31 @@ pub(super) fn write_grid(
     put(path, &[head.as_bytes(), &a.data, tail])
 }
 
-/// Writes what names the pieces of a grid, which are beside it.
+/// Writes the `.pvtu` file that lists the parts of a grid, which are in the same folder.
 pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> Result<()> {
     let mut text = String::from(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
          header_type=\"UInt64\">\n  <PUnstructuredGrid GhostLevel=\"0\">\n",
     );
     let [points, cells] = &kinds.0;
-    let float = |(name, components): &(String, usize)| described("Float64", name, *components);
-    let number = |name: &str| described(NUMBER, name, 1);
-    let of_points = [number(POINTS), described("UInt8", GHOST, 1)];
+    let float = |(name, components): &(String, usize)| array_attributes("Float64", name, *components);
+    let number = |name: &str| array_attributes(NUMBER, name, 1);
+    let point_arrays = [number(POINTS), array_attributes("UInt8", GHOST, 1)];
     for (section, name, arrays) in [
         (
             "PPointData",
             Some(POINTS),
-            points.iter().map(float).chain(of_points).collect(),
+            points.iter().map(float).chain(point_arrays).collect(),
         ),
         (
             "PCellData",
             Some(CELLS),
             cells.iter().map(float).chain([number(CELLS)]).collect(),
         ),
-        ("PPoints", None, vec![described("Float64", POSITION, 3)]),
+        ("PPoints", None, vec![array_attributes("Float64", POSITION, 3)]),
     ] {
         let arrays: Vec<String> = arrays;
-        let _ = writeln!(text, "    <{section}{}>", numbered(name));
+        let _ = writeln!(text, "    <{section}{}>", global_ids_attribute(name));
         for array in arrays {
             let _ = writeln!(text, "      <PDataArray {array}/>");
         }
@@ -213,14 +214,14 @@ pub(super) fn write_parallel(path: &Path, kinds: &Kinds, pieces: &[String]) -> R
     put(path, &[text.as_bytes()])
 }
 
-/// One file of the index.
+/// An entry of the index.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Entry {
     /// Time \[s\].
     pub time: f64,
     /// Index of the model or mediator.
     pub part: usize,
-    /// Its name.
+    /// Name of the model or mediator.
     pub name: String,
     /// Path relative to the index.
     pub file: String,
@@ -243,7 +244,7 @@ pub(super) fn write_index(path: &Path, entries: &[Entry]) -> Result<()> {
         );
     }
     text.push_str("  </Collection>\n</VTKFile>\n");
-    // Whole at any moment: viewers read it while the run goes on.
+    // Renaming replaces the index at once, because viewers read it during the run.
     let aside = path.with_extension("pvd.tmp");
     put(&aside, &[text.as_bytes()])?;
     std::fs::rename(&aside, path).map_err(crate::error::write(path))

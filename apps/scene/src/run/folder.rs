@@ -1,4 +1,4 @@
-//! Results in a folder: written when the steps have ended, kept as far as they go when a run fails.
+//! Results in a folder: written when the steps have ended, or as far as possible when a run fails.
 
 use super::session::Session;
 use super::summary::Status;
@@ -11,23 +11,23 @@ use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A folder to run into: checked, with a note of the files that the scene reads.
+/// A folder for results, checked, with a note of the files that the scene reads.
 #[derive(Debug)]
 pub struct RunFolder {
-    /// None on ranks but the first, which has the folder.
+    /// `None` except on rank 0, which has the folder.
     place: Option<Place>,
-    /// Where files go until the run has ended.
+    /// Path of the files until the run has ended.
     unfinished: PathBuf,
     origin: Origin,
 }
 
 impl RunFolder {
-    /// The folder `target`, by default `results/` and the name of the scene; `force` replaces earlier
-    /// results.
+    /// Prepares the folder `target`, by default `results/` and the name of the scene. `force` replaces
+    /// earlier results.
     ///
     /// # Errors
-    /// A folder that must not be replaced, one with a run that could go on, files of the scene that cannot
-    /// be read.
+    /// A folder that must not be replaced, one with a run that could be resumed, files of the scene that
+    /// cannot be read.
     pub fn new(scene: &Scene, target: Option<&Path>, force: bool) -> Result<Self> {
         let stem = || scene.source().path.file_stem().unwrap_or_default().to_owned();
         let target = target.map_or_else(|| Path::new("results").join(stem()), Path::to_owned);
@@ -47,12 +47,12 @@ impl RunFolder {
     }
 }
 
-/// Where a run writes, and which scene it is of.
+/// Folder of a run, and the origin of its scene.
 #[derive(Debug)]
 pub(crate) struct Keep {
-    /// None on ranks but the first.
+    /// `None` except on rank 0.
     pub(super) folder: Option<Folder>,
-    /// Where files go until the run has ended.
+    /// Path of the files until the run has ended.
     unfinished: PathBuf,
     origin: Origin,
 }
@@ -74,7 +74,7 @@ impl Keep {
         })
     }
 
-    /// Where frames go: there once the first rank has made it.
+    /// Path of the frames; it exists once rank 0 has created it.
     pub(super) fn frames(&self) -> PathBuf {
         self.unfinished.join("vtu")
     }
@@ -86,7 +86,7 @@ impl Keep {
 }
 
 impl Session<'_> {
-    /// Makes the steps that are left and ends the run.
+    /// Makes the remaining steps and ends the run.
     pub(crate) fn complete(mut self, observer: &mut dyn Observer) -> Result<Results> {
         let end = match self.load_steps.take() {
             Some(steps) => self.settle(&steps, observer),
@@ -95,7 +95,7 @@ impl Session<'_> {
         self.conclude(end, None, observer)
     }
 
-    /// Writes a checkpoint, if the run is kept.
+    /// Writes a checkpoint if the run has a folder.
     pub(crate) fn save(&self) -> Result<()> {
         let Some(keep) = &self.keep else { return Ok(()) };
         let saved = self.checkpoint(keep.origin.clone())?;
@@ -112,7 +112,7 @@ impl Session<'_> {
         })
     }
 
-    /// Takes the state of a checkpoint.
+    /// Restores the state of a checkpoint.
     pub(super) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
         let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
@@ -124,12 +124,12 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Whether a model of the run is in parts.
-    fn in_parts(&self) -> bool {
+    /// Returns whether a model of the run is partitioned.
+    fn is_partitioned(&self) -> bool {
         self.run.subdomains().iter().any(|s| s.portion().is_some())
     }
 
-    /// The folder, where this rank writes one.
+    /// Returns the folder if this rank writes one.
     pub(super) fn writes(&self) -> Option<&Folder> {
         self.keep.as_ref()?.folder.as_ref()
     }
@@ -138,7 +138,7 @@ impl Session<'_> {
         Some(self.keep.as_ref()?.folder.as_ref()?.path())
     }
 
-    /// Writes the results of the steps made, however they ended, and ends the folder.
+    /// Writes the results of the steps made, for any end of the run, and finishes the folder.
     pub(crate) fn conclude(
         mut self,
         end: Result<End>,
@@ -146,24 +146,24 @@ impl Session<'_> {
         observer: &mut dyn Observer,
     ) -> Result<Results> {
         let written = end.and_then(|end| {
-            let mut rest = None;
-            if end.goes_on() {
+            let mut remaining = None;
+            if end.can_resume() {
                 self.save()?;
                 if self.keep.is_none() {
-                    rest = Some(Box::new(self.checkpoint(Origin::from_scene(self.scene)?)?));
+                    remaining = Some(Box::new(self.checkpoint(Origin::from_scene(self.scene)?)?));
                 }
             }
-            Ok((end, rest, self.finish(end, wake.clone(), observer)?))
+            Ok((end, remaining, self.finish(end, wake.clone(), observer)?))
         });
-        let (end, rest, summary) = match written {
+        let (end, remaining, summary) = match written {
             Ok(done) => done,
             Err(e) => return Err(self.salvage(e, wake, observer)),
         };
         let mut folder = None;
-        if let Some(kept) = self.keep.and_then(|k| k.folder) {
-            let place = kept.finish(false)?;
+        if let Some(partial) = self.keep.and_then(|k| k.folder) {
+            let place = partial.finish(false)?;
             if end == End::Complete {
-                // Only now: killed in between, the run would have neither results nor a checkpoint.
+                // Only after the results are in place: a run killed in between would have neither.
                 checkpoint::remove(&place)?;
             }
             folder = Some(place);
@@ -176,12 +176,12 @@ impl Session<'_> {
             end,
             planned: self.steps,
             folder,
-            rest,
+            remaining,
         })
     }
 
-    /// Writes the results of the steps made and moves them into a folder inside; the folder is free for
-    /// another run.
+    /// Writes the results of the steps made and moves them into a subfolder, so that another run can use the
+    /// folder.
     pub(crate) fn put_aside(
         mut self,
         name: &str,
@@ -201,14 +201,15 @@ impl Session<'_> {
         Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))
     }
 
-    /// Keeps what a run computed before it failed: every file that can still be written. A run that made no
-    /// step has nothing.
+    /// Writes every file that still can be written after a run failed, and returns the error with a note of
+    /// it. A run without steps writes nothing.
     fn salvage(mut self, error: Error, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Error {
         let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
             return error;
         };
-        // What one rank alone met cannot be summed up with the others, who still make steps.
-        if self.in_parts() && !error.is_everywhere() {
+        // An error of one rank alone: the results of partitioned models need the other ranks, which still
+        // make steps.
+        if self.is_partitioned() && !error.is_everywhere() {
             return match keep.folder {
                 Some(folder) => folder.keep(error),
                 None => error,
@@ -237,7 +238,7 @@ impl Session<'_> {
         }
     }
 
-    /// Puts together the results of the steps made, and writes them if they are kept.
+    /// Gathers the results of the steps made, and writes them if the run has a folder.
     fn finish(&mut self, end: End, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Result<Summary> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
@@ -255,7 +256,7 @@ impl Session<'_> {
         Ok(summary)
     }
 
-    /// Writes everything but the summary; each file is tried, whatever became of those before it.
+    /// Writes everything but the summary. Tries every file, even if earlier ones fail.
     fn files(&self, folder: &Folder, observer: &mut dyn Observer) -> Vec<Result<()>> {
         let path = folder.path();
         let mut tries = vec![

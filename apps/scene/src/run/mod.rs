@@ -1,4 +1,4 @@
-//! A scene that is ready to run, its run in memory or into a folder, and how one that was stopped goes on.
+//! A scene that is ready to run, its run in memory or in a folder, and resuming a run that was stopped.
 
 mod folder;
 mod session;
@@ -27,109 +27,110 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What hears of a run while it goes on, and may end it.
+/// Receives news of a run and may end it.
 pub trait Observer {
-    /// Something a user should know, once, the moment it is known.
+    /// Receives a warning, once, as soon as it is known.
     fn warning(&mut self, _text: &str) {}
-    /// A step is made, one of so many; `Break` ends the run here, and a kept one can go on later.
+    /// Called after each step, with the planned number of steps. `Break` ends the run; one with a folder can
+    /// be resumed.
     fn step(&mut self, _run: &Coupled<f64>, _planned: usize) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
-    /// No more steps follow, or none before a sleeping model wakes; results are put together.
+    /// Called after the last step, also of the sleeping part of a scene with `[wake]`; the results are
+    /// gathered next.
     fn stepped(&mut self) {}
-    /// The scene asks for plots of the tables (probes, energy, effects), in a folder that is not finished
-    /// before they are there.
+    /// Draws the tables of probes, energy and effects if the scene asks for plots; the folder is finished
+    /// afterwards.
     ///
     /// # Errors
-    /// What cannot be drawn or written.
+    /// Plots that cannot be drawn or written.
     fn plot(&mut self, _folder: &Path, _title: &str, _tables: [&Table; 3]) -> Result<()> {
         Ok(())
     }
-    /// The same for one probe over another; called after [`Self::plot`].
+    /// Draws one probe over another; called after [`Self::plot`].
     ///
     /// # Errors
-    /// What cannot be drawn or written.
+    /// A plot that cannot be drawn or written.
     fn plot_curve(&mut self, _folder: &Path, _title: &str, _curve: &CurveLine) -> Result<()> {
         Ok(())
     }
 }
 
-/// Hears nothing.
+/// An observer that does nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
 impl Observer for Silent {}
 
-/// Why the steps ended.
+/// Reason for which the steps ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// All are made.
+    /// All steps are made.
     Complete,
-    /// The observer ended them.
+    /// The observer ended the run.
     Interrupted,
-    /// A sleeping model wakes.
+    /// A sleeping model woke.
     Woken,
-    /// A crack ran into an overlap, and the scene ends there.
+    /// A crack ran into an overlap, and the scene asks to end there.
     IntoOverlap,
 }
 
 impl End {
-    /// Whether [`resume`] can go on from there.
-    fn goes_on(self) -> bool {
+    /// Returns whether [`resume`] can continue the run.
+    fn can_resume(self) -> bool {
         matches!(self, Self::Interrupted | Self::IntoOverlap)
     }
 }
 
-/// What was recorded of a run.
+/// Recorded values of a run.
 #[derive(Debug, Clone)]
 pub struct Recorded {
-    /// The run in figures, as `summary.json` has them.
+    /// Summary, as in `summary.json`.
     pub summary: Summary,
-    /// Probes over time; names with unit.
+    /// Probes over time; names have units.
     pub probes: Table,
     /// Energy, works and momenta over time \[J, kg m/s\].
     pub energy: Table,
-    /// Figures of the effects over time.
+    /// Figures of effects over time.
     pub effects: Table,
-    /// One probe over another.
+    /// Curves of one probe over another.
     pub curves: Vec<CurveLine>,
-    /// Pieces into which bodies fell, at the instants of the frames; of bodies in parts on the first rank
-    /// alone.
+    /// Fragments into which bodies broke, at the times of the frames; for partitioned models on rank 0 only.
     pub fragments: Vec<Piece>,
 }
 
-/// What a run leaves.
+/// Results of a run.
 #[derive(Debug)]
 pub struct Results {
-    /// What was recorded.
+    /// Recorded values.
     pub recorded: Recorded,
-    /// The same of the time in which a model slept, if it woke.
+    /// Recorded values of the time in which a model slept, if it woke.
     pub asleep: Option<Recorded>,
-    /// The run in its last state: displacements, velocities, multipliers.
+    /// The models in their last state: displacements, velocities, multipliers.
     pub run: Coupled<f64>,
-    /// What broke, by model, where bonds can.
+    /// Logs of broken bonds by model, if its bonds can break.
     pub breaks: Vec<Option<SharedLog>>,
-    /// Why the steps ended.
+    /// Reason for which the steps ended.
     pub end: End,
-    /// Steps that were planned.
+    /// Planned number of steps.
     pub planned: usize,
-    /// Folder of the results, if they are kept.
+    /// Folder of the results, if any.
     pub folder: Option<PathBuf>,
-    /// What the steps that are left need, if there are any and no folder has it.
-    rest: Option<Box<Checkpoint>>,
+    /// Checkpoint for the remaining steps of a run without a folder.
+    remaining: Option<Box<Checkpoint>>,
 }
 
 impl Results {
-    /// The run as it can go on after its observer, or a crack that ran into an overlap, ended it: with the
-    /// same bits as one that was not stopped, and with what was recorded so far. The scene is built anew.
+    /// Prepares to continue a run that its observer or a crack ended. The results have the same bits as
+    /// without the stop and include the values recorded so far. The scene is built again.
     ///
     /// # Errors
-    /// A run that has no steps left; files of the scene that changed since; a checkpoint in a folder that
+    /// A run without remaining steps, files of the scene that have changed, a checkpoint in a folder that
     /// cannot be used.
     pub fn resume(self) -> Result<Resumed> {
-        match (self.rest, &self.folder) {
-            (Some(rest), _) => Resumed::of(*rest, None, self.asleep, None),
-            (None, Some(folder)) if self.end.goes_on() => resume(folder),
+        match (self.remaining, &self.folder) {
+            (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, self.asleep, None),
+            (None, Some(folder)) if self.end.can_resume() => resume(folder),
             _ => Err(key(
                 "time",
                 "all steps are made; prepare the scene with a later end",
@@ -137,21 +138,21 @@ impl Results {
         }
     }
 
-    /// The run in figures.
+    /// Returns the summary.
     pub fn summary(&self) -> &Summary {
         &self.recorded.summary
     }
 
-    /// Times \[s\] and values of a probe.
+    /// Returns times \[s\] and values of a probe.
     pub fn probe(&self, name: &str) -> Option<(&[f64], &[f64])> {
         let k = self.summary().probes.keys().position(|n| n == name)?;
         Some((&self.recorded.probes.times, &self.recorded.probes.columns[k]))
     }
 
-    /// A model in its last state.
+    /// Returns a model in its last state.
     pub fn model(&self, name: &str) -> Option<&Subdomain<f64>> {
-        let all = self.run.subdomains();
-        all.iter().find(|s| s.model().name() == name)
+        let models = self.run.subdomains();
+        models.iter().find(|s| s.model().name() == name)
     }
 }
 
@@ -160,22 +161,22 @@ impl Results {
 pub struct Prepared {
     pub(crate) scene: Scene,
     pub(crate) built: Built,
-    /// The scene as long as a model sleeps.
+    /// The sleeping scene of `[wake]`.
     pub(crate) asleep: Option<Asleep>,
-    /// Seconds the set-up took.
+    /// Duration of the set-up \[s\].
     pub(crate) setup: f64,
 }
 
 impl Prepared {
-    pub(crate) fn new(scene: &Scene, tell: &mut dyn FnMut(&str)) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, report: &mut dyn FnMut(&str)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
             None => {
-                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), tell)?;
+                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), report)?;
                 (None, built)
             }
             Some(wake) => {
-                let (asleep, built) = wake::prepare(scene, wake, tell)?;
+                let (asleep, built) = wake::prepare(scene, wake, report)?;
                 (Some(asleep), built)
             }
         };
@@ -187,38 +188,38 @@ impl Prepared {
         })
     }
 
-    /// The coupled models before the first step; as they are once all models are awake.
+    /// Returns the coupled models before the first step, with all models awake.
     pub fn coupled(&self) -> &Coupled<f64> {
         &self.built.run
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// Everything that was built; as it is once all models are awake.
+    /// Returns everything that was built, with all models awake.
     pub fn built(&self) -> &Built {
         &self.built
     }
 
-    /// What a user should know before the first step.
+    /// Returns the warnings known before the first step.
     pub fn warnings(&self) -> &[String] {
         &self.built.warnings
     }
 
-    /// Makes all steps and returns what they gave; writes nothing.
+    /// Makes all steps and returns the results; writes no files.
     ///
     /// # Errors
-    /// Failures of the run: results that are not finite, energy that grows.
+    /// Failures of the run, such as values that are not finite or energy that grows.
     pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
         self.start(None, observer)
     }
 
-    /// The same, and writes the results into a folder that appears when the run has ended.
+    /// Makes all steps and writes the results into a folder, which gets its name when the run has ended.
     ///
     /// # Errors
-    /// As those of [`Self::run`], with what is kept; files that cannot be written.
+    /// Failures of the run, with a note of the results that were kept; files that cannot be written.
     pub fn run_into(self, folder: RunFolder, observer: &mut dyn Observer) -> Result<Results> {
         let keep = self.scene.ranks().together(Keep::begin(folder))?;
         self.start(Some(keep), observer)
@@ -227,7 +228,7 @@ impl Prepared {
     fn start(self, keep: Option<Keep>, observer: &mut dyn Observer) -> Result<Results> {
         match self.asleep {
             Some(asleep) => {
-                // It is built anew from the state at waking; until then its memory is free.
+                // `wake::run` builds it again from the state at the waking; until then its memory is free.
                 drop(self.built);
                 wake::run(&self.scene, asleep, keep, self.setup, None, observer)
             }
@@ -236,36 +237,36 @@ impl Prepared {
     }
 }
 
-/// A run that was killed, interrupted or ended at an overlap, ready to go on.
+/// A run that was killed, interrupted or ended at an overlap, ready to continue.
 #[derive(Debug)]
 pub struct Resumed {
     prepared: Prepared,
-    /// Folder of its results, if they are kept.
+    /// Folder of the results, if any.
     target: Option<PathBuf>,
     saved: Checkpoint,
-    /// What was recorded while a model slept, where no folder has it.
+    /// Recorded values of the time in which a model slept, if no folder has them.
     slept: Option<Recorded>,
 }
 
 /// Reads the last checkpoint of a folder and builds its scene.
 ///
 /// # Errors
-/// A checkpoint that cannot be used: damaged, of another version, of files that have changed since.
+/// A checkpoint that cannot be used: damaged, of another version, or of files that have changed.
 pub fn resume(target: &Path) -> Result<Resumed> {
     resume_on(target, None)
 }
 
-/// The same as one rank of several, whatever the number of ranks that wrote the checkpoint.
+/// Resumes as one rank of several; their number may differ from that of the run that wrote the checkpoint.
 ///
 /// # Errors
-/// Those of [`resume`], and checkpoints that differ between ranks.
+/// Errors of [`resume`]; checkpoints that differ between ranks.
 pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
-    let saved = together(communicator.as_ref(), left(target))?;
-    Resumed::of(saved, Some(target.to_owned()), None, communicator)
+    let saved = together(communicator.as_ref(), last_checkpoint(target))?;
+    Resumed::from_checkpoint(saved, Some(target.to_owned()), None, communicator)
 }
 
-/// The last checkpoint of a folder.
-fn left(target: &Path) -> Result<Checkpoint> {
+/// Reads the last checkpoint of a folder and refuses one that does not fit.
+fn last_checkpoint(target: &Path) -> Result<Checkpoint> {
     let place = Folder::left_behind(target);
     let saved = Checkpoint::read(&place)?;
     let refuse = |reason: String| {
@@ -290,7 +291,7 @@ fn left(target: &Path) -> Result<Checkpoint> {
     Ok(saved)
 }
 
-/// A scene from where a model woke.
+/// Builds a scene from the state in which a model woke.
 fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
     Ok(Prepared {
         built: setup::build_from(
@@ -308,7 +309,7 @@ fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
 
 impl Resumed {
     /// Builds the scene of a checkpoint.
-    fn of(
+    fn from_checkpoint(
         saved: Checkpoint,
         target: Option<PathBuf>,
         slept: Option<Recorded>,
@@ -321,11 +322,11 @@ impl Resumed {
             let step = saved.snapshot.step as u64;
             scene.ranks().agree("the checkpoint", step)?;
         }
-        let made = match &saved.wake {
+        let built = match &saved.wake {
             Some(Stage::Awake { start, .. }) => awake(&scene, start),
             _ => Prepared::new(&scene, &mut |_| ()),
         };
-        let mut prepared = together(communicator.as_ref(), made)?;
+        let mut prepared = together(communicator.as_ref(), built)?;
         prepared.setup = begin.elapsed().as_secs_f64();
         Ok(Self {
             prepared,
@@ -335,10 +336,10 @@ impl Resumed {
         })
     }
 
-    /// Makes the steps that are left; a run in a folder writes its results there.
+    /// Makes the remaining steps. A run with a folder writes its results there.
     ///
     /// # Errors
-    /// As those of [`Prepared::run_into`].
+    /// Errors of [`Prepared::run_into`].
     pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
         let Self {
             prepared,
@@ -356,7 +357,7 @@ impl Resumed {
         let setup = prepared.setup;
         match (prepared.asleep, stage) {
             (Some(mut asleep), Some(stage)) => {
-                asleep.go_on(&stage);
+                asleep.restore_watch(&stage);
                 if let Some(keep) = &keep {
                     keep.take_back(wake::ASLEEP)?;
                 }

@@ -1,4 +1,4 @@
-//! A run under way: steps, what records them, what ends them.
+//! A run in progress: its steps, their records, and the reasons to end.
 
 use super::folder::Keep;
 use super::{End, Observer};
@@ -21,7 +21,7 @@ use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// A run with everything that records it.
+/// A run with its recorders.
 #[derive(Debug)]
 pub(crate) struct Session<'a> {
     pub(super) scene: &'a Scene,
@@ -35,23 +35,23 @@ pub(crate) struct Session<'a> {
     pub(super) keep: Option<Keep>,
     pub(super) setup: f64,
     pub(super) resumed_at: Option<usize>,
-    /// How far a scene with `[wake]` has come, for the checkpoints.
+    /// Progress of a scene with `[wake]`, for checkpoints.
     pub(crate) stage: Option<Stage>,
     pub(super) breaks: Vec<Option<SharedLog>>,
     pub(super) without_contact: ParticlesWithoutContact,
-    /// What is inside of something that it cannot touch.
+    /// Watch for particles inside bodies that they do not touch.
     pub(super) intrusions: intrusion::Watch,
     pub(super) packings: Vec<Option<PackingLine>>,
     bounds: Bounds,
     pub(super) phases: Vec<PhaseTime>,
     pub(super) holdings: Vec<RankLine>,
-    /// Warnings of the coupled run that were said.
-    said: usize,
+    /// Number of the coupled run's warnings that the observer has received.
+    passed_warnings: usize,
 }
 
 impl<'a> Session<'a> {
-    /// A run that took so many seconds to set up, from its first state, which is recorded, or from that of
-    /// a checkpoint.
+    /// Starts a run whose set-up took `setup` seconds: from its first state, which is recorded, or from a
+    /// checkpoint.
     pub(crate) fn new(
         scene: &'a Scene,
         mut built: Built,
@@ -72,10 +72,10 @@ impl<'a> Session<'a> {
             rigid: built.rigid,
         };
         let intrusions = intrusion::Watch::new(scene.spec(), &built.models, &built.run, ranks)?;
-        // What the first rank alone looks at as a whole.
+        // Only rank 0 shows the whole grid of a partitioned model; other ranks free the memory.
         if !ranks.leads() {
-            let all = built.models.iter_mut().zip(built.run.subdomains());
-            all.filter(|(_, s)| in_parts(s)).for_each(|(info, _)| {
+            let models = built.models.iter_mut().zip(built.run.subdomains());
+            models.filter(|(_, s)| in_parts(s)).for_each(|(info, _)| {
                 let corners = info.grid.corners;
                 info.grid = Arc::new(Grid {
                     corners,
@@ -92,6 +92,7 @@ impl<'a> Session<'a> {
             Some(keep) => {
                 let folder = keep.folder.as_ref().map(|f| f.subfolder("vtu")).transpose()?;
                 Some(if pieces {
+                    // The parts have grids of their own; this frees the whole ones.
                     drop(models);
                     let folder = folder.unwrap_or_else(|| keep.frames());
                     Frames::in_pieces(folder, &settings.fields, &built.run, pictures, ranks)?
@@ -101,7 +102,8 @@ impl<'a> Session<'a> {
                 })
             }
         };
-        // A checkpoint has it, with files that this number of ranks need not write alike.
+        // A checkpoint has the first state. Its files need not agree with those that this number of ranks
+        // would write.
         let recorded = saved.is_some() || built.load_steps.is_some();
         let mut out = Self {
             recorder: Recorder::new(
@@ -130,44 +132,44 @@ impl<'a> Session<'a> {
             bounds: built.bounds,
             phases: built.phases,
             holdings: built.holdings,
-            said: 0,
+            passed_warnings: 0,
         };
         if let Some(saved) = saved {
             out.restore(saved)?;
-            out.said = out.run.warnings().len();
+            out.passed_warnings = out.run.warnings().len();
         }
         Ok(out)
     }
 
-    /// The run.
+    /// Returns the coupled models.
     pub(crate) fn coupled(&self) -> &Coupled<f64> {
         &self.run
     }
 
-    /// Whether the scene asks for checkpoints.
+    /// Returns whether the scene asks for checkpoints.
     pub(crate) fn checkpoints(&self) -> bool {
         self.scene.spec().output.checkpoint_every.is_some()
     }
 
-    /// Says a warning the moment it is known, once, and keeps it for the summary.
+    /// Passes on a warning the first time that it occurs and keeps it for the summary.
     fn warn(&mut self, text: String, observer: &mut dyn Observer) {
         if self.recorder.warn(text.clone()) && self.scene.ranks().leads() {
             observer.warning(&text);
         }
     }
 
-    /// Says what the coupled run warns of, each once. The summary has it with its largest figure
-    /// (`summary::findings`).
+    /// Passes on the new warnings of the coupled run. `summary::findings` puts them into the summary with
+    /// their largest figures.
     fn say_warnings(&mut self, observer: &mut dyn Observer) {
-        let new = &self.run.warnings()[self.said..];
+        let new = &self.run.warnings()[self.passed_warnings..];
         if self.scene.ranks().leads() {
             new.iter().for_each(|w| observer.warning(&w.to_string()));
         }
-        self.said += new.len();
+        self.passed_warnings += new.len();
     }
 
-    /// Warns of what has come to be inside of something that it cannot touch; `at_once` whenever the last
-    /// look was.
+    /// Warns of bodies that have moved inside others without contact. `at_once` looks now, however recent the
+    /// last look.
     pub(super) fn warn_of_intrusions(&mut self, at_once: bool, observer: &mut dyn Observer) -> Result<()> {
         let ranks = self.scene.ranks();
         let lines = match at_once {
@@ -178,7 +180,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Adds what was recorded to the files of the run, so that they can be read while it goes on.
+    /// Appends the new records to the files, so that they can be read during the run.
     pub(super) fn flush(&mut self) -> Result<()> {
         let Some(folder) = self.keep.as_ref().and_then(|k| k.folder.as_ref()) else {
             return Ok(());
@@ -195,7 +197,8 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Makes the steps until the observer or `woken`, which may change the stage, ends them before the last.
+    /// Makes steps until the last one, or until the observer, an overlap break or `woken` ends them. `woken`
+    /// may change the stage.
     pub(crate) fn advance(
         &mut self,
         observer: &mut dyn Observer,
@@ -207,7 +210,7 @@ impl<'a> Session<'a> {
         self.say_warnings(observer);
         let every = self.scene.spec().output.checkpoint_every;
         let mut end = End::Complete;
-        // Once is enough: the state that follows is as odd.
+        // One warning is enough: states that follow an odd one are odd too.
         let mut strange = !self.bounds.watch(&self.run).is_empty();
         let ranks = self.scene.ranks();
         let mut crossing = Crossing::since(&self.breaks);
@@ -224,19 +227,21 @@ impl<'a> Session<'a> {
                 strange = !odd.is_empty();
                 odd.into_iter().for_each(|w| self.warn(w, observer));
             }
-            let mut asked = observer.step(&self.run, self.steps);
-            // Ranks hear of each other when the ledger is drawn; one of them ends the steps of all.
+            let mut flow = observer.step(&self.run, self.steps);
+            // Ranks agree only at steps with a ledger, which synchronise them anyway. Any rank can end the
+            // steps of all.
             if ranks.count() > 1 {
-                let any = sampled && ranks.any(asked.is_break())?;
-                asked = if any {
+                let any = sampled && ranks.any(flow.is_break())?;
+                flow = if any {
                     ControlFlow::Break(())
                 } else {
                     ControlFlow::Continue(())
                 };
             }
             self.warn_of_intrusions(false, observer)?;
-            let (said, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
-            said.into_iter().for_each(|w| self.warn(w, observer));
+            let (warnings, ends) = crossing.watch(self.scene.spec(), &self.run, &self.breaks);
+            warnings.into_iter().for_each(|w| self.warn(w, observer));
+            // A run with all steps is complete, even if something else would end it now.
             if made == self.steps {
                 self.run.warn_of_jumps();
                 self.say_warnings(observer);
@@ -253,7 +258,7 @@ impl<'a> Session<'a> {
             if every.is_some_and(|n| made.is_multiple_of(n)) {
                 self.save()?;
             }
-            if asked.is_break() {
+            if flow.is_break() {
                 end = End::Interrupted;
                 break;
             }

@@ -1,4 +1,4 @@
-//! Scenes at rest: from one load step to the next.
+//! Scenes at rest: successive load steps.
 
 use super::session::Session;
 use super::{End, Observer};
@@ -8,24 +8,24 @@ use crate::setup::LoadSteps;
 use arlequin::core::{Error as Failure, Settled};
 use serde::{Deserialize, Serialize};
 
-/// A load step that is in equilibrium.
+/// A load step in equilibrium.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoadStep {
-    /// Time of its loads \[s\].
+    /// Time at which loads and motions are taken \[s\].
     pub time: f64,
-    /// `direct` or `relaxed`.
+    /// Name of the method: `direct` or `relaxed`.
     pub method: String,
     /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
     /// since the load step before.
     pub residual: f64,
-    /// Steps of relaxation.
+    /// Number of relaxation steps.
     pub iterations: usize,
     /// Internal energy \[J\].
     pub energy: f64,
 }
 
 impl LoadStep {
-    fn of(time: f64, s: &Settled<f64>) -> Self {
+    fn new(time: f64, s: &Settled<f64>) -> Self {
         Self {
             time,
             method: s.method.to_owned(),
@@ -37,8 +37,8 @@ impl LoadStep {
 }
 
 impl Session<'_> {
-    /// An error of a load step, with the largest piece that came loose where one did.
-    fn blamed(&self, mut e: Failure) -> Failure {
+    /// Adds to an error of a load step the largest fragment that came loose, if there is one.
+    fn with_loose_fragment(&self, mut e: Failure) -> Failure {
         if let Failure::NotSettled { free, .. } = &mut e
             && let Some((particles, model, [x, y, z])) = fragments::loose(&self.run, &self.breaks)
         {
@@ -50,7 +50,7 @@ impl Session<'_> {
         e
     }
 
-    /// Goes through the load steps that are left, until the observer ends it.
+    /// Makes the remaining load steps until the observer ends them.
     pub(super) fn settle(&mut self, steps: &LoadSteps, observer: &mut dyn Observer) -> Result<End> {
         self.recorder.warnings.iter().for_each(|w| observer.warning(w));
         let every = self.scene.spec().output.checkpoint_every;
@@ -60,19 +60,19 @@ impl Session<'_> {
             let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
             let time = steps.times[made];
             let settled = self.run.settle(from, time, &steps.relaxation);
-            let settled = settled.map_err(|e| core("static")(self.blamed(e)))?;
-            self.recorder.load_steps.push(LoadStep::of(time, &settled));
+            let settled = settled.map_err(|e| core("static")(self.with_loose_fragment(e)))?;
+            self.recorder.load_steps.push(LoadStep::new(time, &settled));
             self.recorder.observe(&mut self.run, None)?;
             self.flush()?;
             self.warn_of_intrusions(true, observer)?;
-            let asked = observer.step(&self.run, self.steps);
+            let flow = observer.step(&self.run, self.steps);
             if made + 1 == steps.times.len() {
                 break;
             }
             if every.is_some_and(|n| (made + 1).is_multiple_of(n)) {
                 self.save()?;
             }
-            if asked.is_break() {
+            if flow.is_break() {
                 end = End::Interrupted;
                 break;
             }

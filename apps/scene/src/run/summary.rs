@@ -7,9 +7,9 @@ use crate::output::summary::{self, Energy, Summary, WallSeconds};
 
 /// How a run ended.
 pub(super) enum Status {
-    /// By plan or by its user.
+    /// By plan, by its user, or by a crack in an overlap.
     Ended(End),
-    /// By an error, in words.
+    /// By an error with this message.
     Failed(String),
 }
 
@@ -26,7 +26,7 @@ impl Status {
 }
 
 impl Session<'_> {
-    /// What there is to say, after so many seconds of writing.
+    /// Builds the summary; `writing` is the time spent on the result files \[s\].
     pub(super) fn summary(&self, status: Status, writing: f64) -> Summary {
         let (run, r) = (&self.run, &self.recorder);
         let [stepping, observing] = self.clock.split();

@@ -1,4 +1,4 @@
-//! `[zone.NAME]`: where a fine model takes the place of the body's, and which.
+//! `[zone.NAME]`: a fine model that replaces the body's model in a region.
 
 use super::choice::choice;
 use super::interface::{Absorber, JunctionTable, RegionShape, SolverKind, WeightTable};
@@ -9,55 +9,56 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// `[zone.NAME]`: a fine model where it is wanted, coupled to that of `[body]` in a layer around it. The
-/// model and the interface bear the name of the zone.
+/// `[zone.NAME]`: a fine model in a part of `[body]`, coupled to the body's model in a layer around that
+/// part. The model and the interface have the name of the zone.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZoneTable {
-    /// Which model: `fem`, `cnem` or `dem`.
+    /// Kind of the model: `fem`, `cnem` or `dem`.
     pub kind: ModelKind,
-    /// Where it is wanted: the elements of the body that lie there, wholly or in part, are replaced.
+    /// Region of the fine model: it replaces the elements of the body that lie in the region, wholly or in
+    /// part.
     pub shape: ZoneShape,
-    /// Length of a unit of the files of that shape \[m\]. Default: that of the body's file.
+    /// Length of one unit of the files in `shape` \[m\]. Default: `scale` of the body.
     pub scale: Option<f64>,
-    /// The layer around it in which both models are.
+    /// The layer around the region in which both models are present.
     pub overlap: ZoneOverlap,
-    /// Mean diameter of spheres; longest distance of nodes, reached by halving the body's elements, once at
-    /// least \[m\]. Default: none; spheres may have `dem.count` or `dem.file` in its place.
+    /// Mean diameter of spheres, or longest distance between nodes \[m\]; nodes get there by halving the
+    /// body's elements at least once. Spheres may give `dem.count` or `dem.file` instead. Default: none.
     pub spacing: Option<f64>,
-    /// What it is made of. Default: what the body is made of, with its `materials`.
+    /// Material of the zone. Default: that of the body, with its `materials`.
     pub material: Option<Material>,
-    /// How it steps between two reflections, where it is not to be chosen.
+    /// How the model steps between two reflections. Default: chosen by the program.
     pub step: Option<OwnStepTable>,
-    /// Choices of finite elements; read by `kind = "fem"` only.
+    /// Settings of finite elements; read by `kind = "fem"` only.
     #[serde(default)]
     pub fem: FemTable,
-    /// Choices of natural elements; read by `kind = "cnem"` only.
+    /// Settings of natural elements; read by `kind = "cnem"` only.
     #[serde(default)]
     pub cnem: CnemTable,
-    /// Choices of particles; read by `kind = "dem"` only.
+    /// Settings of particles; read by `kind = "dem"` only.
     #[serde(default)]
     pub dem: DemTable,
-    /// How the models share energy, mass and load in the layer.
+    /// Weights by which the models share energy, mass and load in the layer.
     #[serde(default)]
     pub weight: WeightTable,
-    /// Where the multipliers live.
+    /// The space of the multipliers.
     #[serde(default)]
     pub mediator: ZoneMediator,
     /// The scalar product of the constraint.
     #[serde(default)]
     pub junction: JunctionTable,
-    /// How its integrals are sampled, as in an interface.
+    /// How the integrals of the constraint are sampled, as in an interface.
     #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
-    /// How the multipliers are solved for.
+    /// Solver of the multipliers.
     #[serde(default)]
     pub solver: SolverKind,
-    /// Whether the weights must sum to one: `checked` (default) or `unchecked`.
+    /// Check that the weights sum to one: `checked` (default) or `unchecked`.
     #[serde(default)]
     #[schemars(with = "schema::Partition")]
     pub partition: Partition,
-    /// Damping of what the body's model cannot carry; without `spacing`.
+    /// Damping of waves that the body's model cannot carry; give it without `spacing`.
     pub absorber: Option<Absorber>,
 }
 
@@ -65,7 +66,8 @@ pub struct ZoneTable {
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZoneOverlap {
-    /// How far it reaches from the zone \[m\], up to whole elements of the body; three elements or more.
+    /// Distance from the zone to the outer border of the layer \[m\], rounded up to whole elements of the
+    /// body; at least three elements.
     pub width: f64,
 }
 
@@ -73,55 +75,55 @@ pub struct ZoneOverlap {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ZoneMediator {
-    /// Longest distance of its nodes \[m\], reached by halving these elements. With that of a `fem` zone
-    /// uniform strain passes exactly, at the price of more multipliers and more reflection. Default: the
-    /// elements as they are.
+    /// Longest distance between mediator nodes \[m\], reached by halving the body's elements in the layer.
+    /// With the spacing of a `fem` zone, uniform strain passes exactly, at the price of more multipliers and
+    /// more reflection. Default: the elements are not halved.
     pub spacing: Option<f64>,
 }
 
-/// Where a fine model is wanted.
+/// Region of a fine model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum ZoneShape {
-    /// In a ball.
+    /// The inside of a ball.
     Ball {
         /// Centre \[m\].
         centre: [f64; 3],
         /// Radius \[m\].
         radius: f64,
     },
-    /// In a box along the axes.
+    /// The inside of a box along the axes.
     Box {
         /// Lowest corner \[m\].
         low: [f64; 3],
         /// Highest corner \[m\].
         high: [f64; 3],
     },
-    /// In an infinite circular cylinder.
+    /// The inside of an infinite circular cylinder.
     Cylinder {
-        /// A point of its axis \[m\].
+        /// A point of the axis \[m\].
         point: [f64; 3],
-        /// Direction of its axis (any length).
+        /// Direction of the axis (any length).
         axis: [f64; 3],
         /// Radius \[m\].
         radius: f64,
     },
-    /// Near the facets of a named group of the body (its nodes, where it has none: a crack front, a point),
-    /// or near the triangles of an STL file, which need not be closed.
+    /// Points near the facets of a named group of the body, or near its nodes if it has no facets (a crack
+    /// front, a point); or near the triangles of an STL file, which need not be closed.
     Near {
-        /// The group.
+        /// Name of the group.
         group: Option<String>,
-        /// The STL file, relative to the scene file, in place of a group.
+        /// The STL file, relative to the scene file, instead of a group.
         file: Option<PathBuf>,
-        /// How near \[m\].
+        /// Largest distance \[m\].
         distance: f64,
     },
-    /// Inside a closed STL surface; relative to the scene file.
+    /// The inside of a closed STL surface, relative to the scene file.
     File(PathBuf),
 }
 
 impl ZoneShape {
-    /// The region that it is by itself, without the body or a file.
+    /// Returns the region if neither the body nor a file is needed to know it.
     pub fn simple(&self) -> Option<RegionShape> {
         match *self {
             Self::Ball { centre, radius } => Some(RegionShape::Ball { centre, radius }),

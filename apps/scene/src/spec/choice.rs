@@ -1,7 +1,7 @@
-//! Choices: tables with exactly one key, or words, refused in terms of a scene.
+//! Choices: tables with exactly one key, or words, with errors in terms of a scene.
 
-/// Implements `Deserialize` for an enum that derives it with `#[serde(remote = "Self")]`: exactly one key,
-/// or a word for a variant without fields; whatever else is there is told which choices there are.
+/// Implements `Deserialize` for an enum that derives it with `#[serde(remote = "Self")]`. Accepts a table
+/// with exactly one key, or a word for a variant without fields; errors for other input list the choices.
 macro_rules! choice {
     ($choice:ty, $words:literal) => {
         impl<'de> serde::Deserialize<'de> for $choice {
@@ -13,18 +13,20 @@ macro_rules! choice {
                         f.write_str(concat!("exactly one of ", $words))
                     }
                     fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<$choice, E> {
-                        let of_word = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(word);
-                        <$choice>::deserialize(of_word)
+                        let word_deserializer = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(word);
+                        <$choice>::deserialize(word_deserializer)
                             .map_err(|_| E::invalid_value(serde::de::Unexpected::Str(word), &self))
                     }
                     fn visit_map<A: serde::de::MapAccess<'de>>(
                         self,
                         mut map: A,
                     ) -> Result<$choice, A::Error> {
-                        let of_map = serde::de::value::MapAccessDeserializer::new(&mut map);
-                        let found = <$choice>::deserialize(of_map)?;
+                        // `remote = "Self"` makes the derived function an inherent one, so that this is no
+                        // recursion. It reads one key and ignores what follows.
+                        let map_deserializer = serde::de::value::MapAccessDeserializer::new(&mut map);
+                        let value = <$choice>::deserialize(map_deserializer)?;
                         match map.next_key::<String>()? {
-                            None => Ok(found),
+                            None => Ok(value),
                             Some(other) => Err(serde::de::Error::custom(format_args!(
                                 "'{other}' is one key too many, expected exactly one of {}; to exchange a choice, set \
                                  the whole table",

@@ -1,4 +1,4 @@
-//! What acts on the models and what is watched: supports, loads, effects, initial states, probes.
+//! Supports, loads, initial states, functions of time and the fields of frames.
 
 use super::choice::choice;
 use super::schema;
@@ -8,7 +8,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// A part of a model: a group by name, or what lies in a box.
+/// A part of a model: a group by name, or the nodes in a box.
 #[derive(Debug, Clone)]
 pub enum Selection {
     /// Named group.
@@ -17,11 +17,11 @@ pub enum Selection {
     Box([f64; 3], [f64; 3]),
 }
 
-/// A selection by place.
+/// A selection by its place.
 #[derive(Deserialize, JsonSchema)]
 #[serde(remote = "Self", deny_unknown_fields, rename_all = "snake_case")]
 enum SelectionTable {
-    /// What lies in a closed box.
+    /// Everything in a closed box.
     Box {
         /// Lowest corner \[m\].
         low: [f64; 3],
@@ -32,14 +32,14 @@ enum SelectionTable {
 
 choice!(SelectionTable, "{ box = { low, high } }");
 
-/// What the text of a selection may be.
+/// The two forms of a selection in a scene.
 #[derive(JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "read by the schema alone")]
 enum SelectionWords {
     /// The name of a group.
     Group(String),
-    /// A place.
+    /// A selection by its place.
     Place(SelectionTable),
 }
 
@@ -64,9 +64,11 @@ impl<'de> Deserialize<'de> for Selection {
                 Ok(Selection::Group(name.to_owned()))
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Selection, A::Error> {
-                let of_map = MapAccessDeserializer::new(map);
-                // The one of the choice, which minds further keys, not the derived one of the same name.
-                let SelectionTable::Box { low, high } = <SelectionTable as Deserialize>::deserialize(of_map)?;
+                let map_deserializer = MapAccessDeserializer::new(map);
+                // The `Deserialize` impl from `choice!` refuses further keys; the derived inherent method of
+                // the same name does not.
+                let SelectionTable::Box { low, high } =
+                    <SelectionTable as Deserialize>::deserialize(map_deserializer)?;
                 Ok(Selection::Box(low, high))
             }
         }
@@ -83,20 +85,20 @@ impl std::fmt::Display for Selection {
     }
 }
 
-/// Directions.
+/// A coordinate axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
-    /// First.
+    /// x.
     X,
-    /// Second.
+    /// y.
     Y,
-    /// Third.
+    /// z.
     Z,
 }
 
 impl Axis {
-    /// 0, 1, 2.
+    /// Returns 0, 1 or 2.
     pub fn index(self) -> usize {
         self as usize
     }
@@ -106,29 +108,29 @@ impl Axis {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum TimeShape {
-    /// One from time zero on.
+    /// 1 from time zero on.
     Step,
-    /// From 0 to 1 within a duration, then 1.
+    /// Rises from 0 to 1 within a duration, then stays 1.
     Ramp {
         /// Rise time \[s\].
         duration: f64,
     },
     /// `sin²(π t/duration)` within a duration, then 0.
     Pulse {
-        /// Length \[s\].
+        /// Duration of the pulse \[s\].
         duration: f64,
     },
     /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
     Table(Vec<(f64, f64)>),
-    /// The same from a file with comma-separated rows of time \[s\] and value; a first row of words is a
-    /// headline.
+    /// Reads such rows from a file with comma-separated time \[s\] and value; a first row of words is taken
+    /// as headings.
     File(String),
     /// An expression of the time `t` \[s\], such as `"sin(2*pi*50*t)"`.
     Expression(String),
 }
 
 impl Default for TimeShape {
-    /// From time zero on.
+    /// 1 from time zero on.
     fn default() -> Self {
         Self::Step
     }
@@ -140,20 +142,20 @@ choice!(
      { file = \"name.csv\" }, { expression = \"sin(2*pi*50*t)\" }"
 );
 
-/// `[[support]]`.
+/// `[[support]]`: nodes that are held or moved.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
-    /// Name by which probes ask for its force and moment; `support-1`, `support-2`, … by default. Supports
-    /// of one name count as one.
+    /// Name by which probes read the force and moment; supports with one name count as one. Default:
+    /// `support-1`, `support-2`, …
     pub name: Option<String>,
-    /// Model; on `body` its zones are held as well, where they have no support of their own.
+    /// Name of the model. On `body` its zones are held as well, unless a zone has supports of its own.
     pub model: String,
-    /// Which nodes. Components that two supports hold at rest are held once, and their force is that of the
-    /// first.
+    /// The nodes. If two supports hold a component at rest, it is held once and the first support carries the
+    /// force.
     #[serde(rename = "where")]
     pub at: Selection,
-    /// Which components. Default: all.
+    /// The components that are held. Default: all.
     pub components: Option<Vec<Axis>>,
     /// Prescribed displacement `amplitude · time`. Default: fixed.
     pub motion: Option<Motion>,
@@ -168,22 +170,22 @@ pub struct Motion {
     pub amplitude: Option<f64>,
     /// Speed `speed · time` \[m/s\]: the displacement is its integral.
     pub speed: Option<f64>,
-    /// Time function; from time zero on by default, which for a speed is a constant one.
+    /// Function of time; 1 from time zero on by default, which for a speed means a constant speed.
     #[serde(default)]
     pub time: TimeShape,
 }
 
-/// `[[load]]`.
+/// `[[load]]`: forces on a surface.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("traction force pressure torque"))]
 pub struct Load {
-    /// Line in the ledger. Default: `load-1`, `load-2`, …
+    /// Name of the ledger line. Default: `load-1`, `load-2`, …
     pub name: Option<String>,
-    /// Model.
+    /// Name of the model.
     pub model: String,
-    /// Which surface; a box selects the surface facets with all corners in it. On `body` the surface of the
-    /// whole body: its zones carry their share.
+    /// The surface; a box selects the surface facets with all corners in it. On `body` it is the surface of
+    /// the whole body, and its zones carry their share.
     #[serde(rename = "where")]
     pub at: Selection,
     /// Traction \[Pa\]; exactly one of `traction`, `force`, `pressure`, `torque`.
@@ -195,15 +197,15 @@ pub struct Load {
     /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over
     /// particles).
     pub torque: Option<[f64; 3]>,
-    /// Time function.
+    /// Function of time.
     pub time: TimeShape,
 }
 
-/// `[[initial]]`.
+/// `[[initial]]`: state of models at time zero.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Initial {
-    /// Of which models; with `body` its zones, but those that another one names. Default: all.
+    /// Names of the models; `body` includes its zones unless another `[[initial]]` names them. Default: all.
     pub models: Option<Vec<String>>,
     /// Displacement \[m\].
     pub displacement: Option<Field>,
@@ -215,13 +217,13 @@ pub struct Initial {
     pub wave: Option<Wave>,
 }
 
-/// A rigid spin about a point: velocities, and spins of particles.
+/// A rigid spin about a point; it sets velocities and the spins of particles.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Spin {
     /// Angular velocity \[rad/s\].
     pub rate: [f64; 3],
-    /// Point on its axis \[m\].
+    /// Point on the axis \[m\].
     #[serde(default)]
     pub centre: [f64; 3],
 }
@@ -230,7 +232,7 @@ pub struct Spin {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Field {
-    /// The same everywhere.
+    /// One vector everywhere.
     Uniform([f64; 3]),
     /// One component, a polynomial of one coordinate.
     Polynomial(Polynomial),
@@ -241,19 +243,19 @@ choice!(
     "{ uniform = [x, y, z] }, { polynomial = { component = axis, along = axis, coefficients = [c0, c1, …] } }"
 );
 
-/// `Σ c_k x^k`.
+/// The polynomial `Σ c_k x^k`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Polynomial {
     /// Component of the field.
     pub component: Axis,
-    /// Coordinate.
+    /// Coordinate `x`.
     pub along: Axis,
     /// `c_0, c_1, …` in SI units.
     pub coefficients: Vec<f64>,
 }
 
-/// `A cos²(π (x − centre)/width)` within its width, travelling.
+/// A travelling pulse `A cos²(π (x − centre)/width)` within its width.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wave {
@@ -267,12 +269,12 @@ pub struct Wave {
     pub width: f64,
     /// Amplitude \[m\].
     pub amplitude: f64,
-    /// Speed, negative towards smaller coordinates \[m/s\]. Default: `√(E/ρ)` of each model, of the
-    /// material at each node where it has several (the faster one where two meet).
+    /// Speed \[m/s\], negative towards smaller coordinates. Default: `√(E/ρ)` of each model, or of the
+    /// material at each node if there are several (the faster one where two meet).
     pub speed: Option<f64>,
 }
 
-/// Fields of a frame.
+/// Fields that a frame may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputField {
@@ -282,14 +284,15 @@ pub enum OutputField {
     Velocity,
     /// `alpha`, `beta`, `gamma` at the nodes \[–\].
     Weights,
-    /// Unweighted strain energy density \[J/m³\] at the centres of elements, and at particles: the energy
-    /// of their bonds.
+    /// Unweighted strain energy density \[J/m³\] at the centres of elements; at particles the energy of their
+    /// bonds.
     EnergyDensity,
     /// Multipliers on the mediators.
     Multipliers,
     /// Stress at the nodes \[Pa\]: `xx, yy, zz, xy, yz, xz`, tension positive.
     Stress,
-    /// Strain at the nodes \[–\], likewise; `xy` is half the change of the angle.
+    /// Strain at the nodes \[–\]: `xx, yy, zz, xy, yz, xz`, tension positive; `xy` is half the change of the
+    /// angle.
     Strain,
     /// Equivalent stress of von Mises at the nodes \[Pa\].
     VonMises,

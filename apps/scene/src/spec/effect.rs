@@ -1,4 +1,4 @@
-//! `[[effect]]`: what acts on the models beside supports and loads.
+//! `[[effect]]`: physics of the models besides supports and loads.
 
 use super::choice::choice;
 use super::drive::TimeShape;
@@ -7,32 +7,32 @@ use schemars::JsonSchema;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-/// `[[effect]]`.
+/// `[[effect]]`: one effect and the models that have it.
 #[derive(Debug, Clone)]
 pub struct Effect {
-    /// On which models; all that can have it by default.
+    /// Names of the models. Default: all that can have the effect.
     pub models: Option<Vec<String>>,
-    /// The two models a contact is between; in place of `models`.
+    /// The two models of a contact between models; excludes `models`.
     pub between: Option<Vec<String>>,
-    /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end only,
-    /// for a warning.
+    /// False to leave the effect out. A `fracture` that is left out still warns at the end if strengths were
+    /// exceeded.
     pub enabled: bool,
-    /// The effect itself.
+    /// The effect with its settings.
     pub kind: EffectKind,
 }
 
-/// Models that can have an effect.
+/// Kinds of models that can have an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bearer {
-    /// Any.
+    /// All models.
     Any,
     /// Solids of finite or natural elements.
     Solids,
-    /// Particles.
+    /// Models of particles.
     Particles,
 }
 
-/// One line per effect: its key in a scene, its type, the models that can have it.
+/// Declares the effects, one per line: key in a scene, type, and the models that can have it.
 macro_rules! effects {
     ($($(#[$doc:meta])* $key:ident: $kind:ident, $bearer:ident;)*) => {
         /// The effects of scenes.
@@ -45,40 +45,40 @@ macro_rules! effects {
         impl EffectKind {
             const KEYS: &[&str] = &[$(stringify!($key)),*];
 
-            /// Its key in a scene.
+            /// Returns the key in a scene.
             pub fn key(&self) -> &'static str {
                 match self { $(Self::$kind(_) => stringify!($key),)* }
             }
 
-            /// Models that can have it.
+            /// Returns the kinds of models that can have the effect.
             pub fn bearer(&self) -> Bearer {
                 match self { $(Self::$kind(_) => Bearer::$bearer,)* }
             }
         }
 
-        /// Exactly one effect, and on what it acts.
+        /// Exactly one effect, and the models that have it.
         #[derive(Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
         #[schemars(rename = "Effect", transform = schema::exactly_one(EffectKind::KEYS.join(" ")))]
         pub(super) struct Table {
-            /// On which models. Default: all that can have it.
+            /// Names of the models. Default: all that can have the effect.
             models: Option<Vec<String>>,
-            /// For `contact`, in place of `models`: the two particle models whose particles touch each
-            /// other. Default: within each model.
+            /// For `contact`, instead of `models`: the two particle models whose particles touch each other.
+            /// Default: contact within each model.
             between: Option<Vec<String>>,
-            /// `false`: as if it were not listed; the strengths of `fracture` are then compared at the end
-            /// only, for a warning.
-            #[serde(default = "yes")]
+            /// False to leave the effect out. A `fracture` that is left out still warns at the end if
+            /// strengths were exceeded.
+            #[serde(default = "enabled")]
             enabled: bool,
             $($(#[$doc])* $key: Option<$kind>,)*
         }
 
         impl Table {
-            /// The effect, if exactly one is given.
+            /// Returns the effect if exactly one is given.
             fn effect(self) -> Option<Effect> {
-                let given = [$(self.$key.map(EffectKind::$kind)),*];
-                let mut given = given.into_iter().flatten();
-                let (Some(kind), None) = (given.next(), given.next()) else { return None };
+                let effects = [$(self.$key.map(EffectKind::$kind)),*];
+                let mut effects = effects.into_iter().flatten();
+                let (Some(kind), None) = (effects.next(), effects.next()) else { return None };
                 Some(Effect { models: self.models, between: self.between, enabled: self.enabled, kind })
             }
         }
@@ -96,29 +96,29 @@ effects! {
     local_damping: LocalDamping, Any;
     /// Bulk viscosity.
     bulk_viscosity: BulkViscosity, Solids;
-    /// Initial displacements count as equilibrium.
+    /// Takes the initial displacements as equilibrium.
     prestress: Prestress, Any;
     /// Bonds that break.
     fracture: Fracture, Particles;
     /// Contact between unbonded particles.
     contact: Contact, Particles;
-    /// A rigid body.
+    /// A rigid body that particles touch.
     obstacle: Obstacle, Particles;
 }
 
-fn yes() -> bool {
+fn enabled() -> bool {
     true
 }
 
-/// Reads all `[[effect]]`.
+/// Reads all `[[effect]]` tables.
 pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Effect>, D::Error> {
     let tables = Vec::<Table>::deserialize(deserializer)?;
-    let one = |(k, table): (usize, Table)| {
+    let to_effect = |(k, table): (usize, Table)| {
         let keys = EffectKind::KEYS.join(", ");
         let wrong = || D::Error::custom(format!("effect[{k}]: needs exactly one of {keys}"));
         table.effect().ok_or_else(wrong)
     };
-    tables.into_iter().enumerate().map(one).collect()
+    tables.into_iter().enumerate().map(to_effect).collect()
 }
 
 /// A constant acceleration field.
@@ -127,7 +127,7 @@ pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 pub struct BodyForce {
     /// Acceleration \[m/s²\].
     pub acceleration: [f64; 3],
-    /// Time function; from time zero on by default.
+    /// Function of time; 1 from time zero on by default.
     #[serde(default)]
     pub time: TimeShape,
 }
@@ -140,7 +140,7 @@ pub struct MassDamping {
     pub rate: f64,
 }
 
-/// Initial displacements count as equilibrium; nothing to choose.
+/// Takes the initial displacements as equilibrium; has no settings.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prestress {}
@@ -149,7 +149,7 @@ pub struct Prestress {}
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StiffnessDamping {
-    /// Time \[s\] of the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time
+    /// Time \[s\] in the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time
     /// ω/2`; lowers the critical step.
     pub time: f64,
 }
@@ -158,7 +158,7 @@ pub struct StiffnessDamping {
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LocalDamping {
-    /// Share of its force that every unknown feels against its motion, 0 to below 1 \[–\].
+    /// Share of the force on each unknown that acts against its motion, 0 to below 1 \[–\].
     pub share: f64,
 }
 
@@ -168,11 +168,11 @@ pub struct LocalDamping {
 pub struct BulkViscosity {
     /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical
     /// step.
-    #[serde(default = "usual")]
+    #[serde(default = "usual_coefficient")]
     pub coefficient: f64,
 }
 
-fn usual() -> f64 {
+fn usual_coefficient() -> f64 {
     0.06
 }
 
@@ -181,36 +181,37 @@ fn usual() -> f64 {
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::at_most_one("weibull deviation"))]
 pub struct Fracture {
-    /// What is compared with the strength.
+    /// Measure that is compared with the strength.
     pub criterion: CriterionKind,
-    /// Strength of the beams (not of the packing) \[Pa\], or \[J/m²\] for the energy; the characteristic
-    /// one with `weibull`, else the mean.
+    /// Strength of the beams (not of the packing) \[Pa\]; for the energy criterion \[J/m²\]. With `weibull`
+    /// the characteristic strength, else the mean.
     pub strength: f64,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
     pub weibull: Option<f64>,
-    /// Relative deviation of a normal scatter, below 1/3 \[–\]; in place of `weibull`. Default: no scatter.
+    /// Relative standard deviation of a normal scatter, below 1/3 \[–\]; excludes `weibull`. Default: no
+    /// scatter.
     pub deviation: Option<f64>,
-    /// Seed of the scatter; strengths belong to places, whatever the numbering.
-    #[serde(default = "one")]
+    /// Seed of the scatter; strengths depend on the place of a bond, not on the numbering.
+    #[serde(default = "first_seed")]
     pub seed: u64,
     /// Steps between two checks. Default: 1.
     pub every: Option<usize>,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that
-    /// reaches the overlap: what cannot break carries more load than the body has strength.
+    /// True if bonds that lie in an overlap, wholly or in part, never break. This does not let a crack pass
+    /// the overlap: bonds that cannot break carry more load than the body's strength.
     #[serde(default)]
     pub spare_overlap: bool,
-    /// Whether the run ends when a crack runs into an overlap, six broken bonds there that are near each
-    /// other or joined by others, with `status` `"stopped-at-overlap"` and all results; `arlequin resume`
-    /// goes on.
+    /// True to end the run when a crack runs into an overlap: six broken bonds there that are near each other
+    /// or joined by others. The results are complete, `status` is `"stopped-at-overlap"`, and `arlequin
+    /// resume` continues the run.
     #[serde(default)]
     pub stop_at_overlap: bool,
 }
 
-fn one() -> u64 {
+fn first_seed() -> u64 {
     1
 }
 
-/// Criteria of bonds.
+/// Failure criteria of bonds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CriterionKind {
@@ -228,8 +229,8 @@ pub enum CriterionKind {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Contact {
-    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between particles that no bond joins
-    /// \[Pa\]. Default: `material.young`; `2 E F/(E + F)` of both with `between`.
+    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between unbonded particles \[Pa\]. Default:
+    /// `material.young`; with `between`, `2 E F/(E + F)` of both models.
     pub modulus: Option<f64>,
     /// Coefficient of restitution, 0.15 to 1 \[–\]. Default: 0.5.
     pub restitution: Option<f64>,
@@ -237,33 +238,33 @@ pub struct Contact {
     pub friction: Option<f64>,
     /// Tangential over normal stiffness \[–\]. Default: 0.5.
     pub shear_ratio: Option<f64>,
-    /// Rolling resistance, lever over reduced radius \[–\]; not of obstacles. Default: 0.
+    /// Rolling resistance: lever over reduced radius \[–\]; not for obstacles. Default: 0.
     pub rolling: Option<f64>,
-    /// Reach of the neighbour list beyond touch, in mean radii \[–\]; not of obstacles. Default: 0.4.
+    /// Reach of the neighbour list beyond touch, in mean radii \[–\]; not for obstacles. Default: 0.4.
     pub skin: Option<f64>,
 }
 
-/// A rigid body.
+/// A rigid body that particles touch.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::at_most_one("velocity displacement"))]
 pub struct Obstacle {
-    /// Line in the ledger. Default: `obstacle-1`, …
+    /// Name of the ledger line. Default: `obstacle-1`, …
     pub name: Option<String>,
     /// Shape at rest.
     pub shape: ObstacleShape,
-    /// Constant velocity \[m/s\]; with `mass` the one at the start. Default: at rest.
+    /// Velocity \[m/s\]: constant, or with `mass` the velocity at the start. Default: at rest.
     pub velocity: Option<[f64; 3]>,
-    /// Prescribed displacement, in place of `velocity`.
+    /// Prescribed displacement, instead of `velocity`.
     pub displacement: Option<ObstacleMotion>,
-    /// Mass of a free body \[kg\], on which each `body_force` of its particles acts as well; a free sphere
-    /// also turns, by the friction of `contact`, planes and cylinders do not. Default: driven or fixed.
+    /// Mass of a free body \[kg\]; each `body_force` of its particles acts on the body too. A free sphere
+    /// also turns by the friction of `contact`; planes and cylinders do not. Default: driven or fixed.
     pub mass: Option<f64>,
-    /// Moment of inertia of a free sphere \[kg m²\]. Default: full ball, `2/5 mass radius²`.
+    /// Moment of inertia of a free sphere \[kg m²\]. Default: that of a full ball, `2/5 mass radius²`.
     pub inertia: Option<f64>,
     /// Angular velocity of a free sphere at the start \[rad/s\]. Default: none.
     pub spin: Option<[f64; 3]>,
-    /// How it touches particles.
+    /// Contact with particles.
     #[serde(default)]
     pub contact: Contact,
 }
@@ -274,9 +275,9 @@ pub struct Obstacle {
 pub enum ObstacleShape {
     /// Half-space behind a plane.
     Plane {
-        /// A point of it \[m\].
+        /// A point of the plane \[m\].
         point: [f64; 3],
-        /// Normal, towards the particles.
+        /// Normal towards the particles.
         normal: [f64; 3],
     },
     /// Ball.
@@ -286,7 +287,7 @@ pub enum ObstacleShape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// Endless cylinder.
+    /// Infinite cylinder.
     Cylinder {
         /// A point of the axis \[m\].
         point: [f64; 3],
@@ -308,6 +309,6 @@ choice!(
 pub struct ObstacleMotion {
     /// Amplitude \[m\].
     pub amplitude: [f64; 3],
-    /// Time function.
+    /// Function of time.
     pub time: TimeShape,
 }

@@ -1,4 +1,4 @@
-//! Interface tables.
+//! Tables of interfaces.
 
 use super::choice::choice;
 use super::model::{Element, Shape};
@@ -11,61 +11,62 @@ pub use arlequin::core::JunctionKind;
 pub use arlequin::core::ProfileKind;
 use arlequin::core::{Partition, Sampling, Weighting};
 
-/// `[interface.NAME]`.
+/// `[interface.NAME]`: the coupling of two models.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Interface {
-    /// Name of the coarse model; its `role` must say the same.
+    /// Name of the coarse model, which must have `role = "coarse"`.
     pub coarse: String,
-    /// Name of the fine model; its `role` must say the same.
+    /// Name of the fine model, which must have `role = "fine"`.
     pub fine: String,
-    /// Where both models are.
+    /// Region in which both models are present.
     pub overlap: OverlapShape,
-    /// How they share energy, mass and load there.
+    /// Weights by which the models share energy, mass and load in the overlap.
     #[serde(default)]
     pub weight: WeightTable,
-    /// Where the multipliers live.
+    /// The space of the multipliers.
     #[serde(default)]
     pub mediator: MediatorTable,
     /// The scalar product of the constraint.
     #[serde(default)]
     pub junction: JunctionTable,
-    /// How its integrals are sampled: `intersection` (common refinement of all cells, exact), `projection`
-    /// (at mediator nodes), `particles`. Default: `particles` if either model has a particle field (the
-    /// fine one's points come first), else `intersection`.
+    /// How the integrals of the constraint are sampled: `intersection` (common refinement of all cells,
+    /// exact), `projection` (at mediator nodes), `particles`. Default: `particles` if either model has a
+    /// particle field (the fine model's points are preferred), else `intersection`.
     #[schemars(with = "Option<schema::Sampling>")]
     pub sampling: Option<Sampling>,
-    /// How the multipliers are solved for.
+    /// Solver of the multipliers.
     #[serde(default)]
     pub solver: SolverKind,
-    /// Lumps the multiplier operator; `l2` only, holds the constraint only in the mean.
+    /// True to lump the multiplier operator; `l2` only. The constraint then holds only in the mean.
     #[serde(default)]
     pub lumped: bool,
-    /// `checked`: refused unless the weights of the models that are there sum to one at every place, both
-    /// fill the overlap alike and the mediator fills it (decision 0024). `unchecked`: a deliberate study.
+    /// `checked`: refuses a scene unless the weights of all models sum to one everywhere, both models fill
+    /// the overlap alike and the mediator fills it (decision 0024). `unchecked`: no check, for studies.
     /// Default: `checked`.
     #[serde(default)]
     #[schemars(with = "schema::Partition")]
     pub partition: Partition,
-    /// Point at which the seminorm pins the models together \[m\]. Default: first mediator node.
+    /// Point at which the seminorm ties the models together \[m\]. Default: first mediator node.
     pub pin: Option<[f64; 3]>,
-    /// Damping of what the coarse model cannot carry. Default: none.
+    /// Damping of waves that the coarse model cannot carry. Default: none.
     pub absorber: Option<Absorber>,
 }
 
-/// How multipliers are solved for.
+/// Solvers of the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SolverKind {
-    /// The factor, unless it is expected to take longer.
+    /// By a factor, unless the iteration is expected to be faster.
     #[default]
     Auto,
-    /// By a factor.
+    /// By a factorisation of the operator.
     Factor,
-    /// By conjugate gradients to 1e-12 of the jump; their result costs no energy wherever they end.
+    /// By conjugate gradients to 1e-12 of the jump; the result creates no energy even if the iteration ends
+    /// early.
     ConjugateGradients,
-    /// By a Chebyshev iteration to 1e-12 of the jump: more iterations, none of which needs a sum over all
-    /// ranks.
+    /// By a Chebyshev iteration to 1e-12 of the jump. It needs more iterations, but no iteration needs a sum
+    /// over all ranks.
     Chebyshev,
 }
 
@@ -80,7 +81,7 @@ pub enum OverlapShape {
         /// A point of the border to the coarse model's own region \[m\].
         coarse: [f64; 3],
     },
-    /// What `domain` has beyond `core`; the coarse mesh leaves `core` out.
+    /// The part of `domain` outside `core`; the coarse mesh leaves `core` out.
     Shell {
         /// Region of the fine model alone.
         core: RegionShape,
@@ -117,9 +118,9 @@ pub enum RegionShape {
     },
     /// An infinite circular cylinder.
     Cylinder {
-        /// A point of its axis \[m\].
+        /// A point of the axis \[m\].
         point: [f64; 3],
-        /// Direction of its axis (any length).
+        /// Direction of the axis (any length).
         axis: [f64; 3],
         /// Radius \[m\].
         radius: f64,
@@ -131,7 +132,7 @@ choice!(
     "{ ball = { centre, radius } }, { box = { low, high } }, { cylinder = { point, axis, radius } }"
 );
 
-/// Weight functions.
+/// Weight functions of the models in the overlap.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WeightTable {
@@ -140,34 +141,35 @@ pub struct WeightTable {
     /// zone, whose borders may have any form (decision 0041).
     #[schemars(with = "Option<schema::ProfileKind>")]
     pub profile: Option<ProfileKind>,
-    /// Coarse weight of the constant profile, 0 to 1 \[–\]; needed by it.
+    /// Coarse weight of the constant profile, 0 to 1 \[–\]; required by `constant`.
     pub value: Option<f64>,
-    /// Smallest weight in the overlap, 0 to below 0.5 \[–\]. Default: 1e-6; 0.05 with nodal weighting, whose
-    /// critical step it limits.
+    /// Floor: smallest weight in the overlap, 0 to below 0.5 \[–\]. Default: 1e-6; 0.05 with nodal weighting,
+    /// where it limits the critical step.
     pub epsilon: Option<f64>,
-    /// Smallest weight of the fine model there, if it differs \[–\]. Default: `epsilon` if given; 0.1 where
-    /// `fracture` is listed for the fine model (decision 0022), else as `epsilon`.
+    /// Floor of the fine model's weight, if it differs \[–\]. Default: `epsilon` if given; 0.1 if `fracture`
+    /// is listed for the fine model (decision 0022); else the default of `epsilon`.
     pub fine_epsilon: Option<f64>,
-    /// How the weights enter the models. `energy`: element and bond means in stiffness and mass, conserves
-    /// energy. `nodal`: nodal forces and masses, does not. Default: `energy`.
+    /// How the weights enter the models. `energy`: weights stiffness and mass by means over elements and
+    /// bonds; conserves energy. `nodal`: weights nodal forces and masses; does not conserve energy. Default:
+    /// `energy`.
     #[schemars(with = "schema::Weighting")]
     pub weighting: Weighting,
-    /// A weight of its own for internal energy. Default: the common one.
+    /// Separate weight of internal energy. Default: the common one.
     pub alpha: Option<ProfileTable>,
-    /// A weight of its own for kinetic energy. Default: the common one.
+    /// Separate weight of kinetic energy. Default: the common one.
     pub beta: Option<ProfileTable>,
-    /// A weight of its own for external work. Default: the common one.
+    /// Separate weight of external work. Default: the common one.
     pub gamma: Option<ProfileTable>,
 }
 
 impl WeightTable {
-    /// The common profile.
+    /// Returns the common profile.
     pub fn kind(&self) -> ProfileKind {
         self.profile.unwrap_or_default()
     }
 }
 
-/// One weight of its own.
+/// A separate weight.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProfileTable {
@@ -176,34 +178,33 @@ pub struct ProfileTable {
     pub profile: ProfileKind,
     /// Value of the constant profile \[–\].
     pub value: Option<f64>,
-    /// Smallest weight in the overlap \[–\].
+    /// Floor: smallest weight in the overlap \[–\].
     pub epsilon: Option<f64>,
 }
 
-/// The multiplier space.
+/// Space of the multipliers.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MediatorTable {
-    /// Its body, as a model's; cylinders are inscribed, those of models have the area of the circle.
-    /// Default: the slab's part of the space both models share, or a shell's between its two boxes, if both
-    /// are boxes, both the same cylinder or both bars.
+    /// Body of the multiplier mesh, as for a model; its cylinders are inscribed, whereas those of models have
+    /// the area of the circle. Default: if both models are boxes, the same cylinder or bars, the slab's part
+    /// of their common space, or the space between the two boxes of a shell.
     pub shape: Option<Shape>,
-    /// Length of a unit of the file of its shape \[m\]. Default: 1.
+    /// Length of one unit of the file in `shape` \[m\]. Default: 1.
     pub scale: Option<f64>,
-    /// Length `h_B` of the multiplier mesh \[m\]. Default: the coarse model's.
+    /// Length `h_B` of the multiplier mesh \[m\]. Default: that of the coarse model.
     pub spacing: Option<f64>,
-    /// Number of elements along x, y, z, in place of `spacing`.
+    /// Number of elements along x, y, z, instead of `spacing`.
     pub divisions: Option<Vec<usize>>,
-    /// Element of solids.
+    /// Element type of solids.
     pub element: Element,
 }
 
-/// The junction.
+/// Scalar product of the constraint.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JunctionTable {
-    /// Which scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`.
-    /// Default: `l2`.
+    /// Scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`. Default: `l2`.
     #[serde(default)]
     #[schemars(with = "schema::JunctionKind")]
     pub kind: JunctionKind,
@@ -211,17 +212,15 @@ pub struct JunctionTable {
     pub length: Option<f64>,
 }
 
-/// The overlap absorber.
+/// Damping of waves in the overlap that the coarse model cannot carry.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Absorber {
-    /// Largest damping rate of what the coarse model cannot carry \[1/s\]; grows as `s²` from the fine
-    /// border, 0 for none. Default: no absorber; `rate_factor = 0.2` where `fracture` is listed for the
-    /// fine model.
+    /// Largest damping rate of waves that the coarse model cannot carry \[1/s\]; it grows as `s²` from 0 at
+    /// the fine border. Default: no absorber; `rate_factor = 0.2` if `fracture` is listed for the fine model.
     pub rate: Option<f64>,
-    /// The same in units of `√(E/ρ)/spacing` of the fine model \[–\], in place of `rate`; 0.2 is a good
-    /// value.
+    /// Rate in units of `√(E/ρ)/spacing` of the fine model \[–\], instead of `rate`; 0.2 is a good value.
     pub rate_factor: Option<f64>,
-    /// Length of the space that stays undamped \[m\]. Default: the mediator itself.
+    /// Node distance of the space of motions that stay undamped \[m\]. Default: the mediator itself.
     pub spacing: Option<f64>,
 }

@@ -1,4 +1,4 @@
-//! The scene: what the TOML file says, before any of it is built. `docs/scene.md` is its reference.
+//! Tables of a scene as read from the TOML file, before anything is built. `docs/scene.md` is the reference.
 
 mod body;
 mod choice;
@@ -31,28 +31,28 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// A scene.
+/// A scene file.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("time static"))]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
-    /// One body, whose coarse model is called `body`; it has the keys of a model but `role`.
+    /// The body, whose coarse model is called `body`; it has the keys of a model except `role`.
     pub body: Option<ModelTable>,
-    /// Where a fine model takes the place of the body's, by name.
+    /// Fine models that replace parts of the body's model, by name.
     #[serde(default)]
     pub zone: BTreeMap<String, ZoneTable>,
-    /// Models by name; at least one, or a body.
+    /// Models by name; at least one unless there is a body.
     #[serde(default)]
     pub model: BTreeMap<String, ModelTable>,
     /// Interfaces by name.
     #[serde(default)]
     pub interface: BTreeMap<String, Interface>,
-    /// Length of the run and of its steps.
+    /// Length of the run and of the time steps.
     #[serde(default)]
     pub time: Time,
-    /// A scene at rest, in place of `[time]`.
+    /// Settings of a scene at rest, instead of `[time]`.
     #[serde(rename = "static")]
     pub statics: Option<Static>,
     /// Supports and prescribed motions.
@@ -61,7 +61,7 @@ pub struct SceneSpec {
     /// Loads.
     #[serde(default)]
     pub load: Vec<Load>,
-    /// Effects beside supports and loads; only those that are listed exist in the run.
+    /// Effects besides supports and loads; a run has only the effects that are listed.
     #[serde(default, deserialize_with = "effect::effects")]
     #[schemars(with = "Vec<effect::Table>")]
     pub effect: Vec<Effect>,
@@ -71,37 +71,38 @@ pub struct SceneSpec {
     /// Probes by name.
     #[serde(default)]
     pub probe: BTreeMap<String, Probe>,
-    /// One probe over another: a table and a picture.
+    /// One probe over another: a table and a plot.
     #[serde(default)]
     pub curve: BTreeMap<String, Curve>,
-    /// What is written, and how often.
+    /// Files that are written, and how often.
     #[serde(default)]
     pub output: Output,
     /// A model that sleeps at first.
     pub wake: Option<Wake>,
 }
 
-/// Length of the run and of its steps.
+/// Length of the run and of the time steps.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("end steps"))]
 pub struct Time {
-    /// End of the run \[s\], rounded up to whole steps; `end` or `steps` is needed.
+    /// End of the run \[s\], rounded up to whole steps; give `end` or `steps`.
     pub end: Option<f64>,
-    /// Number of steps of the run, which are then those of the finest model.
+    /// Number of steps of the run, each as long as an own step of the finest model.
     pub steps: Option<usize>,
-    /// The step. Default: `{ fraction = 0.9 }`; models step in it as often as they need.
+    /// Choice of the time step; models take several own steps within it if they need to. Default: `{ fraction
+    /// = 0.9 }`.
     #[serde(default)]
     pub step: StepChoice,
 }
 
-/// How the time step is chosen.
+/// Choices of the time step.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum StepChoice {
-    /// Own step of the finest model in units of its critical one, above 0 and below 1 \[–\].
+    /// Own step of the finest model over its critical step, above 0 and below 1 \[–\].
     Fraction(f64),
-    /// Step of the run \[s\], refused where an own step exceeds the critical one of its model.
+    /// Step of the run \[s\]; refused if an own step exceeds the critical step of its model.
     Seconds(f64),
 }
 
@@ -111,33 +112,34 @@ choice!(
 );
 
 impl Default for StepChoice {
-    /// Nine tenths of the critical step: the estimate of the highest frequency is good to one per cent.
+    /// Nine tenths of the critical step, because the estimate of the highest frequency is good to one per
+    /// cent.
     fn default() -> Self {
         Self::Fraction(0.9)
     }
 }
 
-/// What is written, and how often.
+/// Files that are written, and how often.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(transform = schema::at_most_one("every interval"))]
 pub struct Output {
     /// Steps between two frames. Default: about 20 frames in all.
     pub every: Option<usize>,
-    /// Time between two frames, in place of `every` \[s\].
+    /// Time between two frames, instead of `every` \[s\].
     pub interval: Option<f64>,
     /// Fields in the frames.
     pub fields: Vec<OutputField>,
     /// Steps between two rows of `probes.csv`.
     pub probe_every: usize,
-    /// Steps between two rows of `energy.csv`, and between two looks for divergence.
+    /// Steps between two rows of `energy.csv`, and between two checks for divergence.
     pub energy_every: usize,
-    /// Steps between two checkpoints, from which `arlequin resume` goes on. Default: none but on Ctrl-C.
+    /// Steps between two checkpoints, from which `arlequin resume` continues. Default: only one on Ctrl-C.
     pub checkpoint_every: Option<usize>,
-    /// Whether `plots/` is written.
+    /// True to write `plots/`.
     pub plots: bool,
-    /// Whether, on several ranks, each rank writes its piece of the frames of bodies in parts, beside a
-    /// `.pvtu` that names the pieces; if not, rank 0 has such bodies in its memory to write them whole.
+    /// True to let each of several ranks write its part of the frames of partitioned models, with a `.pvtu`
+    /// that lists the parts. If false, rank 0 holds these models whole in memory to write them.
     pub pieces: bool,
 }
 

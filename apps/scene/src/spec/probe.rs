@@ -1,4 +1,4 @@
-//! `[probe.NAME]` and `[curve.NAME]`: values over time, and one over another.
+//! `[probe.NAME]` and `[curve.NAME]`: values over time, and one value over another.
 
 use super::drive::{Axis, Selection};
 use super::schema;
@@ -10,27 +10,27 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("at where of crack"))]
 pub struct Probe {
-    /// Model that is looked at. With `of`: only what acts on this model counts; all by default.
+    /// Name of the model. With `of`, only forces on this model count; all models by default.
     pub model: Option<String>,
-    /// Point of the model's field \[m\]; exactly one of `at`, `where`, `of` and `crack`.
+    /// Point at which the model's field is read \[m\]; exactly one of `at`, `where`, `of` and `crack`.
     pub at: Option<[f64; 3]>,
-    /// Group or box of nodes whose mean is taken.
+    /// Group or box of nodes over which the mean is taken.
     #[serde(rename = "where")]
     pub over: Option<Selection>,
-    /// Name of a support, load, rigid body or effect of which the `force` or `moment` on the models is
-    /// read. Several of one name are added up: the two halves of a support in an overlap.
+    /// Name of a support, load, rigid body or effect whose `force` or `moment` on the models is read. Several
+    /// with one name are added up, such as the two halves of a support in an overlap.
     pub of: Option<String>,
     /// Front of a crack in a finite or natural element model, for `quantity = "energy-release"`.
     pub crack: Option<Crack>,
     /// Point about which a moment is taken \[m\]; by default the centroid of the nodes that are held or
     /// loaded, or the centre of the rigid body at rest.
     pub about: Option<[f64; 3]>,
-    /// What is read.
+    /// Quantity that is read.
     #[serde(default)]
     pub quantity: Quantity,
-    /// Which component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or
-    /// strain; `"1"`, `"2"`, `"3"` of the principal stresses, largest first. The stress of von Mises and
-    /// the energy release have none.
+    /// Component: `"x"`, `"y"`, `"z"`; `"xx"`, `"yy"`, `"zz"`, `"xy"`, `"yz"`, `"xz"` of a stress or strain;
+    /// `"1"`, `"2"`, `"3"` of the principal stresses, largest first. The stress of von Mises and the energy
+    /// release have none.
     pub component: Option<Component>,
 }
 
@@ -42,11 +42,10 @@ pub struct Crack {
     /// Ends of the part of the front over which the mean is taken \[m\]: from surface to surface, or within
     /// the body.
     pub front: [[f64; 3]; 2],
-    /// Direction in which the crack would grow, along its faces; what of it lies along the front does not
-    /// count.
+    /// Direction in which the crack would grow, along its faces; a part along the front is ignored.
     pub direction: [f64; 3],
-    /// Inner and outer radius of the domain \[m\]: the ring between them lies in the body, beside the faces
-    /// of the crack.
+    /// Inner and outer radius of the domain \[m\]. The ring between them must lie in the body, except for the
+    /// faces of the crack.
     pub radii: [f64; 2],
 }
 
@@ -54,11 +53,11 @@ pub struct Crack {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
-    /// First of a vector.
+    /// First component of a vector.
     X,
-    /// Second.
+    /// Second component of a vector.
     Y,
-    /// Third.
+    /// Third component of a vector.
     Z,
     /// Normal component along x.
     Xx,
@@ -86,12 +85,12 @@ pub enum Component {
 impl Component {
     const NAMES: [&str; 12] = ["x", "y", "z", "xx", "yy", "zz", "xy", "yz", "xz", "1", "2", "3"];
 
-    /// Its name in a scene.
+    /// Returns the name in a scene.
     pub fn name(self) -> &'static str {
         Self::NAMES[self as usize]
     }
 
-    /// The direction, of a vector's.
+    /// Returns the direction if this is a component of a vector.
     pub fn axis(self) -> Option<Axis> {
         match self {
             Self::X => Some(Axis::X),
@@ -101,18 +100,18 @@ impl Component {
         }
     }
 
-    /// Place in `xx, yy, zz, xy, yz, xz`, of a tensor's.
+    /// Returns the index in `xx, yy, zz, xy, yz, xz` if this is a component of a tensor.
     pub fn tensor(self) -> Option<usize> {
         (self as usize).checked_sub(3).filter(|k| *k < 6)
     }
 
-    /// Place among the principal values, largest first.
+    /// Returns the index among the principal values, largest first, if this is one of them.
     pub fn rank(self) -> Option<usize> {
         (self as usize).checked_sub(9)
     }
 }
 
-/// What a probe reads.
+/// Quantities that a probe can read.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -125,23 +124,23 @@ pub enum Quantity {
     Rotation,
     /// Force on the models \[N\] of a support, load, rigid body or effect.
     Force,
-    /// Moment on the models \[N m\] of the same, about a point.
+    /// Moment on the models \[N m\] of a support, load, rigid body or effect, about a point.
     Moment,
-    /// Stress \[Pa\], recovered at the nodes; tension positive. Of particles that of their bonds.
+    /// Stress \[Pa\], recovered at the nodes; tension positive. For particles the stress of their bonds.
     Stress,
-    /// Strain \[–\], recovered likewise; `xy` is half the change of the angle. Not known by particles.
+    /// Strain \[–\], recovered at the nodes; `xy` is half the change of the angle. Particles have none.
     Strain,
     /// Equivalent stress of von Mises \[Pa\].
     VonMises,
     /// A principal stress \[Pa\].
     PrincipalStress,
-    /// Energy that a crack releases per area as it grows, J \[J/m²\]: an integral over a domain around its
-    /// front.
+    /// Energy that a crack releases per area as it grows, J \[J/m²\]: an integral over a domain around the
+    /// crack front.
     EnergyRelease,
 }
 
 impl Quantity {
-    /// Whether it is of a tensor that is recovered at nodes.
+    /// Returns whether the quantity comes from a tensor that is recovered at nodes.
     pub fn is_recovered(self) -> bool {
         matches!(
             self,
@@ -149,7 +148,7 @@ impl Quantity {
         )
     }
 
-    /// Name and unit.
+    /// Returns name and unit.
     pub fn label(self) -> &'static str {
         match self {
             Self::Displacement => "displacement [m]",
@@ -174,14 +173,14 @@ pub struct Curve {
     pub x: String,
     /// Probe on the vertical axis.
     pub y: String,
-    /// Factor on the values of `x`; -1 turns the sign.
-    #[serde(default = "one")]
+    /// Factor on the values of `x`; -1 changes the sign.
+    #[serde(default = "unit_factor")]
     pub x_factor: f64,
-    /// Factor on the values of `y`; -1 turns the sign, as that of a reaction into a load.
-    #[serde(default = "one")]
+    /// Factor on the values of `y`; -1 changes the sign, such as to plot a reaction as a load.
+    #[serde(default = "unit_factor")]
     pub y_factor: f64,
 }
 
-fn one() -> f64 {
+fn unit_factor() -> f64 {
     1.0
 }

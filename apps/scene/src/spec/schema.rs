@@ -1,6 +1,6 @@
-//! JSON Schema of scenes and sweeps, from the types that read them: with it editors complete and check TOML
-//! files, and the reference of the book is written. It knows keys, kinds of values and choices; what
-//! depends on several keys at once only the program knows.
+//! JSON Schema of scenes and sweeps, generated from the types that read them. Editors use it to complete and
+//! check TOML files, and the reference of the book is written from it. The schema covers keys, kinds of
+//! values and choices; rules across several keys are checked by the program only.
 
 use crate::spec::SceneSpec;
 use crate::sweep::spec::SweepFile;
@@ -10,35 +10,34 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 
-/// The schema of scene files (draft 7, which editors of TOML understand).
+/// Returns the schema of scene files (draft 7, which editors of TOML understand).
 pub fn scene() -> Value {
-    of::<SceneSpec>("Scene of Arlequin")
+    schema_of::<SceneSpec>("Scene of Arlequin")
 }
 
-/// The schema of sweep files.
+/// Returns the schema of sweep files.
 pub fn sweep() -> Value {
-    of::<SweepFile>("Sweep of Arlequin")
+    schema_of::<SweepFile>("Sweep of Arlequin")
 }
 
-fn of<T: JsonSchema>(title: &str) -> Value {
-    let settings = SchemaSettings::draft07().with_transform(RecursiveTransform(plain));
+fn schema_of<T: JsonSchema>(title: &str) -> Value {
+    let settings = SchemaSettings::draft07().with_transform(RecursiveTransform(simplify));
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".into(), title.into());
     schema.to_value()
 }
 
-/// What TOML and readers have no use for: null, formats of numbers, escapes and links of Rust's
-/// documentation.
-fn plain(schema: &mut Schema) {
+/// Removes what TOML and readers do not need: null, formats of numbers, and escapes of Rust's documentation.
+fn simplify(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else {
         return;
     };
     object.remove("format");
     if let Some(Value::Array(types)) = object.get_mut("type") {
         types.retain(|t| t != "null");
-        if let [one] = types.as_slice() {
-            let one = one.clone();
-            object.insert("type".into(), one);
+        if let [only_type] = types.as_slice() {
+            let only_type = only_type.clone();
+            object.insert("type".into(), only_type);
         }
     }
     if let Some(Value::Array(names)) = object.get_mut("enum") {
@@ -46,14 +45,14 @@ fn plain(schema: &mut Schema) {
     }
     if let Some(Value::Array(choices)) = object.get_mut("anyOf") {
         choices.retain(|c| *c != json!({ "type": "null" }));
-        if let [Value::Object(one)] = choices.as_slice() {
-            let one = one.clone();
+        if let [Value::Object(only_choice)] = choices.as_slice() {
+            let only_choice = only_choice.clone();
             object.remove("anyOf");
-            // Draft 7 heeds nothing beside a reference.
-            if one.contains_key("$ref") && !object.is_empty() {
-                object.insert("allOf".into(), json!([one]));
+            // Draft 7 ignores every key beside a reference.
+            if only_choice.contains_key("$ref") && !object.is_empty() {
+                object.insert("allOf".into(), json!([only_choice]));
             } else {
-                object.extend(one);
+                object.extend(only_choice);
             }
         }
     }
@@ -65,30 +64,30 @@ fn plain(schema: &mut Schema) {
     }
 }
 
-/// A link has a command or an address; all other models need a shape and a material.
-pub(crate) fn but_for_links() -> impl Transform {
+/// Requires `command` or `address` of a link, and `shape` and `material` of all other models.
+pub(crate) fn needs_shape_unless_link() -> impl Transform {
     move |schema: &mut Schema| {
         let kind = json!({ "const": "link", "description": "A solver in another process." });
         let link = json!({ "properties": { "kind": kind } });
         schema.insert("if".into(), link);
-        let one = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
-        schema.insert("then".into(), one);
+        let requirement = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
+        schema.insert("then".into(), requirement);
         schema.insert("else".into(), json!({ "required": ["shape", "material"] }));
     }
 }
 
-/// Exactly one of these keys, parted by spaces, must be there.
-// Words in one text: a list in the attribute would need all of syn, which `derive` of schemars alone does
-// not have.
+/// Requires exactly one of these keys, which are separated by spaces.
+// One text instead of a list, because a list in the attribute would need all of `syn`, which `derive` of
+// schemars alone does not have.
 pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     let keys = keys.into();
     move |schema: &mut Schema| {
-        let one = |key: &str| json!({ "required": [key] });
-        schema.insert("oneOf".into(), keys.split(' ').map(one).collect());
+        let required = |key: &str| json!({ "required": [key] });
+        schema.insert("oneOf".into(), keys.split(' ').map(required).collect());
     }
 }
 
-/// Not more than one of these keys, parted by spaces, may be there.
+/// Allows at most one of these keys, which are separated by spaces.
 pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
     move |schema: &mut Schema| {
         let keys: Vec<&str> = keys.split(' ').collect();
@@ -101,11 +100,11 @@ pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
     }
 }
 
-/// Choices of the core, by their names.
-macro_rules! of_the_core {
+/// Declares schemas for enums of the core that list the names of their variants.
+macro_rules! core_names {
     ($($kind:ident),*) => {
         $(
-            /// Its names.
+            /// Schema with the names of the variants.
             pub(super) struct $kind;
 
             impl JsonSchema for $kind {
@@ -123,4 +122,4 @@ macro_rules! of_the_core {
     };
 }
 
-of_the_core!(JunctionKind, Partition, ProfileKind, Sampling, Weighting);
+core_names!(JunctionKind, Partition, ProfileKind, Sampling, Weighting);

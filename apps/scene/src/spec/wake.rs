@@ -1,47 +1,47 @@
-//! `[wake]`: a model that sleeps until the one that stands in for it is strained enough.
+//! `[wake]`: a model that sleeps until the strain or stress of the model in its place reaches a limit.
 
 use super::choice::choice;
 use super::schema;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// `[wake]`.
+/// `[wake]`: a model that sleeps at first, and the model in its place.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wake {
-    /// The model that sleeps, of any kind.
+    /// Name of the model that sleeps, of any kind.
     pub model: String,
-    /// The model that carries its region until then, `fem` or `cnem`.
+    /// Name of the model that fills the region until then, `fem` or `cnem`.
     pub by: String,
-    /// Assignments, as those of `--set`, that make the sleeping scene: `by` must cover the whole body, and
-    /// what acts on `model` must act on `by` (`"support.0.model=block"`).
+    /// Assignments, written as for `--set`, that turn the scene into the sleeping scene: `by` must cover the
+    /// whole body, and loads and supports of `model` must act on `by` (`"support.0.model=block"`).
     #[serde(default)]
     pub asleep: Vec<String>,
-    /// What wakes it.
+    /// Limit at which the model wakes.
     pub criterion: WakeCriterion,
-    /// Where element centres are looked at. Default: all of `by`.
+    /// Region in which element centres are checked. Default: all of `by`.
     pub near: Option<Near>,
-    /// Steps between two looks.
-    #[serde(default = "ten")]
+    /// Steps between two checks.
+    #[serde(default = "ten_steps")]
     pub every: usize,
 }
 
-fn ten() -> usize {
+fn ten_steps() -> usize {
     10
 }
 
-/// Exactly one of the two.
+/// Limit at which the model wakes; exactly one of `strain` and `stress`.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("strain stress"))]
 pub struct WakeCriterion {
     /// Largest principal strain of `by` at its element centres, tension positive \[–\].
     pub strain: Option<f64>,
-    /// Largest principal stress, likewise \[Pa\].
+    /// Largest principal stress of `by` at its element centres, tension positive \[Pa\].
     pub stress: Option<f64>,
 }
 
-/// A part of space.
+/// A region.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 pub enum Near {

@@ -1,4 +1,4 @@
-//! A proposal as changes of the scene file, comments kept.
+//! Writes a proposal into the scene file and keeps its comments.
 
 use super::choose::Prospect;
 use super::scenario::Scenario;
@@ -13,7 +13,7 @@ use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 pub(super) struct Change {
     /// Path of the key.
     pub path: String,
-    /// Its new value as TOML; none if the key goes.
+    /// New value as TOML; `None` to remove the key.
     pub text: Option<String>,
 }
 
@@ -25,19 +25,19 @@ impl Change {
         }
     }
 
-    /// As `--set` takes it, which can remove nothing.
+    /// Returns the change as an argument of `--set`, which cannot remove a key.
     pub(super) fn assignment(&self) -> Option<String> {
         Some(format!("{}={}", self.path, self.text.as_ref()?))
     }
 }
 
-/// Whether enough energy lies above the coarse cutoff to be worth an absorber: a tenth of the predicted
-/// error's square.
+/// Returns whether enough energy lies above the coarse cutoff to be worth an absorber: more than a tenth of
+/// the square of the predicted error.
 pub(super) fn needs_absorber(p: &Prospect) -> bool {
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
 
-/// Four digits are more than a spacing needs.
+/// Formats a spacing with four digits, which are more than it needs.
 fn number(x: f64) -> String {
     let rounded: f64 = format!("{x:.3e}").parse().unwrap_or(x);
     format!("{rounded:e}")
@@ -51,7 +51,7 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
     format!("[{}]", n.join(", "))
 }
 
-/// What a proposal changes.
+/// Returns the changes that turn the scene into the proposal.
 pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
     let [interface, coarse, fine] = &s.names;
@@ -74,7 +74,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
     let profile = format!("\"{}\"", c.profile);
     out.push(Change::new(format!("{table}.weight.profile"), profile));
     if joint.is_some_and(|j| j.weight.value.is_some()) {
-        // The constant profile's value means nothing to another one.
+        // Other profiles refuse the value of the constant profile.
         out.push(Change {
             path: format!("{table}.weight.value"),
             text: None,
@@ -84,7 +84,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
         out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
     }
     if s.movable {
-        out.extend(moved(scene, s, c.overlap, &table, fine));
+        out.extend(move_overlap(scene, s, c.overlap, &table, fine));
     }
     if needs_absorber(p) && !s.absorber {
         out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
@@ -103,8 +103,9 @@ fn extents(shape: &Shape) -> Vec<f64> {
     }
 }
 
-/// The overlap's border to the coarse model and the end of the fine body, which move together.
-fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
+/// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which
+/// lie at one place.
+fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
     let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {
@@ -144,8 +145,8 @@ fn moved(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str)
     out
 }
 
-/// Writes the scene with earlier `--set` values and the changes; what is not changed stays as it is,
-/// comments too.
+/// Writes the scene with its earlier `--set` values and the changes; everything else stays as it is, comments
+/// included.
 pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()> {
     if out.exists() {
         let rule = "exists; choose another name, nothing is overwritten";
@@ -160,25 +161,25 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
                 message: e.message().to_owned(),
                 span: e.span(),
             })?;
-    let given = scene
+    let earlier = scene
         .changes()
         .iter()
         .filter_map(|s| s.split_once('='))
         .map(|(p, v)| Change::new(p.trim(), v.trim()));
-    for change in given.chain(changes.iter().cloned()) {
+    for change in earlier.chain(changes.iter().cloned()) {
         put(&mut document, &change)?;
     }
-    // What is written must be a scene again.
+    // Reading the text again makes sure that it is a scene.
     let written = Scene::of(Source::new(out, document.to_string()))?;
     std::fs::write(out, &written.source().text).map_err(write_error(out))
 }
 
 fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
     let (head, last) = change.path.rsplit_once('.').unwrap_or(("", &change.path));
-    let mut at: &mut dyn TableLike = document.as_table_mut();
+    let mut table: &mut dyn TableLike = document.as_table_mut();
     for part in head.split('.').filter(|p| !p.is_empty()) {
-        let item = at.entry(part).or_insert_with(|| Item::Table(Table::new()));
-        at = item.as_table_like_mut().ok_or_else(|| {
+        let item = table.entry(part).or_insert_with(|| Item::Table(Table::new()));
+        table = item.as_table_like_mut().ok_or_else(|| {
             let rule = format!(
                 "'{part}' is a list or a plain value, which --apply cannot reach into; change the file"
             );
@@ -186,28 +187,28 @@ fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
         })?;
     }
     let Some(text) = &change.text else {
-        at.remove(last);
+        table.remove(last);
         return Ok(());
     };
     let mut new = text
         .parse::<Value>()
         .unwrap_or_else(|_| Value::from(text.as_str()));
-    match at.get_mut(last) {
-        Some(Item::Value(old)) if same(old, &new) => {}
+    match table.get_mut(last) {
+        Some(Item::Value(old)) if is_equal(old, &new) => {}
         Some(Item::Value(old)) => {
             *new.decor_mut() = old.decor().clone();
             *old = new;
         }
         Some(other) => *other = Item::Value(new),
         None => {
-            at.insert(last, Item::Value(new));
+            table.insert(last, Item::Value(new));
         }
     }
     Ok(())
 }
 
-/// Whether two values say the same, whatever their writing.
-fn same(a: &Value, b: &Value) -> bool {
+/// Returns whether two values are equal, however they are written.
+fn is_equal(a: &Value, b: &Value) -> bool {
     match (a.as_float(), b.as_float()) {
         (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),
         _ => {

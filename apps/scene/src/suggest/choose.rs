@@ -1,4 +1,4 @@
-//! The cost model, measured on this machine, and the search over candidates.
+//! Cost model, measured on this machine, and the search for the best candidate.
 
 use super::predict::{self, Candidate, Errors, Form, Table};
 use super::scenario::{Scenario, Spectrum};
@@ -6,40 +6,40 @@ use crate::error::Result;
 use crate::spec::{JunctionKind, ProfileKind};
 use arlequin::core::TimeStep;
 
-/// Widths of the overlap that are tried, in coarse spacings.
+/// Widths of the overlap to try, in coarse spacings.
 const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
-/// Mediator spacings that are tried, in coarse spacings.
+/// Mediator spacings to try, in coarse spacings.
 const MEDIATORS: [f64; 2] = [1.0, 0.5];
-/// Weights that are tried.
+/// Weight profiles to try.
 const PROFILES: [ProfileKind; 3] = [ProfileKind::Cubic, ProfileKind::Quintic, ProfileKind::Linear];
-/// Junction lengths that are tried, in mediator spacings: past half of one, the condition grows as the
-/// fourth power.
+/// Junction lengths to try, in mediator spacings: beyond 0.5, the condition number grows as the fourth power
+/// of the length.
 const LENGTHS: [f64; 2] = [0.25, 0.5];
-/// Ratio of neighbouring coarse spacings that are tried.
+/// Ratio of neighbouring coarse spacings to try.
 const SPACING_STEP: f64 = 1.12;
 
-/// What trial steps of a built scene told.
+/// Results of trial steps with a scene.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured {
-    /// Nodes of the coarse and the fine model.
+    /// Numbers of nodes of the coarse and of the fine model.
     pub nodes: [f64; 2],
-    /// Coupled nodes of both, and multipliers.
+    /// Numbers of coupled nodes of the coarse and of the fine model, and of multipliers.
     pub coupled: [f64; 3],
-    /// Seconds per step: coarse, fine, interface, rest.
+    /// Seconds per step of the run: coarse model, fine model, interface, rest.
     pub seconds: [f64; 4],
-    /// Set-up \[s\].
+    /// Set-up time \[s\].
     pub setup: f64,
     /// Own step of the finest model \[s\].
     pub dt: f64,
-    /// Own steps of the coarse and the fine model in a step of the run.
-    pub own: [f64; 2],
-    /// Those of the finest model.
+    /// Own steps of the coarse and of the fine model per step of the run.
+    pub own_steps: [f64; 2],
+    /// Own steps of the finest model per step of the run.
     pub most: f64,
-    /// Critical steps of the coarse and the fine model \[s\].
+    /// Critical steps of the coarse and of the fine model \[s\].
     pub critical: [f64; 2],
 }
 
-/// Seconds per unit of work, and the scene they were measured with.
+/// Measured cost of one scene, scaled to others by the amount of work.
 #[derive(Debug, Clone)]
 pub(super) struct CostModel {
     base: Candidate,
@@ -49,7 +49,7 @@ pub(super) struct CostModel {
 }
 
 impl CostModel {
-    /// Takes a measurement of the scene at `base`; steps will be `fraction` of the critical one.
+    /// Uses a measurement of the scene at `base`; candidates take steps of `fraction` of the critical step.
     pub(super) fn new(base: Candidate, measured: Measured, s: &Scenario, fraction: f64) -> Self {
         Self {
             base,
@@ -59,30 +59,31 @@ impl CostModel {
         }
     }
 
-    /// Own step of the finest model of a candidate \[s\].
+    /// Returns the own step of the finest model of a candidate \[s\].
     pub(super) fn dt(&self, c: &Candidate) -> f64 {
         let [coarse, fine] = self.measured.critical;
         self.fraction * fine.min(coarse * c.h / self.base.h)
     }
 
-    /// Step of the run \[s\] and own steps of both models in it.
+    /// Returns the step of the run \[s\], and the own steps of both models in it.
     fn pace(&self, c: &Candidate, s: &Scenario) -> (f64, [f64; 2]) {
         let [coarse, fine] = self.measured.critical;
         let critical = [coarse * c.h / self.base.h, fine];
         match TimeStep::chosen(self.fraction, &critical) {
-            Ok((dt, own)) if s.free_steps => (dt, [0, 1].map(|k| own[k] as f64)),
-            _ => (self.measured.most * self.dt(c), self.measured.own),
+            Ok((dt, own_steps)) if s.free_steps => (dt, [0, 1].map(|k| own_steps[k] as f64)),
+            _ => (self.measured.most * self.dt(c), self.measured.own_steps),
         }
     }
 
-    /// Seconds of all steps and of the set-up.
+    /// Returns the time of all steps and of the set-up \[s\].
     pub(super) fn seconds(&self, c: &Candidate, s: &Scenario, end: f64) -> f64 {
         let (m, b) = (&self.measured, &self.base);
         let d = self.dimension;
+        // Numbers of nodes grow with the power of the dimension.
         let shrink = (b.h / c.h).powi(d);
         let wider = c.overlap / b.overlap;
         let fine = (s.lengths[1] + c.overlap) / (s.lengths[1] + b.overlap);
-        // A solve with a banded factor in space costs more than its unknowns.
+        // In space, a solve with a banded factor grows faster than the number of unknowns.
         let power = if d == 3 { 4.0 / 3.0 } else { 1.0 };
         let multipliers = wider * (b.h_b / c.h_b).powi(d);
         let work = |n: [f64; 3]| n[0] + n[1] + n[2].powf(power);
@@ -93,14 +94,15 @@ impl CostModel {
         ];
         let interface = work(grown) / work(m.coupled).max(1.0);
         let nodes = (m.nodes[0] * shrink + m.nodes[1] * fine) / (m.nodes[0] + m.nodes[1]);
-        let (dt, own) = self.pace(c, s);
-        let models = m.seconds[0] * shrink * own[0] / m.own[0] + m.seconds[1] * fine * own[1] / m.own[1];
+        let (dt, own_steps) = self.pace(c, s);
+        let models = m.seconds[0] * shrink * own_steps[0] / m.own_steps[0]
+            + m.seconds[1] * fine * own_steps[1] / m.own_steps[1];
         let step = models + m.seconds[2] * interface + m.seconds[3] * nodes;
         (end / dt).ceil() * step + m.setup * nodes
     }
 }
 
-/// A candidate with what is predicted of it.
+/// A candidate with its predicted error and time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Prospect {
     /// Settings.
@@ -111,7 +113,7 @@ pub(super) struct Prospect {
     pub seconds: f64,
 }
 
-/// What is asked for.
+/// Target of a proposal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// Least time within an error \[–\].
@@ -120,35 +122,35 @@ pub enum Goal {
     Time(f64),
 }
 
-/// All candidates of a scene with the tables of their overlaps.
+/// All candidates for a scene, with the reflection of their overlaps.
 #[derive(Debug)]
 pub(super) struct Search<'a> {
-    /// Scene.
+    /// Lengths and materials of the scene.
     pub scenario: &'a Scenario,
-    /// Signal.
+    /// Spectrum of the signal.
     pub spectrum: &'a Spectrum,
     /// End of the run \[s\].
     pub end: f64,
-    /// The scene as it is.
+    /// Candidate with the settings of the scene.
     pub given: Candidate,
-    /// Tables.
+    /// Tables of loss over frequency, one per form of overlap.
     pub tables: Vec<Table>,
     candidates: Vec<Candidate>,
 }
 
 impl<'a> Search<'a> {
-    /// Draws up candidates and analyses the overlaps.
+    /// Lists the candidates and analyses their overlaps.
     pub(super) fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
         let s = scenario;
         let r = s.spacings[1];
         let (given, form) = as_given(s);
         let mut forms = vec![form];
         let mut candidates = Vec::new();
-        // At least two elements across and four along.
+        // The coarse model keeps at least two elements across and four along.
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
         while spacing >= r {
-            for form in tried(s, spacing) {
-                let known = forms.iter().position(|f| alike(f, &form));
+            for form in overlaps_to_try(s, spacing) {
+                let known = forms.iter().position(|f| reflect_alike(f, &form));
                 let table = known.unwrap_or_else(|| {
                     forms.push(form);
                     forms.len() - 1
@@ -167,7 +169,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// What is predicted of a candidate.
+    /// Predicts errors and time of a candidate.
     pub(super) fn predict(&self, c: &Candidate, costs: &CostModel, dt: f64) -> Prospect {
         let errors = predict::errors(c, &self.tables, self.scenario, self.spectrum, self.end, dt);
         Prospect {
@@ -177,17 +179,17 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The best candidate; if none reaches the goal, the one that comes closest, as `Err`.
+    /// Returns the best candidate.
     pub(super) fn best(
         &self,
         goal: Goal,
         costs: &CostModel,
     ) -> std::result::Result<Prospect, Option<Prospect>> {
         let predict = |c| self.predict(c, costs, costs.dt(c));
-        let all: Vec<Prospect> = self.candidates.iter().map(predict).collect();
+        let prospects: Vec<Prospect> = self.candidates.iter().map(predict).collect();
         let least = |f: &dyn Fn(&Prospect) -> f64, keep: &dyn Fn(&Prospect) -> bool| {
-            let kept = all.iter().filter(|p| keep(p));
-            kept.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
+            let eligible = prospects.iter().filter(|p| keep(p));
+            eligible.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
         };
         let error = |p: &Prospect| p.errors.worst();
         let time = |p: &Prospect| p.seconds;
@@ -198,7 +200,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The scene as it is, its overlap the first of the tables.
+/// Returns the candidate with the settings of the scene, whose overlap is the first table.
 pub(super) fn as_given(s: &Scenario) -> (Candidate, Form) {
     let [h, r, h_b] = s.spacings;
     let form = Form {
@@ -223,8 +225,8 @@ fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
     }
 }
 
-/// Whether two overlaps reflect alike; above ten to one the ratio of the spacings hardly enters.
-fn alike(a: &Form, b: &Form) -> bool {
+/// Returns whether two overlaps reflect alike. Above 10, the ratio of the spacings hardly matters.
+fn reflect_alike(a: &Form, b: &Form) -> bool {
     let close = |x: f64, y: f64| (x / y).ln().abs() < 0.02;
     close(a.ratio.min(10.0), b.ratio.min(10.0))
         && close(a.overlap, b.overlap)
@@ -232,8 +234,8 @@ fn alike(a: &Form, b: &Form) -> bool {
         && (a.profile, a.length_ratio) == (b.profile, b.length_ratio)
 }
 
-/// Overlaps that are tried for a coarse spacing.
-fn tried(s: &Scenario, h: f64) -> Vec<Form> {
+/// Returns the overlaps to try with a coarse spacing `h`.
+fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
     let r = s.spacings[1];
     let widths = if s.movable {
         WIDTHS.to_vec()
@@ -245,7 +247,7 @@ fn tried(s: &Scenario, h: f64) -> Vec<Form> {
     } else {
         LENGTHS.map(Some).to_vec()
     };
-    // Few ratios, so that few overlaps need analysing.
+    // Few ratios, because every form of overlap needs an analysis.
     let ratio = [1.0f64, 1.5, 2.0, 3.0, 5.0, 10.0]
         .into_iter()
         .rfind(|x| *x <= h / r * 1.01)
@@ -253,12 +255,12 @@ fn tried(s: &Scenario, h: f64) -> Vec<Form> {
     let mut out = Vec::new();
     for overlap in widths {
         let too_wide = s.movable && overlap * h > 0.5 * s.lengths[0];
-        // Ends are rounded when they are written.
+        // The margin covers the rounding of the ends when they are written.
         let too_narrow = s.movable && overlap * h < s.needed * (1.0 + 1e-6);
         if too_wide || too_narrow || !(1.0..=40.0).contains(&overlap) {
             continue;
         }
-        // Multipliers finer than two particles tie what should move freely.
+        // Multipliers finer than two particles tie motions that should stay free.
         for h_b in MEDIATORS.into_iter().filter(|b| *b >= 1.0 || b * h >= 2.0 * r) {
             for profile in PROFILES {
                 out.extend(lengths.iter().map(|l| Form {
@@ -295,7 +297,7 @@ mod tests {
             seconds: [1e-6, 2e-6, 1e-6, 1e-6],
             setup: 1e-3,
             dt: 0.05,
-            own: [1.0; 2],
+            own_steps: [1.0; 2],
             most: 1.0,
             critical,
         };
@@ -306,7 +308,7 @@ mod tests {
     fn overlaps_keep_the_fine_model_where_its_probes_look() {
         let (.., mut s) = costs([0.5, 0.8]);
         let least = |s: &Scenario| {
-            tried(s, 0.5)
+            overlaps_to_try(s, 0.5)
                 .iter()
                 .map(|f| 0.5 * f.overlap)
                 .fold(f64::INFINITY, f64::min)
@@ -318,8 +320,8 @@ mod tests {
         assert!((least(&s) - 2.0).abs() < 1e-12, "a width that stays has them");
     }
 
-    /// An explicit step goes with the smallest spacing: where the coarse one limits it, half the spacing
-    /// takes twice the steps; where the fine one does, the step stays.
+    /// An explicit step shrinks with the spacing that limits it: half a limiting coarse spacing takes twice
+    /// the steps, whereas under a limiting fine spacing the step stays.
     #[test]
     fn the_step_shrinks_with_the_spacing_that_limits_it() {
         let (model, given, _) = costs([0.5, 0.8]);
@@ -343,11 +345,14 @@ mod tests {
         };
         assert!((model.dt(&half) - 0.09).abs() < 1e-12 && (model.dt(&given) - 0.09).abs() < 1e-12);
         // Half of the coarse critical step has room for two fine ones, of half the spacing for one.
-        let near = |(dt, own): (f64, [f64; 2]), expected: (f64, [f64; 2])| {
+        let near = |(dt, own_steps): (f64, [f64; 2]), expected: (f64, [f64; 2])| {
             assert!(
                 (dt - expected.0).abs() < 1e-12
-                    && own.iter().zip(expected.1).all(|(a, b)| (a - b).abs() < 1e-12),
-                "{dt} {own:?}"
+                    && own_steps
+                        .iter()
+                        .zip(expected.1)
+                        .all(|(a, b)| (a - b).abs() < 1e-12),
+                "{dt} {own_steps:?}"
             );
         };
         near(model.pace(&given, &s), (0.18, [1.0, 2.0]));

@@ -1,4 +1,4 @@
-//! Trial steps: what a scene costs on this machine.
+//! Trial steps, which measure the cost of a scene on this machine.
 
 use super::apply::Change;
 use super::choose::Measured;
@@ -10,12 +10,12 @@ use crate::setup;
 use arlequin::core::Coupled;
 use std::time::Instant;
 
-/// Seconds of trial steps per scene.
+/// Duration of the trial steps per scene \[s\].
 const TRIAL: f64 = 0.3;
-/// Steps whose time is taken together; the least of all stretches counts, as others use the machine too.
+/// Number of steps timed together. The shortest time counts, because other programs share the machine.
 const STRETCH: usize = 10;
 
-/// Builds the scene with changes and makes trial steps; also the end of its run \[s\].
+/// Builds the scene with changes and makes trial steps. Returns the measurement and the end of the run \[s\].
 pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64)> {
     let begin = Instant::now();
     let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
@@ -53,25 +53,25 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
         seconds,
         setup,
         dt: run.dt() / most as f64,
-        own: sides.map(|k| run.subdomains()[k].own_steps() as f64),
+        own_steps: sides.map(|k| run.subdomains()[k].own_steps() as f64),
         most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };
     Ok((measured, end))
 }
 
-/// Seconds by coarse, fine, interface and rest.
+/// Divides the measured seconds into coarse model, fine model, interface and rest.
 fn share(clock: &PhaseClock, run: &Coupled<f64>, s: &Scenario) -> [f64; 4] {
     let mut out = [0.0; 4];
     for (name, seconds) in clock.phases(run) {
-        // predict/MODEL or effect/MODEL/NAME.
-        let at = match name.split('/').nth(1) {
+        // Phases are named predict/MODEL and effect/MODEL/NAME.
+        let column = match name.split('/').nth(1) {
             Some(m) if m == s.names[1] => 0,
             Some(m) if m == s.names[2] => 1,
             _ if name == "interface" => 2,
             _ => 3,
         };
-        out[at] += seconds;
+        out[column] += seconds;
     }
     out
 }

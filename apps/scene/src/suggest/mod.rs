@@ -1,7 +1,8 @@
-//! Settings of a coupling for an error or a time.
+//! Proposes settings of a coupling for a given error or time.
 //!
-//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap; times
-//! from trial steps on this machine, repeated with what was proposed until proposal and measurement agree.
+//! Errors come from the dispersion of the coarse lattice and the harmonic analysis of the overlap. Times come
+//! from trial steps on this machine, which are repeated with each proposal until prediction and measurement
+//! agree.
 
 mod apply;
 mod choose;
@@ -22,29 +23,29 @@ use scenario::Scenario;
 use serde::Serialize;
 use std::path::Path;
 
-/// Most scenes that are built.
+/// Largest number of proposals that are built and measured.
 const ROUNDS: usize = 4;
-/// A time within this share of the measured one is believed.
+/// Largest relative difference of predicted and measured time.
 const AGREED: f64 = 0.15;
-/// Step that is proposed, in units of the critical one.
+/// Proposed step over critical step.
 const FRACTION: f64 = 0.9;
 
-/// A proposal.
+/// A proposal of settings.
 #[derive(Debug, Serialize)]
 pub struct Proposal {
-    /// Scene.
+    /// Path of the scene.
     pub scene: String,
-    /// What was asked for.
+    /// Target of the proposal in words.
     pub goal: String,
-    /// Where the spectrum comes from.
+    /// Source of the spectrum.
     pub signal: String,
-    /// The scene as it is.
+    /// Settings and prediction of the scene as given.
     pub given: Forecast,
-    /// The proposal.
+    /// Settings and prediction of the proposal.
     pub proposed: Forecast,
-    /// Changed values.
+    /// Changed values, as assignments.
     pub set: Vec<String>,
-    /// What a user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     #[serde(skip)]
     changes: Vec<Change>,
@@ -60,7 +61,7 @@ impl Proposal {
     }
 }
 
-/// Settings and what is predicted of them.
+/// Settings with their predicted error and time.
 #[derive(Debug, Serialize)]
 pub struct Forecast {
     /// Settings by name.
@@ -69,22 +70,22 @@ pub struct Forecast {
     pub errors: Errors,
     /// Largest amplitude reflected by the overlap for wavelengths above 4.2 coarse spacings \[–\].
     pub top_reflection: f64,
-    /// Set-up and steps \[s\].
+    /// Time of set-up and steps \[s\].
     pub seconds: f64,
 }
 
-/// What is predicted of a scene as it is.
+/// Prediction for a scene as given.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, serde::Deserialize)]
 pub struct Prediction {
     /// Relative error of displacements against the fine model everywhere \[–\].
     pub displacement: f64,
-    /// Of velocities \[–\].
+    /// Relative error of velocities against the fine model everywhere \[–\].
     pub velocity: f64,
-    /// Set-up and steps \[s\].
+    /// Time of set-up and steps \[s\].
     pub seconds: f64,
 }
 
-/// Refuses a scene of which nothing can be predicted.
+/// Reads a scene, and refuses one for which nothing can be predicted.
 pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
     scene.refuse_wake("suggest")?;
     let s = scenario::scenario(scene)?;
@@ -95,7 +96,8 @@ pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
     Ok(s)
 }
 
-/// Error and time of a scene as it is, from trial steps on this machine and the analysis of its overlap.
+/// Predicts error and time of a scene as given, from trial steps on this machine and the analysis of its
+/// overlap.
 pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
     let s = readable(scene.spec())?;
     let (m, end) = measure(scene, &[])?;
@@ -113,10 +115,11 @@ pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
     })
 }
 
-/// Proposes settings; `frequency` \[Hz\] is the highest of interest where loads do not tell.
+/// Proposes settings. `frequency` is the highest frequency of interest \[Hz\], for scenes whose loads do not
+/// give one.
 ///
 /// # Errors
-/// Scenes of which nothing can be predicted, goals out of reach, failed trial steps.
+/// Scenes for which nothing can be predicted, goals out of reach, failed trial steps.
 pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
     let s = readable(scene.spec())?;
     let (first, end) = measure(scene, &[])?;
@@ -126,7 +129,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
         .fraction
         .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
     let as_given = CostModel::new(search.given, first, &s, fraction);
-    let given = search.predict(&search.given, &as_given, first.dt);
+    let current = search.predict(&search.given, &as_given, first.dt);
     let costs = CostModel::new(search.given, first, &s, FRACTION);
     let (chosen, changes) = settle(scene, &search, goal, costs)?;
     let absorber = s.absorber || apply::needs_absorber(&chosen);
@@ -137,7 +140,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
             Goal::Time(t) => format!("least error within {t} s"),
         },
         signal: spectrum.source.clone(),
-        given: forecast(&search, &s, &given, fraction, s.absorber),
+        given: forecast(&search, &s, &current, fraction, s.absorber),
         proposed: forecast(&search, &s, &chosen, FRACTION, absorber),
         set: changes.iter().filter_map(Change::assignment).collect(),
         notes: notes(&s, &chosen),
@@ -145,7 +148,8 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
     })
 }
 
-/// Picks, measures what was picked, and picks again with better costs until both agree.
+/// Picks a candidate, measures it, and picks again with the measured cost until prediction and measurement
+/// agree.
 fn settle(
     scene: &Scene,
     search: &Search<'_>,
@@ -161,16 +165,17 @@ fn settle(
         let measured = costs.seconds(&proposal.candidate, s, search.end);
         let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
         proposal.seconds = measured;
-        let kept = match goal {
+        let goal_met = match goal {
             Goal::Error(_) => true,
             Goal::Time(t) => measured <= t,
         };
         let next = pick(search, goal, &costs)?;
-        if round == ROUNDS || (agreed && kept) || next.candidate == proposal.candidate {
+        if round == ROUNDS || (agreed && goal_met) || next.candidate == proposal.candidate {
             return Ok((proposal, changes));
         }
         proposal = next;
     }
+    // Not reached: the last round returns.
     pick(search, goal, &costs).map(|p| (p, Vec::new()))
 }
 

@@ -1,36 +1,36 @@
-//! Which ways a signal makes from its source to the probes, through which model and how often through the
-//! overlap.
+//! Paths of a signal from its source to the probes: the distance in each model and the number of passages
+//! through the overlap.
 
 use super::scenario::Scenario;
 use crate::spec::{Quantity, SceneSpec, Selection};
 
-/// Most arrivals that are followed; a run with more is judged as if its probes were everywhere.
+/// Largest number of arrivals that are followed. A run with more is judged as if its probes were everywhere.
 const MOST: usize = 64;
 
-/// Where a signal starts, along the overlap's axis.
+/// Source of a signal on the overlap's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Origin {
     /// Distance from the fine border, positive into the coarse model \[m\].
-    pub at: f64,
-    /// Towards the coarse model, away from it.
+    pub place: f64,
+    /// True if the signal runs towards the coarse model, and away from it.
     pub towards: [bool; 2],
-    /// By how much its front is ahead of the place \[m\].
+    /// Distance of the signal's front ahead of `place` \[m\].
     pub ahead: f64,
 }
 
 /// One arrival of the signal at a probe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Arrival {
-    /// Whole way of the front \[m\].
+    /// Distance that the front travels \[m\].
     pub way: f64,
-    /// Share of it in the coarse model \[m\].
+    /// Part of this distance in the coarse model \[m\].
     pub coarse: f64,
-    /// How often it passed the overlap.
+    /// Number of passages through the overlap.
     pub passages: f64,
 }
 
-/// A line of a fine part and a coarse part, mirrored at both ends for ever: a reflection is a straight way
-/// there.
+/// A fine and a coarse part on a line, mirrored at both ends again and again, so that the path of a reflected
+/// wave is straight.
 #[derive(Debug, Clone, Copy)]
 struct Line {
     length: f64,
@@ -38,13 +38,13 @@ struct Line {
 }
 
 impl Line {
-    /// Coarse length between zero and a place of the mirrored line \[m\].
+    /// Returns the coarse length between zero and a place of the mirrored line \[m\].
     fn coarse(&self, y: f64) -> f64 {
-        let own = |r: f64| (r - self.border).max(0.0);
-        self.unfolded(y, own(self.length), own)
+        let coarse_within = |r: f64| (r - self.border).max(0.0);
+        self.unfolded(y, coarse_within(self.length), coarse_within)
     }
 
-    /// Overlaps between zero and a place.
+    /// Returns the number of overlaps between zero and a place of the mirrored line.
     fn passages(&self, y: f64) -> f64 {
         self.unfolded(y, 1.0, |r| if r > self.border { 1.0 } else { 0.0 })
     }
@@ -52,6 +52,7 @@ impl Line {
     fn unfolded(&self, y: f64, whole: f64, within: impl Fn(f64) -> f64) -> f64 {
         let n = (y / self.length).floor();
         let r = y - n * self.length;
+        // Every second copy of the line is mirrored.
         let forwards = n.rem_euclid(2.0) < 0.5;
         n * whole
             + if forwards {
@@ -62,21 +63,21 @@ impl Line {
     }
 }
 
-/// Arrivals until `way` \[m\] at displacement and at velocity probes; none if the scene has no probes along
-/// the axis or too many arrivals.
+/// Returns the arrivals within the distance `way` \[m\] at displacement probes and at velocity probes. `None`
+/// if the scene has no probes along the axis or too many arrivals.
 pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option<[Vec<Arrival>; 2]> {
     let line = Line {
         length: s.lengths[0] + s.lengths[1],
         border: s.lengths[1] + 0.5 * overlap,
     };
-    let start = origin.at + s.lengths[1];
+    let start = origin.place + s.lengths[1];
     let mut out = [Vec::new(), Vec::new()];
     let mirrors = (way / line.length).ceil() + 1.0;
     if mirrors > MOST as f64 {
         return None;
     }
-    for (kind, at) in &s.probes {
-        let probe = at + s.lengths[1];
+    for (kind, distance) in &s.probes {
+        let probe = distance + s.lengths[1];
         let images = (-(mirrors as i64)..=mirrors as i64)
             .flat_map(|k| [1.0, -1.0].map(|sign| 2.0 * k as f64 * line.length + sign * probe));
         for y in images {
@@ -95,7 +96,7 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
     if out.iter().map(Vec::len).sum::<usize>() > MOST {
         return None;
     }
-    // What one kind of probe does not show is taken from the other.
+    // Without probes of one kind, the arrivals of the other kind stand in.
     for k in [0, 1] {
         if out[k].is_empty() {
             out[k] = out[1 - k].clone();
@@ -104,13 +105,13 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
     (!out[0].is_empty()).then_some(out)
 }
 
-/// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes of motion along the
-/// axis \[m\].
+/// Returns the probes of motion along the axis: kind (0 displacement, 1 velocity) and distance from the fine
+/// border \[m\].
 pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
-        (_, Some(Selection::Group(name))) => end(scene, p.model.as_ref()?, name, axis),
+        (_, Some(Selection::Group(name))) => end_coordinate(scene, p.model.as_ref()?, name, axis),
         _ => None,
     };
     let along = scene.probe.values().filter(|p| {
@@ -129,10 +130,11 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
     known.collect()
 }
 
-/// Where a selection of a load lies along the axis \[m\]; none if it is not at one place.
-pub(super) fn place(scene: &SceneSpec, model: &str, at: &Selection, axis: usize) -> Option<f64> {
-    match at {
-        Selection::Group(name) => end(scene, model, name, axis),
+/// Returns the coordinate of a load's selection on the axis \[m\]; `None` for a group that is not an end
+/// face.
+pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis: usize) -> Option<f64> {
+    match selection {
+        Selection::Group(name) => end_coordinate(scene, model, name, axis),
         Selection::Box(low, high) => {
             let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
             Some(0.5 * (low[axis].max(a) + high[axis].min(b)))
@@ -140,8 +142,8 @@ pub(super) fn place(scene: &SceneSpec, model: &str, at: &Selection, axis: usize)
     }
 }
 
-/// Coordinate of the end face of a model that a group names.
-fn end(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
+/// Returns the coordinate of the end face of a model that a group names.
+fn end_coordinate(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
     let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
     let name = ["x", "y", "z"][axis];
     match group.split_once('-') {

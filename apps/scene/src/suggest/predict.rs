@@ -1,5 +1,5 @@
-//! Error of a coupling before it is run: dispersion of the coarse lattice over the way a wave makes in it,
-//! and reflection and transmission of the overlap by harmonic analysis.
+//! Predicts the error of a coupling before it is run. Dispersion follows from the coarse lattice and the
+//! distance that a wave travels in it, reflection and transmission of the overlap from harmonic analysis.
 
 use super::path::{self, Arrival};
 use super::scenario::{Scenario, Spectrum};
@@ -16,13 +16,13 @@ use rayon::prelude::*;
 use spring_chain::Chain;
 use std::sync::Arc;
 
-/// The chain of the analysis is at most this much finer than the bar: beyond, the reflection hardly
-/// changes, the matrices grow.
+/// Largest ratio of coarse to fine spacing in the analysis: above it the reflection hardly changes, but the
+/// matrices grow.
 const FINEST: f64 = 10.0;
-/// Points per table of reflection over frequency.
+/// Number of frequencies in a table of losses.
 const POINTS: usize = 20;
 
-/// One choice of the settings.
+/// One choice of settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
     /// Coarse spacing \[m\].
@@ -31,11 +31,11 @@ pub(super) struct Candidate {
     pub h_b: f64,
     /// Width of the overlap \[m\].
     pub overlap: f64,
-    /// Weight.
+    /// Profile of the weights.
     pub profile: ProfileKind,
-    /// Junction length over mediator spacing; none for L2.
+    /// Junction length over mediator spacing; `None` for L2.
     pub length_ratio: Option<f64>,
-    /// Which table of [`Tables`] holds its reflection.
+    /// Index of the table with the losses of its overlap.
     pub table: usize,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Form {
     pub length_ratio: Option<f64>,
 }
 
-/// Loss of an overlap over frequency: `|r|² + (1 − |t|)²`, frequencies in units of the coarse cutoff.
+/// Loss `|r|² + (1 − |t|)²` of an overlap over frequency; frequencies in units of the coarse cutoff.
 #[derive(Debug, Clone)]
 pub(super) struct Table {
     frequencies: Vec<f64>,
@@ -65,14 +65,15 @@ pub(super) struct Table {
     pub top_reflection: f64,
 }
 
-/// Tables of several forms, in parallel.
+/// Computes the tables of several forms in parallel.
 pub(super) fn tables(forms: &[Form]) -> Result<Vec<Table>> {
     forms.par_iter().map(table).collect()
 }
 
-/// A chain and a bar of unit modulus, density and element length, with the overlap of the form.
+/// Couples a chain and a bar of unit modulus, density and element length by the overlap of the form.
 fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let r = 1.0 / f.ratio.min(FINEST);
+    // Both models go at least four spacings beyond the overlap, where the ports attach.
     let (bonds, elements) = (((f.overlap / r).round() + 4.0), f.overlap.ceil() + 4.0);
     let start = f.overlap - bonds * (f.overlap + 4.0 * r) / bonds;
     let h = (f.overlap - start) / bonds;
@@ -124,7 +125,7 @@ fn table(f: &Form) -> Result<Table> {
         let missing = 1.0 - s.transmission;
         out.frequencies.push(share);
         out.losses.push(s.reflection * s.reflection + missing * missing);
-        // sin(π/4.2): a wave of 4.2 elements.
+        // The share of the cutoff of a wave of 4.2 elements is sin(π/4.2).
         if share < 0.68 {
             out.top_reflection = out.top_reflection.max(s.reflection);
         }
@@ -145,30 +146,31 @@ impl Table {
     }
 }
 
-/// Predicted relative errors against a fine model everywhere.
+/// Predicted relative errors against the fine model everywhere.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Errors {
-    /// Of displacements \[–\].
+    /// Error of displacements \[–\].
     pub displacement: f64,
-    /// Of velocities \[–\].
+    /// Error of velocities \[–\].
     pub velocity: f64,
     /// Share of the velocity signal's energy that the coarse lattice cannot carry \[–\].
     pub above_cutoff: f64,
 }
 
 impl Errors {
-    /// The larger one.
+    /// Returns the larger of both errors.
     pub fn worst(&self) -> f64 {
         self.displacement.max(self.velocity)
     }
 }
 
-/// A lattice: spacing \[m\] and share of element-wise strains in its forces.
+/// A lattice: spacing \[m\], and share of element-wise strains in its forces.
 type Lattice = [f64; 2];
 
-/// Wavenumber of a lattice of spacing `h` under steps `Δt`; none above its cutoff. With strains by elements
-/// `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`; strains smoothed over the cells of nodes reach over two spacings
-/// and put `sin(κ h)/2` in place of `sin(κ h/2)`; a share `a` of the former is mixed in by squares.
+/// Returns the wavenumber of a lattice of spacing `h` with time steps `Δt`; `None` above its cutoff. With
+/// strains by elements `sin(ω Δt/2) = (c Δt/h) sin(κ h/2)`. Strains that are smoothed over the cells of nodes
+/// reach over two spacings and replace `sin(κ h/2)` by `sin(κ h)/2`. With a share `a` of element-wise
+/// strains, the squares of both terms are mixed.
 fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
     let q = (h / (speed * dt) * (0.5 * omega * dt).sin()).powi(2);
     // y - (1 - a) y^2 = q for y = sin^2 of half the phase between neighbours.
@@ -184,20 +186,21 @@ fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
     (square < 1.0).then(|| 2.0 / h * square.sqrt().asin())
 }
 
-/// What one frequency suffers.
+/// Effect of the coupling on one frequency.
 #[derive(Debug, Clone, Copy)]
 enum Fate {
-    /// Difference of the wavenumbers \[1/m\] and loss per passage of the overlap.
+    /// Difference of the wavenumbers \[1/m\], and loss per passage of the overlap.
     Carried(f64, f64),
-    /// The coarse lattice does not carry it.
+    /// The coarse lattice does not carry the frequency.
     Lost,
 }
 
-/// `|1 − e^{iφ}|²`, or its mean while the phase grows to `φ`.
+/// Returns `|1 − e^{iφ}|²`, or its mean while the phase grows to `φ`.
 fn shift(phase: f64, growing: bool) -> f64 {
     if !growing {
         return 2.0 * (1.0 - phase.cos());
     }
+    // Below this phase `1 − sin φ/φ` would lose its digits.
     if phase.abs() < 1e-4 {
         phase * phase / 3.0
     } else {
@@ -205,7 +208,7 @@ fn shift(phase: f64, growing: bool) -> f64 {
     }
 }
 
-/// Error of a candidate over a run that ends at `end` with steps `dt`.
+/// Returns the errors of a candidate in a run until `end` \[s\] with own steps `dt` \[s\].
 pub(super) fn errors(
     c: &Candidate,
     tables: &[Table],
@@ -219,6 +222,7 @@ pub(super) fn errors(
     let fate = |omega: &f64| {
         let [coarse, fine] = lattices.map(|l| wavenumber(*omega, s.speed, l, dt));
         match (coarse, fine) {
+            // The tables of losses end at 0.98 of the cutoff.
             (Some(coarse), Some(fine)) if *omega < 0.98 * cutoff => {
                 Fate::Carried(coarse - fine, tables[c.table].loss(omega / cutoff))
             }
@@ -245,7 +249,8 @@ pub(super) fn errors(
     }
 }
 
-/// Errors at the probes, arrival by arrival: the signal is short beside the time between two of them.
+/// Returns the errors at the probes as sums over arrivals. This assumes a signal that is short compared with
+/// the time between two arrivals.
 fn at_probes(
     arrivals: &[Vec<Arrival>; 2],
     fates: &[Fate],
@@ -260,6 +265,8 @@ fn at_probes(
             let seen = spectrum.energies(end - p.way / s.speed);
             let mut error = 0.0;
             for ((omega, a), fate) in spectrum.omega.iter().zip(&spectrum.velocity).zip(fates) {
+                // Two signals that have nothing in common differ by the sum of their energies: a loss is 2 at
+                // most.
                 let loss = match fate {
                     Fate::Carried(k, once) => shift(k * p.coarse, false) + (p.passages * once).min(2.0),
                     Fate::Lost if p.passages > 0.0 => 2.0,
@@ -267,7 +274,7 @@ fn at_probes(
                 };
                 error += a * a * loss / if kind == 0 { omega * omega } else { 1.0 };
             }
-            // Of a signal that the run's end cuts, as much of the error is seen as of the signal.
+            // If the run ends within a signal, the error counts in the same proportion as the signal.
             sums[0] += error / total * seen[1];
             sums[1] += seen[kind];
         }
@@ -275,10 +282,10 @@ fn at_probes(
     })
 }
 
-/// Errors if it is not known where the signal starts: as if probes were everywhere on its way.
+/// Returns the errors for a signal of unknown origin, as if probes were everywhere on its path.
 fn everywhere(c: &Candidate, fates: &[Fate], s: &Scenario, spectrum: &Spectrum, way: f64) -> [f64; 2] {
     let body = s.lengths[0] + s.lengths[1];
-    // Of its way, a wave makes the coarse model's share in it; half the overlap counts.
+    // The distance in the coarse model is its share of the body, with half of the overlap counted as coarse.
     let coarse_way = way * (s.lengths[0] - 0.5 * c.overlap) / body;
     let passages = (way / body).max(1.0);
     let mut sums = [[0.0; 2]; 2];
@@ -317,8 +324,7 @@ mod tests {
         assert!(wavenumber(10.5, 1.0, [h, 0.0], 1e-6).is_none());
     }
 
-    /// Between lattices that are alike `|r|² + |t|² = 1`, so that the worst loss is that of the largest
-    /// reflection.
+    /// Between equal lattices `|r|² + |t|² = 1`, so that the largest loss belongs to the largest reflection.
     #[test]
     fn the_loss_of_an_overlap_counts_what_it_reflects() {
         for (overlap, profile) in [(2.0, ProfileKind::Linear), (4.0, ProfileKind::Cubic)] {
@@ -344,7 +350,7 @@ mod tests {
         }
     }
 
-    /// A chain of the bar's own spacing.
+    /// A chain and a bar with the same spacing.
     const ALIKE: &str = r#"
 [model.bar]
 kind = "fem"
@@ -369,9 +375,9 @@ junction = { kind = "l2" }
 steps = 1
 "#;
 
-    /// A body of two lengths of 1 m whose lattices are alike: nothing disperses, what is lost is lost in
-    /// the overlap. The signal is slow and of no place, or with a probe at `x` a short wave that starts 2 m
-    /// before the overlap.
+    /// Errors for a body of equal lattices, in which nothing disperses and only the overlap loses energy.
+    /// Without a probe the signal is slow and of unknown origin; with a probe at `x` it is a short wave that
+    /// starts 2 m before the overlap.
     fn alike(end: f64, loss: f64, probe: Option<f64>) -> Errors {
         let more = probe.map_or_else(String::new, |x| {
             format!(
@@ -403,8 +409,8 @@ steps = 1
         errors(&c, &[table], &s, &spectrum, end, dt)
     }
 
-    /// A probe behind the overlap sees the loss of one passage, one before it, after the far end, that of
-    /// two.
+    /// A probe behind the overlap sees the loss of one passage. A probe before it sees the loss of two, after
+    /// the reflection at the far end.
     #[test]
     fn a_probe_sees_the_loss_of_the_passages_before_it() {
         for (probe, end, passages) in [(6.0, 10.0, 1.0), (-3.0, 22.0, 2.0)] {
@@ -419,8 +425,8 @@ steps = 1
         }
     }
 
-    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages lose `√n |r|`, and no more than two
-    /// signals' worth.
+    /// With a loss `|r|² + (1 − |t|)²` per passage, `n` passages give the error `√n |r|`, and at most that of
+    /// two signals.
     #[test]
     fn an_error_is_the_loss_of_the_overlap_where_the_lattices_are_alike() {
         let body = 4.0 + 4.0 + 4.0; // the coarse bar of 8 m and the chain's own 4 m

@@ -1,4 +1,4 @@
-//! What of a scene decides how accurate and how dear a coupling is.
+//! Reads from a scene the quantities that decide accuracy and cost of its coupling.
 
 use super::path::{self, Origin};
 use crate::error::{Error, Result, key};
@@ -11,62 +11,61 @@ use arlequin::cnem::Stabilisation;
 use arlequin::dem_beam::packing::size::mean_diameter;
 use std::f64::consts::PI;
 
-/// Samples of a signal from which its spectrum is read.
+/// Number of samples of a signal for its spectrum.
 const SAMPLES: usize = 1024;
 
 /// A scene with one interface, reduced to lengths along its overlap.
 #[derive(Debug, Clone)]
 pub struct Scenario {
-    /// Names of interface, coarse and fine model.
+    /// Names of the interface, of the coarse and of the fine model.
     pub names: [String; 3],
     /// Axis of the overlap.
     pub axis: usize,
-    /// Where the fine model's own region ends \[m\].
+    /// End of the fine model's own region \[m\].
     pub border: f64,
-    /// Direction from there into the coarse model, ±1.
+    /// Direction from the border into the coarse model, ±1.
     pub inward: f64,
     /// Width of the overlap \[m\].
     pub overlap: f64,
-    /// Whether the overlap's width follows from two numbers of the scene.
+    /// True if two numbers of the scene determine the width of the overlap.
     pub movable: bool,
-    /// Least width of the overlap in which the fine model is still where its probes look \[m\].
+    /// Smallest width of the overlap that keeps the fine model at its probes \[m\].
     pub needed: f64,
     /// Lengths of the coarse body and of the fine model's own region along the axis \[m\].
     pub lengths: [f64; 2],
     /// Spacings of the coarse model, the fine model and the mediator \[m\].
     pub spacings: [f64; 3],
-    /// Smallest size across the axis \[m\]; none for lines.
+    /// Smallest size across the axis \[m\]; `None` for lines.
     pub across: Option<f64>,
-    /// Weight.
+    /// Profile of the weights.
     pub profile: ProfileKind,
     /// Junction.
     pub junction: JunctionKind,
     /// Junction length over mediator spacing.
     pub length_ratio: f64,
-    /// Whether an absorber is there already.
+    /// True if the scene has an absorber.
     pub absorber: bool,
-    /// Kind (0 displacement, 1 velocity) and distance from the fine border of the probes along the axis
-    /// \[m\].
+    /// Probes along the axis: kind (0 displacement, 1 velocity) and distance from the fine border \[m\].
     pub probes: Vec<(usize, f64)>,
-    /// Share of element-wise strains in the forces of the coarse and the fine lattice, 1 but for natural
-    /// elements.
+    /// Share of element-wise strains in the forces of the coarse and of the fine lattice: 1 except for
+    /// natural elements.
     pub elementwise: [f64; 2],
-    /// Whether the fine model is a random packing.
+    /// True if the fine model is a random packing.
     pub particles: bool,
     /// Speed of long axial waves \[m/s\].
     pub speed: f64,
-    /// Length of the run \[s\], if the scene gives it.
+    /// End of the run \[s\], if the scene gives it.
     pub end: Option<f64>,
-    /// Step in units of the critical one, if given so.
+    /// Own step over critical step, if the scene gives it.
     pub fraction: Option<f64>,
-    /// Whether the run chooses the own steps of both models.
+    /// True if the run chooses the own steps of both models.
     pub free_steps: bool,
 }
 
-/// Reads a scene.
+/// Reduces a scene to lengths along its overlap.
 pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
-    let mut all = scene.interface.iter();
-    let (Some((name, table)), None) = (all.next(), all.next()) else {
+    let mut interfaces = scene.interface.iter();
+    let (Some((name, table)), None) = (interfaces.next(), interfaces.next()) else {
         let rule = format!(
             "has {} entries; suggest speaks of scenes with one interface between two models",
             scene.interface.len()
@@ -97,11 +96,11 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         && (far(ce, -inward) - fine[axis]).abs() < tolerance;
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
     let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
-    let of_fine = scene
+    let fine_probes = scene
         .probe
         .values()
         .filter(|p| p.model.as_ref() == Some(&table.fine));
-    let inside = of_fine.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
+    let inside = fine_probes.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
     Ok(Scenario {
         names: [name.clone(), table.coarse.clone(), table.fine.clone()],
         axis,
@@ -134,8 +133,8 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     })
 }
 
-/// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation
-/// adds a share of element-wise strains.
+/// Returns the share of element-wise strains. Natural elements smooth their strains over cells, which reach
+/// over two spacings; their stabilisation adds element-wise strains.
 fn elementwise(m: &ModelTable) -> f64 {
     match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
         (ModelKind::Cnem, Some(share), _) | (ModelKind::Cnem, None, Stabilisation::SubCells(share)) => share,
@@ -144,7 +143,7 @@ fn elementwise(m: &ModelTable) -> f64 {
     }
 }
 
-/// Where a body begins and ends along an axis.
+/// Returns the first and last coordinate of a body on an axis \[m\].
 pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
     match &model.shape {
         Shape::Box { low, high, .. } => Ok([low[axis], high[axis]]),
@@ -171,7 +170,7 @@ fn across(shape: &Shape, axis: usize) -> Option<f64> {
     }
 }
 
-/// Spacings of coarse model, fine model and mediator as the scene has them.
+/// Returns the spacings of coarse model, fine model and mediator in the scene \[m\].
 fn spacings(
     table: &Interface,
     c: &ModelTable,
@@ -180,13 +179,13 @@ fn spacings(
     overlap: f64,
     axis: usize,
 ) -> Result<[f64; 3]> {
-    let of = |name: &str, m: &ModelTable, e: [f64; 2]| {
+    let spacing_of = |name: &str, m: &ModelTable, e: [f64; 2]| {
         let divided = m
             .divisions
             .as_ref()
             .and_then(|d| d.get(axis))
             .map(|n| (e[1] - e[0]) / *n as f64);
-        // As many spheres as fill the body at the density of a jammed packing.
+        // Mean diameter of so many spheres that fill the body at the density of a jammed packing.
         let counted = m.dem.count.and_then(|n| {
             let volume = match &m.shape {
                 Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
@@ -195,15 +194,15 @@ fn spacings(
             };
             Some(mean_diameter(volume, n as f64))
         });
-        let given = m.spacing.or(divided).or(counted);
-        given.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
+        let spacing = m.spacing.or(divided).or(counted);
+        spacing.ok_or_else(|| key(format!("model.{name}"), "suggest needs its spacing [m]; give it"))
     };
-    let coarse = of(&table.coarse, c, extents[0])?;
+    let coarse = spacing_of(&table.coarse, c, extents[0])?;
     let divided = table.mediator.divisions.as_ref().and_then(|d| d.get(axis));
     let mediator = table.mediator.spacing.or(divided.map(|n| overlap / *n as f64));
     Ok([
         coarse,
-        of(&table.fine, f, extents[1])?,
+        spacing_of(&table.fine, f, extents[1])?,
         mediator.unwrap_or(coarse),
     ])
 }
@@ -215,21 +214,21 @@ pub(super) struct Spectrum {
     pub omega: Vec<f64>,
     /// Amplitudes of the velocity, any unit.
     pub velocity: Vec<f64>,
-    /// Where it comes from.
+    /// Source of the signal in words.
     pub source: String,
-    /// Where it starts; none if that is not one place or the signal lasts.
+    /// Place at which the signal starts; `None` if it is not one place, or if the signal lasts.
     pub origin: Option<Origin>,
-    /// How long it is \[s\].
+    /// Duration of the signal \[s\].
     duration: f64,
-    /// Integrals from the signal's start to equidistant times within it, of the squares of displacement and
-    /// velocity.
+    /// Integrals of the squares of displacement and velocity, from the signal's start to equidistant times
+    /// within it.
     energies: Vec<[f64; 2]>,
-    /// Square of the displacement that stays.
+    /// Square of the displacement that remains after the signal.
     left: f64,
 }
 
 impl Spectrum {
-    /// `∫u² dt` and `∫v² dt` over the first `time` of the signal at a place.
+    /// Returns `∫u² dt` and `∫v² dt` over the first `time` \[s\] of the signal at a place.
     pub(super) fn energies(&self, time: f64) -> [f64; 2] {
         let share = (time / self.duration).max(0.0);
         let last = self.energies.len() - 1;
@@ -239,8 +238,8 @@ impl Spectrum {
     }
 }
 
-/// The spectrum of what the scene sends out: of `frequency` \[Hz\] as a pulse that long, else of the
-/// shortest pulse, ramp or wave.
+/// Returns the spectrum of the signal: of a pulse of length 2/`frequency` if a frequency \[Hz\] is given,
+/// else of the shortest pulse, ramp or wave of the scene.
 pub(super) fn spectrum(
     scene: &SceneSpec,
     s: &Scenario,
@@ -248,10 +247,10 @@ pub(super) fn spectrum(
     frequency: Option<f64>,
 ) -> Result<Spectrum> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
-    let mut found: Option<(f64, String, Signal, Option<Origin>)> = None;
+    let mut shortest: Option<(f64, String, Signal, Option<Origin>)> = None;
     let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
-        if found.as_ref().is_none_or(|f| duration < f.0) {
-            found = Some((duration, source, signal, origin));
+        if shortest.as_ref().is_none_or(|f| duration < f.0) {
+            shortest = Some((duration, source, signal, origin));
         }
     };
     if let Some(f) = frequency {
@@ -273,10 +272,10 @@ pub(super) fn spectrum(
                         duration,
                         format!("the pulse of load '{name}', {duration:.3e} s"),
                         Box::new(pulse),
-                        start(scene, s, l),
+                        load_origin(scene, s, l),
                     );
                 }
-                // A ramp is a step of rounded velocity: its derivative is a block of its length.
+                // The derivative of a ramp is a block of its length: the velocity rises gradually.
                 TimeShape::Ramp { duration } => {
                     offer(
                         2.0 * duration,
@@ -295,11 +294,11 @@ pub(super) fn spectrum(
                 duration,
                 format!("the initial wave, {duration:.3e} s long"),
                 signal,
-                origin_of(w, s),
+                wave_origin(w, s),
             );
         }
     }
-    let Some((duration, source, signal, origin)) = found else {
+    let Some((duration, source, signal, origin)) = shortest else {
         let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
                     highest one of interest, such as --frequency 2e5";
         return Err(Error::Key {
@@ -312,22 +311,22 @@ pub(super) fn spectrum(
     Ok(spectrum)
 }
 
-/// Where a load starts its waves, which run both ways.
-fn start(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
-    let at = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
+/// Returns the place of a load, from which waves run both ways.
+fn load_origin(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
+    let place = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
     Some(Origin {
-        at,
+        place,
         towards: [true, true],
         ahead: 0.0,
     })
 }
 
-/// Where a wave starts that exists already.
-fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
+/// Returns the place and direction of an initial wave.
+fn wave_origin(w: &Wave, s: &Scenario) -> Option<Origin> {
     let along = w.along.index() == s.axis && w.component.index() == s.axis;
     let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
     along.then_some(Origin {
-        at: (w.centre - s.border) * s.inward,
+        place: (w.centre - s.border) * s.inward,
         towards: [forwards, !forwards],
         ahead: 0.5 * w.width,
     })
@@ -335,13 +334,14 @@ fn origin_of(w: &Wave, s: &Scenario) -> Option<Origin> {
 
 type Signal = Box<dyn Fn(f64) -> f64>;
 
-/// Velocity behind a ramped front, over twice the ramp's time; it then stays.
+/// Velocity behind a ramped front over twice the time of the ramp; then it stays constant.
 fn ramp(t: f64) -> f64 {
     (2.0 * t).min(1.0) * if t < 0.75 { 1.0 } else { 4.0 * (1.0 - t) }
 }
 
-/// Discrete Fourier transform of a signal on [0, 1] stretched to `duration`, up to twenty over its duration.
+/// Fourier transform of a signal on [0, 1] stretched to `duration`, at frequencies up to 20/`duration`.
 fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: String) -> Spectrum {
+    // Two frequencies per inverse duration of the run, but at most 2000 in all.
     let step = (0.5 / end.max(duration)).max(20.0 / duration / 2000.0);
     let count = (20.0 / duration / step).ceil() as usize;
     let values: Vec<f64> = (0..SAMPLES)

@@ -1,23 +1,23 @@
-//! What follows from a sweep, in plain words and as a table of knobs.
+//! Conclusions of a sweep: in plain sentences, and as a table of how much each axis matters.
 
 use super::result::Run;
 use super::spec::{Mark, SweepFile};
 use std::collections::BTreeMap;
 
-/// What one axis does while all others stay.
+/// Effect of one axis on error and cost while all others stay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Knob {
-    /// Axis.
+    /// Name of the axis.
     pub axis: String,
-    /// Largest over smallest error, geometric mean over all groups of runs that differ in this axis only.
+    /// Largest over smallest error; geometric mean over all groups of runs that differ in this axis only.
     pub error_ratio: f64,
-    /// Largest over smallest time.
+    /// Largest over smallest time; mean as for the error.
     pub cost_ratio: f64,
     /// Value with the smallest error in most groups.
     pub best: String,
 }
 
-/// What the axes do, the one that moves the error most first.
+/// Returns the effect of each axis, the one with the largest effect on the error first.
 pub fn knobs(runs: &[Run]) -> Vec<Knob> {
     let swept: Vec<&Run> = runs.iter().filter(|r| r.swept && r.point().is_some()).collect();
     let mut axes: Vec<&String> = swept.iter().flat_map(|r| r.parameters.keys()).collect();
@@ -31,8 +31,8 @@ pub fn knobs(runs: &[Run]) -> Vec<Knob> {
 fn knob(axis: &str, runs: &[&Run]) -> Option<Knob> {
     let mut groups: BTreeMap<Vec<(&String, &String)>, Vec<&Run>> = BTreeMap::new();
     for r in runs {
-        let others = r.parameters.iter().filter(|(n, _)| *n != axis).collect();
-        groups.entry(others).or_default().push(r);
+        let other_values = r.parameters.iter().filter(|(n, _)| *n != axis).collect();
+        groups.entry(other_values).or_default().push(r);
     }
     let (mut sums, mut count) = ([0.0; 2], 0.0);
     let mut wins: BTreeMap<&String, usize> = BTreeMap::new();
@@ -44,6 +44,7 @@ fn knob(axis: &str, runs: &[&Run]) -> Option<Knob> {
         if !(spread(0).is_finite() && spread(1).is_finite()) {
             continue;
         }
+        // Sums of logarithms give geometric means. A point is [cost, error], the sums are [error, cost].
         sums = [sums[0] + spread(1), sums[1] + spread(0)];
         count += 1.0;
         let best = g.iter().min_by(|a, b| error(a).total_cmp(&error(b)));
@@ -72,13 +73,13 @@ fn coupled(r: &&Run) -> bool {
     r.mark.is_none() && r.point().is_some()
 }
 
-/// Cheapest of some runs within an error.
+/// Returns the cheapest of some runs whose error is at most `target`.
 fn cheapest<'a>(runs: impl Iterator<Item = &'a Run>, target: f64) -> Option<&'a Run> {
     runs.filter(|r| error(r) <= target)
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// Plain-language conclusion, one sentence or two per target.
+/// Returns the conclusion in plain sentences, one or two per target.
 pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     let mut out = Vec::new();
     let failed = runs.iter().filter(|r| r.status == "failed").count();
@@ -92,7 +93,7 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
             runs.len()
         ));
     }
-    out.extend(pays(runs));
+    out.extend(where_coupling_pays(runs));
     if runs.iter().filter(coupled).count() == 0 {
         let why = if file.reference.is_none() {
             "No errors: the sweep file names no [reference]."
@@ -112,8 +113,9 @@ pub fn words(runs: &[Run], file: &SweepFile) -> Vec<String> {
     out
 }
 
-/// For which errors a coupled run is cheaper than either model alone; none if no model was run alone.
-fn pays(runs: &[Run]) -> Option<String> {
+/// States for which errors a coupled run is cheaper than either model alone; `None` if no model was run
+/// alone.
+fn where_coupling_pays(runs: &[Run]) -> Option<String> {
     let alone = |mark: Mark| {
         runs.iter()
             .filter(move |r| r.mark == Some(mark) && r.cost.is_some())
@@ -122,7 +124,7 @@ fn pays(runs: &[Run]) -> Option<String> {
     let coarse = |e: f64| cheapest(alone(Mark::AllCoarse), e).map_or(f64::INFINITY, cost);
     let coupled_at = |e: f64| cheapest(runs.iter().filter(coupled), e).map_or(f64::INFINITY, cost);
     alone(Mark::AllFine).chain(alone(Mark::AllCoarse)).next()?;
-    // Nothing changes between two errors that some run has.
+    // Which run is cheapest can change only at an error that some run has.
     let mut errors: Vec<f64> = runs.iter().filter(|r| r.point().is_some()).map(error).collect();
     errors.sort_by(f64::total_cmp);
     let wins = |e: &f64| coupled_at(*e) < fine(*e).min(coarse(*e));
@@ -152,11 +154,11 @@ fn pays(runs: &[Run]) -> Option<String> {
     Some(format!("Coupling pays for errors {span}{gain}{beyond}."))
 }
 
-/// How far all-fine runs lie apart, if there are several.
+/// States how much all-fine runs differ from the reference, if there are any besides it.
 fn scatter(runs: &[Run]) -> Option<String> {
-    let others: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
-    let range = range(others.iter().filter_map(|r| r.error_judged), percent)?;
-    let labels: Vec<&str> = others.iter().map(|r| r.label.as_str()).collect();
+    let fine_runs: Vec<&Run> = runs.iter().filter(|r| other_fine(r)).collect();
+    let range = range(fine_runs.iter().filter_map(|r| r.error_judged), percent)?;
+    let labels: Vec<&str> = fine_runs.iter().map(|r| r.label.as_str()).collect();
     Some(format!(
         "All-fine runs differ among themselves: {} from the reference ({}). What a coupled run has less than that is not owed to its coupling.",
         range,
@@ -164,12 +166,12 @@ fn scatter(runs: &[Run]) -> Option<String> {
     ))
 }
 
-/// An all-fine run that is not the reference.
+/// Returns whether this is an all-fine run other than the reference.
 fn other_fine(r: &Run) -> bool {
     r.mark == Some(Mark::AllFine) && r.error_judged.is_some_and(|e| e > 0.0)
 }
 
-/// Smallest to largest, in words; none of nothing.
+/// Returns smallest and largest value in words; `None` without values.
 fn range(values: impl Iterator<Item = f64>, words: impl Fn(f64) -> String) -> Option<String> {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
         (a.min(x), b.max(x))
@@ -178,24 +180,27 @@ fn range(values: impl Iterator<Item = f64>, words: impl Fn(f64) -> String) -> Op
     (low <= high).then(|| if a == b { a } else { format!("{a} to {b}") })
 }
 
-/// A deviation with its sign.
+/// Formats a deviation with its sign.
 pub fn signed(x: f64) -> String {
     let sign = if x < 0.0 { "−" } else { "+" };
     format!("{sign}{}", percent(x.abs()))
 }
 
-/// What a scalar of the sweep says of coupled, all-fine and all-coarse runs.
+/// States the deviations of a scalar in coupled, all-fine and all-coarse runs from the reference.
 fn scalar(runs: &[Run], name: &str) -> String {
-    let of = |keep: &dyn Fn(&Run) -> bool| {
-        let kept = || runs.iter().filter(|r| r.status == "complete" && keep(r));
-        let all = kept().filter_map(|r| r.measures.get(name)?.deviation);
-        let (some, found) = (kept().next().is_some(), range(all, signed));
-        found.or(some.then(|| "none at all".to_owned()))
+    let deviations = |keep: &dyn Fn(&Run) -> bool| {
+        let complete = || runs.iter().filter(|r| r.status == "complete" && keep(r));
+        let values = complete().filter_map(|r| r.measures.get(name)?.deviation);
+        let (some, span) = (complete().next().is_some(), range(values, signed));
+        span.or(some.then(|| "none at all".to_owned()))
     };
     let groups = [
-        ("coupled runs", of(&|r| r.mark.is_none())),
-        ("other all-fine runs", of(&other_fine)),
-        ("all-coarse runs", of(&|r| r.mark == Some(Mark::AllCoarse))),
+        ("coupled runs", deviations(&|r| r.mark.is_none())),
+        ("other all-fine runs", deviations(&other_fine)),
+        (
+            "all-coarse runs",
+            deviations(&|r| r.mark == Some(Mark::AllCoarse)),
+        ),
     ];
     let parts: Vec<String> = groups
         .into_iter()
@@ -243,6 +248,7 @@ fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {
     }
     if let Some(n) = next {
         match cheapest(runs.iter().filter(coupled), n) {
+            // Costs within half a per cent count as equal.
             Some(r) if cost(r) > 1.005 * cost(best) => {
                 text += &format!(
                     "; going to {} costs {:.2} times more",
@@ -280,7 +286,7 @@ fn target(runs: &[Run], target: f64, next: Option<f64>) -> String {
     text
 }
 
-/// A ratio as a comparison.
+/// Formats a ratio of costs as a comparison.
 fn times(ratio: f64) -> String {
     if ratio >= 1.0 {
         format!("{ratio:.1} times cheaper")
@@ -289,7 +295,7 @@ fn times(ratio: f64) -> String {
     }
 }
 
-/// An error with two digits.
+/// Formats an error with two digits.
 pub fn percent(x: f64) -> String {
     let p = 100.0 * x;
     match p {
@@ -302,7 +308,7 @@ pub fn percent(x: f64) -> String {
     }
 }
 
-/// A time with three digits.
+/// Formats a time with three digits.
 pub fn seconds(x: f64) -> String {
     let (factor, unit) = match x {
         x if x >= 0.1 => (1.0, "s"),

@@ -1,4 +1,4 @@
-//! Curves over time: reading probes, references, errors, and what comes back through a probe.
+//! Curves over time: reading probes and references, errors, and the energy reflected past a probe.
 
 use super::spec::{CurveTable, Reflected, Window};
 use crate::error::{Error, Result, key, unknown};
@@ -7,15 +7,15 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Most points at which two curves are compared.
+/// Largest number of points at which two curves are compared.
 const MOST_POINTS: usize = 200_000;
 
-/// A probe over time.
+/// Values of a probe over time.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// What it shows.
+    /// Quantity of the probe.
     pub quantity: Quantity,
-    /// Times \[s\], rising.
+    /// Times \[s\], increasing.
     pub times: Vec<f64>,
     /// Values.
     pub values: Vec<f64>,
@@ -102,14 +102,14 @@ pub enum Curve {
 }
 
 impl Curve {
-    /// Prepares a table of the sweep file.
+    /// Reads or checks a reference curve of the sweep file; `place` is its key in errors.
     pub fn new(place: &str, from: &CurveTable, folder: &Path) -> Result<Self> {
         let positive = |name: &str, x: f64| {
             if x.is_finite() && x > 0.0 {
                 return Ok(());
             }
-            let at = format!("{place}.{name}");
-            Err(crate::error::value(at, x, "must be positive"))
+            let field = format!("{place}.{name}");
+            Err(crate::error::value(field, x, "must be positive"))
         };
         match from {
             CurveTable::Csv { file, time, value } => {
@@ -144,7 +144,7 @@ impl Curve {
         }
     }
 
-    /// Times it covers.
+    /// First and last time of the curve \[s\]; infinite for a formula.
     fn span(&self) -> (f64, f64) {
         match self {
             Self::Samples(s) => s.span(),
@@ -159,9 +159,9 @@ impl Curve {
         }
     }
 
-    fn at(&self, t: f64, quantity: Quantity, hint: &mut usize) -> f64 {
+    fn value_at(&self, t: f64, quantity: Quantity, hint: &mut usize) -> f64 {
         match self {
-            Self::Samples(s) => s.at(t, hint),
+            Self::Samples(s) => s.value_at(t, hint),
             Self::Formula(f) => formula(f, t, quantity),
         }
     }
@@ -175,9 +175,9 @@ impl Series {
         )
     }
 
-    /// Value between the samples by cubic Hermite interpolation with slopes from the neighbours; `hint` is
-    /// the interval found last.
-    fn at(&self, t: f64, hint: &mut usize) -> f64 {
+    /// Interpolates between the samples by a cubic Hermite polynomial with slopes from the neighbours. `hint`
+    /// is the interval of the last call.
+    fn value_at(&self, t: f64, hint: &mut usize) -> f64 {
         let (x, y) = (&self.times, &self.values);
         let last = x.len() - 1;
         if last == 0 {
@@ -191,6 +191,7 @@ impl Series {
         }
         let k = *hint;
         let h = x[k + 1] - x[k];
+        // Central differences, one-sided at both ends.
         let slope = |i: usize| {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
             (y[b] - y[a]) / (x[b] - x[a])
@@ -225,7 +226,8 @@ fn formula(f: &CurveTable, t: f64, quantity: Quantity) -> f64 {
             speed,
             particle_speed,
         } => {
-            // Each front runs down the bar, turns its sign at the clamp and keeps it at the free end.
+            // Each front travels along the bar; reflection changes its sign at the clamp and keeps it at the
+            // free end.
             let mut sum = 0.0;
             let mut sign = 1.0;
             let mut n = 1.0;
@@ -252,15 +254,17 @@ fn formula(f: &CurveTable, t: f64, quantity: Quantity) -> f64 {
 /// Relative errors of a run.
 #[derive(Debug, Clone, Default, serde::Serialize)]
 pub struct Errors {
-    /// Of all displacement probes together \[–\]; none without one, or if the reference rests.
+    /// Error of all displacement probes together \[–\]; `None` without such a probe, or if the reference is
+    /// zero.
     pub displacement: Option<f64>,
-    /// Of all velocity probes together \[–\].
+    /// Error of all velocity probes together \[–\]; `None` as for displacements.
     pub velocity: Option<f64>,
-    /// Of each probe \[–\].
+    /// Error of each probe \[–\].
     pub probes: BTreeMap<String, f64>,
 }
 
-/// Squares of the difference and of the reference, integrated over the common times; none if these are empty.
+/// Integrals of the squared difference and of the squared reference over the common times; `None` if there
+/// are no common times.
 fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> {
     let ((a0, a1), (b0, b1)) = (a.span(), b.span());
     let low = a0.max(b0).max(window[0].unwrap_or(f64::NEG_INFINITY));
@@ -268,20 +272,22 @@ fn squares(a: &Series, b: &Curve, window: [Option<f64>; 2]) -> Option<[f64; 2]> 
     if a.times.len() < 2 || high <= low {
         return None;
     }
+    // Midpoint sums with at least 64 points, and as many as the finer curve has.
     let n = a.times.len().max(b.points()).clamp(64, MOST_POINTS);
     let step = (high - low) / n as f64;
     let (mut i, mut j) = (0, 0);
     let mut sums = [0.0; 2];
     for k in 0..n {
         let t = low + (k as f64 + 0.5) * step;
-        let (x, y) = (a.at(t, &mut i), b.at(t, a.quantity, &mut j));
+        let (x, y) = (a.value_at(t, &mut i), b.value_at(t, a.quantity, &mut j));
         sums[0] += (x - y) * (x - y) * step;
         sums[1] += y * y * step;
     }
     Some(sums)
 }
 
-/// Relative L2 errors over time: `√(∫(u − u_ref)² dt / ∫u_ref² dt)`, per probe and over all of a kind.
+/// Relative L2 errors over time, `√(∫(u − u_ref)² dt / ∫u_ref² dt)`, per probe and over all probes of one
+/// quantity.
 pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: &Window) -> Errors {
     let mut out = Errors::default();
     let mut sums = [[0.0; 2]; 2];
@@ -289,16 +295,16 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
         if window.probes.as_ref().is_some_and(|p| !p.contains(name)) {
             continue;
         }
-        let found = reference.get(name);
-        let Some(s) = found.and_then(|r| squares(series, r, [window.from, window.to])) else {
+        let curve = reference.get(name);
+        let Some(s) = curve.and_then(|r| squares(series, r, [window.from, window.to])) else {
             continue;
         };
         if s[1] > 0.0 {
             out.probes.insert(name.clone(), (s[0] / s[1]).sqrt());
         }
-        let of_kind = &mut sums[usize::from(series.quantity == Quantity::Velocity)];
-        of_kind[0] += s[0];
-        of_kind[1] += s[1];
+        let kind_sums = &mut sums[usize::from(series.quantity == Quantity::Velocity)];
+        kind_sums[0] += s[0];
+        kind_sums[1] += s[1];
     }
     let total = |s: [f64; 2]| (s[1] > 0.0).then(|| (s[0] / s[1]).sqrt());
     out.displacement = total(sums[0]);
@@ -306,20 +312,21 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
     out
 }
 
-/// Energy that comes back through a probe over energy that went in: `∫v² dt` after a time over that before
-/// it, since a travelling wave carries `ρ c S v²`. Displacement probes are differentiated. None without the
-/// probe or the time.
+/// Ratio of `∫v² dt` after the time `after` to `∫v² dt` before it: reflected over incident energy, since a
+/// travelling wave carries `ρ c S v²`. Displacement probes are differentiated. `None` if the probe is missing
+/// or the run ends before `after`.
 pub(super) fn reflected(run: &Probes, reference: &BTreeMap<String, Curve>, table: &Reflected) -> Option<f64> {
     let series = run.get(&table.probe)?;
     let curve = reference.get(&table.probe);
     let until = table.until.unwrap_or(f64::INFINITY);
     let (mut i, mut sums) = (0, [0.0; 2]);
     let taken = |t: f64, i: &mut usize| match curve {
-        Some(c) if table.minus_reference => c.at(t, series.quantity, i),
+        Some(c) if table.minus_reference => c.value_at(t, series.quantity, i),
         _ => 0.0,
     };
     for (t, v) in series.times.windows(2).zip(series.values.windows(2)) {
         let (dt, middle) = (t[1] - t[0], 0.5 * (t[0] + t[1]));
+        // The middle of an interval decides on which side of `after` it counts.
         let back = middle > table.after;
         if middle > until {
             break;
@@ -354,7 +361,7 @@ mod tests {
     fn a_shifted_sine_has_the_error_of_its_phase() {
         let wave = |phase: f64| move |t: f64| (2.0 * PI * (4.0 * t) + phase).sin();
         let run: Probes = [("p".to_owned(), series(Quantity::Velocity, 700, wave(0.02)))].into();
-        // Times of the two have nothing in common.
+        // The two curves have no sample times in common.
         let reference = [(
             "p".to_owned(),
             Curve::Samples(series(Quantity::Velocity, 911, wave(0.0))),
@@ -426,7 +433,8 @@ mod tests {
         assert!(reflected(&run, &BTreeMap::new(), &table).is_none());
     }
 
-    /// Twice the reference is an error of one, half of it one half: the reference is what is divided by.
+    /// Twice the reference has an error of one, and half the reference one half: errors are relative to the
+    /// reference.
     #[test]
     fn an_error_is_relative_to_the_reference() {
         let wave = |t: f64| (2.0 * PI * t).sin();
@@ -452,8 +460,8 @@ mod tests {
         }
     }
 
-    /// A run that is right until 0.4 s, off by one from then to 0.7 s, and right again: what lies outside
-    /// of the window does not count, nor does a probe that is not named.
+    /// A run that is right until 0.4 s, off by one until 0.7 s, and right again. Times outside of the window
+    /// and probes that it does not name do not count.
     #[test]
     fn only_the_window_and_its_probes_count() {
         let off = |t: f64| if (0.4..0.7).contains(&t) { 2.0 } else { 1.0 };

@@ -1,4 +1,4 @@
-//! What a folder keeps of finished runs, and when one of them may be taken again.
+//! Finished runs in the folder of a sweep, and when one may be reused.
 
 use super::plan::Member;
 use super::spec::SweepFile;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// What decides whether a finished run may be taken again.
+/// Everything that must be unchanged for a finished run to be reused.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Identity {
     scene: String,
@@ -36,7 +36,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// The runs of the sweep whose results go to `out`.
+    /// Uses the folder `out` of a sweep's results.
     pub(super) fn new(out: &Path, file: &SweepFile) -> Self {
         Self {
             folder: out.join("runs"),
@@ -45,12 +45,13 @@ impl Kept {
         }
     }
 
-    /// Summary of a run that an earlier call finished, if nothing it depends on has changed; with the least
-    /// times.
+    /// Returns the summary of a run that an earlier call finished, with its shortest wall times, if nothing
+    /// has changed that the run depends on.
     pub(super) fn finished(&self, m: &Member) -> Option<Value> {
         let folder = self.folder.join(&m.label);
         let record: Record = read(&folder.join("member.json"))?;
         let mut summary: Value = read(&folder.join("summary.json"))?;
+        // Times of more repetitions than asked for are good enough.
         let good = record.identity == self.identity(m)
             && record.repeat >= self.repeat
             && summary.get("status")? == "complete";
@@ -58,7 +59,7 @@ impl Kept {
         good.then_some(summary)
     }
 
-    /// Makes a run as often as asked for; its summary, or how it ended instead.
+    /// Makes a run `repeat` times. Returns its summary with the shortest times, or how it ended instead.
     pub(super) fn run(&self, m: &Member, runner: &dyn Runner) -> Result<Result<Value, Outcome>> {
         let target = self.folder.join(&m.label);
         let mut best: Option<Value> = None;
@@ -83,7 +84,7 @@ impl Kept {
             repeat: self.repeat,
             wall_seconds: best.unwrap_or_default(),
         };
-        // Whole or not at all: its presence says that the run is finished.
+        // Renaming creates the file at once, because its presence marks the run as finished.
         let (path, aside) = (target.join("member.json"), target.join(".member.json"));
         put(&aside, &record)?;
         std::fs::rename(&aside, &path).map_err(write(&path))?;
@@ -107,7 +108,7 @@ impl Kept {
     }
 }
 
-/// Reads JSON; none if that fails.
+/// Reads JSON; `None` on any failure.
 pub(super) fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
 }
@@ -118,7 +119,7 @@ pub(super) fn put(path: &Path, what: &impl Serialize) -> Result<()> {
     std::fs::write(path, text).map_err(write(path))
 }
 
-/// FNV-1a of a text, 16 hexadecimal digits: finds changes, guards against nobody.
+/// FNV-1a hash of a text in 16 hexadecimal digits. It detects changes; it is not cryptographic.
 fn hash(text: &str) -> String {
     let step = |h: u64, b: u8| (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3);
     format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))

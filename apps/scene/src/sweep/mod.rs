@@ -1,6 +1,7 @@
-//! A sweep: one scene with many settings, each held against a reference; what accuracy costs in time.
+//! A sweep: one scene with many settings, each compared with a reference, to learn what accuracy costs in
+//! time.
 //!
-//! How a run is made is the caller's: a [`Runner`] makes one, so that each may have a process of its own.
+//! The caller provides a [`Runner`] that makes one run, for instance in a process of its own.
 
 pub mod conclude;
 mod curve;
@@ -25,29 +26,29 @@ use std::path::Path;
 
 /// Makes the runs of a sweep.
 pub trait Runner {
-    /// Makes a run, whose results go to `folder`.
+    /// Makes one run and writes its results to `folder`.
     ///
     /// # Errors
-    /// Failures of the caller; those of the run are an [`Outcome`].
+    /// Failures of the runner itself; a failed run is an [`Outcome`].
     fn run(&self, member: &Member, folder: &Path) -> Result<Outcome>;
-    /// Whether the user has ended the sweep.
+    /// Returns whether the user has stopped the sweep.
     fn stopped(&self) -> bool {
         false
     }
 }
 
-/// What came of a run.
+/// How a run ended.
 #[derive(Debug, Clone)]
 pub enum Outcome {
-    /// It has written its `summary.json`.
+    /// The run has written its `summary.json`.
     Complete,
-    /// Its words.
+    /// The run failed with this message.
     Failed(String),
-    /// By its user.
+    /// The user interrupted the run.
     Interrupted,
 }
 
-/// A sweep whose input is sound.
+/// A sweep whose file, scenes and reference curves have been checked.
 #[derive(Debug)]
 pub struct PlannedSweep {
     file: SweepFile,
@@ -58,7 +59,7 @@ pub struct PlannedSweep {
 /// Reads a sweep file.
 ///
 /// # Errors
-/// Text that is no sweep.
+/// A text that is not a sweep file.
 pub fn read(source: &Source) -> Result<SweepFile> {
     toml::from_str(&source.text).map_err(|e: toml::de::Error| Error::Syntax {
         message: e.message().to_owned(),
@@ -67,10 +68,10 @@ pub fn read(source: &Source) -> Result<SweepFile> {
 }
 
 impl PlannedSweep {
-    /// Plans the runs and reads the reference curves; all mistakes of the input show here.
+    /// Plans the runs and reads the reference curves, so that all mistakes in the input are found here.
     ///
     /// # Errors
-    /// What is wrong with the sweep or with the scene of a run.
+    /// A mistake in the sweep file or in the scene of a run.
     pub fn new(source: &Source) -> Result<Self> {
         let file = read(source)?;
         let members = plan::members(&file, &source.folder)?;
@@ -97,38 +98,38 @@ impl PlannedSweep {
         &self.file
     }
 
-    /// Label of the first run that is not finished in a folder.
+    /// Returns the label of the first run without finished results in a folder.
     pub fn unfinished(&self, out: &Path) -> Option<&str> {
-        let kept = Kept::new(out, &self.file);
-        let mut missing = self.members.iter().filter(|m| kept.finished(m).is_none());
+        let store = Kept::new(out, &self.file);
+        let mut missing = self.members.iter().filter(|m| store.finished(m).is_none());
         missing.next().map(|m| m.label.as_str())
     }
 
-    /// Makes the runs into a folder, those that are finished there only with `fresh`, and draws the
-    /// conclusion.
+    /// Makes the runs in a folder and draws the conclusion. Finished runs there are reused unless `fresh` is
+    /// set.
     ///
     /// # Errors
-    /// What cannot be read or written; failed runs are part of the result.
+    /// Files that cannot be read or written; failed runs are part of the result.
     pub fn make(self, out: &Path, fresh: bool, runner: &dyn Runner, progress: Progress<'_>) -> Result<Sweep> {
-        let kept = Kept::new(out, &self.file);
-        std::fs::create_dir_all(&kept.folder).map_err(write(&kept.folder))?;
+        let store = Kept::new(out, &self.file);
+        std::fs::create_dir_all(&store.folder).map_err(write(&store.folder))?;
         let mut runs: Vec<Run> = self.members.iter().map(Run::planned).collect();
         for (k, (m, r)) in self.members.iter().zip(&mut runs).enumerate() {
             if runner.stopped() {
                 break;
             }
             progress(&m.label, k, self.members.len());
-            let known = if fresh { None } else { kept.finished(m) };
+            let known = if fresh { None } else { store.finished(m) };
             r.reused = known.is_some();
-            let made = match known {
+            let outcome = match known {
                 Some(summary) => Ok(summary),
-                None => kept.run(m, runner)?,
+                None => store.run(m, runner)?,
             };
-            match made {
+            match outcome {
                 Ok(summary) => {
                     r.take(&summary, m, &self.file);
                     if self.file.suggest && m.swept {
-                        r.predicted = Some(predicted(&kept.folder.join(&m.label), m, r.reused)?);
+                        r.predicted = Some(predicted(&store.folder.join(&m.label), m, r.reused)?);
                     }
                 }
                 Err(Outcome::Failed(words)) => {
@@ -138,15 +139,15 @@ impl PlannedSweep {
                 Err(_) => break,
             }
         }
-        self.conclude(runs, &kept, runner.stopped())
+        self.conclude(runs, &store, runner.stopped())
     }
 
-    /// Holds the runs against the reference.
-    fn conclude(self, mut runs: Vec<Run>, kept: &Kept, interrupted: bool) -> Result<Sweep> {
+    /// Compares the runs with the reference and draws the conclusion.
+    fn conclude(self, mut runs: Vec<Run>, store: &Kept, interrupted: bool) -> Result<Sweep> {
         let Self { file, mut curves, .. } = self;
-        let probes = |label: &str| curve::probes(&kept.folder.join(label).join("probes.csv"));
+        let probes = |label: &str| curve::probes(&store.folder.join(label).join("probes.csv"));
         if let Some(Reference::Run(_)) = &file.reference {
-            // It was put first, and is missing only if it failed or was not reached.
+            // `reference_first` put the reference first; it has no result if it failed or was not reached.
             if runs[0].status == "complete" {
                 let reference = probes(&runs[0].label)?;
                 curves = reference
@@ -170,14 +171,14 @@ impl PlannedSweep {
     }
 }
 
-/// What `suggest` predicts of a finished run, kept beside its results: its times are those of this machine
-/// at that hour.
+/// Returns what `suggest` predicts for a finished run. The prediction is stored beside the results, because
+/// its times depend on the machine and its load.
 fn predicted(folder: &Path, m: &Member, reused: bool) -> Result<Prediction> {
     let path = folder.join("predicted.json");
     if let Some(known) = kept::read(&path).filter(|_| reused) {
         return Ok(known);
     }
-    let found = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
-    kept::put(&path, &found)?;
-    Ok(found)
+    let prediction = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
+    kept::put(&path, &prediction)?;
+    Ok(prediction)
 }

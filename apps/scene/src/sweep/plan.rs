@@ -1,4 +1,4 @@
-//! From the sweep file to the list of its runs.
+//! Turns a sweep file into the list of its runs.
 
 use super::spec::{Axis, Design, Mark, Reference, SweepFile};
 use crate::error::{Result, key, unknown, value};
@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 /// One run of a sweep.
 #[derive(Debug, Clone)]
 pub struct Member {
-    /// Name, also of its folder.
+    /// Name of the run and of its folder.
     pub label: String,
-    /// All-fine or all-coarse, if it is.
+    /// Mark of an all-fine or all-coarse run.
     pub mark: Option<Mark>,
-    /// Whether it is one of the varied runs.
+    /// True for a run along the axes, false for a named run.
     pub swept: bool,
     /// Values by axis, as text.
     pub parameters: BTreeMap<String, String>,
@@ -21,9 +21,9 @@ pub struct Member {
     pub scene: PathBuf,
     /// Texts of the scene and of the meshes it reads.
     pub text: String,
-    /// Assignments, those of the sweep itself last.
+    /// Assignments; those of the sweep itself come last.
     pub set: Vec<String>,
-    /// Roles of the models: fine, coarse or none.
+    /// Role of each model: fine, coarse or none.
     pub roles: BTreeMap<String, Option<&'static str>>,
 }
 
@@ -34,10 +34,10 @@ struct Choice {
     set: Vec<String>,
 }
 
-/// An axis, its chosen value, and whether that is another than the base value.
+/// An axis, its chosen value, and true if this is not the base value.
 type Picked<'a> = (&'a String, &'a Choice, bool);
 
-/// All runs of a sweep, the reference first, then named runs, then the varied ones.
+/// Returns all runs of a sweep: the reference first, then named runs, then those along the axes.
 pub(super) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     check(file)?;
     let axes: Vec<(&String, Vec<Choice>, usize)> = file
@@ -58,7 +58,7 @@ pub(super) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
             .map(|((n, c, base), k)| (*n, &c[*k], k != base))
             .collect();
         if file.design == Design::OneAtATime {
-            // What is varied comes last, so that the base values of other axes do not undo it.
+            // The varied axis comes last, so that base values of other axes do not overwrite its assignments.
             chosen.sort_by_key(|c| c.2);
         }
         let label: Vec<String> = chosen
@@ -83,7 +83,7 @@ pub(super) fn members(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     Ok(out)
 }
 
-/// The runs beside the varied ones.
+/// Returns the named runs.
 fn named_runs(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     let mut out = Vec::new();
     for (name, run) in &file.run {
@@ -198,18 +198,19 @@ fn choices(name: &str, axis: &Axis) -> Result<Vec<Choice>> {
 
 fn base(name: &str, axis: &Axis, choices: &[Choice]) -> Result<usize> {
     let Some(wanted) = &axis.base else { return Ok(0) };
-    let wanted = plain(wanted);
-    let found = choices.iter().position(|c| c.name == wanted);
+    let wanted = value_text(wanted);
+    let index = choices.iter().position(|c| c.name == wanted);
     let names: Vec<String> = choices.iter().map(|c| c.name.clone()).collect();
-    found.ok_or_else(|| unknown(format!("axis.{name}.base"), &wanted, "value", names.iter()))
+    index.ok_or_else(|| unknown(format!("axis.{name}.base"), &wanted, "value", names.iter()))
 }
 
-/// A value as it stands in labels and assignments.
-fn plain(v: &toml::Value) -> String {
+/// Formats a value for labels and assignments.
+fn value_text(v: &toml::Value) -> String {
     match v {
         toml::Value::String(s) => s.clone(),
         toml::Value::Float(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => format!("{x:e}"),
-        toml::Value::Array(a) => a.first().map(plain).unwrap_or_default(),
+        // A list is named after its first entry.
+        toml::Value::Array(a) => a.first().map(value_text).unwrap_or_default(),
         toml::Value::Float(x) => x.to_string(),
         toml::Value::Integer(n) => n.to_string(),
         toml::Value::Boolean(b) => b.to_string(),
@@ -217,13 +218,13 @@ fn plain(v: &toml::Value) -> String {
     }
 }
 
-/// Name of a value and the assignments with the value put in.
+/// Returns the name of a value, and the assignments with the value filled in.
 fn fill(place: &str, v: &toml::Value, templates: &[String]) -> Result<(String, Vec<String>)> {
     let parts: Vec<String> = match v {
-        toml::Value::Array(a) => a.iter().map(plain).collect(),
-        other => vec![plain(other)],
+        toml::Value::Array(a) => a.iter().map(value_text).collect(),
+        other => vec![value_text(other)],
     };
-    let name = plain(v);
+    let name = value_text(v);
     if name.is_empty() {
         return Err(key(place, "is empty; give a number, a word or a list of them"));
     }
@@ -257,23 +258,23 @@ fn fill(place: &str, v: &toml::Value, templates: &[String]) -> Result<(String, V
 fn combinations(design: Design, axes: &[(&String, Vec<Choice>, usize)]) -> Vec<Vec<usize>> {
     let base: Vec<usize> = axes.iter().map(|a| a.2).collect();
     match design {
-        Design::Product => axes.iter().fold(vec![Vec::new()], |all, (_, choices, _)| {
+        Design::Product => axes.iter().fold(vec![Vec::new()], |heads, (_, choices, _)| {
             let with = |head: &Vec<usize>| {
                 let longer = |k| head.iter().copied().chain([k]).collect::<Vec<_>>();
                 (0..choices.len()).map(longer).collect::<Vec<_>>()
             };
-            all.iter().flat_map(with).collect()
+            heads.iter().flat_map(with).collect()
         }),
         Design::OneAtATime => {
-            let mut all = vec![base.clone()];
-            for (a, (_, choices, own)) in axes.iter().enumerate() {
-                for k in (0..choices.len()).filter(|k| k != own) {
+            let mut runs = vec![base.clone()];
+            for (a, (_, choices, base_choice)) in axes.iter().enumerate() {
+                for k in (0..choices.len()).filter(|k| k != base_choice) {
                     let mut picked = base.clone();
                     picked[a] = k;
-                    all.push(picked);
+                    runs.push(picked);
                 }
             }
-            all
+            runs
         }
     }
 }
@@ -290,8 +291,7 @@ fn member(
     let read = Scene::of(source).and_then(|s| s.assign(&set)).map_err(named)?;
     let files = read.files();
     let (source, read) = (read.source(), read.spec());
-    // Pictures and frames of a sweep would only cost time and space; a scene that says otherwise by --set
-    // keeps them.
+    // Plots and frames would only cost time and space. A scene whose `--set` asks for them keeps them.
     let quiet = |set: &mut Vec<String>, name: &str, text: String| {
         if !set.iter().any(|s| s.starts_with(name)) {
             set.push(text);
@@ -299,6 +299,7 @@ fn member(
     };
     quiet(&mut set, "output.plots", "output.plots=false".into());
     if read.output.interval.is_some() {
+        // Frames farther apart than the run is long.
         let end = read.time.end.unwrap_or(1.0).abs() * 1e3 + 1.0;
         quiet(&mut set, "output.interval", format!("output.interval={end:e}"));
     } else {
@@ -325,15 +326,15 @@ fn member(
     })
 }
 
-/// A label without signs that file systems dislike.
+/// Replaces characters that file systems reject.
 fn folder_name(label: &str) -> String {
     let good = |c: char| c.is_alphanumeric() || "=,.+-_".contains(c);
     label.chars().map(|c| if good(c) { c } else { '_' }).collect()
 }
 
-fn check_labels(all: &[Member]) -> Result<()> {
+fn check_labels(members: &[Member]) -> Result<()> {
     let mut seen = BTreeSet::new();
-    match all.iter().find(|m| !seen.insert(&m.label)) {
+    match members.iter().find(|m| !seen.insert(&m.label)) {
         Some(m) => Err(key(
             "axis",
             format!(
@@ -345,16 +346,16 @@ fn check_labels(all: &[Member]) -> Result<()> {
     }
 }
 
-/// Names the reference run and puts it first, so that an unfinished sweep has errors too.
-fn reference_first(file: &SweepFile, all: &mut [Member]) -> Result<()> {
+/// Moves the reference run to the front, so that a sweep that is interrupted has errors too.
+fn reference_first(file: &SweepFile, members: &mut [Member]) -> Result<()> {
     let Some(Reference::Run(name)) = &file.reference else {
         return Ok(());
     };
     let name = folder_name(name);
-    let Some(k) = all.iter().position(|m| m.label == name) else {
-        let labels: Vec<String> = all.iter().map(|m| m.label.clone()).collect();
+    let Some(k) = members.iter().position(|m| m.label == name) else {
+        let labels: Vec<String> = members.iter().map(|m| m.label.clone()).collect();
         return Err(unknown("reference.run", &name, "run", labels.iter()));
     };
-    all[..=k].rotate_right(1);
+    members[..=k].rotate_right(1);
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! What is known of every run, and what follows from all of them.
+//! Results of the runs of a sweep, and their comparison.
 
 use super::conclude;
 use super::curve::{self, Curve, Errors, Probes};
@@ -15,23 +15,23 @@ use std::path::Path;
 /// One entry of `runs` in `sweep.json`.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Run {
-    /// Name, also of its folder in `runs/`.
+    /// Name of the run and of its folder in `runs/`.
     pub label: String,
     /// All-fine, all-coarse, or neither.
     pub mark: Option<Mark>,
-    /// Whether it is one of the varied runs.
+    /// True for a run along the axes.
     pub swept: bool,
     /// "complete", "failed" or "missing".
     pub status: &'static str,
-    /// Whether it was taken from an earlier call.
+    /// True if the result of an earlier call was reused.
     pub reused: bool,
-    /// What went wrong.
+    /// Error of a failed run.
     pub error: Option<String>,
     /// Values by axis, as text.
     pub parameters: BTreeMap<String, String>,
     /// Assignments.
     pub set: Vec<String>,
-    /// Unknowns of all models.
+    /// Number of unknowns of all models.
     pub unknowns: Option<u64>,
     /// Steps made.
     pub steps: Option<u64>,
@@ -39,40 +39,40 @@ pub struct Run {
     pub dt: Option<f64>,
     /// Wall time.
     pub seconds: Seconds,
-    /// Peak of the process's memory, where the system tells.
+    /// Peak memory of the process \[bytes\], if the system reports it.
     pub peak_bytes: Option<u64>,
     /// Relative errors.
     pub errors: Errors,
-    /// The error that decides \[–\].
+    /// Error by which runs are compared \[–\].
     pub error_judged: Option<f64>,
-    /// The time that decides \[s\].
+    /// Time by which runs are compared \[s\].
     pub cost: Option<f64>,
-    /// Energy that came back over energy that went in \[–\].
+    /// Reflected over incident energy \[–\].
     pub reflected_energy: BTreeMap<String, f64>,
     /// Scalars of the sweep file by name.
     pub measures: BTreeMap<String, Measured>,
-    /// What `suggest` predicted.
+    /// Prediction of `suggest`.
     pub predicted: Option<Prediction>,
-    /// Largest unexplained drift of the invariant \[–\].
+    /// Largest drift of the discrete invariant, relative to the energy in play \[–\].
     pub h_drift: Option<f64>,
     /// Largest condition number of the interfaces.
     pub condition: Option<f64>,
-    /// Whether no other run is both faster and more accurate.
+    /// True if no other run is both faster and more accurate.
     pub pareto: bool,
 }
 
 /// A scalar of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Measured {
-    /// Its value, in the unit of the sweep file; none if the run has no such number.
+    /// Value in the unit of the sweep file; `None` if the run has no such number.
     pub value: Option<f64>,
-    /// Relative deviation from the reference run's \[–\].
+    /// Relative deviation from the value of the reference run \[–\].
     pub deviation: Option<f64>,
 }
 
-/// The number a measure asks for.
+/// Returns the number that a measure names.
 fn measured(summary: &Value, m: &Measure) -> Option<f64> {
-    let found = match (&m.pointer, &m.fact) {
+    let number = match (&m.pointer, &m.fact) {
         (Some(p), _) => summary.pointer(p).and_then(Value::as_f64),
         (_, Some(f)) => {
             let effects = summary["effect_ledger"].as_array().into_iter().flatten();
@@ -82,7 +82,7 @@ fn measured(summary: &Value, m: &Measure) -> Option<f64> {
         }
         _ => None,
     };
-    found.map(|x| x * m.factor)
+    number.map(|x| x * m.factor)
 }
 
 /// Wall times of a run \[s\].
@@ -90,7 +90,7 @@ fn measured(summary: &Value, m: &Measure) -> Option<f64> {
 pub struct Seconds {
     /// Reading, meshing, factoring.
     pub setup: Option<f64>,
-    /// Steps.
+    /// All steps.
     pub stepping: Option<f64>,
     /// Probes, frames.
     pub output: Option<f64>,
@@ -99,7 +99,7 @@ pub struct Seconds {
 }
 
 impl Run {
-    /// What is known before the run.
+    /// Creates the entry of a run that has not been made.
     pub fn planned(m: &Member) -> Self {
         Self {
             label: m.label.clone(),
@@ -112,7 +112,7 @@ impl Run {
         }
     }
 
-    /// Takes what its summary says.
+    /// Takes the results from the summary of the run.
     pub fn take(&mut self, summary: &Value, m: &Member, file: &SweepFile) {
         let scalar = |(name, m): (&String, &Measure)| {
             let value = measured(summary, m);
@@ -145,7 +145,7 @@ impl Run {
         }
     }
 
-    /// Takes errors and what comes back.
+    /// Computes errors, reflected energies and cost.
     pub fn compare(&mut self, probes: &Probes, reference: &BTreeMap<String, Curve>, file: &SweepFile) {
         self.errors = curve::errors(probes, reference, &file.errors);
         let back = |(name, t): (&String, _)| Some((name.clone(), curve::reflected(probes, reference, t)?));
@@ -158,7 +158,7 @@ impl Run {
         self.error_judged = match file.judge {
             Judge::Displacement => displacement,
             Judge::Velocity => velocity,
-            // The larger of what there is: `None` is below every number.
+            // The larger of the known errors.
             Judge::Both => [displacement, velocity].into_iter().flatten().reduce(f64::max),
         };
         self.cost = match (file.cost, self.seconds.setup, self.seconds.stepping) {
@@ -168,7 +168,7 @@ impl Run {
         };
     }
 
-    /// Time and error, if both are known.
+    /// Returns time and error if both are known.
     pub fn point(&self) -> Option<[f64; 2]> {
         Some([self.cost?, self.error_judged?])
     }
@@ -179,7 +179,7 @@ impl Run {
     }
 }
 
-/// Phases of a step as the report names them.
+/// Phases of a step by their names in the report.
 pub const PHASES: [&str; 7] = [
     "forces fine",
     "forces coarse",
@@ -190,11 +190,12 @@ pub const PHASES: [&str; 7] = [
     "output",
 ];
 
-/// Name in the report of a phase of a summary.
+/// Returns the report's name of a phase of the summary.
 fn phase(name: &str, m: &Member) -> String {
     let (head, model) = name.split_once('/').unwrap_or((name, ""));
     match head {
         "predict" => match m.roles.get(model).copied().flatten() {
+            // In a run of one model alone, the role says nothing.
             Some(role) if m.mark.is_none() => format!("forces {role}"),
             _ => "forces".to_owned(),
         },
@@ -204,7 +205,7 @@ fn phase(name: &str, m: &Member) -> String {
     }
 }
 
-/// Holds the scalars of all runs against those of the reference run, which is the first.
+/// Compares the scalars of all runs with those of the reference run, which is the first.
 pub(super) fn compare_measures(runs: &mut [Run]) {
     let reference = runs.first().map(|r| r.measures.clone()).unwrap_or_default();
     for (name, m) in runs.iter_mut().flat_map(|r| &mut r.measures) {
@@ -216,19 +217,19 @@ pub(super) fn compare_measures(runs: &mut [Run]) {
     }
 }
 
-/// Marks the runs that no other beats in both time and error.
+/// Marks the runs that no other run beats in both time and error.
 pub(super) fn mark_pareto(runs: &mut [Run]) {
     let points: Vec<Option<[f64; 2]>> = runs.iter().map(Run::point).collect();
     for (k, r) in runs.iter_mut().enumerate() {
         r.pareto = points[k].is_some_and(|p| {
             let beaten = |q: &[f64; 2]| q[0] <= p[0] && q[1] <= p[1] && (q[0] < p[0] || q[1] < p[1]);
+            // The reference has no error and would beat every other run.
             p[1] > 0.0 && !points.iter().flatten().filter(|q| q[1] > 0.0).any(beaten)
         });
     }
 }
 
-/// Least time the fine model alone takes in a coupled run \[s\]: what no choice of the coarse side goes
-/// below.
+/// Shortest time of the fine model in a coupled run \[s\]. No choice of the coarse model makes a run faster.
 pub(super) fn floor(runs: &[Run]) -> Option<f64> {
     let coupled = runs.iter().filter(|r| r.mark.is_none());
     let fine = coupled.filter_map(|r| r.phase_seconds("forces fine"));
@@ -238,27 +239,27 @@ pub(super) fn floor(runs: &[Run]) -> Option<f64> {
 /// `sweep.json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Sweep {
-    /// Headline.
+    /// Title of the report.
     pub title: String,
-    /// "complete", "failed" if any run did, or "interrupted".
+    /// "complete", "failed" if any run failed, or "interrupted".
     pub status: &'static str,
     /// Version of this program.
     pub version: &'static str,
-    /// Which error decides.
+    /// Name of the error by which runs are compared.
     pub judge: &'static str,
-    /// Which time decides.
+    /// Name of the time by which runs are compared.
     pub cost: &'static str,
-    /// What runs were held against.
+    /// Name of the reference.
     pub reference: Option<String>,
-    /// Units of the scalars by name; empty ones left out.
+    /// Units of the scalars, by name; only those that have a unit.
     pub units: BTreeMap<String, String>,
-    /// Runs of each member, of which the least time was taken.
+    /// Number of repetitions of each run, of which the shortest time counts.
     pub repeat: usize,
-    /// Axes.
+    /// Names of the axes.
     pub axes: Vec<String>,
-    /// Time of the fine model alone \[s\].
+    /// Shortest time of the fine model in a coupled run \[s\].
     pub floor_seconds: Option<f64>,
-    /// In plain words.
+    /// Conclusion in plain sentences.
     pub conclusion: Vec<String>,
     /// Runs.
     pub runs: Vec<Run>,
@@ -275,7 +276,7 @@ impl Sweep {
         Ok(text)
     }
 
-    /// Gathers what the runs gave.
+    /// Gathers the results of the runs.
     pub(super) fn new(file: &SweepFile, runs: Vec<Run>, status: &'static str) -> Self {
         let reference = file.reference.as_ref().map(|r| match r {
             Reference::Run(name) => format!("run {name}"),
@@ -307,30 +308,31 @@ impl Sweep {
     }
 }
 
-/// One row of the hook: value, errors, time, time of the fine model.
+/// One row of the plot over the hook's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HookRow {
     /// Value of the axis.
     pub value: f64,
-    /// Of displacements \[–\].
+    /// Error of the displacements \[–\].
     pub displacement: Option<f64>,
-    /// Of velocities \[–\].
+    /// Error of the velocities \[–\].
     pub velocity: Option<f64>,
-    /// Time that decides \[s\].
+    /// Time by which runs are compared \[s\].
     pub cost: f64,
     /// Time of the fine model \[s\].
     pub fine: Option<f64>,
 }
 
-/// The runs along the hook's axis, others at the values of the first of them, by rising value.
+/// Returns the runs along the hook's axis by increasing value. All other axes have the values of the first
+/// run.
 pub fn hook_rows(runs: &[Run], hook: &Hook) -> Vec<HookRow> {
-    let others = |r: &Run| {
+    let other_axes = |r: &Run| {
         let mut p = r.parameters.clone();
         p.remove(&hook.axis);
         p
     };
     let swept = || runs.iter().filter(|r| r.swept && r.cost.is_some());
-    let Some(first) = swept().next().map(others) else {
+    let Some(first) = swept().next().map(other_axes) else {
         return Vec::new();
     };
     let row = |r: &Run| {
@@ -342,7 +344,10 @@ pub fn hook_rows(runs: &[Run], hook: &Hook) -> Vec<HookRow> {
             fine: r.phase_seconds("forces fine"),
         })
     };
-    let mut rows: Vec<HookRow> = swept().filter(|r| others(r) == first).filter_map(row).collect();
+    let mut rows: Vec<HookRow> = swept()
+        .filter(|r| other_axes(r) == first)
+        .filter_map(row)
+        .collect();
     rows.sort_by(|a, b| a.value.total_cmp(&b.value));
     rows
 }

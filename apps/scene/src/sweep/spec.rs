@@ -1,4 +1,4 @@
-//! The sweep file: what its TOML says, before it is turned into runs. `docs/sweep.md` is its reference.
+//! The sweep file as read from TOML, before it is turned into runs. `docs/sweep.md` is its reference.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -16,48 +16,48 @@ pub struct SweepFile {
     /// Assignments for every run of the base scene.
     #[serde(default)]
     pub set: Vec<String>,
-    /// How the axes are combined.
+    /// Combination of the axes.
     #[serde(default)]
     pub design: Design,
-    /// How often each run is made; the least time counts.
-    #[serde(default = "one")]
+    /// Number of times that each run is made; the shortest time counts.
+    #[serde(default = "single_run")]
     pub repeat: usize,
     /// Worker threads of every run.
     pub threads: Option<usize>,
-    /// Errors \[–\] the conclusion speaks of.
+    /// Errors \[–\] for which the conclusion names the cheapest run.
     #[serde(default = "targets")]
     pub targets: Vec<f64>,
-    /// Which error decides.
+    /// Error by which runs are compared.
     #[serde(default)]
     pub judge: Judge,
-    /// Which time decides.
+    /// Time by which runs are compared.
     #[serde(default)]
     pub cost: Cost,
-    /// What is varied.
+    /// Settings that are varied, by name.
     #[serde(default)]
     pub axis: BTreeMap<String, Axis>,
-    /// Further runs beside the varied ones.
+    /// Named runs besides those along the axes.
     #[serde(default)]
     pub run: BTreeMap<String, NamedRun>,
-    /// What runs are held against.
+    /// Results with which runs are compared.
     pub reference: Option<Reference>,
-    /// Where errors are taken.
+    /// Times and probes for the errors.
     #[serde(default)]
     pub errors: Window,
-    /// Energy that comes back through probes.
+    /// Energy that is reflected past probes.
     #[serde(default)]
     pub reflected: BTreeMap<String, Reflected>,
-    /// Scalars of every run that are compared with the reference's.
+    /// Scalars of every run that are compared with those of the reference.
     #[serde(default)]
     pub measure: BTreeMap<String, Measure>,
-    /// Whether `suggest` foretells error and time of every varied run.
+    /// True to let `suggest` predict error and time of every run along the axes.
     #[serde(default)]
     pub suggest: bool,
-    /// The axis whose error and time are drawn over its value.
+    /// Axis over which error and time are plotted.
     pub hook: Option<Hook>,
 }
 
-fn one() -> usize {
+fn single_run() -> usize {
     1
 }
 
@@ -65,32 +65,32 @@ fn targets() -> Vec<f64> {
     vec![0.05, 0.02, 0.01]
 }
 
-/// How axes are combined.
+/// Combinations of the axes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Design {
-    /// Every value of every axis with every value of all others.
+    /// Combines every value of every axis with every value of all others.
     #[default]
     Product,
-    /// The base values, and each axis varied alone.
+    /// Varies one axis at a time; all others keep their base values.
     OneAtATime,
 }
 
-/// Which error decides.
+/// Errors by which runs can be compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Judge {
-    /// Of displacements.
+    /// Displacement error.
     Displacement,
-    /// Of velocities.
+    /// Velocity error.
     Velocity,
-    /// The larger of the two: velocities forgive less.
+    /// The larger of the two; the velocity error is the stricter measure.
     #[default]
     Both,
 }
 
 impl Judge {
-    /// In words.
+    /// Returns the name in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Displacement => "displacement error",
@@ -100,19 +100,19 @@ impl Judge {
     }
 }
 
-/// Which time decides.
+/// Times by which runs can be compared.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cost {
-    /// Set-up and stepping: what a user waits for, output apart.
+    /// Set-up and stepping, without output: the time that a user waits.
     #[default]
     Total,
-    /// Stepping alone: what counts in long runs.
+    /// Stepping only, which dominates long runs.
     Stepping,
 }
 
 impl Cost {
-    /// In words.
+    /// Returns the name in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Total => "set-up and stepping",
@@ -125,17 +125,17 @@ impl Cost {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
-    /// Values; a list among them fills `{0}`, `{1}`, …
+    /// Values; the entries of a value that is a list fill `{0}`, `{1}`, …
     #[serde(default)]
     #[schemars(with = "Vec<serde_json::Value>")]
     pub values: Vec<toml::Value>,
     /// Assignments with `{}` for the value.
     #[serde(default)]
     pub set: Vec<String>,
-    /// Named lists of assignments, in place of values.
+    /// Named lists of assignments, instead of values.
     #[serde(default)]
     pub levels: Vec<Level>,
-    /// Value or name of the level that others are varied about; the first by default.
+    /// Value, or name of the level, that this axis has while others are varied; the first by default.
     #[schemars(with = "Option<serde_json::Value>")]
     pub base: Option<toml::Value>,
 }
@@ -146,12 +146,12 @@ pub struct Axis {
 pub struct Level {
     /// Name.
     pub name: String,
-    /// Assignments; none leaves the scene as it is.
+    /// Assignments; an empty list leaves the scene as it is.
     #[serde(default)]
     pub set: Vec<String>,
 }
 
-/// What a named run is.
+/// Role of a named run in the comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, serde::Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mark {
@@ -161,11 +161,11 @@ pub enum Mark {
     AllCoarse,
 }
 
-/// `[run.NAME]`.
+/// `[run.NAME]`: a run, or one per value, besides those along the axes.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedRun {
-    /// Its scene; the base scene (with its assignments) by default.
+    /// Scene; by default the base scene with its assignments.
     pub scene: Option<PathBuf>,
     /// Values, one run each, named `NAME=VALUE`.
     #[serde(default)]
@@ -174,11 +174,11 @@ pub struct NamedRun {
     /// Assignments.
     #[serde(default)]
     pub set: Vec<String>,
-    /// What it is.
+    /// All-fine or all-coarse.
     pub mark: Option<Mark>,
 }
 
-/// What runs are held against.
+/// Results with which runs are compared.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Reference {
@@ -204,7 +204,7 @@ pub enum CurveTable {
     /// `A cos²(π (at − centre − speed t)/width)` within its width, or its time derivative for a velocity
     /// probe.
     Wave {
-        /// Where \[m\].
+        /// Position \[m\].
         at: f64,
         /// Centre at time zero \[m\].
         centre: f64,
@@ -217,7 +217,7 @@ pub enum CurveTable {
     },
     /// Bar clamped at 0 whose other end is pulled from t = 0 on.
     BarStep {
-        /// Where \[m\].
+        /// Position \[m\].
         at: f64,
         /// Length of the bar \[m\].
         length: f64,
@@ -228,7 +228,7 @@ pub enum CurveTable {
     },
 }
 
-/// Where errors are taken.
+/// Times and probes for the errors.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Window {
@@ -236,21 +236,21 @@ pub struct Window {
     pub from: Option<f64>,
     /// End \[s\].
     pub to: Option<f64>,
-    /// Names of probes; all that both have by default.
+    /// Names of probes; by default all that both runs have.
     pub probes: Option<Vec<String>>,
 }
 
-/// `[reflected.NAME]`: what comes back through a probe relative to what went in.
+/// `[reflected.NAME]`: reflected over incident energy at a probe.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reflected {
-    /// Probe.
+    /// Name of the probe.
     pub probe: String,
     /// End of the incident signal \[s\].
     pub after: f64,
-    /// End of what comes back \[s\]; the end of the run by default.
+    /// End of the reflected signal \[s\]; the end of the run by default.
     pub until: Option<f64>,
-    /// Whether what the reference shows there is taken off first.
+    /// True to subtract the reference from the reflected signal first.
     #[serde(default)]
     pub minus_reference: bool,
 }
@@ -259,11 +259,11 @@ pub struct Reflected {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Measure {
-    /// JSON pointer to it, such as `/probes/tip/max`.
+    /// JSON pointer to the number, such as `/probes/tip/max`.
     pub pointer: Option<String>,
     /// Name of a fact of an effect, such as `broken bonds`; summed over the effects that have it.
     pub fact: Option<String>,
-    /// What it is multiplied with.
+    /// Factor on the number.
     #[serde(default = "unit_factor")]
     pub factor: f64,
     /// Unit of the product.
@@ -275,14 +275,14 @@ fn unit_factor() -> f64 {
     1.0
 }
 
-/// `[hook]`.
+/// `[hook]`: a plot of error and time over the value of an axis.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hook {
-    /// Axis with positive numbers.
+    /// Name of an axis whose values are positive numbers.
     pub axis: String,
-    /// Name and unit of the axis in the picture.
+    /// Name and unit of the axis in the plot.
     pub name: Option<String>,
-    /// Value at which theory expects the least time.
+    /// Value at which theory predicts the shortest time.
     pub expected: Option<f64>,
 }

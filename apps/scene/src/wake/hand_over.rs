@@ -1,4 +1,4 @@
-//! The state of the sleeping scene becomes that of the scene as given.
+//! Hands the state of the sleeping scene over to the full scene.
 
 use crate::error::{Result, core, value};
 use crate::setup::{Built, ModelInfo, Start};
@@ -10,38 +10,38 @@ use arlequin::core::{
 };
 use rayon::prelude::*;
 
-/// How far beyond the field of the sleeping scene a node may lie, in units of its spacing.
+/// Largest distance of a node from the sleeping scene's field, in units of the field's spacing.
 const REACH: f64 = 0.5;
-/// Halvings of the way to the nearest node: down to round-off.
+/// Bisection steps on the line to the nearest node, enough for round-off.
 const HALVINGS: usize = 50;
 
-/// A model of the scene as given, and where its state comes from.
+/// A model of the full scene, and the source of its state.
 #[derive(Debug)]
 struct Target {
     name: String,
-    /// Number of the model of the sleeping scene.
+    /// Index of the source in the sleeping scene.
     source: usize,
     /// Spacing of the source \[m\].
     spacing: f64,
-    /// Whether it stands where the carrier stood alone.
+    /// True if the model takes over from the carrier: the model that woke, or the carrier itself.
     replaces: bool,
     points: Vec<Point3<f64>>,
     layout: DofLayout,
     inertia: Vec<f64>,
-    /// Its own step in the scene as given \[s\].
+    /// Own step in the full scene \[s\].
     dt: f64,
     free: Vec<bool>,
     supports: Vec<PrescribedMotion<f64>>,
 }
 
 impl Target {
-    /// Whether it is the same model, which goes on as it is.
-    fn is(&self, from: &Subdomain<f64>) -> bool {
+    /// Returns whether `from` is the same model, which keeps its state.
+    fn is_same_model(&self, from: &Subdomain<f64>) -> bool {
         from.model().nodes() == self.points && from.model().layout() == self.layout
     }
 }
 
-/// Hands the state over.
+/// Transfers the state from the sleeping scene to the full scene.
 #[derive(Debug)]
 pub(super) struct HandOver {
     targets: Vec<Target>,
@@ -49,15 +49,15 @@ pub(super) struct HandOver {
     carrier_name: String,
 }
 
-/// Value and gradient at a point: rows of a field and the way from the point they belong to.
+/// A row of shape functions at a point inside the field, and the vector from that point to the requested one.
 struct Placed {
     row: ShapeRow<f64>,
     way: Vector3<f64>,
 }
 
 impl HandOver {
-    /// Prepares the way from the sleeping scene to the one as given, and tries it with the state at the
-    /// start.
+    /// Prepares the transfer and tries it with the state at the start, so that errors show before the first
+    /// step.
     pub(super) fn new(
         wake: &Wake,
         awake: &Built,
@@ -104,15 +104,16 @@ impl HandOver {
         Ok(out)
     }
 
-    /// The state from which the scene as given goes on.
+    /// Returns the state from which the full scene starts.
     pub(super) fn start(&self, asleep: &Coupled<f64>) -> Result<Start> {
         let mut states = Vec::with_capacity(self.targets.len());
         let mut memories = Vec::with_capacity(self.targets.len());
         for t in &self.targets {
             let from = &asleep.subdomains()[t.source];
             let memory = from.model().save();
-            memories.push((t.is(from) && memory != Record::default()).then_some(memory));
+            memories.push((t.is_same_model(from) && memory != Record::default()).then_some(memory));
             let mut state = self.sample(t, from)?;
+            // Held unknowns start on their prescribed motion, which interpolation only approximates.
             for motion in &t.supports {
                 let (q, v, _) = motion.kinematics(asleep.time(), t.dt);
                 for &d in &motion.dofs {
@@ -131,10 +132,10 @@ impl HandOver {
         })
     }
 
-    /// Interpolates; rotations are half the curl.
+    /// Interpolates displacements and velocities; rotations are half their curl.
     fn sample(&self, t: &Target, from: &Subdomain<f64>) -> Result<[Vec<f64>; 2]> {
         let state = from.state();
-        if t.is(from) {
+        if t.is_same_model(from) {
             return Ok([state.q.clone(), state.v.clone()]);
         }
         let (d, field) = (t.layout.components, &**from.field());
@@ -142,8 +143,11 @@ impl HandOver {
             .points
             .par_iter()
             .map(|x| {
-                let at = self.place(t, field, x)?;
-                Ok([value_and_turn(&at, &state.q, d), value_and_turn(&at, &state.v, d)])
+                let placed = self.place(t, field, x)?;
+                Ok([
+                    value_and_turn(&placed, &state.q, d),
+                    value_and_turn(&placed, &state.v, d),
+                ])
             })
             .collect::<Result<_>>()?;
         let turns = t.layout.turns();
@@ -160,7 +164,8 @@ impl HandOver {
         Ok(out)
     }
 
-    /// The field at a point, or at the last one inside on the way to the nearest node.
+    /// Evaluates the field at a point. For a point outside, uses the last point inside on the line to the
+    /// nearest node.
     fn place(&self, t: &Target, field: &dyn Interpolation<f64>, x: &Point3<f64>) -> Result<Placed> {
         let mut row = ShapeRow::default();
         if inside(field, x, &mut row)? {
@@ -173,7 +178,7 @@ impl HandOver {
             .iter()
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let Some(node) = nearest.copied() else {
-            return Err(self.beyond(t, x, f64::INFINITY));
+            return Err(self.outside_error(t, x, f64::INFINITY));
         };
         let (mut out, mut good) = (0.0, 1.0);
         for _ in 0..HALVINGS {
@@ -186,12 +191,12 @@ impl HandOver {
         }
         let way = (x - node) * good;
         if way.norm() > REACH * t.spacing || !inside(field, &(x - way), &mut row)? {
-            return Err(self.beyond(t, x, way.norm()));
+            return Err(self.outside_error(t, x, way.norm()));
         }
         Ok(Placed { row, way })
     }
 
-    fn beyond(&self, t: &Target, x: &Point3<f64>, gap: f64) -> crate::error::Error {
+    fn outside_error(&self, t: &Target, x: &Point3<f64>, gap: f64) -> crate::error::Error {
         let rule = format!(
             "'{}' has a node at {:?} m, {gap:.3e} m outside of what is there while '{}' stands alone (allowed: {:.3e} m); \
              make it cover the whole body by assignments in wake.asleep",
@@ -203,11 +208,12 @@ impl HandOver {
         value("wake.by", &self.carrier_name, &rule)
     }
 
-    /// A uniform velocity for all free unknowns that gives what replaces the carrier its momentum.
+    /// Adds a uniform velocity to all free unknowns, so that the models that take over from the carrier have
+    /// its momentum `wanted`.
     fn balance(&self, wanted: Vector3<f64>, states: &mut [[Vec<f64>; 2]]) {
         let (mut momentum, mut mass) = (Vector3::<f64>::zeros(), Vector3::<f64>::zeros());
-        let mine = || self.targets.iter().enumerate().filter(|(_, t)| t.replaces);
-        for (k, t) in mine() {
+        let replacing = || self.targets.iter().enumerate().filter(|(_, t)| t.replaces);
+        for (k, t) in replacing() {
             let d = t.layout.components;
             for i in 0..t.layout.translations() {
                 momentum[i % d] += t.inertia[i] * states[k][1][i];
@@ -223,7 +229,7 @@ impl HandOver {
                 0.0
             }
         });
-        for (k, t) in mine() {
+        for (k, t) in replacing() {
             let d = t.layout.components;
             for i in (0..t.layout.translations()).filter(|i| t.free[*i]) {
                 states[k][1][i] += change[i % d];
@@ -232,28 +238,28 @@ impl HandOver {
     }
 }
 
-/// Evaluates the field, with gradients where it has them; whether the point is inside.
+/// Evaluates the field, with gradients if it has them. Returns whether the point is inside.
 fn inside(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &mut ShapeRow<f64>) -> Result<bool> {
-    let found = match field.shape_at(x, true, row) {
+    let evaluated = match field.shape_at(x, true, row) {
         Err(Core::NoGradient { .. }) => field.shape_at(x, false, row),
-        found => found,
+        evaluated => evaluated,
     };
-    match found {
+    match evaluated {
         Ok(()) => Ok(true),
         Err(Core::OutsideDomain { .. }) => Ok(false),
         Err(e) => Err(core("wake.by")(e)),
     }
 }
 
-/// Value, continued by the gradient where the point lies beyond, and half the curl.
-fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
+/// Returns the value, extrapolated by the gradient if the point is outside, and half the curl.
+fn value_and_turn(placed: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
     let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
-    for (k, &node) in at.row.nodes.iter().enumerate() {
+    for (k, &node) in placed.row.nodes.iter().enumerate() {
         let mut u = Vector3::zeros();
         u.as_mut_slice()[..d].copy_from_slice(&values[node * d..(node + 1) * d]);
-        value += u * at.row.values[k];
-        if let Some(g) = at.row.gradients.get(k) {
-            value += u * g.dot(&at.way);
+        value += u * placed.row.values[k];
+        if let Some(g) = placed.row.gradients.get(k) {
+            value += u * g.dot(&placed.way);
             turn += g.cross(&u) * 0.5;
         }
     }
@@ -264,8 +270,8 @@ fn value_and_turn(at: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2] {
 mod tests {
     use super::*;
 
-    /// The functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its
-    /// turn `ω`, also where the point lies a way beyond.
+    /// Shape functions of a tetrahedron at its centre: `u = t + ω × x` is handed over with its value and its
+    /// rotation `ω`, also for a point outside.
     #[test]
     fn a_turning_body_hands_its_rotation_over_with_its_sign() {
         let nodes = [

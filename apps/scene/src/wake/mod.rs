@@ -1,4 +1,5 @@
-//! Runs a scene with `[wake]`: a model sleeps until the one that stands in for it is strained enough.
+//! Runs a scene with `[wake]`: a model sleeps until the strain or stress of the model in its place reaches a
+//! limit.
 
 mod hand_over;
 mod sleep;
@@ -19,10 +20,10 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use watch::Watch;
 
-/// Folder of what was recorded while the model slept.
+/// Subfolder with the results of the time in which the model slept.
 pub(crate) const ASLEEP: &str = mark::PART;
 
-/// The sleeping scene, ready to run, and what leads from there to the scene as given.
+/// The sleeping scene, ready to run, and the transfer from it to the full scene.
 #[derive(Debug)]
 pub(crate) struct Asleep {
     pub(crate) scene: Scene,
@@ -31,13 +32,12 @@ pub(crate) struct Asleep {
     hand_over: HandOver,
 }
 
-/// Prepares the sleep. The scene as given is built as well, so that what is wrong with it is found before
-/// the first step.
-pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
+/// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
+pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
-    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), tell)?;
+    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), report)?;
     let spec = asleep.spec();
-    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), tell)?;
+    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), report)?;
     let carrier = model_index("wake.by", &wake.by, spec)?;
     let watch = Watch::new(wake, carrier, spec.model[&wake.by].kind, &built.models[carrier])?;
     let hand_over = HandOver::new(wake, &awake, &built.run, &built.models)?;
@@ -51,8 +51,8 @@ pub(crate) fn prepare(scene: &Scene, wake: &Wake, tell: &mut dyn FnMut(&str)) ->
 }
 
 impl Asleep {
-    /// Goes on from what a checkpoint knows of the sleep.
-    pub(crate) fn go_on(&mut self, stage: &Stage) {
+    /// Continues the watch of a checkpoint.
+    pub(crate) fn restore_watch(&mut self, stage: &Stage) {
         if let Stage::Asleep { highest, place } = stage {
             self.watch.highest = (*highest, (*place).into());
         }
@@ -60,7 +60,7 @@ impl Asleep {
 }
 
 impl SceneSpec {
-    /// Refuses a scene with `[wake]` where a command does not know it.
+    /// Refuses a scene with `[wake]`, for commands that do not support it.
     ///
     /// # Errors
     /// A scene with `[wake]`.
@@ -75,26 +75,26 @@ impl SceneSpec {
     }
 }
 
-/// How far a scene with `[wake]` has come.
+/// Progress of a scene with `[wake]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Stage {
     /// The model sleeps.
     Asleep {
-        /// Largest value seen.
+        /// Largest value of the criterion so far.
         highest: f64,
-        /// Where \[m\].
+        /// Place of this value \[m\].
         place: [f64; 3],
     },
-    /// It woke.
+    /// The model woke.
     Awake {
-        /// The state handed over.
+        /// State that was handed over.
         start: Start,
-        /// What is known of the waking.
+        /// Report of the waking.
         report: Box<WakeReport>,
     },
 }
 
-/// Runs the sleeping scene from its start or from a checkpoint, and the scene as given if the model wakes.
+/// Runs the sleeping scene from its start or from a checkpoint, and then the full scene if the model wakes.
 pub(crate) fn run(
     scene: &Scene,
     asleep: Asleep,
@@ -114,12 +114,12 @@ pub(crate) fn run(
         *stage = Some(watch.stage());
         woken
     });
-    let mut report = report_of(wake, &watch);
+    let mut report = sleeping_report(wake, &watch);
     if !matches!(end, Ok(End::Woken)) {
         return session.conclude(end, Some(report), observer);
     }
     let begin = Instant::now();
-    // Before anything is put aside: if it fails, the results so far are whole.
+    // Builds the full scene before files are moved: if this fails, the results so far are complete.
     let next = asleep.hand_over.start(session.coupled());
     let next = next.and_then(|s| {
         Ok((
@@ -137,16 +137,16 @@ pub(crate) fn run(
         Ok(next) => next,
         Err(e) => return session.conclude(Err(e), Some(report), observer),
     };
-    report.wake(session.coupled());
+    report.record_waking(session.coupled());
     let (slept, keep) = session.put_aside(ASLEEP, observer)?;
-    report.woken_as(&built.run);
+    report.record_awake(&built.run);
     let session = Session::new(scene, built, keep, begin.elapsed().as_secs_f64(), None)?;
     let mut done = finish(session, start, report, observer)?;
     done.asleep = Some(slept);
     Ok(done)
 }
 
-/// Makes the steps that are left after the model woke.
+/// Makes the remaining steps after the model woke.
 pub(crate) fn finish(
     mut session: Session<'_>,
     start: Start,
@@ -158,7 +158,7 @@ pub(crate) fn finish(
         report: Box::new(report.clone()),
     });
     if session.checkpoints() {
-        // Takes the place of the last one asleep, whose results have been put aside.
+        // Replaces the last checkpoint of the sleeping scene, whose results have been put aside.
         session.save()?;
     }
     let end = session.advance(observer, &mut |_, _| false);
@@ -166,8 +166,8 @@ pub(crate) fn finish(
 }
 
 impl WakeReport {
-    /// Notes the state in which the model wakes.
-    fn wake(&mut self, asleep: &Coupled<f64>) {
+    /// Records the state in which the model wakes.
+    fn record_waking(&mut self, asleep: &Coupled<f64>) {
         self.woken = true;
         self.time = Some(asleep.time());
         self.step = Some(asleep.steps());
@@ -175,16 +175,16 @@ impl WakeReport {
         self.momentum_before = Some(Momentum::of(asleep));
     }
 
-    /// Notes the state in which the scene goes on.
-    fn woken_as(&mut self, awake: &Coupled<f64>) {
+    /// Records the state in which the full scene starts.
+    fn record_awake(&mut self, awake: &Coupled<f64>) {
         self.energy_after = Some(awake.energy());
         self.jump = self.energy_after.zip(self.energy_before).map(|(a, b)| a - b);
         self.momentum_after = Some(Momentum::of(awake));
     }
 }
 
-/// What is known before the model wakes.
-fn report_of(wake: &Wake, watch: &Watch) -> WakeReport {
+/// Returns the report before the model wakes.
+fn sleeping_report(wake: &Wake, watch: &Watch) -> WakeReport {
     let (value, place) = watch.highest;
     WakeReport {
         woken: false,

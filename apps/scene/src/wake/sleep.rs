@@ -1,17 +1,18 @@
-//! The scene as long as the model sleeps.
+//! The sleeping scene.
 
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::{acts, effect_models};
 use crate::spec::{Bearer, Effect, EffectKind, ModelTable, Near, SceneSpec, Scheme, StepChoice, Wake};
 
-/// Applies the assignments of `[wake]` and leaves out the sleeping model with everything that is its own.
+/// Applies the assignments of `[wake]`, and removes the sleeping model with its interfaces, probes and
+/// effects.
 pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     check(awake.spec(), wake)?;
-    let own = format!("model.{}.", wake.model);
+    let own_keys = format!("model.{}.", wake.model);
     for (k, a) in wake.asleep.iter().enumerate() {
         let path = a.split('=').next().unwrap_or_default().trim();
-        if path == "wake" || path.starts_with("wake.") || path.starts_with(&own) {
+        if path == "wake" || path.starts_with("wake.") || path.starts_with(&own_keys) {
             let rule = "changes nothing while the model sleeps; remove it";
             return Err(value(format!("wake.asleep[{k}]"), a, rule));
         }
@@ -23,7 +24,7 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     }
     let mut scene = changed.spec().clone();
     check_acting(&scene, wake)?;
-    let (sleeper, all) = (&wake.model, scene.clone());
+    let (sleeper, full) = (&wake.model, scene.clone());
     scene.model.remove(sleeper);
     scene
         .interface
@@ -35,14 +36,15 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
         }
     }
     scene.effect.clear();
-    for (k, e) in all.effect.iter().enumerate() {
-        if let Some(e) = effect(k, e, &all, wake)? {
+    for (k, e) in full.effect.iter().enumerate() {
+        if let Some(e) = effect(k, e, &full, wake)? {
             scene.effect.push(e);
         }
     }
+    // After the effects, because `acts` searches those that are left.
     let probes = std::mem::take(&mut scene.probe);
-    let there = |of: &Option<String>| of.as_ref().is_none_or(|n| acts(n, &scene));
-    scene.probe = probes.into_iter().filter(|(_, p)| there(&p.of)).collect();
+    let is_left = |target: &Option<String>| target.as_ref().is_none_or(|n| acts(n, &scene));
+    scene.probe = probes.into_iter().filter(|(_, p)| is_left(&p.of)).collect();
     let known = |name: &String| scene.probe.contains_key(name);
     scene.curve.retain(|_, c| known(&c.x) && known(&c.y));
     scene.wake = None;
@@ -50,7 +52,8 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
     Ok(awake.with_spec(scene))
 }
 
-/// A share of the critical step needs a model that has one while the other sleeps.
+/// Refuses a step given as a fraction if the sleeping scene has only implicit models, which have no critical
+/// step.
 fn check_step(asleep: &SceneSpec, wake: &Wake) -> Result<()> {
     let implicit = |m: &ModelTable| m.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit));
     if !matches!(asleep.time.step, StepChoice::Fraction(_)) || !asleep.model.values().all(implicit) {
@@ -106,7 +109,7 @@ fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     Ok(())
 }
 
-/// What acts on the sleeping model would be lost.
+/// Refuses loads, supports, initial states and body forces of the sleeping model, which would be lost.
 fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     let (sleeper, by) = (&wake.model, &wake.by);
     let lost = |list: &str, k: usize, change: String| {
@@ -138,28 +141,28 @@ fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
     Ok(())
 }
 
-/// Effect `k` while the model sleeps; none if it has no other to act on.
+/// Returns effect `k` of the sleeping scene; `None` if it acts on no other model.
 fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option<Effect>> {
     let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
     if e.enabled && matches!(e.kind, EffectKind::Prestress(_)) {
         let rule = "holds the shape at the start, which is another one after [wake]; remove one of the two";
         return Err(key(format!("{path}.prestress"), rule));
     }
-    let mine = scene.model.keys().position(|n| n == sleeper);
+    let sleeper_index = scene.model.keys().position(|n| n == sleeper);
     if e.enabled && e.between.is_some() {
         let rule = "is a contact between two models, which [wake] does not hand over; remove one";
         return Err(key(format!("{path}.between"), rule));
     }
-    let others = effect_models(k, e, scene)?
+    let other_models = effect_models(k, e, scene)?
         .into_iter()
-        .filter(|m| Some(*m) != mine);
+        .filter(|m| Some(*m) != sleeper_index);
     if e.enabled && matches!(e.kind, EffectKind::Obstacle(_)) {
         let rule = "would touch nothing while the model sleeps, and [wake] does not hand its motion over; remove one";
         return Err(key(format!("{path}.obstacle"), rule));
     }
     if let (true, Some(m)) = (
         e.kind.bearer() == Bearer::Particles && e.enabled,
-        others.clone().next(),
+        other_models.clone().next(),
     ) {
         let name = scene.model.keys().nth(m).map_or("", String::as_str);
         let rule = format!(
@@ -168,12 +171,12 @@ fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option
         );
         return Err(key(path, rule));
     }
-    if others.count() == 0 {
+    if other_models.count() == 0 {
         return Ok(None);
     }
-    let mut kept = e.clone();
-    if let Some(names) = &mut kept.models {
+    let mut asleep_effect = e.clone();
+    if let Some(names) = &mut asleep_effect.models {
         names.retain(|n| n != sleeper);
     }
-    Ok(Some(kept))
+    Ok(Some(asleep_effect))
 }

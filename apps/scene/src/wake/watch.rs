@@ -1,4 +1,4 @@
-//! Looks at the carrier until the criterion is met.
+//! Watches the carrier until the criterion is met.
 
 use super::Stage;
 use crate::cells::{self, Cell};
@@ -8,7 +8,7 @@ use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::nalgebra::{Matrix3, Point3};
 use arlequin::core::{Coupled, Elastic};
 
-/// The criterion and where it is looked at.
+/// The criterion, and the cells in which it is evaluated.
 #[derive(Debug)]
 pub(super) struct Watch {
     carrier: usize,
@@ -16,12 +16,12 @@ pub(super) struct Watch {
     stress: bool,
     limit: f64,
     every: usize,
-    /// Largest value seen and where \[m\].
+    /// Largest value so far, and its place \[m\].
     pub highest: (f64, Point3<f64>),
 }
 
 impl Watch {
-    /// Prepares the watch over model number `carrier` of the sleeping scene.
+    /// Prepares the watch over model `carrier` of the sleeping scene.
     pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
         if !kind.is_continuum() {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
@@ -50,17 +50,17 @@ impl Watch {
         })
     }
 
-    /// What is compared, with its unit.
+    /// Returns the quantity of the criterion, with its unit.
     pub(super) fn criterion(&self) -> &'static str {
         if self.stress { "stress [Pa]" } else { "strain [-]" }
     }
 
-    /// The limit.
+    /// Returns the limit.
     pub(super) fn limit(&self) -> f64 {
         self.limit
     }
 
-    /// What a checkpoint must know.
+    /// Returns the progress for a checkpoint.
     pub(super) fn stage(&self) -> Stage {
         Stage::Asleep {
             highest: self.highest.0,
@@ -68,7 +68,7 @@ impl Watch {
         }
     }
 
-    /// Looks, if it is time to; whether the criterion is met.
+    /// Evaluates the criterion every `every` steps. Returns whether it is met.
     pub(super) fn look(&mut self, run: &Coupled<f64>) -> bool {
         if !run.steps().is_multiple_of(self.every) {
             return false;
@@ -84,7 +84,8 @@ impl Watch {
         self.highest.0 >= self.limit
     }
 
-    /// Largest principal strain, or stress `λ tr ε + 2 μ ε` of it; along the line for what moves on one.
+    /// Returns the largest principal strain, or the largest principal stress `λ tr ε + 2 μ ε`. In a bar, that
+    /// is the axial one.
     fn value(&self, h: &Matrix3<f64>, count: usize, material: &Elastic<f64>) -> f64 {
         if count == 1 {
             return h[(0, 0)] * if self.stress { material.young() } else { 1.0 };
@@ -115,8 +116,8 @@ mod tests {
         }
     }
 
-    /// The largest principal stress: `E ε` where the sides are free to contract, `(λ + 2μ) ε` where they
-    /// are not, `3 K ε` of a dilatation, `2 μ ε` of a shear.
+    /// The largest principal stress: `E ε` if the sides are free to contract, `(λ + 2μ) ε` if not, `3 K ε`
+    /// for a dilatation, `2 μ ε` for a shear.
     #[test]
     fn the_largest_principal_stress_is_that_of_hooke() {
         let e = 1e-3;
@@ -138,7 +139,7 @@ mod tests {
                 );
             }
         }
-        // On a line nothing contracts across it.
+        // A bar has no lateral contraction.
         assert!((watch(true).value(&diagonal(e, 0.0, 0.0), 1, &material) - e).abs() < 1e-18);
     }
 }
