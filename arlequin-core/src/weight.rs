@@ -1,9 +1,9 @@
 //! Weight functions: how overlapping models share energy, mass and load.
 //!
-//! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap `f = ε +
+//! `f = 1` where only the coarse model lives and `0` where only the fine model does. In the overlap `f = ε +
 //! (1 − ε − ε_D) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine
-//! border, `ε` the smallest weight of the coarse model and `ε_D` that of the fine one (`ε` as well unless
-//! it is given).
+//! border. `ε` is the floor (smallest weight) of the coarse model, `ε_D` that of the fine model, equal to `ε`
+//! unless given.
 
 use crate::error::invalid;
 use crate::geometry::{self, Cell, HalfSpace};
@@ -43,7 +43,7 @@ pub trait Weight<T: Real>: Send + Sync {
     }
 }
 
-/// The same value everywhere; `Uniform(1)` is a model that is not coupled.
+/// A weight with one value everywhere; `Uniform(1)` is for a model that is not coupled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uniform<T>(pub T);
 
@@ -56,7 +56,7 @@ impl<T: Real> Weight<T> for Uniform<T> {
     }
 }
 
-/// `1 − Σ` of other weights: the fine model's share beside one or several coarse ones.
+/// One minus other weights: the weight of the fine model beside one or several coarse ones.
 #[derive(Clone)]
 pub struct Complement<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
 
@@ -75,9 +75,9 @@ impl<T: Real> Weight<T> for Complement<T> {
     }
 }
 
-/// Product of weights: the share of a model in what a coarser one leaves, `(1 − f) g`. All shares of a
-/// chain, `f`, `(1 − f) g`, `(1 − f)(1 − g)`, … are positive and sum to one, also where more than two
-/// models are.
+/// Product of weights: the weight `(1 − f) g` of a model that receives `g` of what a coarser one leaves. All
+/// weights of a chain, `f`, `(1 − f) g`, `(1 − f)(1 − g)`, …, are positive and sum to one, even where more
+/// than two models overlap.
 #[derive(Clone)]
 pub struct Product<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
 
@@ -91,11 +91,11 @@ impl<T: Real> Weight<T> for Product<T> {
     fn at(&self, x: &Point3<T>) -> T {
         self.0.iter().fold(T::one(), |p, w| p * w.at(x))
     }
-    /// That of the only factor that varies over the cell times the others, exactly; numerically where
-    /// several do.
+    /// Exact where only one factor varies over the cell: its mean times the other factors. Otherwise
+    /// numerical.
     fn mean(&self, cell: &Cell<T>) -> T {
         let corners = cell.corners();
-        // Profiles are monotone: what is zero or one at all corners is so between them.
+        // Profiles are monotone: a weight that is zero or one at all corners is so between them.
         let fixed = |w: &Arc<dyn Weight<T>>| {
             let all = |v: T| corners.iter().all(|x| w.at(x) == v);
             [T::zero(), T::one()]
@@ -137,7 +137,8 @@ impl<T: Real> std::fmt::Debug for Ramp<T> {
 }
 
 impl<T: Real> Ramp<T> {
-    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap; see [`Self::with_fine_floor`].
+    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap; [`Self::with_fine_floor`]
+    /// changes the upper limit.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for `ε` outside `[0, 0.5)` or a constant outside `[0, 1]`.
@@ -158,12 +159,11 @@ impl<T: Real> Ramp<T> {
         })
     }
 
-    /// The same with a smallest weight of the fine model of its own, at the border to the coarse model's
-    /// region.
+    /// Sets the floor of the fine model: its smallest weight, at the border to the coarse model's region.
     ///
-    /// Where it vanishes, the forces that the packing's scatter leaves unbalanced strain next to no
-    /// stiffness: the skin of particles there is loaded several times as hard as the body. A floor of 0.1
-    /// takes that away (decision 0022).
+    /// The scatter of a packing leaves forces unbalanced. Where the weight vanishes, these forces strain next
+    /// to no stiffness, and the outermost particles are loaded several times as hard as the body. A floor of
+    /// 0.1 prevents this (decision 0022).
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a value outside `[0, 0.5)`.
@@ -190,8 +190,8 @@ impl<T: Real> Ramp<T> {
         }
     }
 
-    /// Exact mean where `s(x) = gradient · x + offset`: cut the cell at the kinks, integrate each piece
-    /// exactly.
+    /// Exact mean where `s(x) = gradient · x + offset`: cuts the cell at the kinks of the profile and
+    /// integrates every part exactly.
     fn exact_mean(&self, cell: &Cell<T>, gradient: nalgebra::Vector3<T>, offset: T) -> T {
         let (one, zero) = (T::one(), T::zero());
         let corners = cell.corners();
@@ -213,6 +213,7 @@ impl<T: Real> Ramp<T> {
         let mut samples = Vec::new();
         let mut add = |piece: &Cell<T>, value: &dyn Fn(T) -> T| {
             samples.clear();
+            // Exact to degree five, that of the quintic profile.
             piece.quadrature(5, &mut samples);
             for s in &samples {
                 sum += s.measure * value(position(&s.point));
@@ -226,6 +227,7 @@ impl<T: Real> Ramp<T> {
             };
             let Some(body) = rest else { break };
             if let Some(piece) = body.clip(&plane) {
+                // The fine model's own region lies before the first kink.
                 let value = |s: T| match k {
                     0 => zero,
                     _ => self.of_position(Place::Overlap(s.clamp(zero, one))),
@@ -278,7 +280,7 @@ pub struct Weights<T: Real> {
     pub kinetic: Arc<dyn Weight<T>>,
     /// `γ`.
     pub external: Arc<dyn Weight<T>>,
-    /// How they enter the model.
+    /// How the weights enter the model.
     pub weighting: Weighting,
 }
 
@@ -291,7 +293,7 @@ impl<T: Real> std::fmt::Debug for Weights<T> {
 }
 
 impl<T: Real> Weights<T> {
-    /// The same weight for all three energies, applied energy-consistently.
+    /// One weight for all three energies, applied by elements and bonds ([`Weighting::Energy`]).
     pub fn same(weight: Arc<dyn Weight<T>>) -> Self {
         Self {
             internal: weight.clone(),
@@ -301,12 +303,13 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// All ones: a model alone.
+    /// Weights of one, for a model that is not coupled.
     pub fn uncoupled() -> Self {
         Self::same(Arc::new(Uniform(T::one())))
     }
 
-    /// The fine model's weights beside those of its coarse partners.
+    /// Weights of the fine model: one minus those of its coarse partners, applied like those of the first
+    /// partner.
     pub fn complement_of(coarse: &[Self]) -> Self {
         let pick = |f: &dyn Fn(&Self) -> Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
             Arc::new(Complement(coarse.iter().map(f).collect()))
@@ -324,7 +327,8 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// Whether all three are known to be one weight, so that it is enough to ask for one of them.
+    /// Returns whether all three weights are known to be one object, so that it is enough to evaluate one of
+    /// them.
     pub(crate) fn are_one(&self) -> bool {
         let place = |w: &Arc<dyn Weight<T>>| Arc::as_ptr(w).cast::<()>();
         [&self.kinetic, &self.external]
@@ -332,7 +336,8 @@ impl<T: Real> Weights<T> {
             .all(|w| std::ptr::eq(place(w), place(&self.internal)))
     }
 
-    /// The share of a model in what coarser ones leave: the product of both, applied as these are.
+    /// Weights of a model that receives `self` of what coarser models leave (`left`): the products of both.
+    /// Keeps the weighting of `self`.
     #[must_use]
     pub fn within(self, left: &Self) -> Self {
         let product = |own: Arc<dyn Weight<T>>, left: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
@@ -349,7 +354,7 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// The same weights applied as `weighting` says.
+    /// Sets how the weights enter the model.
     #[must_use]
     pub fn with_weighting(mut self, weighting: Weighting) -> Self {
         self.weighting = weighting;
