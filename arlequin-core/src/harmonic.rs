@@ -1,9 +1,9 @@
 //! Harmonic analysis of an overlap: reflection and transmission per frequency, with exact radiation on both
 //! sides.
 //!
-//! The coupled system is cut at two ends, each continued by a uniform lattice of springs `k`, masses `m`
-//! and spacing `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. What remains is one small
-//! complex system per frequency, `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds: the way to choose
+//! The coupled system is cut at two ends, and each end is continued by a uniform lattice of springs `k`,
+//! masses `m` and spacing `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. One small complex
+//! system per frequency remains, `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds. Use it to choose
 //! weight, mediator and overlap width.
 
 use crate::coupled::Coupled;
@@ -11,10 +11,10 @@ use crate::error::invalid;
 use crate::{Error, Real, Result};
 use nalgebra::{Complex, ComplexField, DMatrix, DVector};
 
-/// Where a uniform lattice continues a subdomain to infinity.
+/// End of a subdomain that a uniform lattice continues to infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Port<T> {
-    /// Subdomain.
+    /// Number of the subdomain.
     pub subdomain: usize,
     /// End unknown, which carries half a cell.
     pub dof: usize,
@@ -39,8 +39,9 @@ pub struct Scattering<T> {
     pub transmitted_power: T,
     /// Wavelength on the incident side \[m\].
     pub wavelength: T,
-    /// Smallest and largest modulus of the strain between two neighbouring nodes of either model, those of
-    /// the overlap included, over that of the incident wave: one where the overlap is not seen.
+    /// Smallest and largest modulus of the strain between neighbouring nodes of either model (overlap
+    /// included), over the strain of the incident wave. Both are one if the overlap does not disturb the
+    /// wave.
     pub strain: [T; 2],
 }
 
