@@ -1,6 +1,6 @@
 //! Sparse matrices in rows of small square blocks, and the internal forces `−K q` they give.
 //!
-//! For models that store an assembled stiffness. Every row is gathered by itself and in a fixed order:
+//! For models that store an assembled stiffness. Each row is gathered on its own and in a fixed order:
 //! results have the same bits for any number of threads.
 
 use crate::Real;
@@ -12,8 +12,8 @@ use std::ops::Range;
 /// Block rows per parallel task.
 const CHUNK: usize = 512;
 
-/// Rows with fewer values in all are multiplied on the calling thread: waking others costs more than it
-/// saves. These are some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
+/// Matrices with fewer stored values are multiplied on the calling thread: waking others costs more than it
+/// saves. The limit is some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
 const SERIAL: usize = 1 << 18;
 
 /// A square matrix, or some rows of one, in compressed rows of square blocks: 3 × 3, or single numbers.
@@ -29,15 +29,14 @@ pub struct BlockMatrix<T> {
 }
 
 impl<T: Real> BlockMatrix<T> {
-    /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the
-    /// ascending block columns `columns[starts[i]..starts[i + 1]]`.
+    /// Zero matrix with blocks of `size` (3 or 1). Block row `i` has the ascending block columns
+    /// `columns[starts[i]..starts[i + 1]]`.
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
         let values = vec![T::zero(); columns.len() * size * size];
         Self::new(size, starts, columns, values)
     }
 
-    /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by
-    /// rows.
+    /// Matrix with the pattern of [`BlockMatrix::zeros`] and its `values`, block after block, each by rows.
     pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
@@ -49,11 +48,11 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// Some block `rows` of it, in their order, for unknowns of which there are `width` blocks: `column`
-    /// tells the place among them of those that the rows name, and keeps their order.
+    /// Restricts the matrix to some block `rows`, in the given order, for vectors of `width` blocks. `column`
+    /// maps a block column to its place in these vectors and must keep the order.
     ///
     /// # Panics
-    /// For rows that are not there.
+    /// For a row that does not exist.
     #[must_use]
     pub fn some_rows(
         &self,
@@ -111,11 +110,12 @@ impl<T: Real> BlockMatrix<T> {
         self.subtract_some(0..self.starts.len() - 1, &|_| true, q, f);
     }
 
-    /// The same of those of a range of block rows that are `wanted`, with the same bits; `f` are all
-    /// forces. `q` need not be known where these rows do not name it.
+    /// Subtracts `K q` from `f` in the `wanted` ones of a range of block rows, with the same bits as
+    /// [`Self::subtract_product`]. `f` holds the forces of all rows; `q` is read only where these rows have
+    /// columns.
     ///
     /// # Panics
-    /// For rows that are not there.
+    /// For a row that does not exist.
     pub fn subtract_some(
         &self,
         rows: Range<usize>,
@@ -190,8 +190,8 @@ impl<T: Real> BlockMatrix<T> {
         self.energy_of_all(q, q, None)
     }
 
-    /// The same of the rows that all ranks have: `own` are the unknowns of those here, `q` all that they
-    /// name. All ranks must ask.
+    /// `½ qᵀ K q` \[J\] over the rows of all ranks. `own` are the unknowns of this rank's rows, `q` all
+    /// unknowns that these rows read. Collective.
     pub fn energy_of_all(&self, own: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
             1 => self.energy_of::<1>(own.as_chunks().0, q.as_chunks().0, portion),
@@ -212,7 +212,7 @@ impl<T: Real> BlockMatrix<T> {
         sum
     }
 
-    /// The same matrix in scalar compressed rows.
+    /// Converts the matrix to scalar compressed rows.
     pub fn to_csr(&self) -> CsMat<T> {
         let c = self.size;
         let rows = self.starts.len() - 1;

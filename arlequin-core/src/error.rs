@@ -60,7 +60,7 @@ pub enum Error {
     InvalidParameter {
         /// Name of the parameter.
         name: String,
-        /// Its value.
+        /// Value of the parameter.
         value: String,
         /// Rule that the value must satisfy.
         rule: String,
@@ -72,7 +72,7 @@ pub enum Error {
         interface: String,
         /// Name of the option.
         name: &'static str,
-        /// Its value.
+        /// Value of the option.
         value: String,
         /// Rule that the value must satisfy.
         rule: String,
@@ -345,9 +345,9 @@ pub enum Error {
         model: String,
         /// Node index.
         node: usize,
-        /// Its position \[m\].
+        /// Position of the node \[m\].
         point: [f64; 3],
-        /// Its mass \[kg\].
+        /// Weighted mass of the node \[kg\].
         mass: f64,
     },
     /// The time step is not stable.
@@ -358,7 +358,7 @@ pub enum Error {
     UnstableStep {
         /// Step of the model \[s\].
         dt: f64,
-        /// Its largest stable step \[s\].
+        /// Critical step of the model \[s\].
         critical: f64,
         /// The model that exceeds its critical step most.
         model: String,

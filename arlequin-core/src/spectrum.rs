@@ -7,33 +7,33 @@ use crate::{Real, Result};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
-/// Adds the internal forces at a displacement.
+/// Closure that adds the internal forces at a displacement.
 pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
 
-/// Most steps towards the eigenvalue itself.
+/// Most Lanczos steps for the eigenvalue itself.
 const STEPS: usize = 80;
 
-/// Numbers that all its vectors may take (32 MB). Beyond, each is made orthogonal to the last two only:
-/// what round-off brings back of the others are copies of eigenvalues that are found already, and none lies
+/// Most numbers that all Lanczos vectors together may take (32 MB). Beyond, each vector is made orthogonal to
+/// the last two only. Round-off then brings back copies of eigenvalues that are already known, none of them
 /// above the largest.
 const STORED: usize = 1 << 22;
 
 /// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
 const LEAN: usize = 300;
 
-/// Relative residual at which its largest Ritz value is taken.
+/// Relative residual at which the largest Ritz value is accepted.
 const RESIDUAL: f64 = 1e-4;
 
-/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its
-/// own in [`crate::Model::critical_step`].
+/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; `f32::MAX` if nothing moves. A nonlinear model computes
+/// its own in [`crate::Model::critical_step`].
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn critical_step<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     Ok(step_of(largest_eigenvalue(inverse_inertia, add_forces)?))
 }
 
-/// `2/√λ` \[s\] for the largest `λ = ω²` \[1/s²\].
+/// `2/√λ` \[s\] for the largest `λ = ω²` \[1/s²\]; `f32::MAX` unless it is positive.
 pub fn step_of<T: Real>(largest: T) -> T {
     if largest > T::zero() {
         T::of(2.0) / largest.sqrt()
@@ -42,11 +42,11 @@ pub fn step_of<T: Real>(largest: T) -> T {
     }
 }
 
-/// The critical step of [`critical_step`] for unknowns of `layout`, or of the part of a model that is here:
-/// the same bits on any number of ranks, all of which must ask.
+/// Critical step as of [`critical_step`], for unknowns of `layout`, or of this rank's part of a partitioned
+/// model. Has the same bits on any number of ranks. Collective.
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn critical_step_of_nodes<T: Real>(
     inverse_inertia: &[T],
     layout: DofLayout,
@@ -58,11 +58,11 @@ pub fn critical_step_of_nodes<T: Real>(
 }
 
 /// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks
-/// prescribed unknowns. To round-off for most models; up to 80 vectors, all of them stored for small models
-/// only.
+/// prescribed unknowns. Accurate to round-off for most models. Takes at most 80 steps and stores all of their
+/// vectors for small models only.
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     largest_in(inverse_inertia, &Space::Plain(inverse_inertia.len()), add_forces)
 }
@@ -83,6 +83,7 @@ fn largest_in<T: Real>(
             return basis.push(v);
         }
         basis.push(v);
+        // Two passes make the vector orthogonal to round-off.
         (0..2).for_each(|_| space.take_out(w, &basis));
     };
     lanczos((&root, space), STEPS, add_forces, orthogonal, &mut |t| {
@@ -94,12 +95,13 @@ fn largest_in<T: Real>(
     Ok(top)
 }
 
-/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by
-/// more than the relative 1e-4, in memory of a few vectors; zero if nothing moves. The unknowns are those
-/// of `layout`, or of the part of a model that is here: the same bits on any number of ranks.
+/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`; zero if nothing moves. The result is
+/// not below the largest eigenvalue by more than a relative 1e-4, and takes memory for a few vectors. The
+/// unknowns are those of `layout`, or of this rank's part of a partitioned model. Has the same bits on any
+/// number of ranks. Collective.
 ///
 /// # Errors
-/// Those of `add_forces`, which adds `−K q`.
+/// Errors of `add_forces`, which adds `−K q`.
 pub fn largest_ritz<T: Real>(
     root: &[T],
     layout: DofLayout,
@@ -127,7 +129,8 @@ pub fn largest_ritz<T: Real>(
     Ok(top.max(T::zero()))
 }
 
-/// The projected operator: a symmetric tridiagonal matrix, and the norm of what the next vector was made of.
+/// The projected operator: a symmetric tridiagonal matrix, and the norm of the residual that the next vector
+/// is made of.
 struct Tridiagonal<T> {
     diagonal: Vec<T>,
     off: Vec<T>,
@@ -135,7 +138,8 @@ struct Tridiagonal<T> {
 }
 
 impl<T: Real> Tridiagonal<T> {
-    /// Takes the parts of the last vector `v` and of the one before it, if there is one, out of a new one.
+    /// Subtracts from a new vector its parts along the last vector `v` and along the vector before, if there
+    /// is one.
     fn part(&self, w: &mut [T], v: &[T], before: &[T]) {
         let alpha = self.diagonal.last().copied().unwrap_or_else(T::zero);
         let beta = self.off.last().copied().unwrap_or_else(T::zero);
@@ -148,11 +152,11 @@ impl<T: Real> Tridiagonal<T> {
     }
 }
 
-/// Takes out of a new vector what must not be in it: the one before (which is handed over) and others.
+/// Makes a new vector orthogonal to the vector before (handed over) and to others.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
-/// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until
-/// `settled`.
+/// Lanczos iteration on the symmetric `R K R` until `settled`. The start is fixed, so that the result is
+/// reproducible.
 fn lanczos<T: Real>(
     (root, space): (&[T], &Space<'_>),
     limit: usize,
@@ -223,22 +227,22 @@ impl<T: Real> Tridiagonal<T> {
     }
 }
 
-/// A fixed, well-spread sequence in (−1, 1), free of any symmetry of the model.
+/// A fixed, well-spread sequence in (−0.9, 1.1), free of any symmetry of the model.
 fn scatter<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 1.0) * 0.618_033_988_749_894_9).fract();
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
 
-/// Where the vectors of an iteration live.
+/// Vector space of an iteration.
 enum Space<'a> {
-    /// So many unknowns, all here.
+    /// Unknowns without nodes, all on this rank; their number.
     Plain(usize),
-    /// Unknowns of nodes, on whatever ranks.
+    /// Unknowns of nodes, on one rank or spread over several.
     Nodes(DofLayout, Option<&'a Portion>),
 }
 
 impl Space<'_> {
-    /// Unknowns on all ranks.
+    /// Number of unknowns on all ranks.
     fn size(&self) -> usize {
         match self {
             Self::Plain(n) => *n,
@@ -249,7 +253,7 @@ impl Space<'_> {
         }
     }
 
-    /// Number of an unknown among those of all ranks.
+    /// Number that a local unknown has among the unknowns of all ranks.
     fn number(&self, i: usize) -> usize {
         let Self::Nodes(layout, Some(portion)) = self else {
             return i;
@@ -275,8 +279,8 @@ impl Space<'_> {
         sum
     }
 
-    /// Takes the parts of orthonormal vectors out of `w`: one after the other, or all at once, for one sum
-    /// over ranks. Twice is enough either way.
+    /// Subtracts from `w` its parts along orthonormal vectors: one after the other, or all at once with one
+    /// all-reduce. Two passes are enough either way.
     fn take_out<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
@@ -297,7 +301,8 @@ impl Space<'_> {
         }
     }
 
-    /// Whether ranks still hear of each other: an iteration with what is not a number has no end.
+    /// Returns the failure of the communication between ranks, if there was one: on NaN an iteration would
+    /// not end.
     fn heard(&self) -> Result<()> {
         match self {
             Self::Nodes(_, Some(portion)) => portion.failure().map_or(Ok(()), |e| Err(e.clone().into())),

@@ -6,17 +6,17 @@ use crate::error::invalid;
 use crate::{Real, Result};
 use std::sync::{Arc, Mutex};
 
-/// A function of time by a formula, with the text that says it.
+/// A function of time given by a formula, with the text of the formula.
 #[derive(Clone)]
 pub struct Formula {
     text: Arc<str>,
     at: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
-    /// Integrals up to some times, found when they are asked for.
+    /// Integrals up to certain times, computed on request.
     sums: Arc<Mutex<Vec<f64>>>,
 }
 
 impl Formula {
-    /// A formula and what it says; it must always give the same value at the same time.
+    /// Formula with its text. The function must always return the same value at the same time.
     pub fn new(text: &str, at: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
         Self {
             text: text.into(),
@@ -25,8 +25,8 @@ impl Formula {
         }
     }
 
-    /// Value at time `t` \[s\]. Before time zero the formula goes on, or has its value at zero where it
-    /// makes no sense there.
+    /// Value at time `t` \[s\]. Before time zero the formula goes on; where it is not finite there, its value
+    /// at zero is taken.
     pub fn at(&self, t: f64) -> f64 {
         let value = (self.at)(t);
         if t < 0.0 && !value.is_finite() {
@@ -42,7 +42,7 @@ impl std::fmt::Debug for Formula {
     }
 }
 
-/// Equal where they say the same.
+/// Equal if the texts are equal.
 impl PartialEq for Formula {
     fn eq(&self, other: &Self) -> bool {
         self.text == other.text
@@ -69,8 +69,8 @@ pub enum TimeFunction<T> {
     Table(Vec<(T, T)>),
     /// Any formula.
     Formula(Formula),
-    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas,
-    /// of which pieces are halved until two rules of quadrature agree to round-off.
+    /// `∫_0^t` of another function \[s\], for a motion given by its speed. Exact except for formulas and
+    /// integrals, whose intervals are halved until two rules of quadrature agree to round-off.
     Integral(Box<Self>),
 }
 
@@ -115,13 +115,13 @@ impl<T: Real> TimeFunction<T> {
         }
     }
 
-    /// Value at time `t` \[s\]; zero before time zero except for tables and formulas.
+    /// Value at time `t` \[s\]; zero before time zero except for tables, formulas and their integrals.
     pub fn at(&self, t: T) -> T {
         T::of(self.at_wide(t.as_f64()))
     }
 
-    /// The same in double precision: prescribed motions take differences over a step, of which single
-    /// precision would leave nothing.
+    /// Value in double precision: prescribed motions take differences over a step, which single precision
+    /// would lose.
     pub(crate) fn at_wide(&self, t: f64) -> f64 {
         match self {
             Self::Step => f64::from(u8::from(t >= 0.0)),

@@ -1,10 +1,10 @@
-//! A box tree: which of many boxes meet a given one, in logarithmic time.
+//! A box tree: finds which of many boxes meet a given one, in logarithmic time.
 
 use crate::Real;
 use crate::geometry::bounds_of;
 use nalgebra::Point3;
 
-/// A box tree over cells, to find those that meet a given box in logarithmic time.
+/// A tree over boxes, to find those that meet a given box in logarithmic time.
 #[derive(Debug, Clone)]
 pub struct BoxTree<T: Real> {
     boxes: Vec<[Point3<T>; 2]>,
@@ -66,6 +66,7 @@ impl<T: Real> BoxTree<T> {
     /// Calls `visit` with the index of every box that meets `query`, until it returns `true`.
     pub fn any(&self, query: &[Point3<T>; 2], visit: &mut dyn FnMut(usize) -> bool) -> bool {
         let meets = |b: &[Point3<T>; 2]| (0..3).all(|k| b[0][k] <= query[1][k] && query[0][k] <= b[1][k]);
+        // Halves of at most 2³² boxes are nested 32 deep, and one entry waits at each level.
         let mut stack = [0u32; 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {

@@ -1,9 +1,9 @@
-//! The overlap absorber: removes what the coarse model cannot carry.
+//! The overlap absorber: removes motion that the coarse model cannot carry.
 //!
-//! The constrained scheme filters nothing: above the coarse cutoff everything is reflected. The absorber
-//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, `P` being the
-//! mass-weighted projection onto a resolved space (the mediator's or a coarser one), in the symmetric form
-//! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
+//! The constrained scheme filters nothing: everything above the coarse cutoff is reflected. The absorber
+//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, where `P` is the
+//! mass-weighted projection onto a resolved space (the mediator's or a coarser one). Its force has the
+//! symmetric form `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, and energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
@@ -28,37 +28,38 @@ pub struct Absorber<T: Real> {
     rate: RateField<T>,
 }
 
-/// The same on the nodes of a model.
+/// An absorber that is attached to the nodes of a model.
 ///
 /// With `D = diag(m η)`, shape functions `N`, `G = NᵀMN`, `y = G⁻¹NᵀM v` and `z = G⁻¹(NᵀD v − NᵀDN y)` the
-/// force is `−D (v − N y) + M N z`: each direction of `N` is run through once.
+/// force is `−D (v − N y) + M N z`. In this form `Nᵀ` and `N` are each applied once.
 struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
-    /// Nodes in the resolved space, ascending: of a model in parts those of all ranks, by their places.
+    /// Nodes in the resolved space, ascending; for a partitioned model, places in the list of these nodes on
+    /// all ranks.
     nodes: Vec<u32>,
-    /// Place and number of those that are here.
+    /// Place in that list, and local number, of the nodes on this rank.
     here: Vec<[u32; 2]>,
-    /// How velocities of other ranks come.
+    /// Exchange of velocities with other ranks.
     told: Option<Told<T>>,
-    /// Their masses `m`, and `m η`.
+    /// `m` and `m η` of each node.
     mass: Vec<[T; 2]>,
     /// `Nᵀ`, `N` and `NᵀDN`.
     gather: Rows<T>,
     scatter: Rows<T>,
     damped: Rows<T>,
     factor: Box<dyn SpdFactor<T>>,
-    /// Two velocities per node: `m v` and `m η v`.
+    /// Two vectors per node: `m v` and `m η v`.
     local: Vec<T>,
-    /// Two per resolved node: sums of these, then `y` and `z`.
+    /// Two vectors per resolved node: the sums `NᵀM v` and `NᵀD v`, later `y` and `z`.
     coarse: Vec<T>,
-    /// One per resolved node, interleaved, and by components for the factor.
+    /// One vector per resolved node: interleaved, and (`columns`) by components for the factor.
     resolved: Vec<T>,
     columns: Vec<T>,
     force: Vec<T>,
 }
 
-/// Velocities of all nodes in the resolved space, on whatever rank these are.
+/// Velocities of all nodes in the resolved space, gathered from all ranks.
 struct Told<T> {
     gather: Gather,
     messages: Vec<Message>,
@@ -72,21 +73,22 @@ impl<T: Real> std::fmt::Debug for Absorber<T> {
 }
 
 impl<T: Real> Absorber<T> {
-    /// Absorber that keeps what `resolved` can represent and damps the rest at the local rate \[1/s\].
+    /// Absorber that keeps the motion that `resolved` can represent and damps the rest at the local rate
+    /// \[1/s\].
     ///
-    /// The rate should grow from 0 at the border to the fine model's own region; `0.2 c/r` at its largest is
-    /// a good value (`c` wave speed, `r` particle spacing).
+    /// The rate should grow from 0 at the border to the fine model's own region; `0.2 c/r` is a good largest
+    /// value (`c` wave speed, `r` particle spacing).
     pub fn new(resolved: Arc<dyn Interpolation<T>>, rate: RateField<T>) -> Self {
         Self { resolved, rate }
     }
 }
 
-/// Nodes per unit of work.
+/// Nodes per parallel task.
 const GRAIN: usize = 1_024;
 
 impl<T: Real> AttachedAbsorber<T> {
-    /// With shape functions `n` (row per node), `m` and `m η` of the nodes and the largest `η`; none if `G`
-    /// is not positive definite.
+    /// Absorber for shape functions `n` (a row per node), `[m, m η]` of the nodes and the largest `η`; `None`
+    /// if `G` is not positive definite.
     fn new(components: usize, n: &CsMat<T>, nodes: &[usize], mass: Vec<[T; 2]>, top_rate: T) -> Option<Self> {
         let zeros = |count: usize| vec![T::zero(); count * components];
         Some(Self {
@@ -108,7 +110,7 @@ impl<T: Real> AttachedAbsorber<T> {
         })
     }
 
-    /// `G⁻¹` on what `resolved` holds, to the first or second half of `coarse`.
+    /// Applies `G⁻¹` to `resolved` and copies the result to the first or second half of `coarse`.
     fn solve<const N: usize, const W: usize>(&mut self, half: usize) {
         let count = self.factor.size();
         let (resolved, coarse) = (
@@ -127,7 +129,7 @@ impl<T: Real> AttachedAbsorber<T> {
         }
     }
 
-    /// Lets all ranks know the nodes, whose numbers in the whole model these are.
+    /// Sets up the exchange of velocities with other ranks. `nodes` are numbers in the whole model.
     fn share_out(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
         let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
         self.here = gather.own().to_vec();
@@ -140,7 +142,7 @@ impl<T: Real> AttachedAbsorber<T> {
         self
     }
 
-    /// The force for `N` components, `W = 2 N`.
+    /// Adds the force to `f`, for `N` components and `W = 2 N`.
     fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
         if let Some(mut told) = self.told.take() {
             told.gather.gather(N, &mut told.messages, v, &mut told.v);
@@ -162,7 +164,7 @@ impl<T: Real> AttachedAbsorber<T> {
         }
     }
 
-    /// The forces on all nodes.
+    /// Computes the forces on all nodes of the resolved space.
     fn find<const N: usize, const W: usize>(&mut self, v: &[T]) {
         let v = v.as_chunks::<N>().0;
         let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
@@ -190,7 +192,7 @@ impl<T: Real> AttachedAbsorber<T> {
             x.copy_from_slice(&pair[..N]);
         }
         self.solve::<N, W>(0);
-        // The columns are free between two solutions.
+        // `columns` is free between the two solves.
         self.damped.product::<N>(&self.resolved, &mut self.columns);
         let parts = self
             .columns
@@ -238,7 +240,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             ));
         }
         let nodes: Vec<usize> = shapes.iter().map(|s| s.0.node).collect();
-        // Only shape functions that touch a node take part.
+        // Only shape functions that touch a node take part: others would make `G` singular.
         let mut used: Vec<usize> = shapes
             .iter()
             .flat_map(|s| s.1.iter().filter(|e| e.1 != T::zero()).map(|e| e.0))
@@ -272,7 +274,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
     }
 }
 
-/// A node with its number in the whole model, its place at rest and its mass.
+/// A node: its number in the whole model, its reference position and its mass.
 #[derive(Clone, Copy)]
 struct Place<T: Real> {
     node: usize,
@@ -280,11 +282,12 @@ struct Place<T: Real> {
     mass: T,
 }
 
-/// A node with the shape functions there.
+/// A node and the shape functions there.
 type Shaped<T> = (Place<T>, Vec<(usize, T)>);
 
 impl<T: Real> Absorber<T> {
-    /// The nodes of the model, of one in parts those of all ranks that the resolved space may hold.
+    /// Nodes of the model. For a partitioned model: all nodes of all ranks that lie in the resolved space.
+    /// Collective.
     fn places(&self, to: &Host<'_, T>) -> Result<Vec<Place<T>>> {
         let d = to.model.layout().components;
         let all = to.model.nodes().iter().enumerate();
@@ -301,6 +304,7 @@ impl<T: Real> Absorber<T> {
         for p in all {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
+                // The all-gather carries integers: send the numbers as their bits.
                 let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());
                 words.push(p.node as i64);
                 words.extend(numbers);
@@ -308,6 +312,7 @@ impl<T: Real> Absorber<T> {
         }
         let mut words = portion.listed(&words)?;
         let words = words.as_chunks_mut::<5>().0;
+        // In the order of the model, so that the result does not depend on the partition.
         words.sort_unstable_by_key(|w| w[0]);
         let real = |w: i64| T::of(f64::from_bits(w.cast_unsigned()));
         let place = |&[node, x, y, z, mass]: &[i64; 5]| Place {
@@ -335,7 +340,7 @@ fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
 }
 
 impl<T: Real> AttachedAbsorber<T> {
-    /// Power of the last forces on each node that is here.
+    /// Power of the last forces on each node of this rank.
     fn powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
         let d = self.components;
         let of = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
@@ -350,7 +355,7 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
         "absorber"
     }
 
-    /// It leaves rigid motion alone.
+    /// The absorber leaves rigid motion alone.
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Reference)
     }
@@ -370,7 +375,7 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
         Ok(())
     }
 
-    /// Of the nodes here.
+    /// Power on the nodes of this rank.
     fn power(&self, v: &[T]) -> T {
         self.powers(v).sum()
     }

@@ -1,39 +1,38 @@
-//! What effects did: one line each, for reports.
+//! Accounts of effects: one line for each, for reports.
 
 use super::{AnyEffect, StepDemand};
 use crate::phase::Phase;
 use crate::record::Record;
 use crate::{Real, Result};
 
-/// What one effect did since the start.
+/// Account of one effect since the start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectLine<T> {
-    /// Subdomain and effect, as `model/effect`; for effects between two, their own name.
+    /// Subdomain and effect, as `model/effect`; for an effect between two subdomains, its own name.
     pub name: String,
-    /// The phase of a step in which it is computed; `None` for what is part of a model's forces.
+    /// Phase of a step in which the effect is computed; `None` for a part of a model's forces.
     pub phase: Option<Phase>,
-    /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their
-    /// own.
+    /// Work on the models \[J\], negative where energy left them; `None` for an effect that does no work of
+    /// its own.
     pub work: Option<T>,
-    /// Half of the work of the last instant \[J\]: the half step that is still to come.
+    /// Half of the work of the last instant \[J\], which belongs to the half step still to come.
     pub pending: T,
-    /// Energy the effect holds \[J\].
+    /// Energy that the effect holds \[J\].
     pub stored: T,
-    /// Energy it took from outside \[J\]; `None` for loads.
+    /// Energy that the effect took from outside \[J\]; `None` for loads.
     pub supplied: Option<T>,
-    /// Figures of its own.
+    /// Figures of the effect: names (with units) and values.
     pub facts: Vec<(String, f64)>,
 }
 
 impl<T: Real> EffectLine<T> {
-    /// Energy that is gone for good \[J\]: `supplied − work − stored`, the work taken up to the present
-    /// instant.
+    /// Energy lost for good \[J\]: `supplied − work − stored`, with the work up to the present instant.
     pub fn dissipated(&self) -> Option<T> {
         Some(self.supplied? - (self.work? - self.pending) - self.stored)
     }
 }
 
-/// Critical step \[s\] under demands, from that without.
+/// Critical step \[s\] under the demands of effects, from the critical step `free` without them.
 pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDemand<T>>) -> T {
     let (two, half) = (T::of(2.0), T::of(0.5));
     let omega = two / free;
@@ -44,7 +43,7 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
         gain *= d.gain;
         rate += d.damping + d.viscosity * bare;
     }
-    // The same bits as without effects where they demand nothing.
+    // Where effects demand nothing, keep the bits of `free`.
     let limit = if square == bare && gain == T::one() {
         free
     } else {
@@ -54,11 +53,11 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
     limit * ((T::one() + zeta * zeta).sqrt() - zeta)
 }
 
-/// An effect at work, on one subdomain or between two, with its line of the ledger.
+/// An attached effect, on one subdomain or between two, with its line of the ledger.
 pub(crate) struct Attached<T, E: ?Sized> {
     pub(crate) effect: Box<E>,
     work: T,
-    /// What the last instant added to it.
+    /// Work of the last instant.
     last: T,
 }
 
@@ -82,21 +81,21 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
         self.work += work;
     }
 
-    /// Adds the work of a whole step, of which nothing is still to come \[J\].
+    /// Adds the work of a whole step \[J\], none of which is pending.
     pub(crate) fn add_whole(&mut self, work: T) {
         self.last = T::zero();
         self.work += work;
     }
 
-    /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at
-    /// fault.
+    /// Energy that the effect has created \[J\], `work + stored − supplied` but not below zero; positive only
+    /// if its law is wrong.
     pub(crate) fn created(&self) -> T {
         let work = self.work - self.last * T::of(0.5);
         let of = |from: T| (work + self.effect.stored() - from).max(T::zero());
         self.effect.supplied().map_or_else(T::zero, of)
     }
 
-    /// What it did, under the name that reports give it.
+    /// Account of the effect, under the name that reports give it.
     pub(crate) fn line(&self, name: String, phase: Phase) -> EffectLine<T> {
         EffectLine {
             name,

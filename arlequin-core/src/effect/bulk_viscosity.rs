@@ -10,7 +10,7 @@ use crate::{Error, Real, Result};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// A cell under bulk viscosity: its nodes and `∇N_i` at its centre, and `b ρ c L V w`.
+/// A cell under bulk viscosity: its nodes with `∇N_i` at its centre, and the factor `b ρ c L V w`.
 #[derive(Debug, Clone)]
 struct ViscousCell<T: Real> {
     gradients: Vec<(usize, Vector3<T>)>,
@@ -36,7 +36,7 @@ pub struct BulkViscosity<T: Real> {
     field: Arc<dyn Interpolation<T>>,
     coefficient: T,
     impedance: T,
-    /// Of every cell, where these differ.
+    /// Impedance of every cell, if they differ; otherwise empty.
     impedances: Vec<T>,
 }
 
@@ -64,7 +64,7 @@ impl<T: Real> BulkViscosity<T> {
         })
     }
 
-    /// The same in a body of several materials, with the impedance of every cell.
+    /// Sets the impedance of every cell, for a body of several materials.
     #[must_use]
     pub fn with_impedances(mut self, of_cells: Vec<T>) -> Self {
         self.impedances = of_cells;
@@ -121,7 +121,7 @@ impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
             .map(|(k, c)| self.cell(k, c, to))
             .collect::<Result<_>>()?;
         let dofs = to.inertia.len();
-        // 1 % for what the iteration leaves out.
+        // 1 % more, for the error of the iteration.
         let top_rate = T::of(1.01)
             * spectrum::largest_eigenvalue(to.inverse_inertia, &mut |v, f| {
                 cells.iter().for_each(|c| c.add(v, f));

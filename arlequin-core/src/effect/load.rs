@@ -32,7 +32,7 @@ impl<T: Real> SurfaceFacet<T> {
 enum Spread<T: Real> {
     /// Forces \[N\] (moments \[N m\]) on unknowns.
     Dofs(Vec<(usize, T)>),
-    /// The same, weighted already.
+    /// Forces on unknowns that are weighted already.
     Shares(Vec<(usize, T)>),
     /// Tractions \[Pa\], one per facet.
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
@@ -46,7 +46,7 @@ pub struct Load<T: Real> {
     time: TimeFunction<T>,
 }
 
-/// The same on the unknowns of a subdomain, weighted.
+/// A load attached to a subdomain: weighted forces on unknowns.
 struct WeightedLoad<T: Real> {
     name: String,
     forces: Vec<(usize, T)>,
@@ -55,8 +55,8 @@ struct WeightedLoad<T: Real> {
 }
 
 impl<T: Real> Load<T> {
-    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is
-    /// in parts.
+    /// Load of forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, numbered in the whole model
+    /// even if it is partitioned.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -65,8 +65,8 @@ impl<T: Real> Load<T> {
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
     }
 
-    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not
-    /// applied. For who deals one load out to several models and knows what they must add up to.
+    /// Load of forces \[N\] or moments \[N m\] that are the share of this model already: `γ` is not applied.
+    /// For callers that divide one load among several models themselves.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -75,7 +75,7 @@ impl<T: Real> Load<T> {
         Self::checked(name, good, forces.len(), Spread::Shares(forces), time)
     }
 
-    /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
+    /// Load of a traction field `t(x)` \[Pa\], sampled at the facet centres.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty surface, a non-finite traction or an invalid time function.

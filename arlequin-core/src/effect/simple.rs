@@ -24,10 +24,10 @@ impl<T: Real> BodyForce<T> {
         Err(invalid("body acceleration", found, "must be finite"))
     }
 
-    /// The same, times a function of time.
+    /// Multiplies the acceleration by a function of time.
     ///
     /// # Errors
-    /// Those of [`TimeFunction::validate`].
+    /// Errors of [`TimeFunction::validate`].
     pub fn over_time(self, time: TimeFunction<T>) -> Result<Self> {
         time.validate()?;
         Ok(Self(self.0, time))
@@ -48,6 +48,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         }
         let time = self.1;
         if time == TimeFunction::Step {
+            // `own` holds the constant force from the start and needs no update.
             let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
                 f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
             };
@@ -131,6 +132,7 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let time = self.0;
         let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            // At the start of a run there is no step before to take the difference over.
             if at.dt <= T::zero() {
                 return;
             }
@@ -155,14 +157,14 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
     }
 }
 
-/// Local damping: every unknown feels `−share |F| sgn(v)`, `F` being all other forces on it but the
-/// multipliers. Brings a body to rest without holding its steady motion back. Must be the last effect of
-/// its subdomain.
+/// Local damping: every unknown feels `−share |F| sgn(v)`, where `F` is the sum of the internal forces and of
+/// all other effects of the subdomain. Brings a body to rest without slowing a steady motion. Must be the
+/// last effect of its subdomain.
 #[derive(Debug, Clone)]
 pub struct LocalDamping<T>(T);
 
 impl<T: Real> LocalDamping<T> {
-    /// Damping by the share given, 0.1 to 0.8 in use.
+    /// Damping by the given share, usually 0.1 to 0.8.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] unless it is at least 0 and below 1.
@@ -204,16 +206,17 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
     }
 }
 
-/// Subtracts the internal forces of the initial displacements for ever, `F = −F_int(q_0)`: the body starts in
-/// equilibrium in the shape it is given, and its stiffness acts on what it moves from there.
+/// Subtracts the internal forces of the initial displacements permanently, `F = −F_int(q_0)`: the body starts
+/// in equilibrium in the given shape, and its stiffness acts on displacements from there.
 ///
-/// A dead load as far as energy is concerned: its work is from outside.
+/// Counts as a dead load in the energy balance: its work comes from outside.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Prestress;
 
 impl<T: Real> EffectSpec<T> for Prestress {
     fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let law = |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+            // The step is zero at the start of a run only: keep the internal forces of that instant.
             if at.dt <= T::zero() {
                 own.iter_mut().zip(at.internal).for_each(|(g, now)| *g = -*now);
             }

@@ -1,10 +1,10 @@
 //! Clipping of convex bodies that stays closed whatever the round-off.
 //!
-//! Corners are stored once and each is classified once per plane, as inside, on the plane or outside; what
-//! every face keeps follows from that classification alone. The cap is bounded by the edges in the plane
-//! that only one kept face has. So a face that nearly lies in the plane is either kept, or replaced by the
-//! cap, or shares its area with it: it is never counted twice, and the parts on the two sides of a plane
-//! add up to the whole.
+//! Corners are stored once, and each is classified once per plane: inside, on the plane or outside. The part
+//! of every face that remains follows from this classification alone. The cap is bounded by the edges in the
+//! plane that belong to only one remaining face. A face that nearly lies in the plane is therefore kept, or
+//! replaced by the cap, or shares its area with the cap: it is never counted twice, and the parts on the two
+//! sides of a plane add up to the whole.
 
 use super::{HalfSpace, Polyhedron};
 use crate::Real;
@@ -15,7 +15,7 @@ const PLANE: f64 = 8.0;
 /// Distance below which two corners are one, in units of epsilon times the largest coordinate.
 const WELD: f64 = 32.0;
 
-/// Where a corner lies with respect to a plane.
+/// Position of a corner relative to a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
     Inside,
@@ -85,9 +85,10 @@ impl<T: Real> Body<T> {
         (side, excess)
     }
 
-    /// The part within all half-spaces; none if nothing of positive volume is left.
+    /// Part of the body within all half-spaces; `None` if no positive volume is left.
     pub(crate) fn within(&self, planes: &[HalfSpace<T>]) -> Option<Polyhedron<T>> {
-        // Most pairs of cells whose boxes meet are parted by one face.
+        // Most pairs of cells whose boxes meet are separated by one face: look for it before copying the
+        // body.
         let parted = |plane: &HalfSpace<T>| {
             let inside = |x: &Point3<T>| self.side(plane, x).0 == Side::Inside;
             !self.points.iter().any(inside)
@@ -104,7 +105,7 @@ impl<T: Real> Body<T> {
         Some(body.polyhedron())
     }
 
-    /// Cuts off what lies beyond a plane; `false` if nothing is left.
+    /// Cuts off the part beyond a plane; returns `false` if nothing is left.
     fn clip(&mut self, plane: &HalfSpace<T>) -> bool {
         let mut sides: Vec<(Side, T)> = self.points.iter().map(|x| self.side(plane, x)).collect();
         let used = |s: Side| {
@@ -149,8 +150,8 @@ impl<T: Real> Body<T> {
         self.faces.len() >= 4
     }
 
-    /// The corner at which an edge, from its inner to its outer end, meets the plane: one for both faces of
-    /// the edge.
+    /// Number of the corner at which an edge, from its inner to its outer end, meets the plane. Both faces of
+    /// the edge get the same corner.
     fn cut(&mut self, edge: [u32; 2], sides: &mut Vec<(Side, T)>, cuts: &mut Vec<([u32; 2], u32)>) -> u32 {
         if let Some((_, k)) = cuts.iter().find(|(e, _)| *e == edge) {
             return *k;
@@ -182,7 +183,8 @@ impl<T: Real> Body<T> {
                 }
             }
             if last != first {
-                // The faces given did not share their corners: the cap of a convex body is convex.
+                // The faces given did not share their corners. The cap of a convex body is convex, so order
+                // its corners.
                 corners.extend(rim.drain(..).flatten());
                 corners = self.around(corners, normal);
             }
@@ -228,7 +230,7 @@ fn push(corners: &mut Vec<u32>, k: u32) {
     }
 }
 
-/// Adds an edge, or removes it if it is there: what remains belongs to one face only.
+/// Adds an edge, or removes it if it is there: the edges that remain belong to one face only.
 fn toggle(rim: &mut Vec<[u32; 2]>, edge: [u32; 2]) {
     let [a, b] = edge;
     match rim.iter().position(|e| *e == [a, b] || *e == [b, a]) {

@@ -1,6 +1,6 @@
 //! Integration cells: segments with a cross-section and convex polyhedra, their intersections and quadrature.
 //!
-//! Everything here works in the reference configuration and only at set-up.
+//! All functions work in the reference configuration, and only at set-up.
 
 mod clip;
 mod polyhedron;
@@ -24,7 +24,7 @@ pub struct Sample<T: Real> {
     pub measure: T,
 }
 
-/// A piece of a domain on which shape functions are smooth.
+/// A part of a domain on which shape functions are smooth.
 #[derive(Debug, Clone)]
 pub enum Cell<T: Real> {
     /// A straight line with a constant cross-section.
@@ -55,8 +55,8 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The common part of two cells of the same kind; `None` where it is empty or of lower dimension.
-    /// Two segments intersect only along a common line.
+    /// Common part of two cells of one kind; `None` where it is empty or of lower dimension. Two segments
+    /// intersect only along a common line.
     pub fn intersection(&self, other: &Self) -> Option<Self> {
         match (self, other) {
             (
@@ -91,7 +91,7 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The part on the inner side of a plane.
+    /// Part of the cell on the inner side of a plane; `None` if nothing remains.
     pub fn clip(&self, plane: &HalfSpace<T>) -> Option<Self> {
         match self {
             Self::Segment { ends, section } => {
@@ -134,6 +134,8 @@ impl<T: Real> Cell<T> {
                 }
             }
             Self::Polyhedron(p) => {
+                // Four samples serve the whole body if they lie inside; otherwise every tetrahedron gets its
+                // own.
                 if degree > 2 || !p.quadratic_rule(out) {
                     p.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, degree, out));
                 }
@@ -141,8 +143,8 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The same with half to two thirds of the samples, those of tetrahedra from a corner: not symmetric,
-    /// so for integrands alone that the rule integrates exactly, or nearly.
+    /// Appends samples like [`Self::quadrature`], but half to two thirds of them, from tetrahedra at a common
+    /// corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {
             Self::Polyhedron(p) if degree > 2 => {
@@ -152,7 +154,7 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The bounding half-spaces of a polyhedron; none for a segment.
+    /// Bounding half-spaces of a polyhedron; empty for a segment.
     pub(crate) fn half_spaces(&self) -> Vec<HalfSpace<T>> {
         match self {
             Self::Segment { .. } => Vec::new(),
@@ -180,7 +182,7 @@ pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [P
     b
 }
 
-/// Point of a triangle, which may be a line or a point, that is closest to `p` (Ericson, Real-Time
+/// Point of a triangle that is closest to `p`; the triangle may be a line or a point (Ericson, Real-Time
 /// Collision Detection, 5.1.5).
 pub fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -224,7 +226,7 @@ pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T)
     samples.iter().map(|s| f(&s.point) * s.measure).sum::<T>() / total
 }
 
-/// The cell cut in `8^levels` parts, a segment in `2^levels`.
+/// Cuts a cell into up to `8^levels` parts, a segment into `2^levels`.
 pub(crate) fn parts<T: Real>(cell: &Cell<T>, levels: usize) -> Vec<Cell<T>> {
     let mut parts = vec![cell.clone()];
     for _ in 0..levels {
@@ -233,7 +235,7 @@ pub(crate) fn parts<T: Real>(cell: &Cell<T>, levels: usize) -> Vec<Cell<T>> {
     parts
 }
 
-/// The cell cut through its centre across its three box directions (8 parts), a segment in two.
+/// Cuts a cell through the centre of its box across the three axes into up to 8 parts, a segment into two.
 fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
     if let Cell::Segment {
         ends: [a, b],

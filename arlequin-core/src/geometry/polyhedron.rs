@@ -83,7 +83,7 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// The bounding half-spaces, normals pointing away from the inside.
+    /// Bounding half-spaces, with normals that point away from the inside.
     pub fn half_spaces(&self) -> Vec<HalfSpace<T>> {
         let centre = self.centre();
         let plane = |f: &Vec<Point3<T>>| {
@@ -100,19 +100,19 @@ impl<T: Real> Polyhedron<T> {
         self.faces.iter().filter_map(plane).collect()
     }
 
-    /// The part on the inner side of a plane; empty if nothing remains.
+    /// Part on the inner side of a plane; empty if nothing remains.
     #[must_use]
     pub fn clip(&self, plane: &HalfSpace<T>) -> Self {
         self.intersection(std::slice::from_ref(plane))
     }
 
-    /// The intersection with another convex polyhedron given by its half-spaces.
+    /// Intersection with another convex polyhedron, which is given by its half-spaces.
     #[must_use]
     pub fn intersection(&self, planes: &[HalfSpace<T>]) -> Self {
         Body::new(self).within(planes).unwrap_or_default()
     }
 
-    /// Tetrahedra that fill the body: every face fan joined to the centre.
+    /// Visits tetrahedra that fill the body: the triangles of every face, joined to the centre.
     pub fn for_each_tetrahedron(&self, mut visit: impl FnMut([Point3<T>; 4])) {
         if self.faces.len() == 4 && self.faces.iter().all(|f| f.len() == 3) {
             let base = &self.faces[0];
@@ -128,8 +128,8 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Tetrahedra that fill the body from one of its corners, the one on the most triangles: about half as
-    /// many.
+    /// Visits tetrahedra that fill the body from one of its corners, about half as many as from the centre.
+    /// The corner is the one on the most triangles.
     pub(super) fn for_each_tetrahedron_from_a_corner(&self, mut visit: impl FnMut([Point3<T>; 4])) {
         let saved = |x: &Point3<T>| -> usize {
             let own = self.faces.iter().filter(|f| f.contains(x));
@@ -150,9 +150,9 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the
-    /// centroid `c`, the covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where
-    /// one of them falls outside.
+    /// Appends four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the
+    /// centroid `c`, the covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. Returns `false`,
+    /// and appends nothing, if one of them falls outside.
     pub(super) fn quadratic_rule(&self, out: &mut Vec<Sample<T>>) -> bool {
         let (mut volume, mut first) = (T::zero(), Vector3::zeros());
         self.for_each_tetrahedron(|t| {
@@ -170,6 +170,7 @@ impl<T: Real> Polyhedron<T> {
             let d = t.map(|p| p - centre);
             let sum = d.iter().fold(Vector3::zeros(), |s, x| s + x);
             let squares = d.iter().fold(Matrix3::zeros(), |s, x| s + x * x.transpose());
+            // Second moments of a tetrahedron about the centre.
             covariance += (squares + sum * sum.transpose()) * (v / T::of(20.0));
         });
         let Some(factor) = (covariance / volume).cholesky() else {
@@ -209,8 +210,8 @@ fn loop_normal<T: Real>(face: &[Point3<T>]) -> Vector3<T> {
     n
 }
 
-/// A point of the plane of a face: a corner of a triangle, the mean of the corners where round-off may have
-/// bent it.
+/// A point of the plane of a face: a corner of a triangle, else the mean of the corners, as round-off may
+/// have bent the face.
 fn middle<T: Real>(face: &[Point3<T>]) -> Point3<T> {
     if face.len() == 3 {
         return face[0];
