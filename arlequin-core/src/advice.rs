@@ -185,6 +185,7 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
 /// Nothing locks in the first row. Values are interpolated over the logarithm of `1 − 2ν`; beyond the last
 /// row its values hold.
 pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> Option<Advice> {
+    // Locking goes with `λ/μ`, which is about `1/(1 − 2ν)` near one half.
     let place = |nu: f64| (1.0 - 2.0 * nu).ln();
     let after = measured.iter().position(|row| row[0] >= poisson);
     let [_, stiffer, stress] = match after.unwrap_or(measured.len()) {
@@ -196,6 +197,7 @@ pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> O
             [0, 1, 2].map(|c: usize| low[c] + share * (high[c] - low[c]))
         }
     };
+    // The errors of the first row are those of the mesh: only what locking adds counts.
     let [_, sound, near] = *measured.first()?;
     let locks = stiffer - sound > LOCKS || stress.abs() - near.abs() > STRESS_LOCKS;
     locks.then_some(Advice::Locking {

@@ -150,6 +150,7 @@ impl<T: Real> BlockMatrix<T> {
                 }
             }
         };
+        // Both ways have the same bits, as every row is a sum of its own.
         if self.values.len() < SERIAL {
             f.chunks_mut(CHUNK * C).enumerate().for_each(|(k, f)| work(k, f));
         } else {

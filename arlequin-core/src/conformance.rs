@@ -134,6 +134,7 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
     let layout = model.layout();
     let shift = Vector3::new(T::of(0.3), T::of(-0.2), T::of(0.5)) * amplitude;
     let mut turn = Vector3::new(T::of(0.1), T::of(0.4), T::of(-0.3));
+    // Bars do not turn, and plane models turn about z only.
     match layout.components {
         1 => turn.fill(T::zero()),
         2 => (turn.x, turn.y) = (T::zero(), T::zero()),
@@ -200,6 +201,7 @@ pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T
     let memory = model.save();
     model.advance(&q, &mut f)?;
     let scale = f.iter().fold(T::epsilon(), |a, b| a.max(b.abs()));
+    // Balances the error of central differences, of order `h²`, against round-off, of order `ε/h`.
     let h = amplitude * T::epsilon().cbrt();
     let mut worst = T::zero();
     // Some fifty unknowns spread over the model, from its first to its last.
@@ -362,6 +364,7 @@ pub fn participant<T: Real>(
     let brought = before
         .zip(after)
         .map_or(T::zero(), |(b, a)| (a - b - work).abs() / work.abs());
+    // A participant need not be able to save itself.
     let kept = solver.save().ok();
     let go = |solver: &mut dyn Participant<T>| -> Result<T> {
         let mut worst = T::zero();

@@ -37,7 +37,7 @@ pub enum Error {
     /// Communication between ranks failed.
     #[error(transparent)]
     Rank(#[from] RankError),
-    /// A point at which a field was asked for lies outside of it.
+    /// A field was evaluated at a point outside of it.
     #[error("point ({:.6e}, {:.6e}, {:.6e}) m is outside the {role} field; trim the mediator to the overlap or extend the model", point[0], point[1], point[2])]
     OutsideDomain {
         /// The point \[m\].
@@ -82,7 +82,7 @@ pub enum Error {
     NotFinite {
         /// Name of the quantity.
         what: String,
-        /// Index of the first such entry.
+        /// Index of the first entry that is not finite.
         index: usize,
     },
     /// A matrix that should be positive definite is not.

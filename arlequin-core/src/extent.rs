@@ -80,6 +80,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let planes = cells.iter().map(Cell::half_spaces).collect();
         let lengths: Vec<T> = cells.iter().map(length).collect();
         let boxes = cells.iter().zip(&lengths).map(|(c, h)| {
+            // Boxes reach as far as the accuracy of the surface, so that near misses are found.
             let reach = Vector3::repeat(surface(c, *h));
             let [low, high] = c.bounds();
             [low - reach, high + reach]
@@ -103,6 +104,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let third = T::of(0.75 / std::f64::consts::PI);
         let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
         let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
+        // The largest distance at which a particle counts.
         let (tree, bounds) = around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
         let samples = samples.to_vec();
         Self {
@@ -120,6 +122,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let wide = sides.iter().copied().filter(|s| *s > T::zero());
         let (volume, dimension) = wide.fold((T::one(), 0.0), |(v, d), s| (v * s, d + 1.0));
         let per_node = volume / T::of(centres.len().max(1) as f64);
+        // Mean spacing, as if the nodes filled their box evenly.
         let spacing = per_node.powf(T::of(1.0 / f64::max(dimension, 1.0)));
         let (tree, bounds) = around(&centres, &vec![spacing; centres.len()]);
         Self {
@@ -204,6 +207,7 @@ impl<'a, T: Real> Extent<'a, T> {
             } => {
                 self.tree.any(&query, &mut |k| {
                     best = best.max(beside(&cells[k], &planes[k], x, [lengths[k], own]));
+                    // Inside is the best answer: end the search.
                     best == Cover::Inside
                 });
             }

@@ -153,6 +153,7 @@ impl<T: Real> ParticleField<T> {
         order.par_sort_unstable_by_key(|k| (Self::key(&centres[*k as usize]), *k));
         let same =
             |pair: &&[u32]| Self::key(&centres[pair[0] as usize]) == Self::key(&centres[pair[1] as usize]);
+        // Report the lowest number that coincides, whatever the order of the positions.
         if let Some(&[other, k]) = order.windows(2).filter(same).min_by_key(|pair| pair[1]) {
             return Err(crate::error::invalid(
                 &format!("position of particle {k}"),
@@ -205,6 +206,7 @@ impl<T: Real> ParticleField<T> {
             wide.extend(next.iter().map(|j| *j as usize));
             wide.sort_unstable();
             wide.dedup();
+            // The particle itself is among the neighbours of its neighbours.
             wide.retain(|&j| j != i);
         }
         None
@@ -229,6 +231,7 @@ impl<T: Real> ParticleField<T> {
             .iter()
             .map(|&j| (j, inverse * arm(j) * weight(&arm(j))))
             .collect();
+        // Minus the sum of the others: a uniform field has no gradient.
         let own = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
         row.push((i, own));
         Some(row)
@@ -262,6 +265,7 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
                 junction: "H1".into(),
             });
         };
+        // The value is that of the particle alone; neighbours enter the gradient only.
         for (j, g) in own {
             let value = if j == k { T::one() } else { T::zero() };
             row.push_with_gradient(j, value, g);

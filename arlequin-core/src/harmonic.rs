@@ -101,6 +101,7 @@ impl<T: Real> HarmonicOverlap<T> {
                 .for_each(|(i, m)| mass[starts[k] + i] = *m);
             let x = s.model().nodes();
             let mut order: Vec<usize> = (0..x.len()).collect();
+            // Neighbours along the line, in whatever order the model numbers its nodes.
             order.sort_by(|a, b| x[*a].x.as_f64().total_cmp(&x[*b].x.as_f64()));
             let pairs = order.windows(2);
             neighbours.extend(pairs.map(|p| (starts[k] + p[0], starts[k] + p[1], x[p[1]].x - x[p[0]].x)));
@@ -173,6 +174,7 @@ impl<T: Real> HarmonicOverlap<T> {
             a[(row, row)] += (one - z) * port.stiffness - half;
         }
         let mut b = DVector::from_element(a.nrows(), Complex::new(T::zero(), T::zero()));
+        // The incident wave, with unit amplitude at its port.
         b[self.rows[0]] = (one / z_in - z_in) * self.incident.stiffness;
         let size = a.nrows();
         let x = a.lu().solve(&b).ok_or(Error::SingularSystem {

@@ -19,9 +19,9 @@ pub struct ShapeFunction<T: Real> {
 /// Values or gradients that a junction takes from the fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
-    /// Values only. Such a product may be lumped to its diagonal.
+    /// Values only. The product may be lumped to its diagonal.
     Values,
-    /// Values and gradients. Lumping such a product diverges.
+    /// Values and gradients. Lumping the product diverges.
     ValuesAndGradients,
     /// Gradients only: constant fields have zero norm, so one point per component is pinned.
     Gradients,

@@ -123,6 +123,7 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
     symbolic
         .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
         .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
+    // Reserved once, so that solves during a step allocate nothing.
     let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
     Ok(Box::new(Cholesky {
         symbolic,
@@ -166,6 +167,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
                 .collect()
         }
     };
+    // Pivots come in the order of elimination: map them back to rows.
     let order = symbolic.perm().map(|p| p.arrays().0.to_vec());
     let row = |k: usize| order.as_ref().map_or(k, |o| o[k]);
     let negative = pivots.iter().enumerate().filter(|(_, d)| **d < T::zero());

@@ -172,6 +172,7 @@ impl<T: Real> Materials<T> {
     /// For an element beyond those whose materials were given.
     #[must_use]
     pub fn of_some(&self, elements: impl Iterator<Item = usize>) -> Self {
+        // One material for all elements has no numbers to restrict.
         let told = !self.of.is_empty();
         Self {
             all: self.all.clone(),

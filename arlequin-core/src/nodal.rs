@@ -112,6 +112,7 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     /// # Errors
     /// [`Error::Unsupported`] for a model that is not linear, or that changes itself.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()> {
+        // The wrapped model stays unweighted: weights act on its forces.
         self.model.set_internal_weight(&Uniform(T::one()))?;
         self.factors = self.at_nodes(alpha)?;
         let changes = self.model.evolving().is_some();

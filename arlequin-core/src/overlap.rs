@@ -146,6 +146,7 @@ impl<T: Real> Region<T> for Primitive<T> {
                 let half = (high - low) * T::of(0.5);
                 let q = (x - centre).abs() - half;
                 let outer = q.sup(&Vector3::zeros()).norm();
+                // Outside the first term counts; inside the second does, minus the distance to the nearest face.
                 outer + q.max().min(T::zero())
             }
             Self::Cylinder { point, axis, radius } => {
@@ -172,6 +173,7 @@ impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
     fn place(&self, x: &Point3<T>) -> Place<T> {
         let to_fine = self.fine_core.distance(x);
         let to_coarse = -self.fine_domain.distance(x);
+        // A point on a border, up to round-off, belongs to the overlap.
         let tolerance = T::epsilon() * T::of(64.0) * (to_fine.abs() + to_coarse.abs());
         if to_fine < -tolerance {
             Place::Fine

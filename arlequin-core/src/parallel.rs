@@ -73,6 +73,7 @@ pub(crate) fn largest<T: Real>(x: &[T]) -> T {
 
 /// Sum over `0..n` like [`sum`], for any type with an addition.
 pub(crate) fn sum_of<S: Add<Output = S> + Send>(n: usize, part: &(dyn Fn(Range<usize>) -> S + Sync)) -> S {
+    // Chunks do not depend on the number of threads, and so neither do the bits of the sum.
     let chunks = n.div_ceil(CHUNK).max(1);
     tree(0..chunks, pays(n), &|c| part(c * CHUNK..n.min((c + 1) * CHUNK)))
 }
@@ -103,6 +104,7 @@ pub(crate) fn kick_and_drift<T: Real>(dt: T, q: &mut [T], v: &mut [T], a: &[T], 
         for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
             *v += h * *a;
             *q += dt * *v;
+            // Cleared in the same pass, for the model to add its forces.
             *f = T::zero();
         }
     };

@@ -154,6 +154,7 @@ impl<T: Real> Model<T> for Outline<T> {
         T::zero()
     }
     fn critical_step(&mut self, _: &[T]) -> Result<T> {
+        // A solver that is stable at every step sets no limit.
         Ok(self.critical.unwrap_or_else(|| T::of(f64::INFINITY)))
     }
 }

@@ -105,6 +105,7 @@ impl<T: Real> Profile<T> {
             let found = format_args!("{p} at s = {s}");
             Err(invalid("custom weight profile", found, rule))
         };
+        // Ends may miss 0 and 1 by round-off, and a plateau may fall by it.
         let tolerance = T::epsilon() * T::of(64.0);
         for (s, end) in [(T::zero(), p(T::zero())), (T::one(), p(T::one()))] {
             if !end.is_finite() || (end - s).abs() > tolerance {
@@ -143,6 +144,7 @@ impl<T: Real> Profile<T> {
                     .clamp(1, c.stations.len() - 1)
                     - 1;
                 let (h, t) = (c.stations[j + 1] - c.stations[j], s - c.stations[j]);
+                // Integral of the linear slope from station `j` on.
                 c.value[j] + t * (c.slope[j] + (c.slope[j + 1] - c.slope[j]) * t / (h + h))
             }
         }

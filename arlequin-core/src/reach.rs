@@ -60,6 +60,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         if !self.inside(&(x + way), false, &mut work[0])? {
             return Err(outside(x, self.field.kind()));
         }
+        // Bisection for the surface between the point (`near`) and the mean of the nodes (`far`).
         for _ in 0..HALVINGS {
             let middle = (far + near) * T::of(0.5);
             if self.inside(&(x + way * middle), false, &mut work[0])? {
@@ -82,6 +83,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
             for (n, &node) in from.nodes.iter().enumerate() {
                 let value = from.values[n] * factor;
                 let slope = gradient.then(|| from.gradients[n] * factor);
+                // Both points may see the same node: add up what it has in either.
                 match row.nodes.iter().position(|m| *m == node) {
                     Some(m) => {
                         row.values[m] += value;

@@ -144,6 +144,7 @@ impl<T: Real> Patches<T> {
                 fit(&nodes[k], samples, patch, share, &mut row);
             }
             row.sort_by_key(|e| e.0);
+            // A sample in several patches gets the sum of its factors.
             row.dedup_by(|b, a| {
                 a.0 == b.0 && {
                     a.1 += b.1;
@@ -242,6 +243,7 @@ fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, r
         for k in 0..3 {
             let (axis, size) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
             let out = axis.dot(&own);
+            // No slope along directions in which the node lies far outside of the samples.
             if size > flat && out * out <= size * T::of(REACH * REACH) {
                 slope += axis * (out / size);
             }

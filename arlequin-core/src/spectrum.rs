@@ -90,6 +90,7 @@ fn largest_in<T: Real>(
         let previous = top;
         top = t.top()?;
         let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
+        // A rest of round-off size: the space of the iteration holds the eigenvector already.
         Ok(settled || t.rest <= top * T::epsilon() * T::of(16.0))
     })?;
     Ok(top)
@@ -118,10 +119,12 @@ pub fn largest_ritz<T: Real>(
     lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
         let invariant = t.rest <= T::of(1e-14) * t.diagonal[step - 1].abs();
+        // Ritz values cost an eigenvalue problem of the size of the step: compute them every tenth step only.
         if !(invariant || step.is_multiple_of(10) || step == limit) {
             return Ok(false);
         }
         let (value, end) = t.top_ritz();
+        // The residual of a Ritz vector is the norm of the next vector times its own last entry.
         let rest = if invariant { T::zero() } else { t.rest * end.abs() };
         top = value + rest;
         Ok(rest <= T::of(RESIDUAL) * value || invariant)
@@ -186,6 +189,7 @@ fn lanczos<T: Real>(
         (0..n).for_each(|i| q[i] = root[i] * v[i]);
         w.fill(T::zero());
         add_forces(&q, &mut w)?;
+        // Forces are `−K q`: the sign makes the operator positive.
         w.iter_mut().zip(root).for_each(|(w, r)| *w *= -*r);
         t.diagonal.push(space.dot(&w, &v));
         orthogonal(&mut w, v, &t);

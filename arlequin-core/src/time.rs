@@ -175,6 +175,7 @@ impl<T: Real> TimeFunction<T> {
                 between.extend([low, high]);
                 between.sort_by(f64::total_cmp);
                 let part = |w: &[f64]| 0.5 * (w[1] - w[0]) * (self.at_wide(w[0]) + self.at_wide(w[1]));
+                // Before time zero the integral runs backwards.
                 t.signum() * between.windows(2).map(part).sum::<f64>()
             }
             Self::Formula(f) => f.integral(t),

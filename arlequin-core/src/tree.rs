@@ -57,6 +57,7 @@ impl<T: Real> BoxTree<T> {
         let half = count / 2;
         let boxes = &self.boxes;
         let key = |k: &u32| (boxes[*k as usize][0][axis] + boxes[*k as usize][1][axis]).as_f64();
+        // Ties by number, so that there is one tree for given boxes.
         self.order[range].select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
         self.split(first, half);
         self.nodes[node].right = self.nodes.len() as u32;
@@ -78,6 +79,7 @@ impl<T: Real> BoxTree<T> {
             if !meets(&node.bounds) {
                 continue;
             }
+            // The root is nobody's right child: zero marks a leaf.
             if node.right == 0 {
                 for &k in &self.order[node.first as usize..(node.first + node.count) as usize] {
                     if meets(&self.boxes[k as usize]) && visit(k as usize) {
@@ -86,6 +88,7 @@ impl<T: Real> BoxTree<T> {
                 }
             } else {
                 stack[depth] = node.right;
+                // The left child follows its parent.
                 stack[depth + 1] = id + 1;
                 depth += 2;
             }

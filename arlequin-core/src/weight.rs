@@ -239,6 +239,7 @@ impl<T: Real> Ramp<T> {
         if let Some(body) = rest {
             add(&body, &|_| one);
         }
+        // Over the measure of the parts: a weight of one has the mean one, whatever round-off the cuts leave.
         sum / total
     }
 }
@@ -316,6 +317,7 @@ impl<T: Real> Weights<T> {
         };
         let weighting = coarse.first().map_or(Weighting::Energy, |w| w.weighting);
         let internal = pick(&|w| w.internal.clone());
+        // Weights that are one object stay so: set-ups then evaluate it once instead of three times.
         if coarse.iter().all(Self::are_one) {
             return Self::same(internal).with_weighting(weighting);
         }

@@ -144,6 +144,7 @@ impl<T: Real> AttachedAbsorber<T> {
 
     /// Adds the force to `f`, for `N` components and `W = 2 N`.
     fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
+        // Taken out for the call, as `find` borrows all of `self`.
         if let Some(mut told) = self.told.take() {
             told.gather.gather(N, &mut told.messages, v, &mut told.v);
             self.find::<N, W>(&told.v);
@@ -181,6 +182,7 @@ impl<T: Real> AttachedAbsorber<T> {
         } else {
             load(&self.nodes, &self.mass, local);
         }
+        // `NᵀM v` and `NᵀD v` in one pass.
         self.gather.product::<W>(&self.local, &mut self.coarse);
         for (x, pair) in self
             .resolved
@@ -200,6 +202,7 @@ impl<T: Real> AttachedAbsorber<T> {
             .0
             .iter()
             .zip(self.coarse.as_chunks::<W>().0);
+        // `NᵀD v − NᵀDN y`, the right-hand side of the second solve.
         for (x, (seen, pair)) in self.resolved.as_chunks_mut::<N>().0.iter_mut().zip(parts) {
             (0..N).for_each(|c| x[c] = pair[N + c] - seen[c]);
         }
@@ -303,6 +306,7 @@ impl<T: Real> Absorber<T> {
         let mut words = Vec::new();
         for p in all {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
+            // Points with other errors go to all ranks, so that all of them report the error in `attach`.
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
                 // The all-gather carries integers: send the numbers as their bits.
                 let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());

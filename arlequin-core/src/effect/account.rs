@@ -49,6 +49,8 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
     } else {
         two / (square * gain).sqrt()
     };
+    // `ζ = c/(2ω)` with `ω = 2/limit`. Effects see velocities half a step old, so that damping shortens the
+    // step.
     let zeta = rate * limit * half * half;
     limit * ((T::one() + zeta * zeta).sqrt() - zeta)
 }

@@ -73,6 +73,7 @@ impl<T: Real> BulkViscosity<T> {
 
     fn cell(&self, number: usize, cell: &Cell<T>, to: &Host<'_, T>) -> Result<ViscousCell<T>> {
         let mut samples: Vec<Sample<T>> = Vec::new();
+        // One point per tetrahedron is exact for the volume and the centroid.
         cell.quadrature(1, &mut samples);
         let volume: T = samples.iter().map(|s| s.measure).sum();
         let sum = samples

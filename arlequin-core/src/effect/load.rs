@@ -124,6 +124,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         let gamma = &*to.weights.external;
         let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
         let whole = to.unknowns();
+        // Every unknown once, in ascending order.
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
             Spread::Dofs(forces) | Spread::Shares(forces) => {

@@ -1,4 +1,4 @@
-//! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
+//! Effects: body force, loads, damping, absorber. A run has only the effects that its scene lists.
 //!
 //! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between
 //! two subdomains. Users create an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. A

@@ -40,6 +40,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         let mut force = vec![T::zero(); layout.dofs()];
         to.model.lumped_inertia(&*to.weights.external, &mut force)?;
         for (i, m) in force.iter_mut().enumerate() {
+            // Gravity has no moment on rotations.
             *m *= if i < layout.translations() {
                 self.0[i % layout.components]
             } else {
@@ -182,6 +183,7 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
         let share = self.0;
         let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
             for ((f, g), v) in f.iter_mut().zip(own).zip(at.v_half) {
+                // `f` holds the forces before this effect only: hence it must be the last one.
                 let size = share * f.abs();
                 *g = if *v > T::zero() {
                     -size

@@ -72,6 +72,7 @@ impl<T: Real> Body<T> {
     }
 
     fn side(&self, plane: &HalfSpace<T>, x: &Point3<T>) -> (Side, T) {
+        // The terms of the excess may cancel: their size bounds its round-off.
         let terms = plane.normal.amax() * self.reach + plane.offset.abs();
         let bound = terms * T::epsilon() * T::of(PLANE);
         let excess = plane.excess(x);
@@ -113,6 +114,7 @@ impl<T: Real> Body<T> {
             corners.any(|k| sides[*k as usize].0 == s)
         };
         let (inside, outside) = (used(Side::Inside), used(Side::Outside));
+        // No corner beyond the plane, or none within: everything stays or goes.
         if !inside || !outside {
             return inside;
         }
@@ -147,6 +149,7 @@ impl<T: Real> Body<T> {
             }
         }
         self.cap(rim, &plane.normal);
+        // Fewer faces enclose no volume.
         self.faces.len() >= 4
     }
 
@@ -158,6 +161,7 @@ impl<T: Real> Body<T> {
         }
         let [(p, ep), (q, eq)] = edge.map(|c| (self.points[c as usize], sides[c as usize].1));
         let x = p + (q - p) * (ep / (ep - eq));
+        // A cut at a corner on the plane is that corner: two corners so close would leave a sliver.
         let on = |k: &usize| sides[*k].0 == Side::On && self.same(&self.points[*k], &x);
         let k = (0..self.points.len()).find(on).unwrap_or_else(|| {
             self.points.push(x);
@@ -200,6 +204,7 @@ impl<T: Real> Body<T> {
         let sum = corners.iter().fold(Vector3::zeros(), |s, k| s + at(k).coords);
         let centre = Point3::from(sum / T::of(corners.len() as f64));
         let n = normal.normalize();
+        // An axis that is not close to the normal.
         let e = if n.x.abs() < T::of(0.7) {
             Vector3::x()
         } else {

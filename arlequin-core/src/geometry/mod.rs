@@ -70,6 +70,7 @@ impl<T: Real> Cell<T> {
                 let axis = (ends[1] - ends[0]) / length;
                 let tolerance = length * T::epsilon() * T::of(64.0);
                 let at = |p: &Point3<T>| axis.dot(&(p - ends[0]));
+                // Ends within √ε lengths of the line count as on it.
                 let off = |p: &Point3<T>| (p - ends[0] - axis * at(p)).norm() > length * T::epsilon().sqrt();
                 if e2.iter().any(off) {
                     return None;
@@ -84,6 +85,7 @@ impl<T: Real> Cell<T> {
             (Self::Polyhedron(p), Self::Polyhedron(q)) => {
                 let body = p.intersection(&q.half_spaces());
                 let size = p.volume().min(q.volume());
+                // A smaller volume is round-off of the clipping.
                 (!body.faces.is_empty() && body.volume() > size * T::epsilon() * T::of(16.0))
                     .then_some(Self::Polyhedron(body))
             }
@@ -173,6 +175,7 @@ impl<T: Real> Cell<T> {
 
 /// Bounding box of points.
 pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [Point3<T>; 2] {
+    // Finite in both precisions.
     let big = T::of(f64::from(f32::MAX));
     let mut b = [Point3::new(big, big, big), Point3::new(-big, -big, -big)];
     for p in points {
@@ -187,31 +190,38 @@ pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [P
 pub fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    // Beyond corner `a`.
     if d1 <= 0.0 && d2 <= 0.0 {
         return *a;
     }
     let bp = p - b;
     let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    // Beyond corner `b`.
     if d3 >= 0.0 && d4 <= d3 {
         return *b;
     }
     let vc = d1 * d4 - d3 * d2;
+    // Beyond edge `ab`.
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
         return a + ab * (d1 / (d1 - d3));
     }
     let cp = p - c;
     let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    // Beyond corner `c`.
     if d6 >= 0.0 && d5 <= d6 {
         return *c;
     }
     let vb = d5 * d2 - d1 * d6;
+    // Beyond edge `ac`.
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
         return a + ac * (d2 / (d2 - d6));
     }
     let va = d3 * d6 - d5 * d4;
+    // Beyond edge `bc`.
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
+    // Within the triangle.
     let denom = 1.0 / (va + vb + vc);
     a + ab * (vb * denom) + ac * (vc * denom)
 }

@@ -90,6 +90,7 @@ impl<T: Real> Polyhedron<T> {
             let normal = loop_normal(f);
             (normal.norm_squared() > T::zero()).then(|| {
                 let h = HalfSpace::new(&middle(f), normal.normalize());
+                // Loops may run either way round.
                 if h.excess(&centre) > T::zero() {
                     h.flipped()
                 } else {
@@ -138,6 +139,7 @@ impl<T: Real> Polyhedron<T> {
         let mut best: Option<(usize, &Point3<T>)> = None;
         for x in self.faces.iter().flatten() {
             let count = saved(x);
+            // The first of equals, so that the choice is unique.
             if best.is_none_or(|b| count > b.0) {
                 best = Some((count, x));
             }

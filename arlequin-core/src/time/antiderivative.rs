@@ -54,6 +54,7 @@ fn halved(f: &dyn Fn(f64) -> f64, [a, b]: [f64; 2], deeper: u32, left: &mut u32)
     let mut values = [0.0; 17];
     let (mut sum, mut gap, mut size) = (0.0, 0.0, 0.0);
     for (k, [x, fine, coarse]) in POINTS.into_iter().enumerate() {
+        // The middle has no mirror image.
         let ends: &[(usize, f64)] = if k < 8 { &[(k, -x), (16 - k, x)] } else { &[(k, x)] };
         for (place, x) in ends {
             let value = f(middle + x * half);
@@ -78,6 +79,7 @@ impl Formula {
     /// `∫_0^t f dt` \[s\].
     pub(super) fn integral(&self, t: f64) -> f64 {
         let f = |t: f64| self.at(t);
+        // Cuts are numbered by the bits of positive numbers, which ascend with them.
         if t.is_nan() || t < FIRST {
             return between(&f, 0.0, t);
         }
@@ -85,6 +87,7 @@ impl Formula {
         let number = |t: f64| (t.to_bits() >> BEHIND) as usize;
         let cut = |k: usize| f64::from_bits((k as u64) << BEHIND);
         let (first, last) = (number(FIRST), number(t));
+        // The sums are complete after every push: a poisoned lock does no harm.
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         if sums.is_empty() {
             sums.push(between(&f, 0.0, FIRST));
