@@ -98,7 +98,13 @@ impl Adjacency<[u32; 2]> {
 impl Adjacency {
     /// Row of each of `count` items: its positions in `slots`, ascending.
     pub fn of_slots(count: usize, slots: &[u32]) -> Self {
-        Self::new(count, slots.iter().enumerate().map(|(at, &k)| (k, at as u32)))
+        Self::new(
+            count,
+            slots
+                .iter()
+                .enumerate()
+                .map(|(position, &k)| (k, position as u32)),
+        )
     }
 }
 

@@ -144,7 +144,7 @@ impl fmt::Display for Advice {
                  breaks more of them there; take rate_factor = 0.2"
             ),
             Self::LongImplicitStep { step, critical } => {
-                let hertz = |resolves: f64, of: f64| resolves / (std::f64::consts::TAU * of);
+                let hertz = |resolves: f64, time: f64| resolves / (std::f64::consts::TAU * time);
                 write!(
                     f,
                     "its implicit step of {step:.3e} s is {:.1} times the critical step that an explicit one would have: frequencies \

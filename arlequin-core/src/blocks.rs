@@ -89,15 +89,15 @@ impl<T: Real> BlockMatrix<T> {
         self.values.fill(T::zero());
     }
 
-    fn position(&self, i: usize, j: u32) -> usize {
+    fn slot(&self, i: usize, j: u32) -> usize {
         let row = &self.columns[self.starts[i]..self.starts[i + 1]];
         self.starts[i] + row.partition_point(|&k| k < j)
     }
 
     /// Adds `weight · block` at block row `i` and block column `j`, which the pattern must hold.
     pub fn add(&mut self, i: usize, j: u32, block: &nalgebra::Matrix3<T>, weight: T) {
-        let (c, at) = (self.size, self.position(i, j));
-        let values = &mut self.values[at * c * c..(at + 1) * c * c];
+        let (c, slot) = (self.size, self.slot(i, j));
+        let values = &mut self.values[slot * c * c..(slot + 1) * c * c];
         for a in 0..c {
             for b in 0..c {
                 values[a * c + b] += block[(a, b)] * weight;
@@ -124,12 +124,12 @@ impl<T: Real> BlockMatrix<T> {
         f: &mut [T],
     ) {
         match self.size {
-            1 => self.rows::<1>(rows, wanted, q, f),
-            _ => self.rows::<3>(rows, wanted, q, f),
+            1 => self.subtract_rows::<1>(rows, wanted, q, f),
+            _ => self.subtract_rows::<3>(rows, wanted, q, f),
         }
     }
 
-    fn rows<const C: usize>(
+    fn subtract_rows<const C: usize>(
         &self,
         rows: Range<usize>,
         wanted: &(impl Fn(usize) -> bool + Sync),
@@ -144,7 +144,7 @@ impl<T: Real> BlockMatrix<T> {
                 if !wanted(i) {
                     continue;
                 }
-                let y = self.row::<C>(i, q);
+                let y = self.row_product::<C>(i, q);
                 for (o, y) in out.iter_mut().zip(y) {
                     *o -= y;
                 }
@@ -162,7 +162,7 @@ impl<T: Real> BlockMatrix<T> {
 
     /// Block row `i` of `K q`.
     #[inline]
-    fn row<const C: usize>(&self, i: usize, q: &[[T; C]]) -> [T; C] {
+    fn row_product<const C: usize>(&self, i: usize, q: &[[T; C]]) -> [T; C] {
         let range = self.starts[i]..self.starts[i + 1];
         // Nested arrays of a generic size cannot be sliced flat, so a block is C rows of C values.
         let values = self.values[range.start * C * C..range.end * C * C]
@@ -191,25 +191,30 @@ impl<T: Real> BlockMatrix<T> {
         self.energy_of_all(q, q, None)
     }
 
-    /// `½ qᵀ K q` \[J\] over the rows of all ranks. `own` are the unknowns of this rank's rows, `q` all
+    /// `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q` all
     /// unknowns that these rows read. Collective.
-    pub fn energy_of_all(&self, own: &[T], q: &[T], portion: Option<&Portion>) -> T {
+    pub fn energy_of_all(&self, local: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
-            1 => self.energy_of::<1>(own.as_chunks().0, q.as_chunks().0, portion),
-            _ => self.energy_of::<3>(own.as_chunks().0, q.as_chunks().0, portion),
+            1 => self.energy_in_blocks::<1>(local.as_chunks().0, q.as_chunks().0, portion),
+            _ => self.energy_in_blocks::<3>(local.as_chunks().0, q.as_chunks().0, portion),
         };
         sum * T::of(0.5)
     }
 
-    fn energy_of<const C: usize>(&self, own: &[[T; C]], q: &[[T; C]], portion: Option<&Portion>) -> T {
+    fn energy_in_blocks<const C: usize>(
+        &self,
+        local: &[[T; C]],
+        q: &[[T; C]],
+        portion: Option<&Portion>,
+    ) -> T {
         let part = |rows: Range<usize>| {
             let sum = rows.fold(T::zero(), |sum, i| {
-                let y = self.row::<C>(i, q);
-                sum + y.iter().zip(&own[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
+                let y = self.row_product::<C>(i, q);
+                sum + y.iter().zip(&local[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
             });
             [sum]
         };
-        let [sum] = ranks::sum(own.len(), portion, &part);
+        let [sum] = ranks::sum(local.len(), portion, &part);
         sum
     }
 
@@ -223,10 +228,10 @@ impl<T: Real> BlockMatrix<T> {
         starts.push(0);
         for i in 0..rows {
             for a in 0..c {
-                for at in self.starts[i]..self.starts[i + 1] {
+                for slot in self.starts[i]..self.starts[i + 1] {
                     for b in 0..c {
-                        columns.push(self.columns[at] as usize * c + b);
-                        values.push(self.values[at * c * c + a * c + b]);
+                        columns.push(self.columns[slot] as usize * c + b);
+                        values.push(self.values[slot * c * c + a * c + b]);
                     }
                 }
                 starts.push(columns.len());

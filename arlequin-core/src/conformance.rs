@@ -86,19 +86,19 @@ pub fn shapes<T: Real>(
 /// Errors of the effect.
 pub fn reaction<T: Real>(
     effect: &mut dyn PairEffect<T>,
-    at: [&Instant<'_, T>; 2],
+    instants: [&Instant<'_, T>; 2],
     layouts: [DofLayout; 2],
 ) -> Result<T> {
     let mut forces = layouts.map(|l| vec![T::zero(); l.dofs()]);
     let [f, g] = &mut forces;
-    effect.add_forces(at, [f, g])?;
+    effect.add_forces(instants, [f, g])?;
     let (mut sum, mut size) = (Vector3::zeros(), T::zero());
     for (f, l) in forces.iter().zip(layouts) {
         for node in f[..l.translations()].chunks_exact(l.components) {
-            let mut one = Vector3::zeros();
-            one.iter_mut().zip(node).for_each(|(a, b)| *a = *b);
-            sum += one;
-            size += one.norm();
+            let mut force = Vector3::zeros();
+            force.iter_mut().zip(node).for_each(|(a, b)| *a = *b);
+            sum += force;
+            size += force.norm();
         }
     }
     Ok(if size > T::zero() { sum.norm() / size } else { size })
@@ -334,28 +334,28 @@ pub fn participant<T: Real>(
     let mut inertia = vec![T::zero(); n];
     solver.weigh(&crate::Weights::uncoupled(), &mut inertia)?;
     solver.advance(T::zero(), step)?;
-    let read = |solver: &dyn Participant<T>| {
+    let state = |solver: &dyn Participant<T>| {
         let (mut q, mut v) = (vec![T::zero(); n], vec![T::zero(); n]);
         solver.displacements(&mut q);
         solver.velocities(&mut v);
         [q, v]
     };
-    let top = |x: &[T]| x.iter().fold(T::epsilon(), |m, x| m.max(x.abs()));
-    let gap = |a: &[T], b: &[T]| {
+    let largest = |x: &[T]| x.iter().fold(T::epsilon(), |m, x| m.max(x.abs()));
+    let largest_difference = |a: &[T], b: &[T]| {
         a.iter()
             .zip(b)
             .fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
     };
-    let scale = top(&read(solver)[1]);
-    let [travelled, gained] = pace(solver, &inertia, T::of(4.0) * scale, step)?;
-    let ([q, v], before) = (read(solver), solver.invariant());
+    let scale = largest(&state(solver)[1]);
+    let [travelled, gained] = travel_and_gain(solver, &inertia, T::of(4.0) * scale, step)?;
+    let ([q, v], before) = (state(solver), solver.invariant());
     let impulse: Vec<T> = inertia
         .iter()
         .enumerate()
         .map(|(i, m)| *m * scale * fixed_noise(i))
         .collect();
     solver.kick(&impulse)?;
-    let ([moved, kicked], after) = (read(solver), solver.invariant());
+    let ([moved, kicked], after) = (state(solver), solver.invariant());
     let wanted: Vec<T> = (0..n).map(|i| v[i] + impulse[i] / inertia[i]).collect();
     let half = T::of(0.5);
     let work: T = (0..n)
@@ -365,8 +365,8 @@ pub fn participant<T: Real>(
         .zip(after)
         .map_or(T::zero(), |(b, a)| (a - b - work).abs() / work.abs());
     // A participant need not be able to save itself.
-    let kept = solver.save().ok();
-    let go = |solver: &mut dyn Participant<T>| -> Result<T> {
+    let saved = solver.save().ok();
+    let advance_steps = |solver: &mut dyn Participant<T>| -> Result<T> {
         let mut worst = T::zero();
         for k in 0..steps {
             solver.advance(T::of((k + 2) as f64) * step, step)?;
@@ -377,19 +377,19 @@ pub fn participant<T: Real>(
         }
         Ok(worst)
     };
-    let drift = go(solver)?;
-    let [_, first] = read(solver);
+    let drift = advance_steps(solver)?;
+    let [_, first] = state(solver);
     let mut resumed = T::zero();
-    if let Some(kept) = kept {
-        solver.restore(&kept)?;
-        go(solver)?;
-        resumed = gap(&first, &read(solver)[1]) / top(&first);
+    if let Some(saved) = saved {
+        solver.restore(&saved)?;
+        advance_steps(solver)?;
+        resumed = largest_difference(&first, &state(solver)[1]) / largest(&first);
     }
     Ok(ParticipantDefect {
         travelled,
         gained,
-        kick: gap(&kicked, &wanted) / scale,
-        moved: gap(&moved, &q) / extent(solver.nodes()),
+        kick: largest_difference(&kicked, &wanted) / scale,
+        moved: largest_difference(&moved, &q) / extent(solver.nodes()),
         drift,
         work: brought,
         resumed,
@@ -401,30 +401,35 @@ pub fn participant<T: Real>(
 ///
 /// The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the error
 /// of the trapezium rule, `(ωΔt)²/4` of its share.
-fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step: T) -> Result<[T; 2]> {
+fn travel_and_gain<T: Real>(
+    solver: &mut dyn Participant<T>,
+    inertia: &[T],
+    speed: T,
+    step: T,
+) -> Result<[T; 2]> {
     let layout = solver.layout();
     let mut impulse: Vec<T> = inertia.iter().map(|m| *m * speed).collect();
     impulse[layout.translations()..].fill(T::zero());
-    let read = |solver: &dyn Participant<T>| {
+    let state = |solver: &dyn Participant<T>| {
         let mut out = [0; 3].map(|_| vec![T::zero(); layout.dofs()]);
         let [q, v, a] = &mut out;
         solver.displacements(q);
         solver.velocities(v);
-        let told = solver.accelerations(a);
-        (out, told)
+        let known = solver.accelerations(a);
+        (out, known)
     };
     solver.kick(&impulse)?;
-    let (before, _) = read(solver);
+    let (before, _) = state(solver);
     solver.advance(step, step)?;
-    let (after, told) = read(solver);
+    let (after, known) = state(solver);
     // Take the uniform velocity away again.
     impulse.iter_mut().for_each(|p| *p = -*p);
     solver.kick(&impulse)?;
-    let share = |of: usize| {
+    let share = |quantity: usize| {
         let (mut along, mut whole) = (T::zero(), T::zero());
         for i in 0..layout.dofs() {
-            let wanted = T::of(0.5) * step * (before[of + 1][i] + after[of + 1][i]);
-            along += (after[of][i] - before[of][i]) * wanted;
+            let wanted = T::of(0.5) * step * (before[quantity + 1][i] + after[quantity + 1][i]);
+            along += (after[quantity][i] - before[quantity][i]) * wanted;
             whole += wanted * wanted;
         }
         if whole > T::zero() {
@@ -433,7 +438,7 @@ fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step:
             T::zero()
         }
     };
-    Ok([share(0), if told { share(1) } else { T::zero() }])
+    Ok([share(0), if known { share(1) } else { T::zero() }])
 }
 
 /// Largest relative violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: checks that the two

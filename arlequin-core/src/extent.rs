@@ -71,9 +71,9 @@ impl<'a, T: Real> Extent<'a, T> {
 
     /// Extent of the cells of a field, or of its nodes if it has no cells.
     pub(crate) fn of_cells(field: &'a dyn Interpolation<T>) -> Self {
-        let given = field.cells();
-        let section = mean_section(&given);
-        let cells: Vec<_> = given.into_iter().map(of_unit_section).collect();
+        let field_cells = field.cells();
+        let section = mean_section(&field_cells);
+        let cells: Vec<_> = field_cells.into_iter().map(with_unit_section).collect();
         if cells.is_empty() {
             return Self::of_field(field);
         }
@@ -81,7 +81,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let lengths: Vec<T> = cells.iter().map(length).collect();
         let boxes = cells.iter().zip(&lengths).map(|(c, h)| {
             // Boxes reach as far as the accuracy of the surface, so that near misses are found.
-            let reach = Vector3::repeat(surface(c, *h));
+            let reach = Vector3::repeat(surface_accuracy(c, *h));
             let [low, high] = c.bounds();
             [low - reach, high + reach]
         });
@@ -105,7 +105,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
         let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
         // The largest distance at which a particle counts.
-        let (tree, bounds) = around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
+        let (tree, bounds) = boxes_around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
         let samples = samples.to_vec();
         Self {
             shape: Shape::Points { samples, radii, top },
@@ -124,7 +124,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let per_node = volume / T::of(centres.len().max(1) as f64);
         // Mean spacing, as if the nodes filled their box evenly.
         let spacing = per_node.powf(T::of(1.0 / f64::max(dimension, 1.0)));
-        let (tree, bounds) = around(&centres, &vec![spacing; centres.len()]);
+        let (tree, bounds) = boxes_around(&centres, &vec![spacing; centres.len()]);
         Self {
             shape: Shape::Field {
                 field,
@@ -187,13 +187,13 @@ impl<'a, T: Real> Extent<'a, T> {
         };
         let reach = Vector3::repeat(distance);
         self.tree.any(&[x - reach, x + reach], &mut |k| {
-            beyond(&cells[k], &planes[k], x) <= distance
+            distance_to_cell(&cells[k], &planes[k], x) <= distance
         })
     }
 
-    /// Position of a point that belongs to an element of length `own` \[m\]; zero for a mere point.
-    pub(crate) fn cover(&self, x: &Point3<T>, own: T) -> Cover {
-        let reach = Vector3::repeat(own * T::of(FACETS));
+    /// Position of a point that belongs to an element of length `own_length` \[m\]; zero for a mere point.
+    pub(crate) fn cover(&self, x: &Point3<T>, own_length: T) -> Cover {
+        let reach = Vector3::repeat(own_length * T::of(FACETS));
         let query = [x - reach, x + reach];
         if !self.meets(&query) {
             return Cover::Outside;
@@ -206,7 +206,7 @@ impl<'a, T: Real> Extent<'a, T> {
                 lengths,
             } => {
                 self.tree.any(&query, &mut |k| {
-                    best = best.max(beside(&cells[k], &planes[k], x, [lengths[k], own]));
+                    best = best.max(cover_by_cell(&cells[k], &planes[k], x, [lengths[k], own_length]));
                     // Inside is the best answer: end the search.
                     best == Cover::Inside
                 });
@@ -246,7 +246,7 @@ impl<'a, T: Real> Extent<'a, T> {
     }
 }
 
-fn around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T>; 2]) {
+fn boxes_around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T>; 2]) {
     let boxes: Vec<_> = centres
         .iter()
         .zip(radii)
@@ -270,7 +270,7 @@ fn mean_section<T: Real>(cells: &[Cell<T>]) -> Option<T> {
 }
 
 /// Gives a line the section one, so that its measure is a length whatever sections the models have.
-fn of_unit_section<T: Real>(cell: Cell<T>) -> Cell<T> {
+fn with_unit_section<T: Real>(cell: Cell<T>) -> Cell<T> {
     match cell {
         Cell::Segment { ends, .. } => Cell::Segment {
             ends,
@@ -287,7 +287,7 @@ pub(crate) fn length<T: Real>(cell: &Cell<T>) -> T {
 }
 
 /// Accuracy of the surface of a cell of length `h` \[m\]; the ends of a line are exact up to round-off.
-fn surface<T: Real>(cell: &Cell<T>, h: T) -> T {
+fn surface_accuracy<T: Real>(cell: &Cell<T>, h: T) -> T {
     match cell {
         Cell::Segment { .. } => h * T::of(1e-9).max(T::epsilon() * T::of(32.0)),
         Cell::Polyhedron(_) => h * T::of(FACETS),
@@ -295,7 +295,7 @@ fn surface<T: Real>(cell: &Cell<T>, h: T) -> T {
 }
 
 /// Distance of a point from a cell \[m\]; a lower bound beside its edges, and not positive inside.
-fn beyond<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T {
+fn distance_to_cell<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T {
     match cell {
         Cell::Segment { ends: [a, b], .. } => {
             let d = b - a;
@@ -310,7 +310,7 @@ fn beyond<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T 
 }
 
 /// Position of a point relative to one cell; `lengths` are those of the cell and of the point's element.
-fn beside<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengths: [T; 2]) -> Cover {
+fn cover_by_cell<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengths: [T; 2]) -> Cover {
     // Round-off of coordinates far from the origin counts as well.
     let relative = lengths[0] * T::of(1e-9).max(T::epsilon() * T::of(32.0));
     let exact = relative.max(x.coords.amax() * T::epsilon() * T::of(32.0));
@@ -318,7 +318,7 @@ fn beside<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengt
         Cell::Segment { .. } => exact,
         Cell::Polyhedron(_) => exact.max((lengths[0] + lengths[1]) * T::of(FACETS)),
     };
-    let distance = beyond(cell, planes, x);
+    let distance = distance_to_cell(cell, planes, x);
     if distance <= exact {
         Cover::Inside
     } else if distance <= reach {

@@ -70,12 +70,12 @@ pub trait Interpolation<T: Real>: Send + Sync {
     /// [`Interpolation::cells`]. `None` if the field has no cells at all. A field of many cells can override
     /// this to avoid making all of them.
     fn cells_within(&self, [low, high]: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
-        let all = self.cells();
+        let cells = self.cells();
         let meets = |c: &Cell<T>| {
             let [from, to] = c.bounds();
             (0..3).all(|k| from[k] <= high[k] && low[k] <= to[k])
         };
-        (!all.is_empty()).then(|| all.into_iter().enumerate().filter(|c| meets(&c.1)).collect())
+        (!cells.is_empty()).then(|| cells.into_iter().enumerate().filter(|c| meets(&c.1)).collect())
     }
 
     /// Polynomial degree of the shape functions on a cell; chooses the quadrature.
@@ -151,14 +151,14 @@ impl<T: Real> ParticleField<T> {
         }
         let mut order: Vec<u32> = (0..centres.len() as u32).collect();
         order.par_sort_unstable_by_key(|k| (Self::key(&centres[*k as usize]), *k));
-        let same =
+        let coincide =
             |pair: &&[u32]| Self::key(&centres[pair[0] as usize]) == Self::key(&centres[pair[1] as usize]);
         // Report the lowest number that coincides, whatever the order of the positions.
-        if let Some(&[other, k]) = order.windows(2).filter(same).min_by_key(|pair| pair[1]) {
+        if let Some(&[twin, k]) = order.windows(2).filter(coincide).min_by_key(|pair| pair[1]) {
             return Err(crate::error::invalid(
                 &format!("position of particle {k}"),
                 centres[k as usize],
-                &format!("coincides with particle {other}; remove one"),
+                &format!("coincides with particle {twin}; remove one"),
             ));
         }
         Ok(Self {
@@ -232,8 +232,8 @@ impl<T: Real> ParticleField<T> {
             .map(|&j| (j, inverse * arm(j) * weight(&arm(j))))
             .collect();
         // Minus the sum of the others: a uniform field has no gradient.
-        let own = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
-        row.push((i, own));
+        let central = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
+        row.push((i, central));
         Some(row)
     }
 
@@ -250,23 +250,23 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
         row.clear();
-        let found =
+        let position =
             (self.order).binary_search_by_key(&Self::key(x), |k| Self::key(&self.centres[*k as usize]));
-        let Ok(k) = found.map(|at| self.order[at] as usize) else {
+        let Ok(k) = position.map(|slot| self.order[slot] as usize) else {
             return Err(outside(x, self.kind()));
         };
         if !gradient {
             row.push(k, T::one());
             return Ok(());
         }
-        let Some(own) = self.gradient(k) else {
+        let Some(coefficients) = self.gradient(k) else {
             return Err(Error::NoGradient {
                 role: self.kind().into(),
                 junction: "H1".into(),
             });
         };
         // The value is that of the particle alone; neighbours enter the gradient only.
-        for (j, g) in own {
+        for (j, g) in coefficients {
             let value = if j == k { T::one() } else { T::zero() };
             row.push_with_gradient(j, value, g);
         }

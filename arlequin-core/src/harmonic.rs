@@ -189,8 +189,8 @@ impl<T: Real> HarmonicOverlap<T> {
         let incident = (one - z_in).modulus() / self.incident.spacing;
         let mut strain = [T::of(f64::from(f32::MAX)), T::zero()];
         for &(a, b, distance) in &self.neighbours {
-            let here = (x[b] - x[a]).modulus() / (distance * incident);
-            strain = [strain[0].min(here), strain[1].max(here)];
+            let modulus = (x[b] - x[a]).modulus() / (distance * incident);
+            strain = [strain[0].min(modulus), strain[1].max(modulus)];
         }
         Ok(Scattering {
             strain,

@@ -119,16 +119,16 @@ impl<T: Real> Elastic<T> {
 /// Materials of a body: one for all elements, or one for each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Materials<T> {
-    all: Vec<Elastic<T>>,
+    materials: Vec<Elastic<T>>,
     /// Number of each element's material; empty for one material.
-    of: Vec<u32>,
+    numbers: Vec<u32>,
 }
 
 impl<T: Real> From<Elastic<T>> for Materials<T> {
-    fn from(one: Elastic<T>) -> Self {
+    fn from(material: Elastic<T>) -> Self {
         Self {
-            all: vec![one],
-            of: Vec::new(),
+            materials: vec![material],
+            numbers: Vec::new(),
         }
     }
 }
@@ -146,14 +146,14 @@ impl<T: Real> Materials<T> {
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a number that no material has.
-    pub fn of_elements(all: Vec<Elastic<T>>, of: Vec<u32>) -> Result<Self> {
-        match of.iter().find(|k| **k as usize >= all.len()) {
+    pub fn of_elements(materials: Vec<Elastic<T>>, numbers: Vec<u32>) -> Result<Self> {
+        match numbers.iter().find(|k| **k as usize >= materials.len()) {
             Some(k) => Err(crate::Error::InvalidParameter {
                 name: "material of an element".into(),
                 value: k.to_string(),
-                rule: format!("there are {}, counted from 0", all.len()),
+                rule: format!("there are {}, counted from 0", materials.len()),
             }),
-            None => Ok(Self { all, of }),
+            None => Ok(Self { materials, numbers }),
         }
     }
 
@@ -162,8 +162,12 @@ impl<T: Real> Materials<T> {
     /// # Panics
     /// For an element beyond those whose materials were given.
     pub fn at(&self, element: usize) -> &Elastic<T> {
-        let number = if self.of.is_empty() { 0 } else { self.of[element] };
-        &self.all[number as usize]
+        let number = if self.numbers.is_empty() {
+            0
+        } else {
+            self.numbers[element]
+        };
+        &self.materials[number as usize]
     }
 
     /// Materials of some elements, in the given order.
@@ -173,20 +177,20 @@ impl<T: Real> Materials<T> {
     #[must_use]
     pub fn of_some(&self, elements: impl Iterator<Item = usize>) -> Self {
         // One material for all elements has no numbers to restrict.
-        let told = !self.of.is_empty();
+        let varies = !self.numbers.is_empty();
         Self {
-            all: self.all.clone(),
-            of: elements.filter(|_| told).map(|e| self.of[e]).collect(),
+            materials: self.materials.clone(),
+            numbers: elements.filter(|_| varies).map(|e| self.numbers[e]).collect(),
         }
     }
 
     /// All materials.
     pub fn all(&self) -> &[Elastic<T>] {
-        &self.all
+        &self.materials
     }
 
     /// Number of elements whose materials were given; `None` for one material.
     pub fn elements(&self) -> Option<usize> {
-        (!self.of.is_empty()).then_some(self.of.len())
+        (!self.numbers.is_empty()).then_some(self.numbers.len())
     }
 }

@@ -28,8 +28,8 @@ macro_rules! named {
             type Err = $crate::Error;
 
             fn from_str(name: &str) -> $crate::Result<Self> {
-                let found = Self::ALL.iter().copied().find(|k| k.name() == name);
-                found.ok_or_else(|| {
+                let variant = Self::ALL.iter().copied().find(|k| k.name() == name);
+                variant.ok_or_else(|| {
                     let rule = format!("must be one of {}", Self::NAMES.join(", "));
                     $crate::error::invalid($what, format_args!("'{name}'"), &rule)
                 })

@@ -52,12 +52,12 @@ impl<T: Real> NodallyWeighted<T> {
     /// Weight at the node of every unknown.
     fn at_nodes(&self, weight: &dyn Weight<T>) -> Result<Vec<T>> {
         let (layout, nodes) = (self.model.layout(), self.model.nodes());
-        let of = |nodes: &[Point3<T>], count: usize| -> Vec<T> {
+        let repeated = |nodes: &[Point3<T>], count: usize| -> Vec<T> {
             let values = nodes.iter().map(|x| weight.at(x));
             values.flat_map(|w| std::iter::repeat_n(w, count)).collect()
         };
-        let mut out = of(nodes, layout.components);
-        out.extend(of(nodes, layout.rotations));
+        let mut out = repeated(nodes, layout.components);
+        out.extend(repeated(nodes, layout.rotations));
         check_finite("nodal weights", &out)?;
         Ok(out)
     }

@@ -20,13 +20,14 @@ pub fn pays(n: usize) -> bool {
 }
 
 /// Copies `from` to `to`.
-pub fn copy<T: Real>(to: &mut [T], from: &[T]) {
-    if !pays(to.len()) {
-        return to.copy_from_slice(from);
+pub fn copy<T: Real>(target: &mut [T], source: &[T]) {
+    if !pays(target.len()) {
+        return target.copy_from_slice(source);
     }
-    to.par_chunks_mut(CHUNK)
-        .zip(from.par_chunks(CHUNK))
-        .for_each(|(to, from)| to.copy_from_slice(from));
+    target
+        .par_chunks_mut(CHUNK)
+        .zip(source.par_chunks(CHUNK))
+        .for_each(|(target, source)| target.copy_from_slice(source));
 }
 
 /// Sum over `0..n`, where `part` returns the sum over a range.
@@ -47,22 +48,22 @@ pub(crate) fn weighted_squares<T: Real>(m: &[T], v: &[T]) -> T {
             sums[k] += m[k] * v[k] * v[k];
         }
     }
-    let rest = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
-    sums.into_iter().fold(rest, |a, b| a + b)
+    let tail = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
+    sums.into_iter().fold(tail, |a, b| a + b)
 }
 
 /// Largest modulus; zero for an empty slice.
 pub(crate) fn largest<T: Real>(x: &[T]) -> T {
     let larger = |a: T, b: T| if b > a { b } else { a };
     let part = |x: &[T]| {
-        let (all, rest) = x.as_chunks::<ABREAST>();
+        let (groups, tail) = x.as_chunks::<ABREAST>();
         let mut tops = [T::zero(); ABREAST];
-        for x in all {
+        for x in groups {
             for k in 0..ABREAST {
                 tops[k] = larger(tops[k], x[k].abs());
             }
         }
-        let tops = tops.into_iter().chain(rest.iter().map(|x| x.abs()));
+        let tops = tops.into_iter().chain(tail.iter().map(|x| x.abs()));
         tops.fold(T::zero(), larger)
     };
     if !pays(x.len()) {

@@ -102,8 +102,8 @@ impl<T: Real> Profile<T> {
     /// is not finite at one of 1025 places.
     pub fn custom(p: impl Fn(T) -> T + Send + Sync + 'static) -> Result<Self> {
         let refuse = |s: T, p: T, rule: &str| {
-            let found = format_args!("{p} at s = {s}");
-            Err(invalid("custom weight profile", found, rule))
+            let value = format_args!("{p} at s = {s}");
+            Err(invalid("custom weight profile", value, rule))
         };
         // Ends may miss 0 and 1 by round-off, and a plateau may fall by it.
         let tolerance = T::epsilon() * T::of(64.0);

@@ -112,26 +112,26 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
     fn nearest(&self, x: &Point3<T>) -> Vec<usize> {
         let nodes = self.field.nodes();
         let wanted = NODES.min(nodes.len());
-        let mut found = Vec::new();
+        let mut nodes_around = Vec::new();
         // Positive unless the point is the only node.
         let apart = nodes.first().map_or(T::zero(), |n| (n - x).norm());
         let mut radius = self.start.max(apart * T::of(1e-3));
-        while found.len() < wanted {
-            found.clear();
+        while nodes_around.len() < wanted {
+            nodes_around.clear();
             let reach = Vector3::repeat(radius);
             self.tree.any(&[x - reach, x + reach], &mut |k| {
                 // Only nodes in the ball: the corners of the box reach farther than its faces, beyond which
                 // nearer nodes may lie.
                 if (nodes[k] - x).norm() <= radius {
-                    found.push(k);
+                    nodes_around.push(k);
                 }
                 false
             });
             radius += radius;
         }
         let distance = |k: &usize| (nodes[*k] - x).norm_squared().as_f64();
-        found.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
-        found.truncate(wanted);
-        found
+        nodes_around.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
+        nodes_around.truncate(wanted);
+        nodes_around
     }
 }

@@ -136,11 +136,11 @@ impl<T: Real> Patches<T> {
         patches: impl Fn(usize, &mut Vec<Vec<u32>>) + Sync,
     ) -> Self {
         let row = |k: usize| {
-            let mut all = Vec::new();
-            patches(k, &mut all);
-            let share = T::one() / T::of(all.len().max(1) as f64);
+            let mut node_patches = Vec::new();
+            patches(k, &mut node_patches);
+            let share = T::one() / T::of(node_patches.len().max(1) as f64);
             let mut row: Vec<(u32, T)> = Vec::new();
-            for patch in &all {
+            for patch in &node_patches {
                 fit(&nodes[k], samples, patch, share, &mut row);
             }
             row.sort_by_key(|e| e.0);
@@ -174,7 +174,7 @@ impl<T: Real> Patches<T> {
         samples.zip(self.factors[range].iter().copied())
     }
 
-    /// Appends strain and stress at `nodes` of `model` to `out`, from those at `count` samples: `of(s)`
+    /// Appends strain and stress at `nodes` of `model` to `out`, from those at `count` samples: `sample_values(s)`
     /// returns strain and stress at sample `s`.
     ///
     /// # Errors
@@ -184,7 +184,7 @@ impl<T: Real> Patches<T> {
         model: &str,
         nodes: &[usize],
         count: usize,
-        of: impl Fn(usize) -> [SymmetricTensor<T>; 2] + Sync,
+        sample_values: impl Fn(usize) -> [SymmetricTensor<T>; 2] + Sync,
         out: &mut Vec<Recovered<T>>,
     ) -> Result<()> {
         if let Some(k) = nodes.iter().find(|k| **k >= self.len()) {
@@ -193,14 +193,14 @@ impl<T: Real> Patches<T> {
         }
         // Patches share samples: if most nodes are asked for, evaluate every sample once.
         let known: Vec<_> = if nodes.len() * 4 > self.len() {
-            (0..count).into_par_iter().map(&of).collect()
+            (0..count).into_par_iter().map(&sample_values).collect()
         } else {
             Vec::new()
         };
-        let at = |node: &usize| {
+        let values_at = |node: &usize| {
             let mut sums = [SymmetricTensor::zero(); 2];
             for (s, factor) in self.row(*node) {
-                let values = known.get(s).copied().unwrap_or_else(|| of(s));
+                let values = known.get(s).copied().unwrap_or_else(|| sample_values(s));
                 for (sum, value) in sums.iter_mut().zip(values) {
                     sum.0.iter_mut().zip(value.0).for_each(|(s, v)| *s += factor * v);
                 }
@@ -209,7 +209,7 @@ impl<T: Real> Patches<T> {
             let strain = Some(strain);
             Recovered { strain, stress }
         };
-        out.par_extend(nodes.par_iter().map(at));
+        out.par_extend(nodes.par_iter().map(values_at));
         Ok(())
     }
 
@@ -227,14 +227,14 @@ impl<T: Real> Patches<T> {
 /// Adds the factors of the samples of one patch to `row`: `share` times `1/n + (x − x̄)ᵀ M⁺ (x_s − x̄)`,
 /// where `M = Σ (x_s − x̄)(x_s − x̄)ᵀ`.
 fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, row: &mut Vec<(u32, T)>) {
-    let each = share / T::of(patch.len() as f64);
-    let at = |s: &u32| samples[*s as usize].coords;
-    let mean = patch.iter().fold(Vector3::zeros(), |m, s| m + at(s)) / T::of(patch.len() as f64);
+    let equal_share = share / T::of(patch.len() as f64);
+    let position = |s: &u32| samples[*s as usize].coords;
+    let mean = patch.iter().fold(Vector3::zeros(), |m, s| m + position(s)) / T::of(patch.len() as f64);
     let spread = patch.iter().fold(Matrix3::zeros(), |m, s| {
-        let d = at(s) - mean;
+        let d = position(s) - mean;
         m + d * d.transpose()
     });
-    let own = x.coords - mean;
+    let arm = x.coords - mean;
     // Directions in which the samples differ by round-off only have no slope.
     let flat = spread.trace() * T::epsilon() * T::of(64.0);
     let mut slope = Vector3::zeros();
@@ -242,7 +242,7 @@ fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, r
         let eigen = SymmetricEigen::new(spread);
         for k in 0..3 {
             let (axis, size) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
-            let out = axis.dot(&own);
+            let out = axis.dot(&arm);
             // No slope along directions in which the node lies far outside of the samples.
             if size > flat && out * out <= size * T::of(REACH * REACH) {
                 slope += axis * (out / size);
@@ -252,7 +252,7 @@ fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, r
     row.extend(
         patch
             .iter()
-            .map(|s| (*s, each + share * slope.dot(&(at(s) - mean)))),
+            .map(|s| (*s, equal_share + share * slope.dot(&(position(s) - mean)))),
     );
 }
 

@@ -75,23 +75,23 @@ fn largest_in<T: Real>(
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
     let mut basis: Vec<Vec<T>> = Vec::new();
     let mut top = T::zero();
-    let all = space.size() * STEPS <= STORED;
+    let stored = space.size() * STEPS <= STORED;
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
-        if !all {
-            t.part(w, &v, basis.last().map_or(&[], Vec::as_slice));
+        if !stored {
+            t.subtract_parts(w, &v, basis.last().map_or(&[], Vec::as_slice));
             basis.clear();
             return basis.push(v);
         }
         basis.push(v);
         // Two passes make the vector orthogonal to round-off.
-        (0..2).for_each(|_| space.take_out(w, &basis));
+        (0..2).for_each(|_| space.orthogonalise(w, &basis));
     };
     lanczos((&root, space), STEPS, add_forces, orthogonal, &mut |t| {
         let previous = top;
         top = t.top()?;
         let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
         // A rest of round-off size: the space of the iteration holds the eigenvector already.
-        Ok(settled || t.rest <= top * T::epsilon() * T::of(16.0))
+        Ok(settled || t.residual <= top * T::epsilon() * T::of(16.0))
     })?;
     Ok(top)
 }
@@ -113,21 +113,25 @@ pub fn largest_ritz<T: Real>(
     let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
-        t.part(w, &v, &last);
+        t.subtract_parts(w, &v, &last);
         last = v;
     };
     lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
-        let invariant = t.rest <= T::of(1e-14) * t.diagonal[step - 1].abs();
+        let invariant = t.residual <= T::of(1e-14) * t.diagonal[step - 1].abs();
         // Ritz values cost an eigenvalue problem of the size of the step: compute them every tenth step only.
         if !(invariant || step.is_multiple_of(10) || step == limit) {
             return Ok(false);
         }
         let (value, end) = t.top_ritz();
         // The residual of a Ritz vector is the norm of the next vector times its own last entry.
-        let rest = if invariant { T::zero() } else { t.rest * end.abs() };
-        top = value + rest;
-        Ok(rest <= T::of(RESIDUAL) * value || invariant)
+        let residual = if invariant {
+            T::zero()
+        } else {
+            t.residual * end.abs()
+        };
+        top = value + residual;
+        Ok(residual <= T::of(RESIDUAL) * value || invariant)
     })?;
     Ok(top.max(T::zero()))
 }
@@ -137,13 +141,13 @@ pub fn largest_ritz<T: Real>(
 struct Tridiagonal<T> {
     diagonal: Vec<T>,
     off: Vec<T>,
-    rest: T,
+    residual: T,
 }
 
 impl<T: Real> Tridiagonal<T> {
     /// Subtracts from a new vector its parts along the last vector `v` and along the vector before, if there
     /// is one.
-    fn part(&self, w: &mut [T], v: &[T], before: &[T]) {
+    fn subtract_parts(&self, w: &mut [T], v: &[T], before: &[T]) {
         let alpha = self.diagonal.last().copied().unwrap_or_else(T::zero);
         let beta = self.off.last().copied().unwrap_or_else(T::zero);
         if before.is_empty() {
@@ -170,7 +174,7 @@ fn lanczos<T: Real>(
     let n = root.len();
     let moves = |i: usize| {
         if root[i] > T::zero() {
-            scatter(space.number(i))
+            start_value(space.global_number(i))
         } else {
             T::zero()
         }
@@ -182,7 +186,7 @@ fn lanczos<T: Real>(
     let mut t = Tridiagonal {
         diagonal: Vec::new(),
         off: Vec::new(),
-        rest: T::zero(),
+        residual: T::zero(),
     };
     let (mut q, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
     for _ in 0..limit.min(space.size()) {
@@ -193,12 +197,12 @@ fn lanczos<T: Real>(
         w.iter_mut().zip(root).for_each(|(w, r)| *w *= -*r);
         t.diagonal.push(space.dot(&w, &v));
         orthogonal(&mut w, v, &t);
-        t.rest = space.normalise(&mut w);
-        space.heard()?;
+        t.residual = space.normalise(&mut w);
+        space.check_ranks()?;
         if settled(&t)? {
             break;
         }
-        t.off.push(t.rest);
+        t.off.push(t.residual);
         v = w.clone();
     }
     Ok(())
@@ -232,7 +236,7 @@ impl<T: Real> Tridiagonal<T> {
 }
 
 /// A fixed, well-spread sequence in (−0.9, 1.1), free of any symmetry of the model.
-fn scatter<T: Real>(i: usize) -> T {
+fn start_value<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 1.0) * 0.618_033_988_749_894_9).fract();
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
@@ -258,7 +262,7 @@ impl Space<'_> {
     }
 
     /// Number that a local unknown has among the unknowns of all ranks.
-    fn number(&self, i: usize) -> usize {
+    fn global_number(&self, i: usize) -> usize {
         let Self::Nodes(layout, Some(portion)) = self else {
             return i;
         };
@@ -285,7 +289,7 @@ impl Space<'_> {
 
     /// Subtracts from `w` its parts along orthonormal vectors: one after the other, or all at once with one
     /// all-reduce. Two passes are enough either way.
-    fn take_out<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
+    fn orthogonalise<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
                 let c = dot(w, b);
@@ -307,7 +311,7 @@ impl Space<'_> {
 
     /// Returns the failure of the communication between ranks, if there was one: on NaN an iteration would
     /// not end.
-    fn heard(&self) -> Result<()> {
+    fn check_ranks(&self) -> Result<()> {
         match self {
             Self::Nodes(_, Some(portion)) => portion.failure().map_or(Ok(()), |e| Err(e.clone().into())),
             _ => Ok(()),

@@ -10,17 +10,17 @@ use std::sync::{Arc, Mutex};
 #[derive(Clone)]
 pub struct Formula {
     text: Arc<str>,
-    at: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+    function: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
     /// Integrals up to certain times, computed on request.
     sums: Arc<Mutex<Vec<f64>>>,
 }
 
 impl Formula {
     /// Formula with its text. The function must always return the same value at the same time.
-    pub fn new(text: &str, at: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
+    pub fn new(text: &str, function: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
         Self {
             text: text.into(),
-            at: Arc::new(at),
+            function: Arc::new(function),
             sums: Arc::default(),
         }
     }
@@ -28,9 +28,9 @@ impl Formula {
     /// Value at time `t` \[s\]. Before time zero the formula goes on; where it is not finite there, its value
     /// at zero is taken.
     pub fn at(&self, t: f64) -> f64 {
-        let value = (self.at)(t);
+        let value = (self.function)(t);
         if t < 0.0 && !value.is_finite() {
-            return (self.at)(0.0);
+            return (self.function)(0.0);
         }
         value
     }
@@ -88,7 +88,7 @@ impl<T: Real> TimeFunction<T> {
                 &f.text,
                 "must be finite at t = 0",
             )),
-            Self::Integral(of) => of.validate(),
+            Self::Integral(integrand) => integrand.validate(),
             Self::Ramp { duration } | Self::SmoothPulse { duration } => {
                 if *duration > T::zero() && duration.is_finite() {
                     Ok(())
@@ -136,7 +136,7 @@ impl<T: Real> TimeFunction<T> {
                 }
             }
             Self::Formula(f) => f.at(t),
-            Self::Integral(of) => of.integral(t),
+            Self::Integral(integrand) => integrand.integral(t),
             Self::Table(rows) => {
                 let k = rows.partition_point(|r| r.0.as_f64() <= t);
                 if k == 0 {
@@ -179,7 +179,7 @@ impl<T: Real> TimeFunction<T> {
                 t.signum() * between.windows(2).map(part).sum::<f64>()
             }
             Self::Formula(f) => f.integral(t),
-            Self::Integral(_) => antiderivative::between(&|t| self.at_wide(t), 0.0, t),
+            Self::Integral(_) => antiderivative::integral_between(&|t| self.at_wide(t), 0.0, t),
         }
     }
 }

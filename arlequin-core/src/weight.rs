@@ -97,10 +97,10 @@ impl<T: Real> Weight<T> for Product<T> {
         let corners = cell.corners();
         // Profiles are monotone: a weight that is zero or one at all corners is so between them.
         let fixed = |w: &Arc<dyn Weight<T>>| {
-            let all = |v: T| corners.iter().all(|x| w.at(x) == v);
+            let is_everywhere = |v: T| corners.iter().all(|x| w.at(x) == v);
             [T::zero(), T::one()]
                 .into_iter()
-                .find(|v| all(*v) && w.mean(cell) == *v)
+                .find(|v| is_everywhere(*v) && w.mean(cell) == *v)
         };
         let (mut factor, mut varying) = (T::one(), Vec::new());
         for w in &self.0 {
@@ -111,7 +111,7 @@ impl<T: Real> Weight<T> for Product<T> {
         }
         match varying.as_slice() {
             [] => factor,
-            [one] => factor * one.mean(cell),
+            [single] => factor * single.mean(cell),
             _ => geometry::mean(cell, 2, &|x| self.at(x)),
         }
     }
@@ -179,7 +179,7 @@ impl<T: Real> Ramp<T> {
         Ok(self)
     }
 
-    fn of_position(&self, place: Place<T>) -> T {
+    fn at_place(&self, place: Place<T>) -> T {
         match place {
             Place::Coarse => T::one(),
             Place::Fine => T::zero(),
@@ -208,7 +208,7 @@ impl<T: Real> Ramp<T> {
             return if high <= zero { zero } else { one };
         }
         let mut total = zero;
-        let mut rest = Some(cell.clone());
+        let mut remainder = Some(cell.clone());
         let mut sum = zero;
         let mut samples = Vec::new();
         let mut add = |piece: &Cell<T>, value: &dyn Fn(T) -> T| {
@@ -225,18 +225,18 @@ impl<T: Real> Ramp<T> {
                 normal: gradient,
                 offset: b - offset,
             };
-            let Some(body) = rest else { break };
+            let Some(body) = remainder else { break };
             if let Some(piece) = body.clip(&plane) {
                 // The fine model's own region lies before the first kink.
                 let value = |s: T| match k {
                     0 => zero,
-                    _ => self.of_position(Place::Overlap(s.clamp(zero, one))),
+                    _ => self.at_place(Place::Overlap(s.clamp(zero, one))),
                 };
                 add(&piece, &value);
             }
-            rest = body.clip(&plane.flipped());
+            remainder = body.clip(&plane.flipped());
         }
-        if let Some(body) = rest {
+        if let Some(body) = remainder {
             add(&body, &|_| one);
         }
         // Over the measure of the parts: a weight of one has the mean one, whatever round-off the cuts leave.
@@ -246,7 +246,7 @@ impl<T: Real> Ramp<T> {
 
 impl<T: Real> Weight<T> for Ramp<T> {
     fn at(&self, x: &Point3<T>) -> T {
-        self.of_position(self.overlap.place(x))
+        self.at_place(self.overlap.place(x))
     }
 
     fn mean(&self, cell: &Cell<T>) -> T {
@@ -257,11 +257,13 @@ impl<T: Real> Weight<T> for Ramp<T> {
             (None, Some(CellPlace::Halved(levels))) => geometry::mean(cell, levels, &|x| self.at(x)),
             (None, None) => {
                 let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
-                let all = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
+                let is_everywhere = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
                 // Away from the borders one rule will do; a border inside the cell needs a fine subdivision.
-                let levels = if all(&|p| matches!(p, Place::Coarse)) || all(&|p| matches!(p, Place::Fine)) {
+                let levels = if is_everywhere(&|p| matches!(p, Place::Coarse))
+                    || is_everywhere(&|p| matches!(p, Place::Fine))
+                {
                     0
-                } else if all(&|p| matches!(p, Place::Overlap(_))) {
+                } else if is_everywhere(&|p| matches!(p, Place::Overlap(_))) {
                     1
                 } else {
                     3
@@ -338,20 +340,20 @@ impl<T: Real> Weights<T> {
             .all(|w| std::ptr::eq(place(w), place(&self.internal)))
     }
 
-    /// Weights of a model that receives `self` of what coarser models leave (`left`): the products of both.
+    /// Weights of a model that receives `self` of what coarser models leave (`remainder`): the products of both.
     /// Keeps the weighting of `self`.
     #[must_use]
-    pub fn within(self, left: &Self) -> Self {
-        let product = |own: Arc<dyn Weight<T>>, left: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
-            Arc::new(Product(vec![left.clone(), own]))
+    pub fn within(self, remainder: &Self) -> Self {
+        let product = |share: Arc<dyn Weight<T>>, remainder: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
+            Arc::new(Product(vec![remainder.clone(), share]))
         };
-        if self.are_one() && left.are_one() {
-            return Self::same(product(self.internal, &left.internal)).with_weighting(self.weighting);
+        if self.are_one() && remainder.are_one() {
+            return Self::same(product(self.internal, &remainder.internal)).with_weighting(self.weighting);
         }
         Self {
-            internal: product(self.internal, &left.internal),
-            kinetic: product(self.kinetic, &left.kinetic),
-            external: product(self.external, &left.external),
+            internal: product(self.internal, &remainder.internal),
+            kinetic: product(self.kinetic, &remainder.kinetic),
+            external: product(self.external, &remainder.external),
             weighting: self.weighting,
         }
     }

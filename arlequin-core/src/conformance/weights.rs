@@ -46,20 +46,20 @@ pub fn weights<T: Real>(
         model.add_internal_forces(&q, &mut forces)?;
         Ok((inertia, forces, model.internal_energy(&q)))
     };
-    let (half, share) = (under(&Uniform(T::of(0.5)))?, under(&**w)?);
-    let (other, whole) = (under(&Complement(vec![w.clone()]))?, under(&Uniform(T::one()))?);
+    let (half, weighted) = (under(&Uniform(T::of(0.5)))?, under(&**w)?);
+    let (complement, whole) = (under(&Complement(vec![w.clone()]))?, under(&Uniform(T::one()))?);
     let sum = |a: &[T], b: &[T]| -> Vec<T> { a.iter().zip(b).map(|(a, b)| *a + *b).collect() };
-    let gap = |a: &[T], b: &[T]| {
+    let relative_gap = |a: &[T], b: &[T]| {
         let top = b.iter().fold(T::zero(), |m, x| m.max(x.abs()));
         let apart = a.iter().zip(b).map(|(a, b)| (*a - *b).abs());
         apart.fold(T::zero(), |m, x| m.max(x)) / top
     };
     Ok(WeightDefect {
-        half_inertia: gap(&sum(&half.0, &half.0), &whole.0),
-        inertia: gap(&sum(&share.0, &other.0), &whole.0),
-        half_energy: gap(&[half.2 + half.2], &[whole.2]),
-        energy: gap(&[share.2 + other.2], &[whole.2]),
-        forces: gap(&sum(&share.1, &other.1), &whole.1),
+        half_inertia: relative_gap(&sum(&half.0, &half.0), &whole.0),
+        inertia: relative_gap(&sum(&weighted.0, &complement.0), &whole.0),
+        half_energy: relative_gap(&[half.2 + half.2], &[whole.2]),
+        energy: relative_gap(&[weighted.2 + complement.2], &[whole.2]),
+        forces: relative_gap(&sum(&weighted.1, &complement.1), &whole.1),
     })
 }
 

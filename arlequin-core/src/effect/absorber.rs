@@ -39,9 +39,9 @@ struct AttachedAbsorber<T: Real> {
     /// all ranks.
     nodes: Vec<u32>,
     /// Place in that list, and local number, of the nodes on this rank.
-    here: Vec<[u32; 2]>,
+    local_nodes: Vec<[u32; 2]>,
     /// Exchange of velocities with other ranks.
-    told: Option<Told<T>>,
+    exchange: Option<VelocityExchange<T>>,
     /// `m` and `m η` of each node.
     mass: Vec<[T; 2]>,
     /// `Nᵀ`, `N` and `NᵀDN`.
@@ -60,7 +60,7 @@ struct AttachedAbsorber<T: Real> {
 }
 
 /// Velocities of all nodes in the resolved space, gathered from all ranks.
-struct Told<T> {
+struct VelocityExchange<T> {
     gather: Gather,
     messages: Vec<Message>,
     v: Vec<T>,
@@ -103,8 +103,8 @@ impl<T: Real> AttachedAbsorber<T> {
             resolved: zeros(n.cols()),
             columns: zeros(n.cols()),
             force: zeros(nodes.len()),
-            here: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
-            told: None,
+            local_nodes: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
+            exchange: None,
             nodes: nodes.iter().map(|k| *k as u32).collect(),
             mass,
         })
@@ -130,11 +130,11 @@ impl<T: Real> AttachedAbsorber<T> {
     }
 
     /// Sets up the exchange of velocities with other ranks. `nodes` are numbers in the whole model.
-    fn share_out(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
+    fn with_exchange(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
         let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
-        self.here = gather.own().to_vec();
+        self.local_nodes = gather.own().to_vec();
         self.nodes = (0..nodes.len() as u32).collect();
-        self.told = Some(Told {
+        self.exchange = Some(VelocityExchange {
             messages: gather.messages(self.components),
             v: vec![T::zero(); nodes.len() * self.components],
             gather,
@@ -143,14 +143,16 @@ impl<T: Real> AttachedAbsorber<T> {
     }
 
     /// Adds the force to `f`, for `N` components and `W = 2 N`.
-    fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
-        // Taken out for the call, as `find` borrows all of `self`.
-        if let Some(mut told) = self.told.take() {
-            told.gather.gather(N, &mut told.messages, v, &mut told.v);
-            self.find::<N, W>(&told.v);
-            self.told = Some(told);
+    fn add_to<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
+        // Taken out for the call, as `update_forces` borrows all of `self`.
+        if let Some(mut exchange) = self.exchange.take() {
+            exchange
+                .gather
+                .gather(N, &mut exchange.messages, v, &mut exchange.v);
+            self.update_forces::<N, W>(&exchange.v);
+            self.exchange = Some(exchange);
         } else {
-            self.find::<N, W>(v);
+            self.update_forces::<N, W>(v);
             return add_at(
                 &self.nodes,
                 self.force.as_chunks::<N>().0,
@@ -159,14 +161,14 @@ impl<T: Real> AttachedAbsorber<T> {
             );
         }
         let (force, f) = (self.force.as_chunks::<N>().0, f.as_chunks_mut::<N>().0);
-        for [place, node] in &self.here {
+        for [place, node] in &self.local_nodes {
             let (force, f) = (&force[*place as usize], &mut f[*node as usize]);
             (0..N).for_each(|c| f[c] += force[c]);
         }
     }
 
     /// Computes the forces on all nodes of the resolved space.
-    fn find<const N: usize, const W: usize>(&mut self, v: &[T]) {
+    fn update_forces<const N: usize, const W: usize>(&mut self, v: &[T]) {
         let v = v.as_chunks::<N>().0;
         let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
             for ((node, mass), local) in nodes.iter().zip(mass).zip(local) {
@@ -210,22 +212,22 @@ impl<T: Real> AttachedAbsorber<T> {
         let (scatter, coarse) = (&self.scatter, self.coarse.as_chunks::<W>().0);
         let force = self.force.as_chunks_mut::<N>().0;
         scatter.each(0..force.len(), force, &|k| {
-            let (both, v, [mass, damping]) = (
+            let (projected, v, [mass, damping]) = (
                 scatter.times(k, |j| coarse[j]),
                 &v[self.nodes[k] as usize],
                 self.mass[k],
             );
-            std::array::from_fn(|c| mass * both[N + c] - damping * (v[c] - both[c]))
+            std::array::from_fn(|c| mass * projected[N + c] - damping * (v[c] - projected[c]))
         });
     }
 }
 
 impl<T: Real> EffectSpec<T> for Absorber<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
         let mut row = ShapeRow::default();
         let mut shapes: Vec<Shaped<T>> = Vec::new();
-        for place in self.places(to)? {
+        for place in self.candidates(host)? {
             match self.resolved.shape_at(&place.x, false, &mut row) {
                 Ok(()) => {
                     let entries = row.nodes.iter().copied().zip(row.values.iter().copied());
@@ -238,7 +240,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         if shapes.is_empty() {
             return Err(invalid(
                 "absorber",
-                to.model.name(),
+                host.model.name(),
                 "has no node of this model in its resolved space",
             ));
         }
@@ -265,14 +267,14 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         let mass: Vec<[T; 2]> = masses.zip(&rates).map(|(m, r)| [m, m * *r]).collect();
         let top = rates.iter().fold(T::zero(), |a, b| a.max(*b));
         let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
-        let made = AttachedAbsorber::new(layout.components, &n, &nodes, mass, top);
-        let made = made.ok_or_else(|| {
+        let absorber = AttachedAbsorber::new(layout.components, &n, &nodes, mass, top);
+        let absorber = absorber.ok_or_else(|| {
             let rule = "the resolved space must be coarser than the model";
             invalid("absorber", counts, rule)
         })?;
-        Ok(Box::new(match to.shared()? {
-            Some(portion) => made.share_out(portion, &nodes),
-            None => made,
+        Ok(Box::new(match host.shared()? {
+            Some(portion) => absorber.with_exchange(portion, &nodes),
+            None => absorber,
         }))
     }
 }
@@ -291,20 +293,20 @@ type Shaped<T> = (Place<T>, Vec<(usize, T)>);
 impl<T: Real> Absorber<T> {
     /// Nodes of the model. For a partitioned model: all nodes of all ranks that lie in the resolved space.
     /// Collective.
-    fn places(&self, to: &Host<'_, T>) -> Result<Vec<Place<T>>> {
-        let d = to.model.layout().components;
-        let all = to.model.nodes().iter().enumerate();
-        let all = all.map(|(k, x)| Place {
-            node: to.portion.map_or(k, |p| p.global(k)),
+    fn candidates(&self, host: &Host<'_, T>) -> Result<Vec<Place<T>>> {
+        let d = host.model.layout().components;
+        let nodes = host.model.nodes().iter().enumerate();
+        let nodes = nodes.map(|(k, x)| Place {
+            node: host.portion.map_or(k, |p| p.global(k)),
             x: *x,
-            mass: to.inertia[k * d],
+            mass: host.inertia[k * d],
         });
-        let Some(portion) = to.shared()? else {
-            return Ok(all.collect());
+        let Some(portion) = host.shared()? else {
+            return Ok(nodes.collect());
         };
         let mut row = ShapeRow::default();
         let mut words = Vec::new();
-        for p in all {
+        for p in nodes {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
             // Points with other errors go to all ranks, so that all of them report the error in `attach`.
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
@@ -345,12 +347,12 @@ fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
 
 impl<T: Real> AttachedAbsorber<T> {
     /// Power of the last forces on each node of this rank.
-    fn powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
+    fn nodal_powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
         let d = self.components;
-        let of = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
-        self.here
+        let row = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
+        self.local_nodes
             .iter()
-            .map(move |[place, node]| dot(of(&self.force, *place), of(v, *node)))
+            .map(move |[place, node]| dot(row(&self.force, *place), row(v, *node)))
     }
 }
 
@@ -370,22 +372,22 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
 }
 
 impl<T: Real> Effect<T> for AttachedAbsorber<T> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         match self.components {
-            1 => self.act::<1, 2>(at.v_half, f),
-            2 => self.act::<2, 4>(at.v_half, f),
-            _ => self.act::<3, 6>(at.v_half, f),
+            1 => self.add_to::<1, 2>(instant.v_half, f),
+            2 => self.add_to::<2, 4>(instant.v_half, f),
+            _ => self.add_to::<3, 6>(instant.v_half, f),
         }
         Ok(())
     }
 
     /// Power on the nodes of this rank.
     fn power(&self, v: &[T]) -> T {
-        self.powers(v).sum()
+        self.nodal_powers(v).sum()
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
-        self.powers(v).for_each(|p| to.add(p.as_f64()));
+    fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
+        self.nodal_powers(v).for_each(|p| sum.add(p.as_f64()));
         true
     }
 
@@ -434,9 +436,9 @@ mod tests {
             let forces = |absorber: &mut AttachedAbsorber<f64>, v: &[f64]| {
                 let mut f = vec![0.0; size];
                 match components {
-                    1 => absorber.act::<1, 2>(v, &mut f),
-                    2 => absorber.act::<2, 4>(v, &mut f),
-                    _ => absorber.act::<3, 6>(v, &mut f),
+                    1 => absorber.add_to::<1, 2>(v, &mut f),
+                    2 => absorber.add_to::<2, 4>(v, &mut f),
+                    _ => absorber.add_to::<3, 6>(v, &mut f),
                 }
                 f
             };

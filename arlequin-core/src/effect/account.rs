@@ -60,7 +60,7 @@ pub(crate) struct Attached<T, E: ?Sized> {
     pub(crate) effect: Box<E>,
     work: T,
     /// Work of the last instant.
-    last: T,
+    last_work: T,
 }
 
 impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
@@ -68,7 +68,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
         Self {
             effect,
             work: T::zero(),
-            last: T::zero(),
+            last_work: T::zero(),
         }
     }
 
@@ -79,22 +79,22 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
 
     /// Adds the work of an instant \[J\].
     pub(crate) fn add(&mut self, work: T) {
-        self.last = work;
+        self.last_work = work;
         self.work += work;
     }
 
     /// Adds the work of a whole step \[J\], none of which is pending.
     pub(crate) fn add_whole(&mut self, work: T) {
-        self.last = T::zero();
+        self.last_work = T::zero();
         self.work += work;
     }
 
     /// Energy that the effect has created \[J\], `work + stored − supplied` but not below zero; positive only
     /// if its law is wrong.
     pub(crate) fn created(&self) -> T {
-        let work = self.work - self.last * T::of(0.5);
-        let of = |from: T| (work + self.effect.stored() - from).max(T::zero());
-        self.effect.supplied().map_or_else(T::zero, of)
+        let work = self.work - self.last_work * T::of(0.5);
+        let excess = |supplied: T| (work + self.effect.stored() - supplied).max(T::zero());
+        self.effect.supplied().map_or_else(T::zero, excess)
     }
 
     /// Account of the effect, under the name that reports give it.
@@ -103,7 +103,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
             name,
             phase: Some(phase),
             work: Some(self.work),
-            pending: self.last * T::of(0.5),
+            pending: self.last_work * T::of(0.5),
             stored: self.effect.stored(),
             supplied: self.effect.supplied(),
             facts: self.effect.facts(),
@@ -111,7 +111,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
     }
 
     pub(crate) fn restore(&mut self, work: T, from: &Record<T>) -> Result<()> {
-        (self.work, self.last) = (work, T::zero());
+        (self.work, self.last_work) = (work, T::zero());
         self.effect.restore(from)
     }
 }

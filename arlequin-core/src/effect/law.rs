@@ -7,8 +7,8 @@ use crate::record::Record;
 use crate::scalar::dot;
 use crate::{Real, Result};
 
-/// An effect given by a closure. `law(at, f, own)` writes the effect's forces to `own` \[N, N m\] and adds
-/// them to `f`. At the call `own` holds what the closure wrote the last time, and `f` all forces before those
+/// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces` \[N, N m\] and adds
+/// them to `f`. At the call `own_forces` holds what the closure wrote the last time, and `f` all forces before those
 /// of the effect.
 ///
 /// ```
@@ -18,13 +18,13 @@ use crate::{Real, Result};
 /// struct ElasticSupport(f64);
 ///
 /// impl EffectSpec<f64> for ElasticSupport {
-///     fn attach(self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
-///         let top = to.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
+///     fn attach(self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+///         let top = host.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
 ///         let k = self.0;
-///         let mut support = ForceLaw::new("elastic-support", to.inertia.len(), move |at: &Instant<'_, f64>, f: &mut [f64], own: &mut [f64]| {
-///             for ((f, own), q) in f.iter_mut().zip(own).zip(at.q) {
-///                 *own = -k * q;
-///                 *f += *own;
+///         let mut support = ForceLaw::new("elastic-support", host.inertia.len(), move |instant: &Instant<'_, f64>, f: &mut [f64], own_forces: &mut [f64]| {
+///             for ((f, own_force), q) in f.iter_mut().zip(own_forces).zip(instant.q) {
+///                 *own_force = -k * q;
+///                 *f += *own_force;
 ///             }
 ///         });
 ///         support.demand.stiffness = k * top;
@@ -120,16 +120,16 @@ impl<T: Real, L: Send> AnyEffect<T> for ForceLaw<T, L> {
 }
 
 impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> for ForceLaw<T, L> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        (self.law)(at, f, &mut self.force);
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        (self.law)(instant, f, &mut self.force);
         Ok(())
     }
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
     }
-    fn add_power(&self, layout: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+    fn add_power(&self, layout: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         if self.local {
-            ranks::add_products(layout, &self.force, v, to);
+            ranks::add_products(layout, &self.force, v, sum);
         }
         self.local
     }

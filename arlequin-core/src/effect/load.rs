@@ -119,11 +119,11 @@ impl<T: Real> Load<T> {
 }
 
 impl<T: Real> EffectSpec<T> for Load<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
-        let gamma = &*to.weights.external;
-        let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
-        let whole = to.unknowns();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
+        let gamma = &*host.weights.external;
+        let weigh = |dof: usize| gamma.at(&host.model.nodes()[layout.node_of(dof)]);
+        let whole = host.unknowns();
         // Every unknown once, in ascending order.
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
@@ -131,14 +131,14 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                 let shared = matches!(self.spread, Spread::Shares(_));
                 for &(dof, f) in forces {
                     if dof >= whole {
-                        let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
+                        let what = format!("unknowns of '{}' in load '{}'", host.model.name(), self.name);
                         return Err(Error::SizeMismatch {
                             what,
                             expected: whole,
                             found: dof + 1,
                         });
                     }
-                    if let Some(dof) = to.unknown(dof) {
+                    if let Some(dof) = host.unknown(dof) {
                         *sum.entry(dof).or_default() += if shared { f } else { f * weigh(dof) };
                     }
                 }
@@ -148,7 +148,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                     let w = gamma.at(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
                         for c in 0..layout.components {
-                            if let Some(dof) = to.unknown(node * layout.components + c) {
+                            if let Some(dof) = host.unknown(node * layout.components + c) {
                                 *sum.entry(dof).or_default() += traction[c] * *share * w;
                             }
                         }
@@ -172,8 +172,8 @@ impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
 }
 
 impl<T: Real> Effect<T> for WeightedLoad<T> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        self.factor = self.time.at(at.time);
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        self.factor = self.time.at(instant.time);
         if self.factor != T::zero() {
             self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
         }
@@ -184,9 +184,9 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
         true
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+    fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
-        terms.for_each(|x| to.add(x.as_f64()));
+        terms.for_each(|x| sum.add(x.as_f64()));
         true
     }
 

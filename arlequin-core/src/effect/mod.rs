@@ -69,7 +69,7 @@ impl<T: Real> Host<'_, T> {
     /// Number of unknowns of the whole model.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        self.whole().dofs()
+        self.whole_layout().dofs()
     }
 
     /// Local number of an unknown of the whole model; `None` if another rank owns it.
@@ -77,14 +77,14 @@ impl<T: Real> Host<'_, T> {
     /// # Panics
     /// For an unknown that the whole model does not have.
     #[must_use]
-    pub fn unknown(&self, of_whole: usize) -> Option<usize> {
+    pub fn unknown(&self, number: usize) -> Option<usize> {
         match self.model.portion() {
-            Some(portion) => local(portion, &self.whole(), of_whole),
-            None => Some(of_whole),
+            Some(portion) => local(portion, &self.whole_layout(), number),
+            None => Some(number),
         }
     }
 
-    fn whole(&self) -> DofLayout {
+    fn whole_layout(&self) -> DofLayout {
         let layout = self.model.layout();
         let nodes = self
             .model
@@ -159,7 +159,7 @@ pub trait EffectSpec<T: Real>: Send {
     ///
     /// # Errors
     /// Parameters that are invalid for this subdomain.
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
 }
 
 /// Position and motion of a rigid body.
@@ -243,7 +243,7 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     ///
     /// # Errors
     /// Any error of the effect.
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
 
     /// Power of the last added forces at the velocities `v` \[W\]: negative where energy is dissipated.
     fn power(&self, v: &[T]) -> T;
@@ -251,7 +251,7 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     /// Adds the power of the last added forces at `v` to an exact sum, one term per unknown, node or unit of
     /// nodes, so that the sum over all ranks does not depend on the partition. Returns `false` if the effect
     /// cannot do so; it then acts only on models that are not partitioned.
-    fn add_power(&self, _layout: &DofLayout, _v: &[T], _to: &mut Exact) -> bool {
+    fn add_power(&self, _layout: &DofLayout, _v: &[T], _sum: &mut Exact) -> bool {
         false
     }
 

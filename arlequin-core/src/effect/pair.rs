@@ -28,7 +28,7 @@ pub trait PairEffectSpec<T: Real>: Send {
     ///
     /// # Errors
     /// Models or parameters that the effect cannot work with.
-    fn attach(self: Box<Self>, to: &HostPair<'_, T>) -> Result<Box<dyn PairEffect<T>>>;
+    fn attach(self: Box<Self>, hosts: &HostPair<'_, T>) -> Result<Box<dyn PairEffect<T>>>;
 }
 
 /// Forces between two subdomains, ready to act. Arrays hold the first side, then the second.
@@ -39,7 +39,7 @@ pub trait PairEffect<T: Real>: AnyEffect<T> {
     ///
     /// # Errors
     /// Any error of the effect.
-    fn add_forces(&mut self, at: [&Instant<'_, T>; 2], f: [&mut [T]; 2]) -> Result<()>;
+    fn add_forces(&mut self, instants: [&Instant<'_, T>; 2], f: [&mut [T]; 2]) -> Result<()>;
 
     /// Power of the last added forces at the velocities of both sides \[W\].
     fn power(&self, v: [&[T]; 2]) -> T;

@@ -20,8 +20,8 @@ impl<T: Real> BodyForce<T> {
         if acceleration.iter().all(|a| a.is_finite()) {
             return Ok(Self(acceleration, TimeFunction::Step));
         }
-        let found = format_args!("{acceleration:?}");
-        Err(invalid("body acceleration", found, "must be finite"))
+        let value = format_args!("{acceleration:?}");
+        Err(invalid("body acceleration", value, "must be finite"))
     }
 
     /// Multiplies the acceleration by a function of time.
@@ -35,10 +35,10 @@ impl<T: Real> BodyForce<T> {
 }
 
 impl<T: Real> EffectSpec<T> for BodyForce<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
         let mut force = vec![T::zero(); layout.dofs()];
-        to.model.lumped_inertia(&*to.weights.external, &mut force)?;
+        host.model.lumped_inertia(&*host.weights.external, &mut force)?;
         for (i, m) in force.iter_mut().enumerate() {
             // Gravity has no moment on rotations.
             *m *= if i < layout.translations() {
@@ -49,9 +49,9 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         }
         let time = self.1;
         if time == TimeFunction::Step {
-            // `own` holds the constant force from the start and needs no update.
-            let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-                f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+            // `own_forces` holds the constant force from the start and needs no update.
+            let add = |_: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+                f.iter_mut().zip(own_forces).for_each(|(f, g)| *f += *g);
             };
             return Ok(Box::new(ForceLaw {
                 force,
@@ -62,11 +62,11 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
             }));
         }
         let dofs = force.len();
-        let add = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            let factor = time.at(at.time);
-            for ((f, own), g) in f.iter_mut().zip(own).zip(&force) {
-                *own = factor * *g;
-                *f += *own;
+        let add = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            let factor = time.at(instant.time);
+            for ((f, own_force), g) in f.iter_mut().zip(own_forces).zip(&force) {
+                *own_force = factor * *g;
+                *f += *own_force;
             }
         };
         Ok(Box::new(ForceLaw {
@@ -93,11 +93,11 @@ impl<T: Real> MassDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for MassDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let (rate, inertia) = (self.0, to.inertia.to_vec());
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let (rate, inertia) = (self.0, host.inertia.to_vec());
         let dofs = inertia.len();
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            for (((f, g), m), v) in f.iter_mut().zip(own).zip(&inertia).zip(at.v_half) {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            for (((f, g), m), v) in f.iter_mut().zip(own_forces).zip(&inertia).zip(instant.v_half) {
                 *g = -rate * *m * *v;
                 *f += *g;
             }
@@ -130,16 +130,16 @@ impl<T: Real> StiffnessDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let time = self.0;
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
             // At the start of a run there is no step before to take the difference over.
-            if at.dt <= T::zero() {
+            if instant.dt <= T::zero() {
                 return;
             }
-            let factor = time / at.dt;
-            let change = at.internal.iter().zip(at.internal_before);
-            for ((f, g), (now, before)) in f.iter_mut().zip(own).zip(change) {
+            let factor = time / instant.dt;
+            let change = instant.internal.iter().zip(instant.internal_before);
+            for ((f, g), (now, before)) in f.iter_mut().zip(own_forces).zip(change) {
                 *g = factor * (*now - *before);
                 *f += *g;
             }
@@ -153,7 +153,7 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
             arms: Some(Arms::Reference),
             local: true,
             shared: true,
-            ..ForceLaw::dissipating("stiffness-damping", to.inertia.len(), law)
+            ..ForceLaw::dissipating("stiffness-damping", host.inertia.len(), law)
         }))
     }
 }
@@ -179,10 +179,10 @@ impl<T: Real> LocalDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for LocalDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let share = self.0;
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            for ((f, g), v) in f.iter_mut().zip(own).zip(at.v_half) {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            for ((f, g), v) in f.iter_mut().zip(own_forces).zip(instant.v_half) {
                 // `f` holds the forces before this effect only: hence it must be the last one.
                 let size = share * f.abs();
                 *g = if *v > T::zero() {
@@ -203,7 +203,7 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
             demand,
             local: true,
             shared: true,
-            ..ForceLaw::dissipating("local-damping", to.inertia.len(), law)
+            ..ForceLaw::dissipating("local-damping", host.inertia.len(), law)
         }))
     }
 }
@@ -216,13 +216,16 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
 pub struct Prestress;
 
 impl<T: Real> EffectSpec<T> for Prestress {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let law = |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let law = |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
             // The step is zero at the start of a run only: keep the internal forces of that instant.
-            if at.dt <= T::zero() {
-                own.iter_mut().zip(at.internal).for_each(|(g, now)| *g = -*now);
+            if instant.dt <= T::zero() {
+                own_forces
+                    .iter_mut()
+                    .zip(instant.internal)
+                    .for_each(|(g, now)| *g = -*now);
             }
-            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+            f.iter_mut().zip(own_forces).for_each(|(f, g)| *f += *g);
         };
         Ok(Box::new(ForceLaw {
             arms: Some(Arms::Reference),
@@ -230,7 +233,7 @@ impl<T: Real> EffectSpec<T> for Prestress {
             remembers: true,
             local: true,
             shared: true,
-            ..ForceLaw::new("prestress", to.inertia.len(), law)
+            ..ForceLaw::new("prestress", host.inertia.len(), law)
         }))
     }
 }

@@ -69,13 +69,18 @@ impl<T: Real> Cell<T> {
                 let length = (ends[1] - ends[0]).norm();
                 let axis = (ends[1] - ends[0]) / length;
                 let tolerance = length * T::epsilon() * T::of(64.0);
-                let at = |p: &Point3<T>| axis.dot(&(p - ends[0]));
+                let coordinate = |p: &Point3<T>| axis.dot(&(p - ends[0]));
                 // Ends within √ε lengths of the line count as on it.
-                let off = |p: &Point3<T>| (p - ends[0] - axis * at(p)).norm() > length * T::epsilon().sqrt();
+                let off = |p: &Point3<T>| {
+                    (p - ends[0] - axis * coordinate(p)).norm() > length * T::epsilon().sqrt()
+                };
                 if e2.iter().any(off) {
                     return None;
                 }
-                let (a, b) = (at(&e2[0]).min(at(&e2[1])), at(&e2[0]).max(at(&e2[1])));
+                let (a, b) = (
+                    coordinate(&e2[0]).min(coordinate(&e2[1])),
+                    coordinate(&e2[0]).max(coordinate(&e2[1])),
+                );
                 let (a, b) = (a.max(T::zero()), b.min(length));
                 (b - a > tolerance).then(|| Self::Segment {
                     ends: [ends[0] + axis * a, ends[0] + axis * b],
@@ -240,13 +245,13 @@ pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T)
 pub(crate) fn parts<T: Real>(cell: &Cell<T>, levels: usize) -> Vec<Cell<T>> {
     let mut parts = vec![cell.clone()];
     for _ in 0..levels {
-        parts = parts.iter().flat_map(halves).collect();
+        parts = parts.iter().flat_map(cut_at_centre).collect();
     }
     parts
 }
 
 /// Cuts a cell through the centre of its box across the three axes into up to 8 parts, a segment into two.
-fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
+fn cut_at_centre<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
     if let Cell::Segment {
         ends: [a, b],
         section,

@@ -89,7 +89,7 @@ impl<T: Real> Polyhedron<T> {
         let plane = |f: &Vec<Point3<T>>| {
             let normal = loop_normal(f);
             (normal.norm_squared() > T::zero()).then(|| {
-                let h = HalfSpace::new(&middle(f), normal.normalize());
+                let h = HalfSpace::new(&plane_point(f), normal.normalize());
                 // Loops may run either way round.
                 if h.excess(&centre) > T::zero() {
                     h.flipped()
@@ -132,13 +132,13 @@ impl<T: Real> Polyhedron<T> {
     /// Visits tetrahedra that fill the body from one of its corners, about half as many as from the centre.
     /// The corner is the one on the most triangles.
     pub(super) fn for_each_tetrahedron_from_a_corner(&self, mut visit: impl FnMut([Point3<T>; 4])) {
-        let saved = |x: &Point3<T>| -> usize {
-            let own = self.faces.iter().filter(|f| f.contains(x));
-            own.map(|f| f.len().saturating_sub(2)).sum()
+        let triangles_on = |x: &Point3<T>| -> usize {
+            let incident = self.faces.iter().filter(|f| f.contains(x));
+            incident.map(|f| f.len().saturating_sub(2)).sum()
         };
         let mut best: Option<(usize, &Point3<T>)> = None;
         for x in self.faces.iter().flatten() {
-            let count = saved(x);
+            let count = triangles_on(x);
             // The first of equals, so that the choice is unique.
             if best.is_none_or(|b| count > b.0) {
                 best = Some((count, x));
@@ -186,14 +186,14 @@ impl<T: Real> Polyhedron<T> {
         ];
         let points = corners.map(|v| centre + factor.l() * Vector3::from(v.map(T::of)));
         let inside = |h: &HalfSpace<T>| points.iter().all(|x| h.excess(x) <= T::zero());
-        let all = self.half_spaces().iter().all(inside);
-        if all {
+        let all_inside = self.half_spaces().iter().all(inside);
+        if all_inside {
             out.extend(points.map(|point| Sample {
                 point,
                 measure: volume * T::of(0.25),
             }));
         }
-        all
+        all_inside
     }
 
     /// Volume \[m³\].
@@ -214,7 +214,7 @@ fn loop_normal<T: Real>(face: &[Point3<T>]) -> Vector3<T> {
 
 /// A point of the plane of a face: a corner of a triangle, else the mean of the corners, as round-off may
 /// have bent the face.
-fn middle<T: Real>(face: &[Point3<T>]) -> Point3<T> {
+fn plane_point<T: Real>(face: &[Point3<T>]) -> Point3<T> {
     if face.len() == 3 {
         return face[0];
     }

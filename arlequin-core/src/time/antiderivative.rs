@@ -44,12 +44,17 @@ const BEHIND: u32 = 48;
 const FIRST: f64 = 1.0 / (1_u64 << 63) as f64;
 
 /// `∫_a^b f`.
-pub(super) fn between(f: &dyn Fn(f64) -> f64, a: f64, b: f64) -> f64 {
-    let mut left = MOST;
-    halved(f, [a, b], DEEPEST, &mut left)
+pub(super) fn integral_between(f: &dyn Fn(f64) -> f64, a: f64, b: f64) -> f64 {
+    let mut halvings_left = MOST;
+    integral_by_halving(f, [a, b], DEEPEST, &mut halvings_left)
 }
 
-fn halved(f: &dyn Fn(f64) -> f64, [a, b]: [f64; 2], deeper: u32, left: &mut u32) -> f64 {
+fn integral_by_halving(
+    f: &dyn Fn(f64) -> f64,
+    [a, b]: [f64; 2],
+    depth_left: u32,
+    halvings_left: &mut u32,
+) -> f64 {
     let (middle, half) = (0.5 * (a + b), 0.5 * (b - a));
     let mut values = [0.0; 17];
     let (mut sum, mut gap, mut size) = (0.0, 0.0, 0.0);
@@ -68,11 +73,12 @@ fn halved(f: &dyn Fn(f64) -> f64, [a, b]: [f64; 2], deeper: u32, left: &mut u32)
     let change: f64 = values.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
     let round = 2.0 * f64::EPSILON * change * a.abs().max(b.abs()) / half.abs().max(f64::MIN_POSITIVE);
     let apart = gap.abs() > (AGREE[0] * size).max(AGREE[1]).max(round);
-    if !apart || deeper == 0 || *left == 0 {
+    if !apart || depth_left == 0 || *halvings_left == 0 {
         return sum * half;
     }
-    *left -= 1;
-    halved(f, [a, middle], deeper - 1, left) + halved(f, [middle, b], deeper - 1, left)
+    *halvings_left -= 1;
+    integral_by_halving(f, [a, middle], depth_left - 1, halvings_left)
+        + integral_by_halving(f, [middle, b], depth_left - 1, halvings_left)
 }
 
 impl Formula {
@@ -81,7 +87,7 @@ impl Formula {
         let f = |t: f64| self.at(t);
         // Cuts are numbered by the bits of positive numbers, which ascend with them.
         if t.is_nan() || t < FIRST {
-            return between(&f, 0.0, t);
+            return integral_between(&f, 0.0, t);
         }
         // Exponent and sixteenths of a time: the number of the cut at or before it.
         let number = |t: f64| (t.to_bits() >> BEHIND) as usize;
@@ -90,13 +96,13 @@ impl Formula {
         // The sums are complete after every push: a poisoned lock does no harm.
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         if sums.is_empty() {
-            sums.push(between(&f, 0.0, FIRST));
+            sums.push(integral_between(&f, 0.0, FIRST));
         }
         for k in first + sums.len() - 1..last {
-            let next = sums[k - first] + between(&f, cut(k), cut(k + 1));
+            let next = sums[k - first] + integral_between(&f, cut(k), cut(k + 1));
             sums.push(next);
         }
-        sums[last - first] + between(&f, cut(last), t)
+        sums[last - first] + integral_between(&f, cut(last), t)
     }
 }
 
