@@ -185,13 +185,13 @@ impl<T: Real> BlockMatrix<T> {
         y
     }
 
-    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
-    /// Allocates nothing.
+    /// Energy `½ qᵀ K q` \[J\]. The sum over units of nodes is exact, and so has the same bits for any number
+    /// of threads. Allocates nothing.
     pub fn energy(&self, q: &[T]) -> T {
         self.energy_of_all(q, q, None)
     }
 
-    /// `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q` all
+    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q` all
     /// unknowns that these rows read. Collective.
     pub fn energy_of_all(&self, local: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {

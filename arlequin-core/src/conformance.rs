@@ -321,7 +321,7 @@ pub struct ParticipantDefect<T> {
 
 /// Checks a participant: kicks it, advances it by `steps` steps of `step` \[s\], then restores it and
 /// advances it again. The participant gets weights of one and should be in motion. The step should be that of
-/// the run, as nothing is learnt about other steps.
+/// the run: the check says nothing about other steps.
 ///
 /// # Errors
 /// Errors of the participant.

@@ -156,7 +156,7 @@ pub enum Error {
         kind: Share,
         /// Share of the overlap that is counted more than once, or (negative) not at all.
         amount: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
         /// Point of the largest deviation \[m\].
         point: [f64; 3],
@@ -430,7 +430,7 @@ pub enum Error {
         step: usize,
         /// Missing or excess momentum, relative to the impulses.
         share: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
     },
     /// The iteration for the multipliers misses its tolerance, and the models are hardly coupled.
@@ -448,7 +448,7 @@ pub enum Error {
         iterations: usize,
         /// Largest jump of velocity relative to the largest velocity so far.
         share: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
     },
     /// A solver is not the one of the checkpoint, or its restore does not bring back what its save returned.

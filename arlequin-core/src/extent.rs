@@ -14,7 +14,7 @@ const FACETS: f64 = 0.15;
 /// deep.
 const HOLE: f64 = 2.0;
 /// Distance from a particle centre up to which a point lies in the roughness of walls, edges and corners, in
-/// the same unit.
+/// unit of [`HOLE`].
 const ROUGH: f64 = 3.0;
 
 /// Position of a point relative to an extent.
