@@ -191,8 +191,8 @@ impl<T: Real> BlockMatrix<T> {
         self.energy_of_all(q, q, None)
     }
 
-    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q` all
-    /// unknowns that these rows read. Collective.
+    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q`
+    /// all unknowns that these rows read. Collective.
     pub fn energy_of_all(&self, local: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
             1 => self.energy_in_blocks::<1>(local.as_chunks().0, q.as_chunks().0, portion),

@@ -146,7 +146,8 @@ impl<T: Real> Region<T> for Primitive<T> {
                 let half = (high - low) * T::of(0.5);
                 let q = (x - centre).abs() - half;
                 let outer = q.sup(&Vector3::zeros()).norm();
-                // Outside the first term counts; inside the second does, minus the distance to the nearest face.
+                // Outside the first term counts. Inside the second does: minus the distance to the nearest
+                // face.
                 outer + q.max().min(T::zero())
             }
             Self::Cylinder { point, axis, radius } => {

@@ -174,8 +174,8 @@ impl<T: Real> Patches<T> {
         samples.zip(self.factors[range].iter().copied())
     }
 
-    /// Appends strain and stress at `nodes` of `model` to `out`, from those at `count` samples: `sample_values(s)`
-    /// returns strain and stress at sample `s`.
+    /// Appends strain and stress at `nodes` of `model` to `out`, from those at `count` samples:
+    /// `sample_values(s)` returns strain and stress at sample `s`.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a node that does not exist.

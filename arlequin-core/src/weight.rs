@@ -340,8 +340,8 @@ impl<T: Real> Weights<T> {
             .all(|w| std::ptr::eq(place(w), place(&self.internal)))
     }
 
-    /// Weights of a model that receives `self` of what coarser models leave (`remainder`): the products of both.
-    /// Keeps the weighting of `self`.
+    /// Weights of a model that receives `self` of what coarser models leave (`remainder`): the products of
+    /// both. Keeps the weighting of `self`.
     #[must_use]
     pub fn within(self, remainder: &Self) -> Self {
         let product = |share: Arc<dyn Weight<T>>, remainder: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {

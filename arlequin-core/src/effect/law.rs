@@ -7,9 +7,9 @@ use crate::record::Record;
 use crate::scalar::dot;
 use crate::{Real, Result};
 
-/// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces` \[N, N m\] and adds
-/// them to `f`. At the call `own_forces` holds what the closure wrote the last time, and `f` all forces before those
-/// of the effect.
+/// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces`
+/// \[N, N m\] and adds them to `f`. At the call `own_forces` holds what the closure wrote the last time, and
+/// `f` all forces before those of the effect.
 ///
 /// ```
 /// use arlequin_core::effect::{Effect, EffectSpec, ForceLaw, Host, Instant};
@@ -21,12 +21,13 @@ use crate::{Real, Result};
 ///     fn attach(self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
 ///         let top = host.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
 ///         let k = self.0;
-///         let mut support = ForceLaw::new("elastic-support", host.inertia.len(), move |instant: &Instant<'_, f64>, f: &mut [f64], own_forces: &mut [f64]| {
+///         let law = move |instant: &Instant<'_, f64>, f: &mut [f64], own_forces: &mut [f64]| {
 ///             for ((f, own_force), q) in f.iter_mut().zip(own_forces).zip(instant.q) {
 ///                 *own_force = -k * q;
 ///                 *f += *own_force;
 ///             }
-///         });
+///         };
+///         let mut support = ForceLaw::new("elastic-support", host.inertia.len(), law);
 ///         support.demand.stiffness = k * top;
 ///         Ok(Box::new(support))
 ///     }
