@@ -10,31 +10,34 @@
 //! 2. are **tied by multipliers** `λ` on a mediator space of their own ([`core::Mediator`]) through a
 //!    junction `⟨λ, u̇ − ḋ⟩ = ∫ λ·v + l² ε(λ):ε(v)` ([`core::Junction`]).
 //!
-//! With `B_C`, `B_D` the coupling matrices, the discrete equations
+//! With `B_C`, `B_D` the coupling matrices, the equations are
 //!
 //! ```text
 //! M_β ü = F_γ − F_int,α − B_Cᵀ λ        m_β̄ d̈ = f_γ̄ − f_int,ᾱ + B_Dᵀ λ        B_C u̇ − B_D ḋ = 0
 //! ```
 //!
-//! are advanced by velocity Verlet: each model predicts, one small symmetric system `A λ = B_C u̇* − B_D
-//! ḋ*` with `A = Δt/2 (B_C M⁻¹ B_Cᵀ + B_D m⁻¹ B_Dᵀ)` gives the multipliers, both models are corrected
-//! ([`core::Coupled`]). A model never sees the other one: any implementer of [`core::Model`] with a
-//! [`core::Interpolation`] can be coupled with any other. The static twin solves the same objects as a
-//! saddle-point problem ([`core::Coupled::equilibrium`]).
+//! Each model makes its own steps of velocity Verlet with its own forces. At the end of a step of the run the
+//! velocities `v⁻` of both models are reflected: with `B = [B_C, −B_D]`, one small symmetric system `S μ = B
+//! v⁻`, `S = B M⁻¹ Bᵀ`, gives the multipliers, and the models go on with `v⁺ = v⁻ − 2 M⁻¹ Bᵀ μ`. A reflection
+//! keeps the kinetic energy of both models together and moves nothing ([`core::Coupled`]).
+//!
+//! A model never sees the other one: any implementer of [`core::Model`] with a [`core::Interpolation`] can be
+//! coupled with any other, and an external solver takes part as a [`core::Participant`]. The static twin
+//! solves the same objects as a saddle-point problem ([`core::Coupled::equilibrium`]).
 //!
 //! # Crates
 //!
 //! [`core`] holds the traits and the method; [`fem_ref`] linear finite elements; [`dem_beam`] the
 //! cohesive-beam discrete element model; [`cnem`] the constrained natural element method. This crate
-//! re-exports them and holds no logic; [`prelude`] has what most programs need.
+//! re-exports them and holds no logic; [`prelude`] has the names that most programs need.
 
 pub use arlequin_core as core;
 pub use {cnem, dem_beam, fem_ref};
 
-/// What most programs need: `use arlequin::prelude::*;`.
+/// Names that most programs need: `use arlequin::prelude::*;`.
 ///
-/// What a coupled run is made of, effects included, the traits of models, and the models with what builds
-/// them. Names that more than one crate has (`cnem::Surface`, `dem_beam::Surface`) keep their crate's.
+/// The parts of a coupled run, effects included; the traits of models; and the models with their builders.
+/// Names that occur in more than one crate (`cnem::Surface`, `dem_beam::Surface`) are not among them.
 pub mod prelude {
     pub use arlequin_core::effect::{
         Absorber, AnyEffect, BodyForce, BulkViscosity, Effect, EffectSpec, ForceLaw, Host, Instant, Load,

@@ -1,6 +1,6 @@
-//! Compressed rows: what belongs to each of many things, in one flat array.
+//! Compressed rows: a list of entries for each of many items, in one flat array.
 
-/// Row `i` lists what belongs to `i`: elements of a node, bonds of a particle, neighbours.
+/// Row `i` lists the entries of item `i`: elements of a node, bonds of a particle, neighbours.
 ///
 /// ```
 /// use arlequin_core::adjacency::Adjacency;
@@ -16,7 +16,7 @@ pub struct Adjacency<E = u32> {
 }
 
 impl<E: Copy + Default> Adjacency<E> {
-    /// Sorts `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below
+    /// Sorts pairs `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below
     /// `count`.
     pub fn new(count: usize, entries: impl Iterator<Item = (u32, E)> + Clone) -> Self {
         let mut starts = vec![0; count + 1];
@@ -38,7 +38,7 @@ impl<E: Copy + Default> Adjacency<E> {
 }
 
 impl<E> Adjacency<E> {
-    /// Rows one after the other.
+    /// Joins rows, one after the other.
     pub fn from_rows<R: IntoIterator<Item = E>>(rows: impl IntoIterator<Item = R>) -> Self {
         let (mut starts, mut entries) = (vec![0], Vec::new());
         for row in rows {
@@ -53,12 +53,12 @@ impl<E> Adjacency<E> {
         self.starts.len() - 1
     }
 
-    /// Whether there is no row.
+    /// Returns whether there is no row.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Where row `i` begins in [`Self::entries`]; `i` may be the number of rows.
+    /// Index of the first entry of row `i` in [`Self::entries`]; `i` may be the number of rows.
     pub fn start(&self, i: usize) -> usize {
         self.starts[i]
     }
@@ -73,7 +73,7 @@ impl<E> Adjacency<E> {
         &self.entries
     }
 
-    /// Sorts every row.
+    /// Sorts the entries of every row.
     #[must_use]
     pub fn sorted(mut self) -> Self
     where
@@ -87,7 +87,8 @@ impl<E> Adjacency<E> {
 }
 
 impl Adjacency<[u32; 2]> {
-    /// Other end and pair for either end of each pair, in the order of the pairs.
+    /// Row of each of `count` items: for each of its pairs the other end and the number of the pair, in the
+    /// order of the pairs.
     pub fn of_pairs(count: usize, pairs: &[[u32; 2]]) -> Self {
         let ends = |(p, &[i, j]): (usize, &[u32; 2])| [(i, [j, p as u32]), (j, [i, p as u32])];
         Self::new(count, pairs.iter().enumerate().flat_map(ends))
@@ -95,17 +96,24 @@ impl Adjacency<[u32; 2]> {
 }
 
 impl Adjacency {
-    /// Positions at which each of `count` things stands in `slots`, ascending.
+    /// Row of each of `count` items: its positions in `slots`, ascending.
     pub fn of_slots(count: usize, slots: &[u32]) -> Self {
-        Self::new(count, slots.iter().enumerate().map(|(at, &k)| (k, at as u32)))
+        Self::new(
+            count,
+            slots
+                .iter()
+                .enumerate()
+                .map(|(position, &k)| (k, position as u32)),
+        )
     }
 }
 
-/// Smallest number among all that each of `count` things is connected with, directly or through others, by
-/// pairs of them; numbers of pairs must lie below `count`.
+/// Smallest number of any item that each of `count` items is connected with, directly or through others.
+/// `pairs` are the connections; their numbers must lie below `count`.
 pub fn lowest_connected(count: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
     fn root(parent: &mut [u32], mut i: u32) -> u32 {
         while parent[i as usize] != i {
+            // Path halving, which keeps trees flat.
             parent[i as usize] = parent[parent[i as usize] as usize];
             i = parent[i as usize];
         }
@@ -113,6 +121,7 @@ pub fn lowest_connected(count: usize, pairs: impl Iterator<Item = [u32; 2]>) -> 
     }
     let mut parent: Vec<u32> = (0..count as u32).collect();
     for [i, j] in pairs {
+        // Roots are the smallest numbers of their trees.
         let (i, j) = (root(&mut parent, i), root(&mut parent, j));
         parent[i.max(j) as usize] = i.min(j);
     }

@@ -1,79 +1,80 @@
-//! What an overlap is known not to do well, before the first step: measured ranges of the absorber and of
-//! bonds that break there (decision 0022). Advice refuses nothing; callers say it.
+//! Advice before the first step: what an overlap is known to do badly, by measured ranges of the absorber and
+//! of breaking bonds (decision 0022). Advice refuses nothing; callers report it.
 
 use std::fmt;
 
-/// Mediator elements across an overlap below which its bonds are loaded unevenly.
+/// Number of mediator elements across an overlap below which its bonds are loaded unevenly.
 const LEAST_LAYERS: f64 = 2.0;
 
 /// Smallest weight of the fine model below which the skin of an overlap is loaded above the body.
 const LEAST_FLOOR: f64 = 0.05;
 
-/// Coarse elements across the overlap from which the absorber keeps its promise.
+/// Coarse elements across the overlap from which the absorber is as good as measured.
 const ABSORBER_WIDTH: f64 = 4.0;
 
-/// Coarse element over fine spacing from which there are wavelengths well below the element.
+/// Ratio of coarse element to fine spacing from which there are wavelengths well below the element.
 const ABSORBER_RATIO: f64 = 4.0;
 
-/// Error of a period that counts as resolved.
+/// Relative error of a period that counts as resolved.
 const PERIOD: f64 = 0.05;
 
-/// `ω Δt` at which average acceleration, `tan(ω̃ Δt/2) = ω Δt/2`, has periods that are [`PERIOD`] too long:
-/// eight steps a period.
+/// `ω Δt` at which average acceleration, `tan(ω̃ Δt/2) = ω Δt/2`, makes periods too long by [`PERIOD`]: eight
+/// steps a period.
 const STEP_RESOLVES: f64 = 0.788;
 
-/// The same of the critical step where lumped elements have such periods, `ω = (2/Δt_c) sin(kh/2)` for
-/// waves of `k c`: six elements a wave.
+/// `ω Δt_c` at which lumped elements with the critical step `Δt_c` make periods too long by [`PERIOD`]: six
+/// elements a wave. They have `ω = (2/Δt_c) sin(kh/2)` where waves have `k c`.
 const MESH_RESOLVES: f64 = 1.025;
 
-/// Share by which a nearly incompressible body may be stiffer than a compressible one before it is said to
-/// lock.
+/// Share by which a nearly incompressible body may be stiffer than a compressible one before locking is
+/// reported.
 const LOCKS: f64 = 0.05;
 
-/// The same of the error of a stress.
+/// Share by which the relative error of a stress may exceed that of a compressible body before locking is
+/// reported.
 const STRESS_LOCKS: f64 = 0.1;
 
-/// Something measured that the choices of an overlap, of a step or of a material lie outside of. Lengths
-/// \[m\], times \[s\].
+/// A choice of an overlap, a step or a material outside of the range that was measured. Lengths \[m\], times
+/// \[s\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Advice {
-    /// The absorber in an overlap of few coarse elements.
+    /// An absorber in an overlap that is few coarse elements wide.
     NarrowAbsorber {
         /// Width of the overlap.
         width: f64,
-        /// Coarse element.
+        /// Length of a coarse element.
         element: f64,
     },
-    /// The absorber under a weight that jumps at the borders.
+    /// An absorber under a weight that jumps at the borders.
     JumpingWeight {
         /// Height of the jump, 0 to 1.
         jump: f64,
     },
-    /// The absorber where no wave is much shorter than a coarse element.
+    /// An absorber where no wave is much shorter than a coarse element.
     NoShortWaves {
-        /// Coarse element.
+        /// Length of a coarse element.
         element: f64,
         /// Spacing of the fine model.
         spacing: f64,
     },
-    /// Bonds that break where few mediator elements lie across the overlap.
+    /// Breaking bonds where few mediator elements lie across the overlap.
     FewLayers {
         /// Width of the overlap.
         width: f64,
-        /// Mediator element.
+        /// Length of a mediator element.
         element: f64,
     },
-    /// Bonds that break where their weight goes to nothing.
+    /// Breaking bonds where their weight almost vanishes.
     LowFloor {
         /// Smallest weight of the fine model.
         floor: f64,
     },
-    /// Bonds that break without an absorber.
+    /// Breaking bonds without an absorber.
     NoAbsorber,
-    /// An implicit step that loses more than half of the frequencies which the mesh resolves.
+    /// An implicit step that loses more than half of the frequencies that the mesh resolves.
     LongImplicitStep {
-        /// Step.
+        /// Step of the model.
         step: f64,
         /// Critical step of the explicit scheme.
         critical: f64,
@@ -84,9 +85,9 @@ pub enum Advice {
         elements: &'static str,
         /// Poisson's ratio.
         poisson: f64,
-        /// How much too stiff a pressurised ring of them is, relative.
+        /// Relative excess stiffness of a pressurised ring of these elements.
         stiffer: f64,
-        /// Error of the largest stress in it, relative.
+        /// Relative error of the largest stress in the ring.
         stress: f64,
     },
 }
@@ -143,7 +144,7 @@ impl fmt::Display for Advice {
                  breaks more of them there; take rate_factor = 0.2"
             ),
             Self::LongImplicitStep { step, critical } => {
-                let hertz = |resolves: f64, of: f64| resolves / (std::f64::consts::TAU * of);
+                let hertz = |resolves: f64, time: f64| resolves / (std::f64::consts::TAU * time);
                 write!(
                     f,
                     "its implicit step of {step:.3e} s is {:.1} times the critical step that an explicit one would have: frequencies \
@@ -160,10 +161,11 @@ impl fmt::Display for Advice {
     }
 }
 
-/// What bonds that can break meet in an overlap of that `width` (where it has one) with mediator elements
-/// of length `element`, a smallest weight of `floor` of their model, and an absorber or none.
+/// Advice on breaking bonds in an overlap of `width` (if it has one), with mediator elements of length
+/// `element`, a smallest weight `floor` of the bonds' model, and an absorber or none.
 pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) -> Vec<Advice> {
     let mut out = Vec::new();
+    // Widths a hundredth of an element too small still count.
     if let Some(width) = width.filter(|w| *w < (LEAST_LAYERS - 0.01) * element) {
         out.push(Advice::FewLayers { width, element });
     }
@@ -176,11 +178,14 @@ pub fn breakage(width: Option<f64>, element: f64, floor: f64, absorber: bool) ->
     out
 }
 
-/// Locking of `elements` at a Poisson's ratio, if it matters; `measured` are rows of Poisson's ratio, how
-/// much too stiff a thick-walled ring under inner pressure is, and the error of its hoop stress at the
-/// inner face, both relative, by rising ratio; the first row is that of a material in which nothing locks.
-/// Between rows the logarithm of `1 − 2ν` decides; beyond the last row it counts.
+/// Advice on locking of `elements` at a Poisson's ratio, if it matters.
+///
+/// The rows of `measured`, by rising ratio, hold Poisson's ratio, the relative excess stiffness of a
+/// thick-walled ring under inner pressure, and the relative error of its hoop stress at the inner face.
+/// Nothing locks in the first row. Values are interpolated over the logarithm of `1 − 2ν`; beyond the last
+/// row its values hold.
 pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> Option<Advice> {
+    // Locking goes with `λ/μ`, which is about `1/(1 − 2ν)` near one half.
     let place = |nu: f64| (1.0 - 2.0 * nu).ln();
     let after = measured.iter().position(|row| row[0] >= poisson);
     let [_, stiffer, stress] = match after.unwrap_or(measured.len()) {
@@ -192,6 +197,7 @@ pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> O
             [0, 1, 2].map(|c: usize| low[c] + share * (high[c] - low[c]))
         }
     };
+    // The errors of the first row are those of the mesh: only what locking adds counts.
     let [_, sound, near] = *measured.first()?;
     let locks = stiffer - sound > LOCKS || stress.abs() - near.abs() > STRESS_LOCKS;
     locks.then_some(Advice::Locking {
@@ -202,15 +208,15 @@ pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> O
     })
 }
 
-/// What an implicit model with that step and that critical step of the explicit scheme \[s\] does not
-/// resolve, if it is more than half of what its mesh does.
+/// Advice on an implicit step \[s\] that loses more than half of the frequencies that the mesh resolves;
+/// `critical` is the critical step of the explicit scheme \[s\].
 pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
     let lost = STEP_RESOLVES / step < 0.5 * MESH_RESOLVES / critical;
     lost.then_some(Advice::LongImplicitStep { step, critical })
 }
 
-/// What keeps an absorber from reflecting 0.8 % of short waves at most: `jump` of the weight at its
-/// borders, coarse elements of length `element`, a fine model of that `spacing`.
+/// Advice on what makes an absorber reflect more than 0.8 % of short waves: a `jump` of the weight at its
+/// borders, coarse elements of length `element`, a fine model of the given `spacing`.
 pub fn absorber(width: Option<f64>, jump: f64, element: f64, spacing: f64) -> Vec<Advice> {
     let mut out = Vec::new();
     if jump > LEAST_FLOOR {

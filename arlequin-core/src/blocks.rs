@@ -1,6 +1,6 @@
 //! Sparse matrices in rows of small square blocks, and the internal forces `−K q` they give.
 //!
-//! For models that store an assembled stiffness. Every row is gathered by itself and in a fixed order:
+//! For models that store an assembled stiffness. Each row is gathered on its own and in a fixed order:
 //! results have the same bits for any number of threads.
 
 use crate::Real;
@@ -12,8 +12,8 @@ use std::ops::Range;
 /// Block rows per parallel task.
 const CHUNK: usize = 512;
 
-/// Rows with fewer values in all are multiplied on the calling thread: waking others costs more than it
-/// saves. These are some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
+/// Matrices with fewer stored values are multiplied on the calling thread: waking others costs more than it
+/// saves. The limit is some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
 const SERIAL: usize = 1 << 18;
 
 /// A square matrix, or some rows of one, in compressed rows of square blocks: 3 × 3, or single numbers.
@@ -29,15 +29,14 @@ pub struct BlockMatrix<T> {
 }
 
 impl<T: Real> BlockMatrix<T> {
-    /// The zero matrix with blocks of `size` (3 or 1) where the pattern says: block row `i` has the
-    /// ascending block columns `columns[starts[i]..starts[i + 1]]`.
+    /// Zero matrix with blocks of `size` (3 or 1). Block row `i` has the ascending block columns
+    /// `columns[starts[i]..starts[i + 1]]`.
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
         let values = vec![T::zero(); columns.len() * size * size];
         Self::new(size, starts, columns, values)
     }
 
-    /// The matrix of a pattern (see [`BlockMatrix::zeros`]) with its `values`, block after block, each by
-    /// rows.
+    /// Matrix with the pattern of [`BlockMatrix::zeros`] and its `values`, block after block, each by rows.
     pub fn new(size: usize, starts: Vec<usize>, columns: Vec<u32>, values: Vec<T>) -> Self {
         debug_assert_eq!(values.len(), columns.len() * size * size);
         Self {
@@ -49,11 +48,11 @@ impl<T: Real> BlockMatrix<T> {
         }
     }
 
-    /// Some block `rows` of it, in their order, for unknowns of which there are `width` blocks: `column`
-    /// tells the place among them of those that the rows name, and keeps their order.
+    /// Restricts the matrix to some block `rows`, in the given order, for vectors of `width` blocks. `column`
+    /// maps a block column to its place in these vectors and must keep the order.
     ///
     /// # Panics
-    /// For rows that are not there.
+    /// For a row that does not exist.
     #[must_use]
     pub fn some_rows(
         &self,
@@ -90,15 +89,15 @@ impl<T: Real> BlockMatrix<T> {
         self.values.fill(T::zero());
     }
 
-    fn position(&self, i: usize, j: u32) -> usize {
+    fn slot(&self, i: usize, j: u32) -> usize {
         let row = &self.columns[self.starts[i]..self.starts[i + 1]];
         self.starts[i] + row.partition_point(|&k| k < j)
     }
 
     /// Adds `weight · block` at block row `i` and block column `j`, which the pattern must hold.
     pub fn add(&mut self, i: usize, j: u32, block: &nalgebra::Matrix3<T>, weight: T) {
-        let (c, at) = (self.size, self.position(i, j));
-        let values = &mut self.values[at * c * c..(at + 1) * c * c];
+        let (c, slot) = (self.size, self.slot(i, j));
+        let values = &mut self.values[slot * c * c..(slot + 1) * c * c];
         for a in 0..c {
             for b in 0..c {
                 values[a * c + b] += block[(a, b)] * weight;
@@ -111,11 +110,12 @@ impl<T: Real> BlockMatrix<T> {
         self.subtract_some(0..self.starts.len() - 1, &|_| true, q, f);
     }
 
-    /// The same of those of a range of block rows that are `wanted`, with the same bits; `f` are all
-    /// forces. `q` need not be known where these rows do not name it.
+    /// Subtracts `K q` from `f` in the `wanted` ones of a range of block rows, with the same bits as
+    /// [`Self::subtract_product`]. `f` holds the forces of all rows; `q` is read only where these rows have
+    /// columns.
     ///
     /// # Panics
-    /// For rows that are not there.
+    /// For a row that does not exist.
     pub fn subtract_some(
         &self,
         rows: Range<usize>,
@@ -124,12 +124,12 @@ impl<T: Real> BlockMatrix<T> {
         f: &mut [T],
     ) {
         match self.size {
-            1 => self.rows::<1>(rows, wanted, q, f),
-            _ => self.rows::<3>(rows, wanted, q, f),
+            1 => self.subtract_rows::<1>(rows, wanted, q, f),
+            _ => self.subtract_rows::<3>(rows, wanted, q, f),
         }
     }
 
-    fn rows<const C: usize>(
+    fn subtract_rows<const C: usize>(
         &self,
         rows: Range<usize>,
         wanted: &(impl Fn(usize) -> bool + Sync),
@@ -144,12 +144,13 @@ impl<T: Real> BlockMatrix<T> {
                 if !wanted(i) {
                     continue;
                 }
-                let y = self.row::<C>(i, q);
+                let y = self.row_product::<C>(i, q);
                 for (o, y) in out.iter_mut().zip(y) {
                     *o -= y;
                 }
             }
         };
+        // Both ways have the same bits, as every row is a sum of its own.
         if self.values.len() < SERIAL {
             f.chunks_mut(CHUNK * C).enumerate().for_each(|(k, f)| work(k, f));
         } else {
@@ -161,7 +162,7 @@ impl<T: Real> BlockMatrix<T> {
 
     /// Block row `i` of `K q`.
     #[inline]
-    fn row<const C: usize>(&self, i: usize, q: &[[T; C]]) -> [T; C] {
+    fn row_product<const C: usize>(&self, i: usize, q: &[[T; C]]) -> [T; C] {
         let range = self.starts[i]..self.starts[i + 1];
         // Nested arrays of a generic size cannot be sliced flat, so a block is C rows of C values.
         let values = self.values[range.start * C * C..range.end * C * C]
@@ -184,35 +185,40 @@ impl<T: Real> BlockMatrix<T> {
         y
     }
 
-    /// `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
-    /// Allocates nothing.
+    /// Energy `½ qᵀ K q` \[J\]. The sum over units of nodes is exact, and so has the same bits for any number
+    /// of threads. Allocates nothing.
     pub fn energy(&self, q: &[T]) -> T {
         self.energy_of_all(q, q, None)
     }
 
-    /// The same of the rows that all ranks have: `own` are the unknowns of those here, `q` all that they
-    /// name. All ranks must ask.
-    pub fn energy_of_all(&self, own: &[T], q: &[T], portion: Option<&Portion>) -> T {
+    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q`
+    /// all unknowns that these rows read. Collective.
+    pub fn energy_of_all(&self, local: &[T], q: &[T], portion: Option<&Portion>) -> T {
         let sum = match self.size {
-            1 => self.energy_of::<1>(own.as_chunks().0, q.as_chunks().0, portion),
-            _ => self.energy_of::<3>(own.as_chunks().0, q.as_chunks().0, portion),
+            1 => self.energy_in_blocks::<1>(local.as_chunks().0, q.as_chunks().0, portion),
+            _ => self.energy_in_blocks::<3>(local.as_chunks().0, q.as_chunks().0, portion),
         };
         sum * T::of(0.5)
     }
 
-    fn energy_of<const C: usize>(&self, own: &[[T; C]], q: &[[T; C]], portion: Option<&Portion>) -> T {
+    fn energy_in_blocks<const C: usize>(
+        &self,
+        local: &[[T; C]],
+        q: &[[T; C]],
+        portion: Option<&Portion>,
+    ) -> T {
         let part = |rows: Range<usize>| {
             let sum = rows.fold(T::zero(), |sum, i| {
-                let y = self.row::<C>(i, q);
-                sum + y.iter().zip(&own[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
+                let y = self.row_product::<C>(i, q);
+                sum + y.iter().zip(&local[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
             });
             [sum]
         };
-        let [sum] = ranks::sum(own.len(), portion, &part);
+        let [sum] = ranks::sum(local.len(), portion, &part);
         sum
     }
 
-    /// The same matrix in scalar compressed rows.
+    /// Converts the matrix to scalar compressed rows.
     pub fn to_csr(&self) -> CsMat<T> {
         let c = self.size;
         let rows = self.starts.len() - 1;
@@ -222,10 +228,10 @@ impl<T: Real> BlockMatrix<T> {
         starts.push(0);
         for i in 0..rows {
             for a in 0..c {
-                for at in self.starts[i]..self.starts[i + 1] {
+                for slot in self.starts[i]..self.starts[i + 1] {
                     for b in 0..c {
-                        columns.push(self.columns[at] as usize * c + b);
-                        values.push(self.values[at * c * c + a * c + b]);
+                        columns.push(self.columns[slot] as usize * c + b);
+                        values.push(self.values[slot * c * c + a * c + b]);
                     }
                 }
                 starts.push(columns.len());

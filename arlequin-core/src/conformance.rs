@@ -23,10 +23,10 @@ pub struct ShapeDefect<T> {
     pub unity: T,
     /// Largest `|Σ N x_k − x|`, relative to the extent of the nodes.
     pub linear: T,
-    /// Largest `|Σ ∇N|` and `|Σ ∇N x_k − 1|`, the former times the extent; zero if gradients were not asked
-    /// for.
+    /// Largest `|Σ ∇N|` times the extent of the nodes, and largest `|Σ ∇N x_k − 1|`; zero if gradients were
+    /// not asked for.
     pub gradient: T,
-    /// Most negative value.
+    /// Most negative value of a shape function; zero if there is none.
     pub negative: T,
 }
 
@@ -35,10 +35,10 @@ fn extent<T: Real>(nodes: &[Point3<T>]) -> T {
     (high - low).norm().max(T::epsilon())
 }
 
-/// Partition of unity and linear completeness of a field at the given points.
+/// Checks the partition of unity and the linear completeness of a field at the given points.
 ///
 /// # Errors
-/// Those of the field.
+/// Errors of the field.
 pub fn shapes<T: Real>(
     field: &dyn Interpolation<T>,
     points: &[Point3<T>],
@@ -79,32 +79,32 @@ pub fn shapes<T: Real>(
     Ok(worst)
 }
 
-/// Momentum that an effect between two subdomains makes at an instant: `|Σ F|` over all nodes of both
-/// sides, relative to `Σ |F|`; zero where nothing pushes. `layouts` are those of the models.
+/// Checks that an effect between two subdomains creates no momentum. Returns `|Σ F|` over all nodes of both
+/// sides relative to `Σ |F|`, or zero without forces. `layouts` are those of the two models.
 ///
 /// # Errors
-/// Those of the effect.
+/// Errors of the effect.
 pub fn reaction<T: Real>(
     effect: &mut dyn PairEffect<T>,
-    at: [&Instant<'_, T>; 2],
+    instants: [&Instant<'_, T>; 2],
     layouts: [DofLayout; 2],
 ) -> Result<T> {
     let mut forces = layouts.map(|l| vec![T::zero(); l.dofs()]);
     let [f, g] = &mut forces;
-    effect.add_forces(at, [f, g])?;
+    effect.add_forces(instants, [f, g])?;
     let (mut sum, mut size) = (Vector3::zeros(), T::zero());
     for (f, l) in forces.iter().zip(layouts) {
         for node in f[..l.translations()].chunks_exact(l.components) {
-            let mut one = Vector3::zeros();
-            one.iter_mut().zip(node).for_each(|(a, b)| *a = *b);
-            sum += one;
-            size += one.norm();
+            let mut force = Vector3::zeros();
+            force.iter_mut().zip(node).for_each(|(a, b)| *a = *b);
+            sum += force;
+            size += force.norm();
         }
     }
     Ok(if size > T::zero() { sum.norm() / size } else { size })
 }
 
-/// Largest `|Σ_m w_m(x) − 1|` over points: weights of one kind over all models.
+/// Largest `|Σ_m w_m(x) − 1|` over the points, for the weights of one kind of all models.
 pub fn partition_of_unity<T: Real>(weights: &[Arc<dyn Weight<T>>], points: &[Point3<T>]) -> T {
     points
         .iter()
@@ -124,16 +124,17 @@ pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>)
     q
 }
 
-/// Largest force under a rigid motion, relative to that under random displacements of the given amplitude
-/// \[m\]. The motion is a translation and a small turn of that amplitude; for a law that balances about
-/// present positions ([`Arms::Current`]) it is a translation and a turn by half a radian.
+/// Largest force under a rigid motion, relative to the largest force under random displacements of the given
+/// amplitude \[m\]. The motion is a translation and a small turn of that amplitude. For a law that balances
+/// about current positions ([`Arms::Current`]) it is a translation and a turn by half a radian.
 ///
 /// # Errors
-/// Those of the model.
+/// Errors of the model.
 pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let layout = model.layout();
     let shift = Vector3::new(T::of(0.3), T::of(-0.2), T::of(0.5)) * amplitude;
     let mut turn = Vector3::new(T::of(0.1), T::of(0.4), T::of(-0.3));
+    // Bars do not turn, and plane models turn about z only.
     match layout.components {
         1 => turn.fill(T::zero()),
         2 => (turn.x, turn.y) = (T::zero(), T::zero()),
@@ -152,8 +153,8 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
     Ok(rigid / largest_force(model, &random)?)
 }
 
-/// Translation by `shift` and rotation by the vector `turn` about the mean place of the nodes, as
-/// displacements of a model; its rotations are that vector.
+/// Translation by `shift` and rotation by the vector `turn` about the mean position of the nodes, as
+/// displacements of a model; rotational unknowns are `turn`.
 fn finite_motion<T: Real>(model: &dyn Model<T>, shift: Vector3<T>, turn: Vector3<T>) -> Vec<T> {
     let (layout, nodes) = (model.layout(), model.nodes());
     let sum: Vector3<T> = nodes
@@ -172,7 +173,7 @@ fn finite_motion<T: Real>(model: &dyn Model<T>, shift: Vector3<T>, turn: Vector3
     q
 }
 
-/// Largest force at displacements that the model goes to and comes back from.
+/// Largest force at the displacements `q`. The model then goes back to its state before.
 fn largest_force<T: Real>(model: &mut dyn Model<T>, q: &[T]) -> Result<T> {
     let mut f = vec![T::zero(); q.len()];
     let memory = model.save();
@@ -187,12 +188,12 @@ pub(crate) fn fixed_noise<T: Real>(i: usize) -> T {
     T::of(2.0 * x.fract() - 1.0)
 }
 
-/// Largest relative difference between `−∇U` (central differences) and the internal forces at a
-/// displacement of the given amplitude \[m\], rotations being varied about those reached. For a nodal
-/// weighting this is of order one: its law has no potential.
+/// Largest relative difference between `−∇U` (central differences) and the internal forces, at displacements
+/// of the given amplitude \[m\]. Rotations vary about those of the last [`Model::advance`]. Nodal weighting
+/// gives a difference of order one, since its forces have no potential.
 ///
 /// # Errors
-/// Those of the model.
+/// Errors of the model.
 pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let n = model.layout().dofs();
     let mut q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
@@ -200,6 +201,7 @@ pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T
     let memory = model.save();
     model.advance(&q, &mut f)?;
     let scale = f.iter().fold(T::epsilon(), |a, b| a.max(b.abs()));
+    // Balances the error of central differences, of order `h²`, against round-off, of order `ε/h`.
     let h = amplitude * T::epsilon().cbrt();
     let mut worst = T::zero();
     // Some fifty unknowns spread over the model, from its first to its last.
@@ -217,10 +219,10 @@ pub fn forces_derive_from_energy<T: Real>(model: &mut dyn Model<T>, amplitude: T
 }
 
 /// Relative difference between the unweighted translational mass per component and `expected` \[kg\];
-/// infinite where a mass is not positive.
+/// `f32::MAX` if a mass is not positive.
 ///
 /// # Errors
-/// Those of the model.
+/// Errors of the model.
 pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     let layout = model.layout();
     let mut m = vec![T::zero(); layout.dofs()];
@@ -232,16 +234,17 @@ pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     Ok((total / T::of(layout.components as f64) / expected - T::one()).abs())
 }
 
-/// Whether work depends on the way, at displacements of the given amplitude \[m\]: the smaller of the
-/// relative asymmetries of the secant, `|f(a)·b − f(b)·a|`, which is round-off for a linear law, and of the
-/// tangent, `|aᵀK b − bᵀK a|` at random displacements, from central differences, which is small for any law
-/// that has an energy (1e-8 and below).
+/// Checks that work does not depend on the path, at displacements of the given amplitude \[m\]. Returns the
+/// smaller of two relative asymmetries. That of the secant, `|f(a)·b − f(b)·a|`, is round-off for a linear
+/// law. That of the tangent, `|aᵀK b − bᵀK a|` at random displacements by central differences, is 1e-8 or
+/// less for any law that has an energy.
 ///
 /// # Errors
-/// Those of the model.
+/// Errors of the model.
 pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T> {
     let layout = model.layout();
-    // Torques are slopes at the rotations reached, which is no symmetric matter where these are finite.
+    // Torques are slopes of the energy at the rotations reached: with finite rotations their tangent is not
+    // symmetric.
     let turning = if model.arms() == Arms::Current {
         T::zero()
     } else {
@@ -284,41 +287,44 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     Ok(if secant < tangent { secant } else { tangent })
 }
 
-/// Defects of a [`Participant`], all but [`Self::travelled`] and [`Self::gained`] zero up to round-off for
-/// one that keeps what the coupling relies on.
+/// Defects of a [`Participant`]. All but [`Self::travelled`] and [`Self::gained`] are zero up to round-off if
+/// it keeps what the coupling relies on.
 ///
-/// What only the solver knows cannot be seen from outside: whether its forces are those of the material,
-/// whether its stiffness has the weights that its inertia has, whether loads of its own are right.
+/// Some faults cannot be seen from outside: forces that are not those of the material, a stiffness that is
+/// not weighted like the inertia, wrong loads of the solver's own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParticipantDefect<T> {
-    /// What nodes travel in a step beside the step times the mean of their velocities before and after,
-    /// less one: 1 if they stand still or make two steps, ½ after half a step. Measured on a uniform
-    /// velocity four times as fast as the motion, below 0.04 for velocity Verlet up to its critical step.
+    /// Distance that nodes travel in a step over the step times the mean of their velocities before and
+    /// after, minus one, without sign: 1 if they stand still or make two steps, ½ after half a step. Measured
+    /// with an additional uniform velocity four times as fast as the motion; then below 0.04 for velocity
+    /// Verlet up to its critical step.
     pub travelled: T,
-    /// The same of velocities and accelerations: 1 if no force acts, zero for velocity Verlet, `tan(x)/x −
-    /// 1` with half the phase `x` of a step for a scheme without error; zero where the participant tells no
-    /// accelerations.
+    /// Gain of velocity in a step over the step times the mean of the accelerations before and after, minus
+    /// one, without sign: 1 if no force acts, zero for velocity Verlet, `tan(x)/x − 1` with half the phase
+    /// `x` of a step for a scheme without error. Zero if the participant reports no accelerations.
     pub gained: T,
-    /// Velocities after an impulse `p` beside those before and `p/M`, relative to the latter.
+    /// Largest difference between the velocities after an impulse `p` and `v + p/M`, relative to the largest
+    /// velocity.
     pub kick: T,
-    /// Displacements that an impulse moved at once, relative to the extent of the nodes.
+    /// Largest displacement that an impulse causes at once, relative to the extent of the nodes.
     pub moved: T,
-    /// Change of the invariant over the steps relative to its size; zero where the participant tells none.
+    /// Largest change of the invariant over the steps, relative to its value; zero if the participant has
+    /// none.
     pub drift: T,
-    /// Change of the invariant by an impulse less its work `p·(v + p/2M)`, relative to that work; zero
-    /// without invariant.
+    /// Change of the invariant by an impulse minus the work `p·(v + p/2M)` of the impulse, relative to that
+    /// work; zero without invariant.
     pub work: T,
-    /// Largest difference of velocities in the same steps made again from what was saved, relative to the
-    /// largest; zero where the participant cannot be saved.
+    /// Largest difference of velocities when the same steps are repeated from a saved state, relative to the
+    /// largest velocity; zero if the participant cannot be saved.
     pub resumed: T,
 }
 
-/// Kicks a participant, lets it go on for `steps` steps of `step` \[s\], and again from where it was. It is
-/// weighed with weights of one, and should be in motion. The step is to be that of the run: of others
-/// nothing is learnt.
+/// Checks a participant: kicks it, advances it by `steps` steps of `step` \[s\], then restores it and
+/// advances it again. The participant gets weights of one and should be in motion. The step should be that of
+/// the run: the check says nothing about other steps.
 ///
 /// # Errors
-/// Those of the participant.
+/// Errors of the participant.
 pub fn participant<T: Real>(
     solver: &mut dyn Participant<T>,
     step: T,
@@ -328,28 +334,28 @@ pub fn participant<T: Real>(
     let mut inertia = vec![T::zero(); n];
     solver.weigh(&crate::Weights::uncoupled(), &mut inertia)?;
     solver.advance(T::zero(), step)?;
-    let read = |solver: &dyn Participant<T>| {
+    let state = |solver: &dyn Participant<T>| {
         let (mut q, mut v) = (vec![T::zero(); n], vec![T::zero(); n]);
         solver.displacements(&mut q);
         solver.velocities(&mut v);
         [q, v]
     };
-    let top = |x: &[T]| x.iter().fold(T::epsilon(), |m, x| m.max(x.abs()));
-    let gap = |a: &[T], b: &[T]| {
+    let largest = |x: &[T]| x.iter().fold(T::epsilon(), |m, x| m.max(x.abs()));
+    let largest_difference = |a: &[T], b: &[T]| {
         a.iter()
             .zip(b)
             .fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()))
     };
-    let scale = top(&read(solver)[1]);
-    let [travelled, gained] = pace(solver, &inertia, T::of(4.0) * scale, step)?;
-    let ([q, v], before) = (read(solver), solver.invariant());
+    let scale = largest(&state(solver)[1]);
+    let [travelled, gained] = travel_and_gain(solver, &inertia, T::of(4.0) * scale, step)?;
+    let ([q, v], before) = (state(solver), solver.invariant());
     let impulse: Vec<T> = inertia
         .iter()
         .enumerate()
         .map(|(i, m)| *m * scale * fixed_noise(i))
         .collect();
     solver.kick(&impulse)?;
-    let ([moved, kicked], after) = (read(solver), solver.invariant());
+    let ([moved, kicked], after) = (state(solver), solver.invariant());
     let wanted: Vec<T> = (0..n).map(|i| v[i] + impulse[i] / inertia[i]).collect();
     let half = T::of(0.5);
     let work: T = (0..n)
@@ -358,8 +364,9 @@ pub fn participant<T: Real>(
     let brought = before
         .zip(after)
         .map_or(T::zero(), |(b, a)| (a - b - work).abs() / work.abs());
-    let kept = solver.save().ok();
-    let go = |solver: &mut dyn Participant<T>| -> Result<T> {
+    // A participant need not be able to save itself.
+    let saved = solver.save().ok();
+    let advance_steps = |solver: &mut dyn Participant<T>| -> Result<T> {
         let mut worst = T::zero();
         for k in 0..steps {
             solver.advance(T::of((k + 2) as f64) * step, step)?;
@@ -370,55 +377,59 @@ pub fn participant<T: Real>(
         }
         Ok(worst)
     };
-    let drift = go(solver)?;
-    let [_, first] = read(solver);
+    let drift = advance_steps(solver)?;
+    let [_, first] = state(solver);
     let mut resumed = T::zero();
-    if let Some(kept) = kept {
-        solver.restore(&kept)?;
-        go(solver)?;
-        resumed = gap(&first, &read(solver)[1]) / top(&first);
+    if let Some(saved) = saved {
+        solver.restore(&saved)?;
+        advance_steps(solver)?;
+        resumed = largest_difference(&first, &state(solver)[1]) / largest(&first);
     }
     Ok(ParticipantDefect {
         travelled,
         gained,
-        kick: gap(&kicked, &wanted) / scale,
-        moved: gap(&moved, &q) / extent(solver.nodes()),
+        kick: largest_difference(&kicked, &wanted) / scale,
+        moved: largest_difference(&moved, &q) / extent(solver.nodes()),
         drift,
         work: brought,
         resumed,
     })
 }
 
-/// What a participant travels and gains in a step while it moves at an additional uniform `speed`: `Σ
-/// Δq·w/Σ w² − 1` with `w = ½Δt(v₀ + v₁)`, and the same of velocities and accelerations, without their
-/// signs.
+/// Errors of travel and of velocity gain in a step while the participant has an additional uniform `speed`:
+/// `|Σ Δq·w/Σ w² − 1|` with `w = ½Δt(v₀ + v₁)`, and the corresponding number of velocities and accelerations.
 ///
-/// The uniform velocity has no forces, so that it is kept whatever the scheme; the rest of the motion adds
-/// what the trapezium rule misses of it, `(ωΔt)²/4` of its share.
-fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step: T) -> Result<[T; 2]> {
+/// The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the error
+/// of the trapezium rule, `(ωΔt)²/4` of its share.
+fn travel_and_gain<T: Real>(
+    solver: &mut dyn Participant<T>,
+    inertia: &[T],
+    speed: T,
+    step: T,
+) -> Result<[T; 2]> {
     let layout = solver.layout();
     let mut impulse: Vec<T> = inertia.iter().map(|m| *m * speed).collect();
     impulse[layout.translations()..].fill(T::zero());
-    let read = |solver: &dyn Participant<T>| {
+    let state = |solver: &dyn Participant<T>| {
         let mut out = [0; 3].map(|_| vec![T::zero(); layout.dofs()]);
         let [q, v, a] = &mut out;
         solver.displacements(q);
         solver.velocities(v);
-        let told = solver.accelerations(a);
-        (out, told)
+        let known = solver.accelerations(a);
+        (out, known)
     };
     solver.kick(&impulse)?;
-    let (before, _) = read(solver);
+    let (before, _) = state(solver);
     solver.advance(step, step)?;
-    let (after, told) = read(solver);
-    // The uniform velocity is taken away again.
+    let (after, known) = state(solver);
+    // Take the uniform velocity away again.
     impulse.iter_mut().for_each(|p| *p = -*p);
     solver.kick(&impulse)?;
-    let share = |of: usize| {
+    let share = |quantity: usize| {
         let (mut along, mut whole) = (T::zero(), T::zero());
         for i in 0..layout.dofs() {
-            let wanted = T::of(0.5) * step * (before[of + 1][i] + after[of + 1][i]);
-            along += (after[of][i] - before[of][i]) * wanted;
+            let wanted = T::of(0.5) * step * (before[quantity + 1][i] + after[quantity + 1][i]);
+            along += (after[quantity][i] - before[quantity][i]) * wanted;
             whole += wanted * wanted;
         }
         if whole > T::zero() {
@@ -427,11 +438,11 @@ fn pace<T: Real>(solver: &mut dyn Participant<T>, inertia: &[T], speed: T, step:
             T::zero()
         }
     };
-    Ok([share(0), if told { share(1) } else { T::zero() }])
+    Ok([share(0), if known { share(1) } else { T::zero() }])
 }
 
-/// Largest violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: the operators are each other's
-/// transpose.
+/// Largest relative violation of `λᵀ(B v) = (Bᵀλ)ᵀv` over the interfaces of a run: checks that the two
+/// operators are each other's transpose.
 pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     let mut worst = T::zero();
     for i in &run.interfaces {
@@ -448,8 +459,9 @@ pub fn adjointness<T: Real>(run: &Coupled<T>) -> T {
     worst
 }
 
-/// Force and moment that a random multiplier exerts on both sides together, relative to the force on one
-/// side: whether an interface conserves linear and angular momentum.
+/// Checks that interfaces conserve linear and angular momentum. Returns the largest force and moment that a
+/// random multiplier exerts on both sides together, relative to the sum of the nodal forces' magnitudes
+/// (times the longest arm for the moment).
 pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
     let mut worst = [T::zero(); 2];
     for i in &run.interfaces {

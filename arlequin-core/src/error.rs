@@ -7,7 +7,7 @@ pub use model::ModelError;
 
 use crate::ranks::RankError;
 
-/// What can go wrong in the core.
+/// Errors of the core.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -31,18 +31,18 @@ pub enum Error {
         tolerance: f64,
         /// Steps made.
         steps: usize,
-        /// What is held by nothing, in words after a semicolon; empty where that is not known.
+        /// Rigid motions that nothing holds, in words after a semicolon; empty if not known.
         free: String,
     },
-    /// What went wrong between ranks.
+    /// Communication between ranks failed.
     #[error(transparent)]
     Rank(#[from] RankError),
-    /// A point at which a field was asked for lies outside of it.
+    /// A field was evaluated at a point outside of it.
     #[error("point ({:.6e}, {:.6e}, {:.6e}) m is outside the {role} field; trim the mediator to the overlap or extend the model", point[0], point[1], point[2])]
     OutsideDomain {
         /// The point \[m\].
         point: [f64; 3],
-        /// Which field.
+        /// Name of the field.
         role: String,
     },
     /// A field has no gradient, but the junction needs one.
@@ -50,39 +50,39 @@ pub enum Error {
         "the {role} field has no gradients, which the {junction} junction needs; use the L2 junction, projection sampling or another field"
     )]
     NoGradient {
-        /// Which field.
+        /// Name of the field.
         role: String,
         /// Name of the junction.
         junction: String,
     },
-    /// A parameter has a value that makes no sense.
+    /// A parameter has an invalid value.
     #[error("{name} = {value}: {rule}")]
     InvalidParameter {
         /// Name of the parameter.
         name: String,
-        /// Its value.
+        /// Value of the parameter.
         value: String,
-        /// What it must satisfy.
+        /// Rule that the value must satisfy.
         rule: String,
     },
-    /// The same for an option of an interface.
+    /// An option of an interface has an invalid value.
     #[error("interface '{interface}': {name} = {value}: {rule}")]
     InvalidOption {
         /// Name of the interface.
         interface: String,
         /// Name of the option.
         name: &'static str,
-        /// Its value.
+        /// Value of the option.
         value: String,
-        /// What it must satisfy.
+        /// Rule that the value must satisfy.
         rule: String,
     },
     /// A number is NaN or infinite.
     #[error("{what}: entry {index} is not a finite number; check the input that feeds it")]
     NotFinite {
-        /// Which quantity.
+        /// Name of the quantity.
         what: String,
-        /// Index of the first such entry.
+        /// Index of the first entry that is not finite.
         index: usize,
     },
     /// A matrix that should be positive definite is not.
@@ -102,7 +102,7 @@ pub enum Error {
         size: usize,
         /// Relative residual reached, NaN where the factorisation failed.
         residual: f64,
-        /// Which rigid motions no support holds, in words after a colon; empty where that is not known.
+        /// Rigid motions that no support holds, in words after a colon; empty if not known.
         free: String,
     },
     /// The mediator and a model share no volume.
@@ -129,7 +129,7 @@ pub enum Error {
         /// Measure of the mediator.
         total: f64,
     },
-    /// Weights do not sum to one.
+    /// Weights do not sum to one at a point.
     #[error(
         "model '{model}', at ({:.6e}, {:.6e}, {:.6e}) m: the weights of the {kind} of the models there sum to {sum:.6} ({present}), not to 1 within 1e-6; let both models fill the whole overlap, give the fine one the complement of the coarse one's weights, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2]
     )]
@@ -138,27 +138,27 @@ pub enum Error {
         model: String,
         /// The point \[m\].
         point: [f64; 3],
-        /// Which weights.
+        /// Kind of the weights.
         kind: Share,
-        /// Models that are there, with their weights.
+        /// Models at the point, with their weights.
         present: String,
         /// Sum of the weights.
         sum: f64,
     },
-    /// Weights do not sum to one over a part of the overlap that is too large.
+    /// Weights do not sum to one over too large a part of the overlap.
     #[error(
         "models '{models}': the weights of the {kind} are {:+.3} % off the overlap's measure in sum (limit {:.0} %), most of it at ({:.6e}, {:.6e}, {:.6e}) m; let the models fill the same space in the overlap and share it once, or, for a deliberate study, choose an unchecked partition", 100.0 * amount, 100.0 * limit, point[0], point[1], point[2]
     )]
     PartitionMeasure {
         /// Names of the models.
         models: String,
-        /// Which weights.
+        /// Kind of the weights.
         kind: Share,
         /// Share of the overlap that is counted more than once, or (negative) not at all.
         amount: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
-        /// Where most of it is \[m\].
+        /// Point of the largest deviation \[m\].
         point: [f64; 3],
     },
     /// One model fills more of the overlap than the other.
@@ -170,14 +170,14 @@ pub enum Error {
         interface: String,
         /// The model that fills more.
         larger: String,
-        /// The other one.
+        /// The model that fills less.
         smaller: String,
         /// Difference relative to the overlap.
         amount: f64,
         /// Accepted difference.
         limit: f64,
     },
-    /// A packing fills a part of the overlap more or less than the other model.
+    /// A packing fills a part of the overlap more, or less, than the other model does.
     #[error(
         "interface '{interface}': around ({:.6e}, {:.6e}, {:.6e}) m, in a cube of {size:.3e} m, model '{larger}' fills {:.1} % more than model '{smaller}' (limit {:.0} %); let both fill the same space in the overlap, pack it evenly, or, for a deliberate study, choose an unchecked partition", point[0], point[1], point[2], 100.0 * amount, 100.0 * limit
     )]
@@ -186,31 +186,31 @@ pub enum Error {
         interface: String,
         /// The model that fills more.
         larger: String,
-        /// The other one.
+        /// The model that fills less.
         smaller: String,
-        /// Difference relative to what the larger one fills there.
+        /// Difference relative to what `larger` fills in the cube.
         amount: f64,
         /// Accepted difference.
         limit: f64,
         /// Centre of the cube \[m\].
         point: Box<[f64; 3]>,
-        /// Its edge \[m\].
+        /// Edge of the cube \[m\].
         size: f64,
     },
-    /// The mean of a weight over a cell is not that of its values.
+    /// The mean of a weight over a cell is not the mean of the weight's values there.
     #[error(
         "model '{model}': the mean of its weight of the {kind} over the cell around ({:.6e}, {:.6e}, {:.6e}) m is {mean:.6}, but its values there have the mean {values:.6} (limit {limit:.1e} apart); mend Weight::mean, or leave it to its default", point[0], point[1], point[2]
     )]
     WeightMean {
-        /// Model that has the weight.
+        /// Model that the weight belongs to.
         model: String,
-        /// Which weight.
+        /// Kind of the weight.
         kind: Share,
         /// Middle of the cell \[m\].
         point: Box<[f64; 3]>,
-        /// Its mean over the cell.
+        /// Mean over the cell, as the weight returns it.
         mean: f64,
-        /// Mean of its values there.
+        /// Mean of the weight's values in the cell.
         values: f64,
         /// Accepted difference.
         limit: f64,
@@ -227,7 +227,7 @@ pub enum Error {
         /// Accepted deviation from one half.
         limit: f64,
     },
-    /// The weighted masses of all models are not the mass of the body.
+    /// The weighted masses of all models do not add up to the mass of the body.
     #[error(
         "models '{models}': their weighted masses stand for {measure:.6e} m³ {:+.3} % of the overlap (limit {:.0} %); weigh mass by the means of the weights over cells and bonds, or, for a deliberate study, choose an unchecked partition", 100.0 * amount, 100.0 * limit
     )]
@@ -250,9 +250,9 @@ pub enum Error {
         interface: String,
         /// Share of the overlap outside of the mediator.
         outside: f64,
-        /// A point there \[m\].
+        /// A point of the overlap outside of the mediator \[m\].
         point: [f64; 3],
-        /// Accepted share farther than half a mediator element away.
+        /// Accepted share that lies more than half a mediator element away.
         limit: f64,
     },
     /// The initial displacements of two models differ.
@@ -266,7 +266,7 @@ pub enum Error {
         jump: f64,
         /// Largest initial displacement of the two models \[m\].
         largest: f64,
-        /// Accepted share.
+        /// Accepted jump relative to `largest`.
         limit: f64,
     },
     /// The cells of a field cover the mediator more than once.
@@ -305,7 +305,7 @@ pub enum Error {
         /// Number of multiplier unknowns.
         size: usize,
     },
-    /// A Chebyshev iteration for multipliers that enlarges residuals: it does not damp what it should.
+    /// A Chebyshev iteration for the multipliers enlarged the residual instead of damping it.
     #[error(
         "interface '{interface}': in {iterations} Chebyshev iterations the residual of the multipliers grew {growth:.1e} times: eigenvalues of \
          their operator lie above {high:.4e}, the bound that the set-up found; solve by a factor or by conjugate gradients, and report this"
@@ -313,29 +313,29 @@ pub enum Error {
     EigenvaluesBeyond {
         /// Name of the interface.
         interface: String,
-        /// Iterations.
+        /// Number of iterations.
         iterations: usize,
-        /// Residual over that at the start.
+        /// Residual at the end over the residual at the start.
         growth: f64,
-        /// Bound of the eigenvalues of the scaled operator.
+        /// Upper bound of the eigenvalues of the scaled operator.
         high: f64,
     },
-    /// Two models that are tied are moved in different ways at one place.
+    /// Prescribed motions move two tied models differently at one place.
     #[error(
         "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]
     )]
     OpposedMotions {
         /// Name of the interface.
         interface: String,
-        /// The models, as "'a' and 'b'".
+        /// The two models, as "'a' and 'b'".
         models: String,
-        /// Where \[m\].
+        /// Position \[m\].
         point: Box<[f64; 3]>,
-        /// Which component.
+        /// Component of the motion.
         component: char,
         /// Largest difference \[m\].
         gap: f64,
-        /// When \[s\].
+        /// Time \[s\].
         time: f64,
     },
     /// A node has no weighted mass.
@@ -345,9 +345,9 @@ pub enum Error {
         model: String,
         /// Node index.
         node: usize,
-        /// Its position \[m\].
+        /// Position of the node \[m\].
         point: [f64; 3],
-        /// Its mass \[kg\].
+        /// Weighted mass of the node \[kg\].
         mass: f64,
     },
     /// The time step is not stable.
@@ -358,15 +358,15 @@ pub enum Error {
     UnstableStep {
         /// Step of the model \[s\].
         dt: f64,
-        /// Its largest stable step \[s\].
+        /// Critical step of the model \[s\].
         critical: f64,
-        /// The model that exceeds it most.
+        /// The model that exceeds its critical step most.
         model: String,
-        /// Its own steps in a step of the run.
+        /// Own steps of the model in a step of the run.
         steps: usize,
-        /// Longest step of the run with so many \[s\].
+        /// Longest stable step of the run with this number of own steps \[s\].
         longest: f64,
-        /// Least own steps that are stable.
+        /// Least number of own steps that is stable.
         needed: usize,
     },
     /// The run diverged.
@@ -378,12 +378,12 @@ pub enum Error {
         step: usize,
         /// Time \[s\].
         time: f64,
-        /// Quantity.
+        /// Quantity that is not finite.
         what: &'static str,
-        /// Model.
+        /// Name of the model.
         model: String,
     },
-    /// Energy appears from nowhere.
+    /// The balance shows energy that nothing supplied.
     #[error(
         "step {step} (t = {time:e} s): the energy balance is off by {excess:.3e} J, more than {bound:.3e} J ({percent:.1} % of the energy in play); reduce the step, or use energy-consistent weighting"
     )]
@@ -399,7 +399,7 @@ pub enum Error {
         /// The bound in per cent of the energy in play.
         percent: f64,
     },
-    /// Energy vanishes.
+    /// The balance lacks energy that no effect took.
     #[error(
         "step {step} (t = {time:e} s): {missing:.3e} J are missing from the energy balance that no effect took, more than {bound:.3e} J \
          ({percent:.1} % of the largest energy so far); {suspect}"
@@ -415,10 +415,10 @@ pub enum Error {
         bound: f64,
         /// The bound in per cent of the largest energy so far.
         percent: f64,
-        /// Who may be at fault, and the remedy, in words.
+        /// Possible cause and remedy, in words.
         suspect: String,
     },
-    /// A solver does not take the impulses that it is given.
+    /// The velocities of a solver do not follow the impulses it is given.
     #[error(
         "step {step}: model '{model}' was given impulses, and its velocities then differ from what they should be by {:.1} % of them \
          (limit {:.0} %); let kick change velocities by impulse over the inertia that it told", 100.0 * share, 100.0 * limit
@@ -428,12 +428,12 @@ pub enum Error {
         model: String,
         /// Step number.
         step: usize,
-        /// Momentum that is missing or too much, relative to the impulses.
+        /// Missing or excess momentum, relative to the impulses.
         share: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
     },
-    /// The iteration for the multipliers does not reach its tolerance, and the models are hardly coupled.
+    /// The iteration for the multipliers misses its tolerance, and the models are hardly coupled.
     #[error(
         "interface '{interface}', step {step}: after {iterations} iterations for the multipliers velocities of the two models still \
          differ by {:.1} % of the largest velocity (limit {:.0} %): its multipliers are dependent or close to it; coarsen the \
@@ -444,14 +444,14 @@ pub enum Error {
         interface: String,
         /// Step number; zero for the start.
         step: usize,
-        /// Iterations.
+        /// Number of iterations.
         iterations: usize,
         /// Largest jump of velocity relative to the largest velocity so far.
         share: f64,
-        /// Accepted share.
+        /// Largest accepted share.
         limit: f64,
     },
-    /// A solver is not the one of the checkpoint, or does not go back to what it saved.
+    /// A solver is not the one of the checkpoint, or its restore does not bring back what its save returned.
     #[error(
         "model '{model}': its {what} {place} is {found:e} and was {saved:e} when the checkpoint was written: it is another solver, or \
          its restore does not bring back what its save returned; resume with the solver that was saved, or start the run anew"
@@ -459,13 +459,13 @@ pub enum Error {
     NotRestored {
         /// Name of the model.
         model: String,
-        /// Which quantity, in words that a number follows.
+        /// Quantity, in words that a number follows.
         what: &'static str,
-        /// That number: of the unknown, or of the axis.
+        /// Number of the unknown or of the axis, which follows the words.
         place: usize,
-        /// What the solver tells.
+        /// Value that the solver reports.
         found: f64,
-        /// What it told when it was saved.
+        /// Value that the solver reported when it was saved.
         saved: f64,
     },
     /// A model cannot do what is asked.
@@ -473,13 +473,13 @@ pub enum Error {
     Unsupported {
         /// Name of the model.
         model: String,
-        /// The missing ability.
+        /// The missing ability, in words after "cannot".
         what: String,
     },
-    /// Sizes of two objects that must agree do not.
+    /// Two sizes that must agree do not.
     #[error("{what}: expected {expected}, found {found}")]
     SizeMismatch {
-        /// What was compared.
+        /// Compared quantity.
         what: String,
         /// Expected size.
         expected: usize,
@@ -518,7 +518,7 @@ pub(crate) fn invalid_option(interface: &str, name: &'static str, value: &str, r
     }
 }
 
-/// The value, if it is finite and not below zero.
+/// Returns the value if it is finite and not below zero.
 ///
 /// # Errors
 /// [`Error::InvalidParameter`] otherwise.

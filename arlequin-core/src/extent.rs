@@ -1,27 +1,28 @@
-//! Where a model or a mediator is: whether a point lies inside, near the surface, or outside.
+//! Extent of a model or a mediator: whether a point lies inside, near the surface, or outside.
 
 use crate::Real;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{BoxTree, Cell, HalfSpace, Sample, bounds_of};
 use nalgebra::{Point3, Vector3};
 
-/// Largest distance between the surfaces of two meshes of one body, in units of the sum of their element
-/// lengths: regular a square and a regular polygon of equal area differ by 0.12 of it, polygons of more
-/// sides by less.
+/// Largest distance between the surfaces of two meshes of one body, relative to the sum of their element
+/// lengths. A square and a regular polygon of equal area differ by 0.12 of it, polygons of more sides by
+/// less.
 const FACETS: f64 = 0.15;
-/// Distance from a centre up to which holes between particles belong to the packing, in radii of a ball of
-/// the volume of the largest particle: balls of their volumes overlap, and a hole is not deeper than
-/// another radius.
+/// Distance from a particle centre up to which a point lies in a hole of the packing, in radii of a ball with
+/// the volume of the largest particle. Balls of these volumes overlap, and a hole is at most one more radius
+/// deep.
 const HOLE: f64 = 2.0;
-/// The same for the roughness of walls, edges and corners.
+/// Distance from a particle centre up to which a point lies in the roughness of walls, edges and corners, in
+/// unit of [`HOLE`].
 const ROUGH: f64 = 3.0;
 
-/// Where a point lies.
+/// Position of a point relative to an extent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Cover {
     /// The model is not here.
     Outside,
-    /// Within the accuracy of the surface: the model may count as present or as absent.
+    /// Near the surface, within its accuracy: the model may count as present or as absent.
     Surface,
     /// Between particles of the model.
     Hole,
@@ -36,13 +37,13 @@ enum Shape<'a, T: Real> {
         planes: Vec<Vec<HalfSpace<T>>>,
         lengths: Vec<T>,
     },
-    /// Particles with the radii of balls of their volumes, and the largest one.
+    /// Particles, the radii of balls of their volumes, and the largest radius.
     Points {
         samples: Vec<Sample<T>>,
         radii: Vec<T>,
         top: T,
     },
-    /// Nodes of a field that says no more than whether it exists at a point.
+    /// Nodes of a field that can only say whether it exists at a point.
     Field {
         field: &'a dyn Interpolation<T>,
         centres: Vec<Point3<T>>,
@@ -50,17 +51,17 @@ enum Shape<'a, T: Real> {
     },
 }
 
-/// The place that a field fills.
+/// Region that a field fills.
 pub(crate) struct Extent<'a, T: Real> {
     shape: Shape<'a, T>,
     tree: BoxTree<T>,
     bounds: [Point3<T>; 2],
-    /// Mean section of lines \[m²\]; none of a solid.
+    /// Mean section of lines \[m²\]; `None` for a solid.
     section: Option<T>,
 }
 
 impl<'a, T: Real> Extent<'a, T> {
-    /// The cells of a field; the particles of one that has no cells, or those given.
+    /// Extent of `particles` if given, else of the field's samples if it has any, else of its cells.
     pub(crate) fn new(field: &'a dyn Interpolation<T>, particles: Option<&[Sample<T>]>) -> Self {
         match particles.or_else(|| field.samples()) {
             Some(samples) => Self::of_particles(samples),
@@ -68,18 +69,19 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    /// The cells of a field; its nodes if it has none.
+    /// Extent of the cells of a field, or of its nodes if it has no cells.
     pub(crate) fn of_cells(field: &'a dyn Interpolation<T>) -> Self {
-        let given = field.cells();
-        let section = mean_section(&given);
-        let cells: Vec<_> = given.into_iter().map(of_unit_section).collect();
+        let field_cells = field.cells();
+        let section = mean_section(&field_cells);
+        let cells: Vec<_> = field_cells.into_iter().map(with_unit_section).collect();
         if cells.is_empty() {
             return Self::of_field(field);
         }
         let planes = cells.iter().map(Cell::half_spaces).collect();
         let lengths: Vec<T> = cells.iter().map(length).collect();
         let boxes = cells.iter().zip(&lengths).map(|(c, h)| {
-            let reach = Vector3::repeat(surface(c, *h));
+            // Boxes reach as far as the accuracy of the surface, so that near misses are found.
+            let reach = Vector3::repeat(surface_accuracy(c, *h));
             let [low, high] = c.bounds();
             [low - reach, high + reach]
         });
@@ -102,7 +104,8 @@ impl<'a, T: Real> Extent<'a, T> {
         let third = T::of(0.75 / std::f64::consts::PI);
         let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
         let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
-        let (tree, bounds) = around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
+        // The largest distance at which a particle counts.
+        let (tree, bounds) = boxes_around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
         let samples = samples.to_vec();
         Self {
             shape: Shape::Points { samples, radii, top },
@@ -119,8 +122,9 @@ impl<'a, T: Real> Extent<'a, T> {
         let wide = sides.iter().copied().filter(|s| *s > T::zero());
         let (volume, dimension) = wide.fold((T::one(), 0.0), |(v, d), s| (v * s, d + 1.0));
         let per_node = volume / T::of(centres.len().max(1) as f64);
+        // Mean spacing, as if the nodes filled their box evenly.
         let spacing = per_node.powf(T::of(1.0 / f64::max(dimension, 1.0)));
-        let (tree, bounds) = around(&centres, &vec![spacing; centres.len()]);
+        let (tree, bounds) = boxes_around(&centres, &vec![spacing; centres.len()]);
         Self {
             shape: Shape::Field {
                 field,
@@ -133,7 +137,7 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    /// Its cells, lines with a section of one; empty if it has none.
+    /// Cells, with a section of one for lines; empty for an extent without cells.
     pub(crate) fn cells(&self) -> &[Cell<T>] {
         match &self.shape {
             Shape::Cells { cells, .. } => cells,
@@ -141,12 +145,12 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    /// Mean section of its cells \[m²\], if they are lines.
+    /// Mean section of the cells \[m²\], if they are lines.
     pub(crate) fn section(&self) -> Option<T> {
         self.section
     }
 
-    /// Measure of what a cell has in common with its cells.
+    /// Measure of the intersection of `cell` with all cells of the extent.
     pub(crate) fn common(&self, cell: &Cell<T>) -> T {
         let mut sum = T::zero();
         self.tree.any(&cell.bounds(), &mut |k| {
@@ -158,7 +162,7 @@ impl<'a, T: Real> Extent<'a, T> {
         sum
     }
 
-    /// Its particles, if it consists of them.
+    /// Particles, if the extent consists of particles.
     pub(crate) fn particles(&self) -> Option<&[Sample<T>]> {
         match &self.shape {
             Shape::Points { samples, .. } => Some(samples),
@@ -166,30 +170,30 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    /// Whether it consists of particles.
+    /// Returns whether the extent consists of particles.
     pub(crate) fn is_particles(&self) -> bool {
         matches!(self.shape, Shape::Points { .. })
     }
 
-    /// Whether a box meets it.
+    /// Returns whether a box meets the bounding box of the extent.
     pub(crate) fn meets(&self, [low, high]: &[Point3<T>; 2]) -> bool {
         (0..3).all(|k| self.bounds[0][k] <= high[k] && low[k] <= self.bounds[1][k])
     }
 
-    /// Whether a point lies within a distance \[m\] of the cells.
+    /// Returns whether a point lies within a distance \[m\] of the cells.
     pub(crate) fn is_within(&self, x: &Point3<T>, distance: T) -> bool {
         let Shape::Cells { cells, planes, .. } = &self.shape else {
             return self.cover(x, T::zero()) != Cover::Outside;
         };
         let reach = Vector3::repeat(distance);
         self.tree.any(&[x - reach, x + reach], &mut |k| {
-            beyond(&cells[k], &planes[k], x) <= distance
+            distance_to_cell(&cells[k], &planes[k], x) <= distance
         })
     }
 
-    /// Where a point lies that belongs to something of the element length `own` \[m\], zero for a mere point.
-    pub(crate) fn cover(&self, x: &Point3<T>, own: T) -> Cover {
-        let reach = Vector3::repeat(own * T::of(FACETS));
+    /// Position of a point that belongs to an element of length `own_length` \[m\]; zero for a mere point.
+    pub(crate) fn cover(&self, x: &Point3<T>, own_length: T) -> Cover {
+        let reach = Vector3::repeat(own_length * T::of(FACETS));
         let query = [x - reach, x + reach];
         if !self.meets(&query) {
             return Cover::Outside;
@@ -202,7 +206,8 @@ impl<'a, T: Real> Extent<'a, T> {
                 lengths,
             } => {
                 self.tree.any(&query, &mut |k| {
-                    best = best.max(beside(&cells[k], &planes[k], x, [lengths[k], own]));
+                    best = best.max(cover_by_cell(&cells[k], &planes[k], x, [lengths[k], own_length]));
+                    // Inside is the best answer: end the search.
                     best == Cover::Inside
                 });
             }
@@ -241,7 +246,7 @@ impl<'a, T: Real> Extent<'a, T> {
     }
 }
 
-fn around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T>; 2]) {
+fn boxes_around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T>; 2]) {
     let boxes: Vec<_> = centres
         .iter()
         .zip(radii)
@@ -251,7 +256,7 @@ fn around<T: Real>(centres: &[Point3<T>], radii: &[T]) -> (BoxTree<T>, [Point3<T
     (BoxTree::new(boxes), bounds)
 }
 
-/// Mean section of lines; none unless all cells are.
+/// Mean section of lines; `None` unless all cells are lines.
 fn mean_section<T: Real>(cells: &[Cell<T>]) -> Option<T> {
     let (mut volume, mut length) = (T::zero(), T::zero());
     for cell in cells {
@@ -264,8 +269,8 @@ fn mean_section<T: Real>(cells: &[Cell<T>]) -> Option<T> {
     (length > T::zero()).then(|| volume / length)
 }
 
-/// Lengths count on a line, whatever section its models were given.
-fn of_unit_section<T: Real>(cell: Cell<T>) -> Cell<T> {
+/// Gives a line the section one, so that its measure is a length whatever sections the models have.
+fn with_unit_section<T: Real>(cell: Cell<T>) -> Cell<T> {
     match cell {
         Cell::Segment { ends, .. } => Cell::Segment {
             ends,
@@ -282,7 +287,7 @@ pub(crate) fn length<T: Real>(cell: &Cell<T>) -> T {
 }
 
 /// Accuracy of the surface of a cell of length `h` \[m\]; the ends of a line are exact up to round-off.
-fn surface<T: Real>(cell: &Cell<T>, h: T) -> T {
+fn surface_accuracy<T: Real>(cell: &Cell<T>, h: T) -> T {
     match cell {
         Cell::Segment { .. } => h * T::of(1e-9).max(T::epsilon() * T::of(32.0)),
         Cell::Polyhedron(_) => h * T::of(FACETS),
@@ -290,7 +295,7 @@ fn surface<T: Real>(cell: &Cell<T>, h: T) -> T {
 }
 
 /// Distance of a point from a cell \[m\]; a lower bound beside its edges, and not positive inside.
-fn beyond<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T {
+fn distance_to_cell<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T {
     match cell {
         Cell::Segment { ends: [a, b], .. } => {
             let d = b - a;
@@ -304,7 +309,8 @@ fn beyond<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>) -> T 
     }
 }
 
-fn beside<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengths: [T; 2]) -> Cover {
+/// Position of a point relative to one cell; `lengths` are those of the cell and of the point's element.
+fn cover_by_cell<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengths: [T; 2]) -> Cover {
     // Round-off of coordinates far from the origin counts as well.
     let relative = lengths[0] * T::of(1e-9).max(T::epsilon() * T::of(32.0));
     let exact = relative.max(x.coords.amax() * T::epsilon() * T::of(32.0));
@@ -312,7 +318,7 @@ fn beside<T: Real>(cell: &Cell<T>, planes: &[HalfSpace<T>], x: &Point3<T>, lengt
         Cell::Segment { .. } => exact,
         Cell::Polyhedron(_) => exact.max((lengths[0] + lengths[1]) * T::of(FACETS)),
     };
-    let distance = beyond(cell, planes, x);
+    let distance = distance_to_cell(cell, planes, x);
     if distance <= exact {
         Cover::Inside
     } else if distance <= reach {

@@ -44,38 +44,38 @@ pub trait Interpolation<T: Real>: Send + Sync {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Shape functions at `x`, with gradients where `gradient` is set.
+    /// Writes the shape functions at `x` to `row`, with gradients if `gradient` is set.
     ///
     /// # Errors
     /// [`Error::OutsideDomain`] outside the closed domain; [`Error::NoGradient`] if the field has none.
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()>;
 
-    /// Shape functions at a point known to lie in cell `cell` of [`Interpolation::cells`]; a field that can
-    /// skip its point location does so.
+    /// Writes the shape functions at a point of cell `cell` (its number in [`Interpolation::cells`]) to
+    /// `row`. A field can use the cell to skip point location.
     ///
     /// # Errors
-    /// As [`Interpolation::shape_at`].
+    /// Errors of [`Interpolation::shape_at`].
     fn shape_in(&self, cell: usize, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
         let _ = cell;
         self.shape_at(x, gradient, row)
     }
 
-    /// Cells on which the shape functions are smooth and which fill the domain; empty if the field has no
-    /// such thing.
+    /// Cells that fill the domain and on which the shape functions are smooth; empty for a field without
+    /// cells.
     fn cells(&self) -> Vec<Cell<T>> {
         Vec::new()
     }
 
-    /// The cells whose boxes meet a box given by its low and high corner, with their numbers in
-    /// [`Interpolation::cells`]; none if the field has no cells at all. A field of many cells need not make
-    /// all of them for that.
+    /// Cells whose bounding boxes meet the box from corner `low` to corner `high`, with their numbers in
+    /// [`Interpolation::cells`]. `None` if the field has no cells at all. A field of many cells can override
+    /// this to avoid making all of them.
     fn cells_within(&self, [low, high]: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
-        let all = self.cells();
+        let cells = self.cells();
         let meets = |c: &Cell<T>| {
             let [from, to] = c.bounds();
             (0..3).all(|k| from[k] <= high[k] && low[k] <= to[k])
         };
-        (!all.is_empty()).then(|| all.into_iter().enumerate().filter(|c| meets(&c.1)).collect())
+        (!cells.is_empty()).then(|| cells.into_iter().enumerate().filter(|c| meets(&c.1)).collect())
     }
 
     /// Polynomial degree of the shape functions on a cell; chooses the quadrature.
@@ -83,9 +83,9 @@ pub trait Interpolation<T: Real>: Send + Sync {
         1
     }
 
-    /// How far faces of its elements are from planes, relative to the elements' lengths; the largest one.
-    /// Cells with planar faces fill such elements only nearly, and shape functions are no polynomials on
-    /// them.
+    /// Largest distance of element faces from planes, relative to the elements' lengths. Where it is not
+    /// zero, cells with planar faces fill the elements only nearly, and shape functions are no polynomials on
+    /// the cells.
     fn warp(&self) -> T {
         T::zero()
     }
@@ -95,32 +95,33 @@ pub trait Interpolation<T: Real>: Send + Sync {
         None
     }
 
-    /// What the field is, for messages: "finite-element", "particle" ...
+    /// Kind of the field, for messages: "finite-element", "particle" ...
     fn kind(&self) -> &'static str {
         "interpolated"
     }
 }
 
-/// Rings of neighbours among which a particle looks for those that span space.
+/// Most rings of neighbours from which the gradient at a particle is computed.
 const RINGS: usize = 4;
 
 /// Particle quadrature `∫ λ·ḋ ≈ Σ_i V_i λ(x_i)·ḋ_i`: the field exists at the particle centres only.
 ///
-/// Both sides of an interface are then sampled at the particles, which keeps both momenta exact. With
-/// [`Self::with_gradients`] the particles have gradients as well, so that H1 junctions can be sampled there.
+/// Both sides of an interface are then sampled at the particles, which keeps linear and angular momentum
+/// exact. With [`Self::with_gradients`] the particles have gradients as well, so that H1 junctions can be
+/// sampled there.
 #[derive(Debug, Clone)]
 pub struct ParticleField<T: Real> {
     centres: Vec<Point3<T>>,
     samples: Vec<Sample<T>>,
-    /// Particles by the bits of their positions: four bytes each, a hash map takes sixty.
+    /// Particle numbers sorted by the bits of the positions: four bytes each, where a hash map takes sixty.
     order: Vec<u32>,
-    /// Gradients are computed from them when asked for, which happens once per particle of an overlap:
-    /// storing them for all would take 250 bytes each.
+    /// Neighbours for gradients. Gradients are computed on request, once per particle of an overlap: storing
+    /// them for all particles would take 250 bytes each.
     neighbours: Option<Adjacency>,
 }
 
 impl<T: Real> ParticleField<T> {
-    /// Field on particle centres \[m\] with the volume each stands for \[m³\].
+    /// Field on particle centres \[m\], with the volume that each particle stands for \[m³\].
     ///
     /// # Errors
     /// [`Error::SizeMismatch`], [`Error::NotFinite`], or [`Error::InvalidParameter`] for coincident
@@ -150,13 +151,14 @@ impl<T: Real> ParticleField<T> {
         }
         let mut order: Vec<u32> = (0..centres.len() as u32).collect();
         order.par_sort_unstable_by_key(|k| (Self::key(&centres[*k as usize]), *k));
-        let same =
+        let coincide =
             |pair: &&[u32]| Self::key(&centres[pair[0] as usize]) == Self::key(&centres[pair[1] as usize]);
-        if let Some(&[other, k]) = order.windows(2).filter(same).min_by_key(|pair| pair[1]) {
+        // Report the lowest number that coincides, whatever the order of the positions.
+        if let Some(&[twin, k]) = order.windows(2).filter(coincide).min_by_key(|pair| pair[1]) {
             return Err(crate::error::invalid(
                 &format!("position of particle {k}"),
                 centres[k as usize],
-                &format!("coincides with particle {other}; remove one"),
+                &format!("coincides with particle {twin}; remove one"),
             ));
         }
         Ok(Self {
@@ -167,17 +169,16 @@ impl<T: Real> ParticleField<T> {
         })
     }
 
-    /// The same field with gradients at the particles from their neighbours, given as pairs:
+    /// Adds gradients at the particles, computed from the neighbours that `pairs` lists:
     ///
     /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
     ///
-    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that
-    /// momenta stay exact. A particle whose neighbours nearly lie in a plane takes those of its neighbours
-    /// as well, up to four rings; where these do not span space either, asking for the gradient is an
-    /// error.
+    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta
+    /// stay exact. If the neighbours of a particle nearly lie in a plane, their neighbours are added, up to
+    /// four rings. Where these do not span space either, asking for the gradient is an error.
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] for a pair beyond the particles.
+    /// [`Error::SizeMismatch`] for a pair that names a particle which does not exist.
     pub fn with_gradients(mut self, pairs: &[[u32; 2]]) -> Result<Self> {
         let count = self.centres.len();
         if let Some(beyond) = pairs.iter().flatten().find(|e| **e as usize >= count) {
@@ -192,7 +193,7 @@ impl<T: Real> ParticleField<T> {
         Ok(self)
     }
 
-    /// Gradient at particle `i`, if there are neighbours and they span space.
+    /// Coefficients of the gradient at particle `i`; `None` without neighbours that span space.
     fn gradient(&self, i: usize) -> Option<Vec<(usize, Vector3<T>)>> {
         let around = self.neighbours.as_ref()?;
         let mut wide: Vec<usize> = around.row(i).iter().map(|j| *j as usize).collect();
@@ -205,12 +206,14 @@ impl<T: Real> ParticleField<T> {
             wide.extend(next.iter().map(|j| *j as usize));
             wide.sort_unstable();
             wide.dedup();
+            // The particle itself is among the neighbours of its neighbours.
             wide.retain(|&j| j != i);
         }
         None
     }
 
-    /// Gradient of the value of every neighbour, and of the particle's own; none unless they span space.
+    /// Coefficients of the least-squares gradient, one for every neighbour and one for particle `i` itself;
+    /// `None` unless the neighbours span space.
     fn least_squares(&self, i: usize, neighbours: &[usize]) -> Option<Vec<(usize, Vector3<T>)>> {
         let arm = |j: usize| self.centres[j] - self.centres[i];
         let weight = |x: &Vector3<T>| T::one() / x.norm_squared();
@@ -228,12 +231,14 @@ impl<T: Real> ParticleField<T> {
             .iter()
             .map(|&j| (j, inverse * arm(j) * weight(&arm(j))))
             .collect();
-        let own = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
-        row.push((i, own));
+        // Minus the sum of the others: a uniform field has no gradient.
+        let central = row.iter().fold(Vector3::zeros(), |s, (_, g)| s - g);
+        row.push((i, central));
         Some(row)
     }
 
     fn key(p: &Point3<T>) -> [u64; 3] {
+        // Adding zero makes −0 a +0: equal positions have equal bits.
         [p.x, p.y, p.z].map(|c| (c + T::zero()).as_f64().to_bits())
     }
 }
@@ -245,22 +250,23 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
         row.clear();
-        let found =
+        let position =
             (self.order).binary_search_by_key(&Self::key(x), |k| Self::key(&self.centres[*k as usize]));
-        let Ok(k) = found.map(|at| self.order[at] as usize) else {
+        let Ok(k) = position.map(|slot| self.order[slot] as usize) else {
             return Err(outside(x, self.kind()));
         };
         if !gradient {
             row.push(k, T::one());
             return Ok(());
         }
-        let Some(own) = self.gradient(k) else {
+        let Some(coefficients) = self.gradient(k) else {
             return Err(Error::NoGradient {
                 role: self.kind().into(),
                 junction: "H1".into(),
             });
         };
-        for (j, g) in own {
+        // The value is that of the particle alone; neighbours enter the gradient only.
+        for (j, g) in coefficients {
             let value = if j == k { T::one() } else { T::zero() };
             row.push_with_gradient(j, value, g);
         }

@@ -1,9 +1,9 @@
 //! Harmonic analysis of an overlap: reflection and transmission per frequency, with exact radiation on both
 //! sides.
 //!
-//! The coupled system is cut at two ends, each continued by a uniform lattice of springs `k`, masses `m`
-//! and spacing `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. What remains is one small
-//! complex system per frequency, `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds: the way to choose
+//! The coupled system is cut at two ends, and each end is continued by a uniform lattice of springs `k`,
+//! masses `m` and spacing `h` that carries waves `e^{i(ωt ∓ κx)}`, `sin²(κh/2) = ω²m/(4k)`. One small complex
+//! system per frequency remains, `[K − ω²M + Z, ±Bᵀ; ±B, 0]`, solved in milliseconds. Use it to choose
 //! weight, mediator and overlap width.
 
 use crate::coupled::Coupled;
@@ -11,10 +11,10 @@ use crate::error::invalid;
 use crate::{Error, Real, Result};
 use nalgebra::{Complex, ComplexField, DMatrix, DVector};
 
-/// Where a uniform lattice continues a subdomain to infinity.
+/// End of a subdomain that a uniform lattice continues to infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Port<T> {
-    /// Subdomain.
+    /// Number of the subdomain.
     pub subdomain: usize,
     /// End unknown, which carries half a cell.
     pub dof: usize,
@@ -39,8 +39,9 @@ pub struct Scattering<T> {
     pub transmitted_power: T,
     /// Wavelength on the incident side \[m\].
     pub wavelength: T,
-    /// Smallest and largest modulus of the strain between two neighbouring nodes of either model, those of
-    /// the overlap included, over that of the incident wave: one where the overlap is not seen.
+    /// Smallest and largest modulus of the strain between neighbouring nodes of either model (overlap
+    /// included), over the strain of the incident wave. Both are one if the overlap does not disturb the
+    /// wave.
     pub strain: [T; 2],
 }
 
@@ -100,6 +101,7 @@ impl<T: Real> HarmonicOverlap<T> {
                 .for_each(|(i, m)| mass[starts[k] + i] = *m);
             let x = s.model().nodes();
             let mut order: Vec<usize> = (0..x.len()).collect();
+            // Neighbours along the line, in whatever order the model numbers its nodes.
             order.sort_by(|a, b| x[*a].x.as_f64().total_cmp(&x[*b].x.as_f64()));
             let pairs = order.windows(2);
             neighbours.extend(pairs.map(|p| (starts[k] + p[0], starts[k] + p[1], x[p[1]].x - x[p[0]].x)));
@@ -172,6 +174,7 @@ impl<T: Real> HarmonicOverlap<T> {
             a[(row, row)] += (one - z) * port.stiffness - half;
         }
         let mut b = DVector::from_element(a.nrows(), Complex::new(T::zero(), T::zero()));
+        // The incident wave, with unit amplitude at its port.
         b[self.rows[0]] = (one / z_in - z_in) * self.incident.stiffness;
         let size = a.nrows();
         let x = a.lu().solve(&b).ok_or(Error::SingularSystem {
@@ -186,8 +189,8 @@ impl<T: Real> HarmonicOverlap<T> {
         let incident = (one - z_in).modulus() / self.incident.spacing;
         let mut strain = [T::of(f64::from(f32::MAX)), T::zero()];
         for &(a, b, distance) in &self.neighbours {
-            let here = (x[b] - x[a]).modulus() / (distance * incident);
-            strain = [strain[0].min(here), strain[1].max(here)];
+            let modulus = (x[b] - x[a]).modulus() / (distance * incident);
+            strain = [strain[0].min(modulus), strain[1].max(modulus)];
         }
         Ok(Scattering {
             strain,

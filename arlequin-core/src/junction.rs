@@ -16,44 +16,44 @@ pub struct ShapeFunction<T: Real> {
     pub gradient: Vector3<T>,
 }
 
-/// What a junction takes from the fields.
+/// Values or gradients that a junction takes from the fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
-    /// Values only. Such a product may be lumped to its diagonal.
+    /// Values only. The product may be lumped to its diagonal.
     Values,
-    /// Values and gradients. Lumping such a product diverges.
+    /// Values and gradients. Lumping the product diverges.
     ValuesAndGradients,
     /// Gradients only: constant fields have zero norm, so one point per component is pinned.
     Gradients,
 }
 
 impl Needs {
-    /// Whether gradients are evaluated.
+    /// Returns whether gradients are evaluated.
     pub fn gradients(self) -> bool {
         self != Self::Values
     }
 }
 
-/// How the components of the two vector fields meet in a junction.
+/// How a junction combines the components of the two vector fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Components {
-    /// Each with its own kind: every block is a multiple of the identity, and a third of the unknowns is
-    /// solved for at a time.
+    /// Every component with itself only. Each block is a multiple of the identity, and one operator for a
+    /// single component serves all of them.
     Separate,
-    /// Each with all; right for any junction.
+    /// Every component with every other; right for any junction.
     Mixed,
 }
 
-/// A scalar product between two vector fields: symmetric and positive, and the same wherever it is
-/// evaluated twice.
+/// A scalar product between two vector fields: symmetric and positive. Evaluated twice, it must return the
+/// same value.
 pub trait Junction<T: Real>: Send + Sync {
     /// Name for messages and reports.
     fn name(&self) -> &'static str;
 
-    /// What it takes from the fields.
+    /// Values or gradients that the junction takes from the fields.
     fn needs(&self) -> Needs;
 
-    /// How components meet.
+    /// How the junction combines components.
     fn components(&self) -> Components {
         Components::Mixed
     }
@@ -61,8 +61,8 @@ pub trait Junction<T: Real>: Send + Sync {
     /// Density of `⟨N_row e_a, N_col e_b⟩` at the point `x` \[m\], as a matrix over the components `a`, `b`.
     fn block(&self, x: &Point3<T>, row: &ShapeFunction<T>, col: &ShapeFunction<T>) -> Matrix3<T>;
 
-    /// `[a, b]` where every component has the density `a N_row N_col + b ∇N_row·∇N_col` at `x`: what
-    /// [`Self::block`] says, summed without a call per pair of shape functions. None for any other density.
+    /// `[a, b]` if the density at `x` is `a N_row N_col + b ∇N_row·∇N_col` for every component; `None` for
+    /// any other density. Must agree with [`Self::block`], and saves one call per pair of shape functions.
     fn coefficients(&self, _: &Point3<T>) -> Option<[T; 2]> {
         None
     }
@@ -119,7 +119,7 @@ impl<T: Real> Junction<T> for H1Strain<T> {
     }
 }
 
-/// `∫ λ·v + l² ∇λ:∇v`: splits into components, angular momentum is still exact.
+/// `∫ λ·v + l² ∇λ:∇v`: the components decouple, and angular momentum is still exact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct H1Gradient<T>(T);
 
@@ -192,7 +192,7 @@ impl<T: Real> Junction<T> for H1Seminorm<T> {
     }
 }
 
-/// The junctions that have a name, in scenes and reports.
+/// Junctions that have a name in scenes and reports.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum JunctionKind {
     /// [`L2`]: no length to choose, components decouple; hence the default.
@@ -214,12 +214,12 @@ named!(JunctionKind, "junction":
 );
 
 impl JunctionKind {
-    /// Whether it has a length to choose.
+    /// Returns whether the junction has a length to choose.
     pub fn has_length(self) -> bool {
         self != Self::L2
     }
 
-    /// The junction of this kind with the length `l` \[m\], if it has one.
+    /// Creates the junction of this kind with the length `l` \[m\], which [`L2`] ignores.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a length that the junction refuses.

@@ -1,20 +1,20 @@
-//! Couples mechanics models by the Arlequin (bridging-domain) method: the traits of models, fields,
-//! weights, mediators and junctions, and the algorithms between them. It knows no particle, no element and
-//! no Voronoi cell, has no input or output, no clock and no random numbers.
+//! Couples mechanics models by the Arlequin (bridging-domain) method: the traits of models, fields, weights,
+//! mediators and junctions, and the algorithms between them. The core knows no particle, no element and no
+//! Voronoi cell; it has no input or output, no clock and no random numbers.
 //!
 //! # Modules in reading order
 //!
 //! | read | for |
 //! |---|---|
-//! | `model`, `field` | what a model offers: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
+//! | `model`, `field` | traits of a model: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
 //! | `overlap`, `profile`, `weight` | how models share energy: [`Slab`] and [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
 //! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
 //! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
-//! | `ledger`, `momentum`, `observer`, [`snapshot`] | what a run says of itself, and how it goes on |
+//! | `ledger`, `momentum`, `observer`, [`snapshot`] | energies, momenta and warnings of a run; checkpoints |
 //! | [`conformance`] | checks for those who write models, junctions or effects |
-//! | [`ranks`] | models in parts on several ranks, with the bits of one |
-//! | [`harmonic`], [`advice`] | what an overlap reflects, and what it is known to do badly |
+//! | [`ranks`] | partitioned models on several ranks, with the bits of one rank |
+//! | [`harmonic`], [`advice`] | reflection of an overlap, and choices that are known to do badly |
 //! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`], [`interrupt`] | tools of the core that model crates use as well |
 //!
 //! # A stiff bar and a fine one, tied over one unit of length

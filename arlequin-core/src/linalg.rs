@@ -11,12 +11,12 @@ use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
 use sprs::{CsMat, TriMat};
 
-/// Right-hand sides that are solved for at a time: the components of a vector.
+/// Right-hand sides solved in one pass over the factor: the components of a vector.
 const AT_ONCE: usize = 3;
 
 /// A factor of a symmetric positive definite matrix that solves in place without allocating.
 pub trait SpdFactor<T>: Send + std::fmt::Debug {
-    /// Overwrites right-hand sides, one after another in `b`, with the solutions; three at a time take
+    /// Overwrites right-hand sides, stored one after another in `b`, with the solutions. Three of them take
     /// hardly longer than one.
     fn solve(&mut self, b: &mut [T]);
     /// Number of rows.
@@ -76,7 +76,7 @@ impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
     }
 }
 
-/// A matrix in compressed columns; a symmetric one may come in either storage.
+/// Converts a matrix to compressed columns unless it has this storage already.
 fn columns<T: Clone + Default>(matrix: &CsMat<T>) -> CsMat<T> {
     if matrix.is_csc() {
         matrix.clone()
@@ -91,8 +91,8 @@ fn view<'a, T>(matrix: &'a CsMat<T>, starts: &'a [usize]) -> SparseColMatRef<'a,
     SparseColMatRef::new(symbolic, matrix.data())
 }
 
-/// Entries that the Cholesky factor of a symmetric matrix will have; more than any machine holds where that
-/// cannot be said.
+/// Number of entries that the Cholesky factor of a symmetric matrix will have; `usize::MAX` if that cannot be
+/// computed.
 pub(crate) fn cholesky_entries<T: Real>(matrix: &CsMat<T>) -> usize {
     let matrix = columns(matrix);
     let starts = matrix.indptr().to_proper().to_vec();
@@ -123,6 +123,7 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
     symbolic
         .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
         .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
+    // Reserved once, so that solves during a step allocate nothing.
     let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
     Ok(Box::new(Cholesky {
         symbolic,
@@ -131,12 +132,13 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
     }))
 }
 
-/// Rows whose pivots are negative in a factorisation `L D Lᵀ` of `A − shift · I`; none where it breaks down.
+/// Rows whose pivots are negative in a factorisation `L D Lᵀ` of `A − shift · I`; `None` if the factorisation
+/// breaks down.
 ///
-/// By Sylvester's law of inertia, `A` has as many eigenvalues below `shift`.
+/// By Sylvester's law of inertia, the number of these rows is that of the eigenvalues of `A` below `shift`.
 pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) -> Option<Vec<usize>> {
     let n = matrix.rows();
-    // A row of nothing has no diagonal to take the shift from.
+    // An empty row has no diagonal entry to subtract the shift from: add one to every row.
     let mut moved = TriMat::with_capacity((n, n), matrix.nnz() + n);
     matrix.iter().for_each(|(v, (i, j))| moved.add_triplet(i, j, *v));
     (0..n).for_each(|i| moved.add_triplet(i, i, -shift));
@@ -154,6 +156,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
     symbolic
         .factorize_numeric_ldlt(&mut values, a, side, Default::default(), par, stack, params)
         .ok()?;
+    // Both layouts of the factor store `D` on the diagonal of `L`.
     let pivots: Vec<T> = match symbolic.raw() {
         SymbolicCholeskyRaw::Simplicial(s) => s.col_ptr()[..n].iter().map(|k| values[*k]).collect(),
         SymbolicCholeskyRaw::Supernodal(s) => {
@@ -164,6 +167,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
                 .collect()
         }
     };
+    // Pivots come in the order of elimination: map them back to rows.
     let order = symbolic.perm().map(|p| p.arrays().0.to_vec());
     let row = |k: usize| order.as_ref().map_or(k, |o| o[k]);
     let negative = pivots.iter().enumerate().filter(|(_, d)| **d < T::zero());

@@ -4,10 +4,10 @@ use crate::error::invalid;
 use crate::recovery::SymmetricTensor;
 use crate::{Real, Result};
 
-/// Least of `1 − 2ν`, about `μ/λ`, and of `1 + ν`, its counterpart at the other end. Elements of
-/// displacements lock where `λ/μ` exceeds `(L/h)²`: a body has to be more than a hundred elements long for
-/// what comes out to be of the order of the truth. A block of 16 hexahedra by 4 by 4 gave 35 % of its
-/// displacement at `1 − 2ν = 2e-4`, 0.6 % at 2e-6 and 6e-7 of it at 2e-10.
+/// Least value of `1 − 2ν` (about `μ/λ`) and of `1 + ν` (its counterpart at the other end). Displacement
+/// elements lock where `λ/μ` exceeds `(L/h)²`. Beyond this limit a body must be more than a hundred elements
+/// long for results of the right order. A block of 16 by 4 by 4 hexahedra moved by 35 % of the true
+/// displacement at `1 − 2ν = 2e-4`, by 0.6 % at 2e-6 and by 6e-7 of it at 2e-10.
 const LEAST: f64 = 1e-4;
 
 /// A homogeneous isotropic elastic material.
@@ -116,25 +116,25 @@ impl<T: Real> Elastic<T> {
     }
 }
 
-/// What a body is made of: one material, or one for every element.
+/// Materials of a body: one for all elements, or one for each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Materials<T> {
-    all: Vec<Elastic<T>>,
-    /// Number of every element's material; empty for one material.
-    of: Vec<u32>,
+    materials: Vec<Elastic<T>>,
+    /// Number of each element's material; empty for one material.
+    numbers: Vec<u32>,
 }
 
 impl<T: Real> From<Elastic<T>> for Materials<T> {
-    fn from(one: Elastic<T>) -> Self {
+    fn from(material: Elastic<T>) -> Self {
         Self {
-            all: vec![one],
-            of: Vec::new(),
+            materials: vec![material],
+            numbers: Vec::new(),
         }
     }
 }
 
 impl<T: Real> Materials<T> {
-    /// Several materials, and the number of every element's one.
+    /// Several materials, and the number of each element's material.
     ///
     /// ```
     /// use arlequin_core::{Elastic, Materials};
@@ -146,46 +146,51 @@ impl<T: Real> Materials<T> {
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a number that no material has.
-    pub fn of_elements(all: Vec<Elastic<T>>, of: Vec<u32>) -> Result<Self> {
-        match of.iter().find(|k| **k as usize >= all.len()) {
+    pub fn of_elements(materials: Vec<Elastic<T>>, numbers: Vec<u32>) -> Result<Self> {
+        match numbers.iter().find(|k| **k as usize >= materials.len()) {
             Some(k) => Err(crate::Error::InvalidParameter {
                 name: "material of an element".into(),
                 value: k.to_string(),
-                rule: format!("there are {}, counted from 0", all.len()),
+                rule: format!("there are {}, counted from 0", materials.len()),
             }),
-            None => Ok(Self { all, of }),
+            None => Ok(Self { materials, numbers }),
         }
     }
 
-    /// That of an element.
+    /// Material of an element.
     ///
     /// # Panics
-    /// For an element beyond those it was made for.
+    /// For an element beyond those whose materials were given.
     pub fn at(&self, element: usize) -> &Elastic<T> {
-        let number = if self.of.is_empty() { 0 } else { self.of[element] };
-        &self.all[number as usize]
+        let number = if self.numbers.is_empty() {
+            0
+        } else {
+            self.numbers[element]
+        };
+        &self.materials[number as usize]
     }
 
-    /// Those of some elements, in their order.
+    /// Materials of some elements, in the given order.
     ///
     /// # Panics
-    /// As [`Self::at`].
+    /// For an element beyond those whose materials were given.
     #[must_use]
     pub fn of_some(&self, elements: impl Iterator<Item = usize>) -> Self {
-        let told = !self.of.is_empty();
+        // One material for all elements has no numbers to restrict.
+        let varies = !self.numbers.is_empty();
         Self {
-            all: self.all.clone(),
-            of: elements.filter(|_| told).map(|e| self.of[e]).collect(),
+            materials: self.materials.clone(),
+            numbers: elements.filter(|_| varies).map(|e| self.numbers[e]).collect(),
         }
     }
 
-    /// All of them.
+    /// All materials.
     pub fn all(&self) -> &[Elastic<T>] {
-        &self.all
+        &self.materials
     }
 
-    /// Number of elements that it tells apart; none for one material.
+    /// Number of elements whose materials were given; `None` for one material.
     pub fn elements(&self) -> Option<usize> {
-        (!self.of.is_empty()).then_some(self.of.len())
+        (!self.numbers.is_empty()).then_some(self.numbers.len())
     }
 }

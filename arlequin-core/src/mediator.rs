@@ -3,10 +3,11 @@
 use crate::Real;
 use crate::field::Interpolation;
 
-/// The discrete multiplier space on nodes of its own that fill the overlap.
+/// The discrete space of the multipliers, on nodes of its own that fill the overlap.
 ///
-/// Coarse (`h_B ≈ h_C`), fine (`h_B ≈ h_D`) or anything between; its nodes coincide with nothing in general.
-/// [`Interpolation::cells`] must not be empty: their union is the overlap `Ω_O`.
+/// Its spacing may be coarse (`h_B ≈ h_C`), fine (`h_B ≈ h_D`) or anything between. Its nodes need not
+/// coincide with those of a model. [`Interpolation::cells`] must not be empty: the union of the cells is the
+/// overlap `Ω_O`.
 pub trait Mediator<T: Real>: Interpolation<T> {
     /// Characteristic length `h_B` \[m\].
     fn spacing(&self) -> T;

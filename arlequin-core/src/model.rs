@@ -1,4 +1,4 @@
-//! What a mechanics model must offer to be coupled, and the two roles it can play.
+//! Traits of a mechanics model that can be coupled, and of the coarse and the fine role.
 
 use crate::energy_release::Gradients;
 use crate::error::invalid;
@@ -13,12 +13,12 @@ use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
 
-/// What a model became that was shared out among ranks.
+/// This rank's part of a partitioned model.
 #[derive(Clone)]
 pub struct Shared<T: Real> {
-    /// What this rank holds of it.
+    /// Nodes of the part, and the exchange with other ranks.
     pub portion: Arc<Portion>,
-    /// Its field there.
+    /// Displacement field on the nodes of the part.
     pub field: Arc<dyn Interpolation<T>>,
 }
 
@@ -30,12 +30,12 @@ impl<T: Real> std::fmt::Debug for Shared<T> {
     }
 }
 
-/// How the degrees of freedom are arranged: `components` displacements per node (`x0 y0 z0 x1 …`), then
-/// `rotations` per node in the same order, which the coupling never touches.
+/// Arrangement of the unknowns: `components` displacements of every node (`x0 y0 z0 x1 …`), then `rotations`
+/// of every node in the same order. The coupling never touches rotations.
 ///
-/// The velocity of a rotation is the spin about fixed axes, its acceleration the torque over the inertia,
-/// and the unknown itself the spin added up over time: the rotation vector for small rotations and for
-/// those about one axis, and no orientation otherwise. Orientations belong to the model, see
+/// The velocity of a rotation is the spin about fixed axes, its acceleration the torque divided by the
+/// inertia. The unknown itself is the spin added up over time. It is the rotation vector while rotations are
+/// small or about one axis; in general it is no orientation. Models keep orientations themselves, see
 /// [`Model::advance`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DofLayout {
@@ -57,18 +57,18 @@ impl DofLayout {
     pub fn dofs(&self) -> usize {
         self.nodes * (self.components + self.rotations)
     }
-    /// Whether every node has three rotations.
+    /// Returns whether every node has three rotations.
     pub fn turns(&self) -> bool {
         self.rotations == 3
     }
-    /// The node of an unknown.
+    /// Node of an unknown.
     pub fn node_of(&self, dof: usize) -> usize {
         match dof.checked_sub(self.translations()) {
             None => dof / self.components,
             Some(behind) => behind / self.rotations.max(1),
         }
     }
-    /// Refuses an arrangement that nothing here knows.
+    /// Returns an error unless there are 1 to 3 displacements and 0 or 3 rotations per node.
     pub(crate) fn check(&self, model: &str) -> Result<()> {
         if matches!(self.components, 1..=3) && matches!(self.rotations, 0 | 3) {
             return Ok(());
@@ -84,19 +84,19 @@ impl DofLayout {
     }
 }
 
-/// Positions about which the moments of forces vanish.
+/// Positions about which the total moment of a model's forces vanishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arms {
-    /// Those at rest: linear laws.
+    /// Reference positions: linear laws.
     Reference,
-    /// The present ones: laws that turn with their body, contact.
+    /// Current positions: laws that turn with their body, contact.
     Current,
 }
 
 /// Displacements \[m\] (and rotations \[rad\]), velocities (and spins) and accelerations of one model.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct State<T> {
-    /// Displacements, rotations.
+    /// Displacements \[m\], rotations \[rad\].
     pub q: Vec<T>,
     /// Velocities.
     pub v: Vec<T>,
@@ -105,7 +105,7 @@ pub struct State<T> {
 }
 
 impl<T: Real> State<T> {
-    /// At rest in the reference configuration.
+    /// State at rest in the reference configuration.
     pub fn zero(dofs: usize) -> Self {
         Self {
             q: vec![T::zero(); dofs],
@@ -115,16 +115,17 @@ impl<T: Real> State<T> {
     }
 }
 
-/// The step in which a model may change itself.
+/// A completed step, given to a model that may change itself ([`Evolving`]).
 ///
-/// A part of the model that disappears (a bond that breaks) with energy `e` and forces `g = −de/dq` takes
+/// When a part of the model disappears (a bond breaks) that has the energy `e` and the forces `g = −de/dq`,
+/// the discrete invariant loses
 ///
 /// ```text
 /// ½ (e(q_n) + e(q_{n+1})) + ¼ (q_{n+1} − q_n)·(g(q_{n+1}) − g(q_n))
 /// ```
 ///
-/// out of the discrete invariant (`½ q_nᵀ k q_{n+1}` for a linear one), and its forces must be taken out of
-/// `f_before` and `f`: then the energy balance closes to round-off in spite of the break.
+/// (for a linear part `½ q_nᵀ k q_{n+1}`). The model must subtract the forces of this part from `f_before`
+/// and `f`. The energy balance then closes to round-off in spite of the break.
 #[derive(Debug)]
 pub struct Evolution<'a, T> {
     /// Time of the new positions \[s\].
@@ -133,16 +134,17 @@ pub struct Evolution<'a, T> {
     pub q_before: &'a [T],
     /// Displacements now.
     pub q: &'a [T],
-    /// Weighted internal forces at `q_before`, to be corrected for what disappears.
+    /// Weighted internal forces at `q_before`; the forces of what disappears are to be subtracted.
     pub f_before: &'a mut [T],
-    /// The same at `q`, as [`Model::advance`] has just left them in zeros.
+    /// Weighted internal forces at `q`, as [`Model::advance`] has just computed them; to be corrected
+    /// likewise.
     pub f: &'a mut [T],
 }
 
-/// A mechanics model as the coupling sees it: `M_β q̈ = F_ext,γ − F_int,α`, without loads and coupling
-/// forces.
+/// A mechanics model as the coupling sees it: the weighted inertia `M_β` and the weighted internal forces
+/// `F_int,α` of `M_β q̈ = F_ext,γ − F_int,α`. The core adds loads and coupling forces.
 ///
-/// A model never meets another model, the multipliers or the time integrator.
+/// A model knows no other model, no multipliers and no time integrator.
 pub trait Model<T: Real>: Send {
     /// Name for messages and reports.
     fn name(&self) -> &str;
@@ -156,109 +158,112 @@ pub trait Model<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Writes the lumped inertia of every unknown \[kg, kg m²\]: each integration cell (element, bond)
+    /// Writes the lumped inertia of every unknown \[kg, kg m²\]. Each integration cell (element, bond)
     /// contributes its mass times the **mean** of the weight over the cell.
     ///
     /// # Errors
-    /// Whatever keeps the model from doing so.
+    /// Any error of the model.
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> Result<()>;
 
-    /// Stores the weight `α` of the internal energy, by its means over the cells like
+    /// Stores the weight `α` of the internal energy. Each cell takes the mean of `α` over the cell, as in
     /// [`Model::lumped_inertia`].
     ///
     /// # Errors
-    /// Whatever keeps the model from doing so.
+    /// Any error of the model.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()>;
 
-    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`; torques are those on spins, about
-    /// fixed axes. Must not allocate.
+    /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`. Torques are conjugate to spins
+    /// about fixed axes. Must not allocate.
     ///
     /// # Errors
-    /// Failure of the constitutive law (an inverted element, a broken bond that cannot be).
+    /// Failure of the constitutive law, such as an inverted element.
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> Result<()>;
 
-    /// [`Model::add_internal_forces`] at displacements that the run has reached: called once per step, and
-    /// once before the first, in its place. What is not a vector (an orientation) goes on from here: with
-    /// `θ` the rotations reached last, those of any `q` mean `R(q) = exp(q − θ) R(θ)`. A model that wraps
-    /// another one must pass the call on.
+    /// Does the work of [`Model::add_internal_forces`] at displacements that the run has reached. The run
+    /// calls it once per step and once before the first step. A model updates orientations here: with `θ` the
+    /// rotations of the last call, rotations `q` mean the orientation `R(q) = exp(q − θ) R(θ)`. A model that
+    /// wraps another one must pass the call on.
     ///
     /// # Errors
-    /// Those of [`Model::add_internal_forces`].
+    /// Errors of [`Model::add_internal_forces`].
     fn advance(&mut self, q: &[T], f: &mut [T]) -> Result<()> {
         self.add_internal_forces(q, f)
     }
 
-    /// [`Model::advance`], and [`Model::internal_energy`] there \[J\], for a model that finds it on the way.
+    /// Calls [`Model::advance`] and returns [`Model::internal_energy`] at `q` \[J\]. A model that finds the
+    /// energy along with the forces overrides it.
     ///
     /// # Errors
-    /// Those of [`Model::advance`].
+    /// Errors of [`Model::advance`].
     fn advance_with_energy(&mut self, q: &[T], f: &mut [T]) -> Result<T> {
         self.advance(q, f)?;
         Ok(self.internal_energy(q))
     }
 
-    /// The model as one that makes whole steps itself, if it can: the core lets it where nothing but the
-    /// model acts on the unknowns within a step (no effects, no moving support, no evolution).
+    /// Whole steps made by the model itself, if it can make them. The core uses them where nothing but the
+    /// model acts on the unknowns within a step: no effect, no moving support, no evolution.
     fn stepping(&mut self) -> Option<&mut dyn Stepping<T>> {
         None
     }
 
-    /// Positions about which the moments of the internal forces vanish.
+    /// Positions about which the total moment of the internal forces vanishes.
     fn arms(&self) -> Arms {
         Arms::Reference
     }
 
-    /// Weighted internal energy \[J\]; minus its gradient are the internal forces, that with
-    /// respect to rotations at those reached last.
+    /// Weighted internal energy \[J\]. Internal forces are minus its gradient; the gradient with respect to
+    /// rotations is taken at the rotations of the last [`Model::advance`].
     fn internal_energy(&self, q: &[T]) -> T;
 
-    /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 = prescribed). The
-    /// default computes `2/ω_max` by Lanczos iterations on the forces of a linear law; a nonlinear model
-    /// overrides it.
+    /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 for prescribed
+    /// unknowns). The default computes `2/ω_max` by Lanczos iterations and holds for a linear law; a
+    /// nonlinear model overrides it.
     ///
     /// # Errors
-    /// Those of the internal forces.
+    /// Errors of the internal forces.
     fn critical_step(&mut self, inverse_inertia: &[T]) -> Result<T> {
         crate::spectrum::critical_step(inverse_inertia, &mut |q, f| self.add_internal_forces(q, f))
     }
 
-    /// The model as one that changes itself as it moves (bonds that break), if it does. Only then the state
-    /// before the step is kept.
+    /// Changes of the model by itself (breaking bonds), if it makes any. The run keeps the state before each
+    /// step only if this is `Some`.
     fn evolving(&mut self) -> Option<&mut dyn Evolving<T>> {
         None
     }
 
-    /// The model as one that can tell which effects a state would need, if it can.
+    /// Report of the effects that a state would need, if the model can give one.
     fn watching(&self) -> Option<&dyn Watching<T>> {
         None
     }
 
-    /// Particles with the volumes they stand for \[m³\], for a model that consists of them: where it is,
-    /// whatever field interpolates between them. None for a model that fills the cells of its field.
+    /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
+    /// the model is, whatever field interpolates between them. `None` for a model that fills the cells of its
+    /// field.
     fn particles(&self) -> Option<&[Sample<T>]> {
         None
     }
 
-    /// The model as one that knows stresses at its nodes, if it does: for output and probes.
+    /// Stresses at the nodes, if the model knows them; for output and probes.
     fn recovery(&self) -> Option<&dyn Recovery<T>> {
         None
     }
 
-    /// The model as a continuum with gradients at points, if it is one: for the energy that cracks release.
+    /// Gradients at points, if the model is a continuum; for the energy that cracks release.
     fn gradients(&self) -> Option<&dyn Gradients<T>> {
         None
     }
 
-    /// The model as one whose nodes are joined by bonds, if they are: for output.
+    /// Bonds between the nodes, if the model has bonds; for output.
     fn links(&self) -> Option<&dyn Links<T>> {
         None
     }
 
-    /// Becomes the part of the model that the rank of `communicator` holds, before it has gone anywhere:
-    /// weights are set, all of the model is the same on every rank.
+    /// Restricts the model to the part that the rank of `communicator` owns. The run calls it before the
+    /// first step and after the weights are set; until then the model is the same on every rank. Collective.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model that cannot be in parts, as most cannot; what the transport says.
+    /// [`Error::Unsupported`] for a model that cannot be partitioned, which is the default; errors of the
+    /// transport.
     fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
         let ranks = communicator.ranks();
         Err(Error::Unsupported {
@@ -269,15 +274,14 @@ pub trait Model<T: Real>: Send {
         })
     }
 
-    /// What this rank holds of the model, if it is a part of one: nodes, unknowns, weights and forces are
-    /// then those of the part, energies and the critical step those of all of it, and every call that all
-    /// ranks must make together says so.
+    /// This rank's part, if the model is partitioned. Nodes, unknowns, weights and forces are then those of
+    /// the part; energies and the critical step are those of the whole model. Methods that every rank must
+    /// call together say so.
     fn portion(&self) -> Option<&Portion> {
         None
     }
 
-    /// Effects that live in the model itself, by the names they have in reports: "fracture",
-    /// "finite-rotations".
+    /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
     fn effects(&self) -> &[&'static str] {
         &[]
     }
@@ -287,13 +291,13 @@ pub trait Model<T: Real>: Send {
         Vec::new()
     }
 
-    /// What the model must remember to go on with the same bits: bonds that broke, orientations. Nothing
-    /// for most.
+    /// Returns what the model must remember to resume with the same bits: broken bonds, orientations. Empty
+    /// for most models.
     fn save(&self) -> Record<T> {
         Record::default()
     }
 
-    /// Goes back to what [`Model::save`] returned.
+    /// Restores the state that [`Model::save`] returned.
     ///
     /// # Errors
     /// A record of another model.
@@ -301,13 +305,13 @@ pub trait Model<T: Real>: Send {
         from.expect(self.name(), 0, 0)
     }
 
-    /// The model as a linear one, if it is: needed by the static twin and the harmonic analysis.
+    /// Stiffness matrix, if the model is linear; the static twin and the harmonic analysis need it.
     fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
         None
     }
 }
 
-/// A step of velocity Verlet under internal forces alone, one number per unknown in every slice.
+/// One step of velocity Verlet under internal forces alone. Every slice holds one number per unknown.
 #[derive(Debug)]
 pub struct Stride<'a, T> {
     /// Length of the step \[s\].
@@ -316,25 +320,25 @@ pub struct Stride<'a, T> {
     pub q: &'a mut [T],
     /// Velocities.
     pub v: &'a mut [T],
-    /// Accelerations, those of the internal forces.
+    /// Accelerations by the internal forces.
     pub a: &'a mut [T],
-    /// Inverse inertia, zero where unknowns are held at rest.
+    /// Inverse inertia; zero for unknowns held at rest.
     pub inverse_inertia: &'a [T],
-    /// Inertia, where the energies of the step are wanted.
+    /// Inertia; given if the energies of the step are wanted.
     pub inertia: Option<&'a [T]>,
 }
 
-/// Energies of a step \[J\]; `v₊ = (q_{n+1} − q_n)/Δt`.
+/// Energies of a step \[J\], with `v₊ = (q_{n+1} − q_n)/Δt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drawn<T> {
-    /// Internal energy at its end.
+    /// Internal energy at the end of the step.
     pub internal: T,
-    /// `½ v₊ᵀMv₊ + ¼ (q_{n+1} − q_n)·(f_{n+1} − f_n)`.
+    /// Kinetic part of the discrete invariant, `½ v₊ᵀMv₊ + ¼ (q_{n+1} − q_n)·(f_{n+1} − f_n)`.
     pub moving: T,
 }
 
-/// A model that makes whole steps itself: one that is fast enough for passes over its unknowns to count,
-/// and accelerates nodes in the pass that finds their forces, while they are in the cache.
+/// A model that makes whole steps itself. This pays for a model so fast that passes over its unknowns count:
+/// it accelerates nodes in the pass that computes their forces, while they are in the cache.
 pub trait Stepping<T: Real> {
     /// Makes the step
     ///
@@ -342,11 +346,12 @@ pub trait Stepping<T: Real> {
     /// v₊ = v + Δt/2 a    q += Δt v₊    a = w f(q)    v = v₊ + Δt/2 a
     /// ```
     ///
-    /// with the bits of the core: every product and every sum is rounded. Replaces [`Model::advance`], and
-    /// like it must not allocate. The energies are those of the step if [`Stride::inertia`] is there.
+    /// with the same bits as the core: every product and every sum is rounded. The call replaces
+    /// [`Model::advance`] and must not allocate. Returns the energies of the step if [`Stride::inertia`] is
+    /// given.
     ///
     /// # Errors
-    /// Those of [`Model::advance`].
+    /// Errors of [`Model::advance`].
     fn stride(&mut self, step: Stride<'_, T>) -> Result<Option<Drawn<T>>>;
 }
 
@@ -355,34 +360,34 @@ pub trait Evolving<T: Real> {
     /// Name of the effect that takes the energy, one of [`Model::effects`].
     fn effect(&self) -> &'static str;
 
-    /// Lets the model change itself: called once per step, right after [`Model::advance`] to the new
-    /// positions, so that one pass can serve both. Returns the energy that left the model \[J\], by the
-    /// rule of [`Evolution`].
+    /// Lets the model change itself and returns the energy that left it \[J\], by the rule of [`Evolution`].
+    /// The run calls it once per step, right after [`Model::advance`] to the new positions, so that one pass
+    /// over the model can serve both.
     ///
     /// # Errors
-    /// Whatever keeps the model from doing so.
+    /// Any error of the model.
     fn evolve(&mut self, step: Evolution<'_, T>) -> Result<T>;
 }
 
-/// Something a model would need an effect for that is not on.
+/// An effect that a model would need but that is not switched on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// Name of the effect to switch on.
     pub effect: &'static str,
-    /// What was found, with value and limit.
+    /// Reason, with value and limit.
     pub message: String,
 }
 
-/// A model that can tell which effects a state would need.
+/// A model that can report which effects a state would need.
 pub trait Watching<T: Real> {
-    /// What this state would need effects for that may not be on. May take as long as a few steps; never
-    /// called during a step.
+    /// Returns the effects that `state` would need and that may not be switched on. May take as long as a few
+    /// steps; never called during a step.
     fn watch(&self, state: &State<T>) -> Vec<Finding>;
 }
 
 /// A model whose internal forces are `−K q`.
 pub trait LinearModel<T: Real> {
-    /// The weighted stiffness matrix \[N/m\], symmetric, both triangles stored.
+    /// Weighted stiffness matrix \[N/m\]: symmetric, both triangles stored.
     fn stiffness(&self) -> CsMat<T>;
 }
 

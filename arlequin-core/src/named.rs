@@ -1,16 +1,16 @@
-//! Choices that have names in scenes and reports.
+//! Enums whose variants have names in scenes and reports.
 
-/// Gives an enum its list of variants and their names, `name`, `Display`, `FromStr`, and `Deserialize` with
-/// the feature.
+/// Gives an enum the lists `ALL` and `NAMES`, the method `name`, `Display`, `FromStr`, and `Deserialize` with
+/// the feature `serde`.
 macro_rules! named {
     ($kind:ident, $what:literal: $($variant:ident = $name:literal),+ $(,)?) => {
         impl $kind {
-            /// All of them.
+            /// All variants.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
-            /// Their names, in the same order.
+            /// Names of the variants, in the order of [`Self::ALL`].
             pub const NAMES: &'static [&'static str] = &[$($name),+];
 
-            /// Its name.
+            /// Name of the variant.
             pub fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $name),+
@@ -28,8 +28,8 @@ macro_rules! named {
             type Err = $crate::Error;
 
             fn from_str(name: &str) -> $crate::Result<Self> {
-                let found = Self::ALL.iter().copied().find(|k| k.name() == name);
-                found.ok_or_else(|| {
+                let variant = Self::ALL.iter().copied().find(|k| k.name() == name);
+                variant.ok_or_else(|| {
                     let rule = format!("must be one of {}", Self::NAMES.join(", "));
                     $crate::error::invalid($what, format_args!("'{name}'"), &rule)
                 })

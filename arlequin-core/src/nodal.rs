@@ -1,4 +1,4 @@
-//! Weights at the nodes: the choice of the literature, kept for comparison, for any linear model.
+//! Weights at the nodes, as in the literature; kept for comparison, for any linear model.
 
 use crate::energy_release::Gradients;
 use crate::geometry::Sample;
@@ -16,9 +16,9 @@ use sprs::CsMat;
 /// A linear model whose assembled forces and lumped inertia are multiplied by the weight at their node:
 /// `β(x_i) M_i q̈_i = −α(x_i) (K q)_i`, [`crate::Weighting::Nodal`].
 ///
-/// `D K` with the diagonal `D` of weights is not symmetric: no energy has these forces, and the model is
-/// not offered as a linear one, so that the static twin and the harmonic analysis refuse it. Its internal
-/// energy is `½ qᵀ D K q` \[J\].
+/// `D K` with the diagonal `D` of weights is not symmetric: the forces derive from no energy. The model is
+/// therefore not offered as a linear one, so that the static twin and the harmonic analysis refuse it. Its
+/// internal energy is `½ qᵀ D K q` \[J\].
 pub struct NodallyWeighted<T: Real> {
     model: Box<dyn Model<T>>,
     /// `α(x_i)` per unknown.
@@ -38,7 +38,7 @@ impl<T: Real> std::fmt::Debug for NodallyWeighted<T> {
 }
 
 impl<T: Real> NodallyWeighted<T> {
-    /// The model with weights of one.
+    /// Wraps a model, with weights of one.
     pub fn new(model: Box<dyn Model<T>>) -> Self {
         let n = model.layout().dofs();
         Self {
@@ -49,20 +49,20 @@ impl<T: Real> NodallyWeighted<T> {
         }
     }
 
-    /// The weight at the node of every unknown.
+    /// Weight at the node of every unknown.
     fn at_nodes(&self, weight: &dyn Weight<T>) -> Result<Vec<T>> {
         let (layout, nodes) = (self.model.layout(), self.model.nodes());
-        let of = |nodes: &[Point3<T>], count: usize| -> Vec<T> {
+        let repeated = |nodes: &[Point3<T>], count: usize| -> Vec<T> {
             let values = nodes.iter().map(|x| weight.at(x));
             values.flat_map(|w| std::iter::repeat_n(w, count)).collect()
         };
-        let mut out = of(nodes, layout.components);
-        out.extend(of(nodes, layout.rotations));
+        let mut out = repeated(nodes, layout.components);
+        out.extend(repeated(nodes, layout.rotations));
         check_finite("nodal weights", &out)?;
         Ok(out)
     }
 
-    /// Adds the weighted forces that `find` leaves in zeros.
+    /// Adds to `f` the forces that `find` computes, times the weights.
     fn weigh(
         &mut self,
         f: &mut [T],
@@ -112,6 +112,7 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     /// # Errors
     /// [`Error::Unsupported`] for a model that is not linear, or that changes itself.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()> {
+        // The wrapped model stays unweighted: weights act on its forces.
         self.model.set_internal_weight(&Uniform(T::one()))?;
         self.factors = self.at_nodes(alpha)?;
         let changes = self.model.evolving().is_some();
@@ -148,9 +149,9 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
         T::of(0.5) * parallel::sum(q.len(), &sum)
     }
 
-    // The critical step is that of the trait, from the weighted forces. It looks at the quadratic form of
-    // `M⁻¹ D K` in the metric of the weighted masses, which also bounds the model under constraints; the
-    // spectrum of the model alone, in which equal weights of force and mass cancel, does not.
+    // The default of the trait computes the critical step from the weighted forces. It takes the quadratic
+    // form of `M⁻¹ D K` in the metric of the weighted masses, which also bounds the model under constraints.
+    // The spectrum of the model alone does not: equal weights of force and mass cancel in it.
 
     fn portion(&self) -> Option<&Portion> {
         self.model.portion()

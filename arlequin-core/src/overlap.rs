@@ -12,28 +12,29 @@ pub enum Place<T> {
     Coarse,
     /// Only the fine model lives here.
     Fine,
-    /// In the overlap, at position `s`: 0 at the border to the fine model's own region, 1 at that to the
-    /// coarse one's.
+    /// In the overlap, at position `s`: 0 at the border to the fine model's own region, 1 at the border to
+    /// the coarse model's own region.
     Overlap(T),
 }
 
 /// Where a whole cell lies with respect to an overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellPlace {
-    /// Where only the coarse model lives.
+    /// Only the coarse model lives in the cell.
     Coarse,
-    /// Where only the fine one does.
+    /// Only the fine model lives in the cell.
     Fine,
-    /// In the overlap, or partly so; the means of weights take so many halvings of it.
+    /// In the overlap, at least partly. Means of weights are taken over the cell halved this number of times
+    /// in every direction.
     Halved(usize),
 }
 
 /// An overlap of a coarse and a fine model.
 pub trait Overlap<T: Real>: std::fmt::Debug + Send + Sync {
-    /// Place of a point.
+    /// Returns where a point lies.
     fn place(&self, x: &Point3<T>) -> Place<T>;
 
-    /// Where a cell lies, if the overlap knows more of cells than the places of their corners.
+    /// Returns where a cell lies, if the overlap knows more about it than the places of its corners.
     fn place_of_cell(&self, _cell: &Cell<T>) -> Option<CellPlace> {
         None
     }
@@ -103,7 +104,7 @@ pub trait Region<T: Real>: Send + Sync {
 /// Simple regions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Primitive<T: Real> {
-    /// The side of a plane against its normal.
+    /// Half-space behind a plane, on the side that the normal points away from.
     HalfSpace {
         /// A point of the plane \[m\].
         point: Point3<T>,
@@ -145,6 +146,8 @@ impl<T: Real> Region<T> for Primitive<T> {
                 let half = (high - low) * T::of(0.5);
                 let q = (x - centre).abs() - half;
                 let outer = q.sup(&Vector3::zeros()).norm();
+                // Outside the first term counts. Inside the second does: minus the distance to the nearest
+                // face.
                 outer + q.max().min(T::zero())
             }
             Self::Cylinder { point, axis, radius } => {
@@ -157,9 +160,8 @@ impl<T: Real> Region<T> for Primitive<T> {
 
 /// A general overlap: the part of an outer region that is outside an inner core.
 ///
-/// The fine model alone fills `fine_core`; the coarse model alone fills what lies outside `fine_domain`;
-/// between the two borders `s = φ_D/(φ_C + φ_D)` with the distances to the fine core and to the outer
-/// border.
+/// The fine model alone fills `fine_core`; the coarse model alone fills the space outside of `fine_domain`.
+/// In between `s = φ_D/(φ_C + φ_D)`, with the distances `φ_D` to the fine core and `φ_C` to the outer border.
 #[derive(Debug, Clone)]
 pub struct Shell<R> {
     /// Region in which only the fine model lives.
@@ -172,6 +174,7 @@ impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
     fn place(&self, x: &Point3<T>) -> Place<T> {
         let to_fine = self.fine_core.distance(x);
         let to_coarse = -self.fine_domain.distance(x);
+        // A point on a border, up to round-off, belongs to the overlap.
         let tolerance = T::epsilon() * T::of(64.0) * (to_fine.abs() + to_coarse.abs());
         if to_fine < -tolerance {
             Place::Fine
@@ -180,6 +183,7 @@ impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
         } else {
             let (f, c) = (to_fine.max(T::zero()), to_coarse.max(T::zero()));
             let sum = f + c;
+            // Where the two borders touch, the position is undetermined: take the middle.
             Place::Overlap(if sum > T::zero() { f / sum } else { T::of(0.5) })
         }
     }

@@ -1,43 +1,44 @@
-//! Loops over unknowns on all threads, with the same bits for any number of them.
+//! Loops over unknowns on all threads, with the same bits for any number of threads.
 //!
-//! A step passes over every unknown a few times; on one thread those passes would cost a fast model as much
-//! as its forces. Element-wise loops give the same result however they are cut; sums are cut at fixed
-//! places and added in a fixed order. Nothing here allocates.
+//! A step passes over every unknown a few times; on one thread these passes would cost a fast model as much
+//! as its forces. Element-wise loops give the same result however they are cut; sums are cut at fixed places
+//! and added in a fixed order. No function allocates.
 
 use crate::Real;
 use rayon::prelude::*;
 use std::ops::{Add, Range};
 
-/// Unknowns per unit of work.
+/// Unknowns per parallel task.
 const CHUNK: usize = 4_096;
 
-/// Unknowns below which a second thread costs more than it brings.
+/// Number of unknowns below which a second thread costs more than it saves.
 const LARGE: usize = 4 * CHUNK;
 
-/// Whether loops over `n` unknowns are worth more than one thread.
+/// Returns whether loops over `n` unknowns are worth more than one thread.
 pub fn pays(n: usize) -> bool {
     n >= LARGE && rayon::current_num_threads() > 1
 }
 
-/// `to = from`.
-pub fn copy<T: Real>(to: &mut [T], from: &[T]) {
-    if !pays(to.len()) {
-        return to.copy_from_slice(from);
+/// Copies `from` to `to`.
+pub fn copy<T: Real>(target: &mut [T], source: &[T]) {
+    if !pays(target.len()) {
+        return target.copy_from_slice(source);
     }
-    to.par_chunks_mut(CHUNK)
-        .zip(from.par_chunks(CHUNK))
-        .for_each(|(to, from)| to.copy_from_slice(from));
+    target
+        .par_chunks_mut(CHUNK)
+        .zip(source.par_chunks(CHUNK))
+        .for_each(|(target, source)| target.copy_from_slice(source));
 }
 
-/// Sum over `0..n` of what `part` sums over a range.
+/// Sum over `0..n`, where `part` returns the sum over a range.
 pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
     sum_of(n, part)
 }
 
-/// Sums that do not wait for each other: one would be as slow as its chain of additions.
+/// Number of independent sums: a single sum would be as slow as its chain of additions.
 const ABREAST: usize = 8;
 
-/// `Σ m v²` of one unit of work.
+/// `Σ m v²` of one parallel task.
 pub(crate) fn weighted_squares<T: Real>(m: &[T], v: &[T]) -> T {
     let (ms, m) = m.as_chunks::<ABREAST>();
     let (vs, v) = v.as_chunks::<ABREAST>();
@@ -47,22 +48,22 @@ pub(crate) fn weighted_squares<T: Real>(m: &[T], v: &[T]) -> T {
             sums[k] += m[k] * v[k] * v[k];
         }
     }
-    let rest = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
-    sums.into_iter().fold(rest, |a, b| a + b)
+    let tail = m.iter().zip(v).fold(T::zero(), |s, (m, v)| s + *m * *v * *v);
+    sums.into_iter().fold(tail, |a, b| a + b)
 }
 
-/// Largest modulus; zero for none.
+/// Largest modulus; zero for an empty slice.
 pub(crate) fn largest<T: Real>(x: &[T]) -> T {
     let larger = |a: T, b: T| if b > a { b } else { a };
     let part = |x: &[T]| {
-        let (all, rest) = x.as_chunks::<ABREAST>();
+        let (groups, tail) = x.as_chunks::<ABREAST>();
         let mut tops = [T::zero(); ABREAST];
-        for x in all {
+        for x in groups {
             for k in 0..ABREAST {
                 tops[k] = larger(tops[k], x[k].abs());
             }
         }
-        let tops = tops.into_iter().chain(rest.iter().map(|x| x.abs()));
+        let tops = tops.into_iter().chain(tail.iter().map(|x| x.abs()));
         tops.fold(T::zero(), larger)
     };
     if !pays(x.len()) {
@@ -71,8 +72,9 @@ pub(crate) fn largest<T: Real>(x: &[T]) -> T {
     x.par_chunks(CHUNK).map(part).reduce(T::zero, larger)
 }
 
-/// The same for anything that adds up.
+/// Sum over `0..n` like [`sum`], for any type with an addition.
 pub(crate) fn sum_of<S: Add<Output = S> + Send>(n: usize, part: &(dyn Fn(Range<usize>) -> S + Sync)) -> S {
+    // Chunks do not depend on the number of threads, and so neither do the bits of the sum.
     let chunks = n.div_ceil(CHUNK).max(1);
     tree(0..chunks, pays(n), &|c| part(c * CHUNK..n.min((c + 1) * CHUNK)))
 }
@@ -103,6 +105,7 @@ pub(crate) fn kick_and_drift<T: Real>(dt: T, q: &mut [T], v: &mut [T], a: &[T], 
         for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
             *v += h * *a;
             *q += dt * *v;
+            // Cleared in the same pass, for the model to add its forces.
             *f = T::zero();
         }
     };
@@ -114,7 +117,8 @@ pub(crate) fn kick_and_drift<T: Real>(dt: T, q: &mut [T], v: &mut [T], a: &[T], 
     moving.zip(driving).for_each(|((q, v), (a, f))| part(q, v, a, f));
 }
 
-/// As [`kick_and_drift`] from the displacements `before` to `q`: the old ones are kept without a copy.
+/// Does the work of [`kick_and_drift`] from displacements `before` to `q`: keeps the old displacements
+/// without a copy.
 pub(crate) fn kick_and_drift_from<T: Real>(
     dt: T,
     before: &[T],

@@ -1,4 +1,4 @@
-//! Whole solvers as participants: what one needs that brings its own stepping.
+//! External solvers as participants: what a solver with its own time stepping must offer.
 
 use crate::model::{DofLayout, Model};
 use crate::record::Record;
@@ -6,12 +6,12 @@ use crate::weight::{Weight, Weights};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
-/// A solver with a stepping of its own, as the coupling sees it: it advances, tells its velocities, accepts
-/// an impulse and has a lumped mass.
+/// An external solver with its own time stepping: it advances, reports velocities, accepts impulses and has a
+/// lumped mass.
 ///
-/// Who only has forces implements [`crate::Model`] instead and leaves the stepping to the core. Between two
-/// reflections nothing is asked of a participant but [`Self::advance`]; at a reflection it gets the whole
-/// impulse `2 Bᵀμ` at once, of which velocities *at* the instant have half.
+/// A solver that only computes forces implements [`crate::Model`] instead and leaves the stepping to the
+/// core. Between two reflections the run calls [`Self::advance`] only. At a reflection the solver receives
+/// the whole impulse `2 Bᵀμ` at once; velocities *at* the instant of the reflection contain half of it.
 /// [`crate::conformance::participant`] checks an implementation.
 pub trait Participant<T: Real>: Send {
     /// Name for messages and reports.
@@ -28,58 +28,58 @@ pub trait Participant<T: Real>: Send {
     /// Reference positions of the nodes \[m\].
     fn nodes(&self) -> &[Point3<T>];
 
-    /// Takes its weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]: called
-    /// before any step, first with weights of one and then with those it is to have. A solver that cannot
-    /// weight itself takes weights of nearly one (`1 − 1e-6` in the overlap, the other model the rest) and
-    /// writes what it has.
+    /// Takes the weights and writes the lumped inertia of every unknown under them \[kg, kg m²\]. The run
+    /// calls it before any step, first with weights of one and then with the final ones. A solver that cannot
+    /// weight itself accepts weights of nearly one only (`1 − 1e-6` in the overlap, the rest for the other
+    /// model) and writes the inertia it has.
     ///
     /// # Errors
-    /// Weights that the solver cannot have.
+    /// Weights that the solver does not support.
     fn weigh(&mut self, weights: &Weights<T>, inertia: &mut [T]) -> Result<()>;
 
-    /// Goes on from time `from` \[s\] by `step` \[s\], in whatever steps of its own.
+    /// Advances from time `from` \[s\] by `step` \[s\], in any number of own steps.
     ///
     /// # Errors
-    /// Whatever keeps the solver from doing so.
+    /// Any error of the solver.
     fn advance(&mut self, from: T, step: T) -> Result<()>;
 
-    /// Writes the velocities of all unknowns now \[m/s, rad/s\].
+    /// Writes the current velocities of all unknowns \[m/s, rad/s\].
     fn velocities(&self, out: &mut [T]);
 
-    /// Writes the displacements of all unknowns now \[m, rad\]: for probes, pictures and the displacement
+    /// Writes the current displacements of all unknowns \[m, rad\]: for probes, pictures and the displacement
     /// jump.
     fn displacements(&self, out: &mut [T]);
 
-    /// Changes the momentum of every unknown \[kg m/s\]: its velocity by impulse over inertia.
+    /// Adds an impulse to every unknown \[kg m/s\]: its velocity changes by impulse over inertia.
     ///
     /// # Errors
-    /// Whatever keeps the solver from doing so.
+    /// Any error of the solver.
     fn kick(&mut self, impulse: &[T]) -> Result<()>;
 
-    /// Writes the accelerations of all unknowns now \[m/s²\], if the solver has them: with these the first
-    /// reflection is as smooth as all others.
+    /// Writes the current accelerations of all unknowns \[m/s²\] and returns `true`, if the solver has them.
+    /// The first reflection is then as smooth as all others.
     fn accelerations(&self, out: &mut [T]) -> bool {
         let _ = out;
         false
     }
 
-    /// Largest stable step \[s\] of [`Self::advance`]; `None` if it takes any.
+    /// Largest stable step \[s\] of [`Self::advance`]; `None` if every step is stable.
     fn critical_step(&self) -> Option<T> {
         None
     }
 
-    /// Energy \[J\] that its stepping keeps but for impulses, and less what loads of its own did: exactly
-    /// for a linear law, to second order in the step for others. `None` if it knows none: the ledger then
-    /// takes what impulses brought, the run warns that the energy is not known
-    /// ([`crate::Warning::EnergyUnknown`]), and velocities are held against the impulses.
+    /// Energy \[J\] that the stepping conserves between impulses, minus the work of the solver's own loads. A
+    /// linear law must conserve it exactly, others to second order in the step. `None` if the solver knows no
+    /// energy: the ledger then takes the work of the impulses, the run warns that the energy is not known
+    /// ([`crate::Warning::EnergyUnknown`]), and velocities are checked against the impulses.
     fn invariant(&self) -> Option<T> {
         None
     }
 
-    /// What it must remember to go on with the same bits.
+    /// Returns what the solver must remember to resume with the same bits.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] unless it can.
+    /// [`Error::Unsupported`] for a solver that cannot be saved, which is the default.
     fn save(&self) -> Result<Record<T>> {
         Err(Error::Unsupported {
             model: self.name().to_owned(),
@@ -87,11 +87,11 @@ pub trait Participant<T: Real>: Send {
         })
     }
 
-    /// Goes back to what [`Self::save`] returned. What it tells afterwards is held against what it told
-    /// then: inertia, centre of mass, displacements, velocities ([`Error::NotRestored`]).
+    /// Restores the state that [`Self::save`] returned. The run then compares inertia, centre of mass,
+    /// displacements and velocities with those at the time of saving ([`Error::NotRestored`]).
     ///
     /// # Errors
-    /// A record of another solver; [`Error::Unsupported`] unless it can.
+    /// A record of another solver; [`Error::Unsupported`] for a solver that cannot be restored.
     fn restore(&mut self, from: &Record<T>) -> Result<()> {
         let _ = from;
         Err(Error::Unsupported {
@@ -101,20 +101,20 @@ pub trait Participant<T: Real>: Send {
     }
 }
 
-/// What is known of a participant beside its motion: a body without forces of the core's.
+/// Data of an external solver apart from its motion, in the form of a model without internal forces.
 #[derive(Debug, Clone)]
 pub struct Outline<T: Real> {
     name: String,
     kind: String,
     layout: DofLayout,
     nodes: Vec<Point3<T>>,
-    /// Unweighted.
+    /// Unweighted inertia.
     inertia: Vec<T>,
     critical: Option<T>,
 }
 
 impl<T: Real> Outline<T> {
-    /// That of a participant with a lumped inertia without weights \[kg, kg m²\].
+    /// Outline of `solver`; `inertia` is its lumped inertia without weights \[kg, kg m²\].
     pub fn of(solver: &dyn Participant<T>, inertia: Vec<T>) -> Self {
         Self {
             name: solver.name().to_owned(),
@@ -154,6 +154,7 @@ impl<T: Real> Model<T> for Outline<T> {
         T::zero()
     }
     fn critical_step(&mut self, _: &[T]) -> Result<T> {
+        // A solver that is stable at every step sets no limit.
         Ok(self.critical.unwrap_or_else(|| T::of(f64::INFINITY)))
     }
 }

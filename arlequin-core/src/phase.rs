@@ -1,12 +1,12 @@
-//! What a step or a set-up is doing.
+//! Phases of a step and of a set-up.
 
-/// What a step is doing; announced so that an observer with a clock can tell where time goes.
+/// Phase of a step; announced so that an observer with a clock can measure where time goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Phase {
     /// Prediction and internal forces of a subdomain.
     Predict(usize),
-    /// A model changes itself (subdomain); only where one does.
+    /// Change of a model by itself (subdomain); only where there is one.
     Evolve(usize),
     /// Forces of an effect (subdomain, effect); only where there is one.
     Effect(usize, usize),
@@ -20,20 +20,20 @@ pub enum Phase {
     Observe,
 }
 
-/// What the set-up of a run is doing; announced so that a caller with a clock can tell where time goes.
+/// Phase of the set-up of a run; announced so that a caller with a clock can measure where time goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SetupPhase {
     /// Weighted inertia and stiffness, effects of a subdomain.
     Weights(usize),
-    /// Whether the weights sum to one wherever a model is.
+    /// Check that the weights sum to one wherever a model is.
     Partition,
     /// Coupling matrices of an interface.
     Junction(usize),
-    /// Its operator and the factor.
+    /// Operator of an interface, and its factor.
     Operator(usize),
-    /// Critical steps, and the step that follows.
+    /// Critical steps, and the time step chosen from them.
     Step,
-    /// Initial state: displacements, velocities and accelerations that fit together.
+    /// Initial state: consistent displacements, velocities and accelerations.
     Start,
 }

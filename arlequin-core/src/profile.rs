@@ -17,11 +17,11 @@ pub enum Profile<T> {
     Cubic,
     /// `p = 10s³ − 15s⁴ + 6s⁵` (C2).
     Quintic,
-    /// A C1 profile whose derivative is piecewise linear between stations of `s`, those of the mediator
-    /// nodes: then `grad f` lies in the mediator space and the patch test is exact. Built by
+    /// A C1 profile whose derivative is piecewise linear between stations of `s`, the positions of the
+    /// mediator nodes. Then `grad f` lies in the mediator space and the patch test is exact. Built by
     /// [`Profile::mediator_compatible`].
     Compatible(CompatibleProfile<T>),
-    /// A function of one's own. Built by [`Profile::custom`].
+    /// A user-defined function. Built by [`Profile::custom`].
     Custom(CustomProfile<T>),
 }
 
@@ -35,7 +35,7 @@ impl<T> std::fmt::Debug for CustomProfile<T> {
     }
 }
 
-/// Equal only to its own copies.
+/// Equal only to copies of itself.
 impl<T> PartialEq for CustomProfile<T> {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
@@ -51,7 +51,7 @@ pub struct CompatibleProfile<T> {
 }
 
 impl<T: Real> Profile<T> {
-    /// The C1 profile whose slope interpolates that of the cubic linearly between the given stations.
+    /// C1 profile whose slope interpolates the slope of the cubic linearly between the given stations.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] unless the stations rise from 0 to 1 with at least one in between.
@@ -67,6 +67,7 @@ impl<T: Real> Profile<T> {
                 "must rise from 0 to 1 with at least one in between; use two or more mediator layers across the overlap",
             ));
         }
+        // Slope of the cubic up to a factor, which the division by `total` supplies.
         let mut slope: Vec<T> = stations.iter().map(|&s| s * (T::one() - s)).collect();
         slope[0] = T::zero();
         slope[n - 1] = T::zero();
@@ -84,9 +85,9 @@ impl<T: Real> Profile<T> {
         }))
     }
 
-    /// A profile of one's own: a function that rises from `p(0) = 0` to `p(1) = 1` and never falls. Means
-    /// over cells are exact where it is a polynomial of degree five on every eighth of the overlap, and
-    /// close to that if it is smooth.
+    /// A user-defined profile: a function that rises from `p(0) = 0` to `p(1) = 1` and never falls. Means
+    /// over cells are exact if it is a polynomial of at most degree five on every eighth of the overlap, and
+    /// nearly exact if it is smooth.
     ///
     /// ```
     /// use arlequin_core::Profile;
@@ -97,13 +98,14 @@ impl<T: Real> Profile<T> {
     /// ```
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] for ends other than 0 and 1, and where it falls or is not a
-    /// number at one of 1025 places.
+    /// [`crate::Error::InvalidParameter`] for end values other than 0 and 1, and for a function that falls or
+    /// is not finite at one of 1025 places.
     pub fn custom(p: impl Fn(T) -> T + Send + Sync + 'static) -> Result<Self> {
         let refuse = |s: T, p: T, rule: &str| {
-            let found = format_args!("{p} at s = {s}");
-            Err(invalid("custom weight profile", found, rule))
+            let value = format_args!("{p} at s = {s}");
+            Err(invalid("custom weight profile", value, rule))
         };
+        // Ends may miss 0 and 1 by round-off, and a plateau may fall by it.
         let tolerance = T::epsilon() * T::of(64.0);
         for (s, end) in [(T::zero(), p(T::zero())), (T::one(), p(T::one()))] {
             if !end.is_finite() || (end - s).abs() > tolerance {
@@ -142,12 +144,13 @@ impl<T: Real> Profile<T> {
                     .clamp(1, c.stations.len() - 1)
                     - 1;
                 let (h, t) = (c.stations[j + 1] - c.stations[j], s - c.stations[j]);
+                // Integral of the linear slope from station `j` on.
                 c.value[j] + t * (c.slope[j] + (c.slope[j + 1] - c.slope[j]) * t / (h + h))
             }
         }
     }
 
-    /// Values of `s` between which the profile is one polynomial, or smooth enough.
+    /// Values of `s` between which the profile is one polynomial, or smooth if user-defined.
     pub(crate) fn breaks(&self) -> Vec<T> {
         match self {
             Self::Compatible(c) => c.stations.clone(),
@@ -157,7 +160,7 @@ impl<T: Real> Profile<T> {
     }
 }
 
-/// The profiles that have a name, in scenes and reports.
+/// Profiles that have a name in scenes and reports.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum ProfileKind {
     /// [`Profile::Constant`].
@@ -174,11 +177,11 @@ pub enum ProfileKind {
 }
 
 impl ProfileKind {
-    /// The profile of this kind: with the `value` given if it is constant (one half by default), with the
-    /// positions of the mediator nodes as `stations` if it is the mediator-compatible one.
+    /// Creates the profile of this kind. A constant profile takes `value` (default one half); the
+    /// mediator-compatible profile takes the positions of the mediator nodes as `stations`.
     ///
     /// # Errors
-    /// Those of [`Profile::mediator_compatible`].
+    /// Errors of [`Profile::mediator_compatible`].
     pub fn profile<T: Real>(self, value: Option<T>, stations: &[T]) -> Result<Profile<T>> {
         Ok(match self {
             Self::Constant => Profile::Constant(value.unwrap_or_else(|| T::of(0.5))),

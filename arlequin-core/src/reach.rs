@@ -1,10 +1,10 @@
-//! A field beyond its surface: where particles of the other model stick out.
+//! Continuation of a field beyond its surface, where particles of the other model stick out.
 //!
-//! From a point `a` of the surface and a point `b` behind it, on a line through `x`, shape functions go on
-//! linearly:
+//! The shape functions at a point `x` outside follow from those at a point `a` of the surface and at a point
+//! `b`, as far behind the surface as `x` is before it:
 //!
 //! ```text
-//! N(x) = (1 + t) N(a) − t N(b),   x = a + t (a − b),   0 ≤ t ≤ 1
+//! N(x) = 2 N(a) − N(b),   x = 2 a − b
 //! ```
 //!
 //! They still sum to one and reproduce linear fields, gradients included, so that momenta stay exact.
@@ -14,9 +14,9 @@ use crate::geometry::{BoxTree, bounds_of};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Nodes whose mean shows the way inwards.
+/// Nodes whose mean gives the direction inwards.
 const NODES: usize = 8;
-/// Halvings of the way to the surface: down to round-off.
+/// Halvings of the distance to the surface: down to round-off.
 const HALVINGS: usize = 50;
 
 /// A field with its linear continuation.
@@ -39,11 +39,11 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         }
     }
 
-    /// Shape functions at a point outside, as long as it is no farther from the surface than the mean of
-    /// the nearest nodes is behind it; `work` is memory to use.
+    /// Shape functions at a point outside of the field. The point must be no farther from the surface than
+    /// the mean of the nearest nodes is behind it. `work` holds working buffers.
     ///
     /// # Errors
-    /// [`Error::OutsideDomain`] farther away; those of the field.
+    /// [`Error::OutsideDomain`] for a point farther away; errors of the field.
     pub(crate) fn shape_at(
         &self,
         x: &Point3<T>,
@@ -60,6 +60,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         if !self.inside(&(x + way), false, &mut work[0])? {
             return Err(outside(x, self.field.kind()));
         }
+        // Bisection for the surface between the point (`near`) and the mean of the nodes (`far`).
         for _ in 0..HALVINGS {
             let middle = (far + near) * T::of(0.5);
             if self.inside(&(x + way * middle), false, &mut work[0])? {
@@ -82,6 +83,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
             for (n, &node) in from.nodes.iter().enumerate() {
                 let value = from.values[n] * factor;
                 let slope = gradient.then(|| from.gradients[n] * factor);
+                // Both points may see the same node: add up what it has in either.
                 match row.nodes.iter().position(|m| *m == node) {
                     Some(m) => {
                         row.values[m] += value;
@@ -110,25 +112,26 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
     fn nearest(&self, x: &Point3<T>) -> Vec<usize> {
         let nodes = self.field.nodes();
         let wanted = NODES.min(nodes.len());
-        let mut found = Vec::new();
-        // Never zero unless the point is the only node.
+        let mut nodes_around = Vec::new();
+        // Positive unless the point is the only node.
         let apart = nodes.first().map_or(T::zero(), |n| (n - x).norm());
         let mut radius = self.start.max(apart * T::of(1e-3));
-        while found.len() < wanted {
-            found.clear();
+        while nodes_around.len() < wanted {
+            nodes_around.clear();
             let reach = Vector3::repeat(radius);
             self.tree.any(&[x - reach, x + reach], &mut |k| {
-                // Inside the ball, or nearer ones beyond the box would be missed.
+                // Only nodes in the ball: the corners of the box reach farther than its faces, beyond which
+                // nearer nodes may lie.
                 if (nodes[k] - x).norm() <= radius {
-                    found.push(k);
+                    nodes_around.push(k);
                 }
                 false
             });
             radius += radius;
         }
         let distance = |k: &usize| (nodes[*k] - x).norm_squared().as_f64();
-        found.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
-        found.truncate(wanted);
-        found
+        nodes_around.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
+        nodes_around.truncate(wanted);
+        nodes_around
     }
 }

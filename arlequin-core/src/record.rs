@@ -1,9 +1,9 @@
-//! What an object must remember whose layout only the object knows.
+//! Saved states of objects whose layout only the object itself knows.
 
 use crate::{Error, Result};
 
-/// Numbers and counts of an object whose layout only the object knows: an effect with a history, a model
-/// that evolved.
+/// Saved state of an object whose layout only the object knows: an effect with a history, a model that
+/// evolved.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Record<T> {
@@ -32,7 +32,7 @@ impl<T> Record<T> {
     }
 }
 
-/// Refuses another number of things than expected.
+/// Returns an error unless `found` equals `expected`.
 pub(crate) fn same(what: &str, expected: usize, found: usize) -> Result<()> {
     if expected == found {
         return Ok(());

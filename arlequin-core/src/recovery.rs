@@ -1,8 +1,8 @@
 //! Stress and strain at the nodes of a model, recovered from where its law knows them.
 //!
-//! A model offers what it can through [`Recovery`]; [`Patches`] is the tool with which models of elements
-//! and of cells do so. Stresses are those of the material, without the weight of the energy: in an overlap
-//! both models tell the same.
+//! A model offers its values through [`Recovery`]; models of elements and of cells compute them with
+//! [`Patches`]. Stresses are those of the material, without the weight of the energy: in an overlap both
+//! models report the same stress.
 
 use crate::error::invalid;
 use crate::{Real, Result};
@@ -15,12 +15,12 @@ use rayon::prelude::*;
 pub struct SymmetricTensor<T>(pub [T; 6]);
 
 impl<T: Real> SymmetricTensor<T> {
-    /// No stress.
+    /// Zero tensor.
     pub fn zero() -> Self {
         Self([T::zero(); 6])
     }
 
-    /// The symmetric part of a matrix.
+    /// Symmetric part of a matrix.
     pub fn of(m: &Matrix3<T>) -> Self {
         let half = |a: usize, b: usize| (m[(a, b)] + m[(b, a)]) * T::of(0.5);
         Self([
@@ -33,7 +33,7 @@ impl<T: Real> SymmetricTensor<T> {
         ])
     }
 
-    /// The matrix.
+    /// Converts the tensor to a matrix.
     pub fn matrix(&self) -> Matrix3<T> {
         let [xx, yy, zz, xy, yz, xz] = self.0;
         Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
@@ -55,38 +55,38 @@ impl<T: Real> SymmetricTensor<T> {
     }
 }
 
-/// What is recovered at a node.
+/// Values recovered at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Recovered<T> {
-    /// Strain \[–\]; none for a model that knows forces only.
+    /// Strain \[–\]; `None` for a model that knows forces only.
     pub strain: Option<SymmetricTensor<T>>,
     /// Stress \[Pa\], tension positive, without weights.
     pub stress: SymmetricTensor<T>,
 }
 
-/// A model that knows stresses.
+/// A model that knows stresses at its nodes.
 pub trait Recovery<T: Real> {
-    /// How values come to the nodes, for reports.
+    /// Name of the recovery method, for reports.
     fn method(&self) -> &'static str;
 
-    /// Whether strains are recovered as well.
+    /// Returns whether strains are recovered as well.
     fn has_strain(&self) -> bool;
 
-    /// Stress and strain at the given nodes for displacements `q`, appended to `out`.
+    /// Appends stress and strain at the given nodes for displacements `q` to `out`.
     ///
     /// # Errors
-    /// Displacements of another length, nodes that are not there.
+    /// Displacements of another length, and nodes that do not exist.
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()>;
 }
 
-/// What a bond between two nodes carries.
+/// Forces in a bond between two nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkForce<T> {
-    /// Force along it, tension positive \[N\].
+    /// Force along the bond, tension positive \[N\].
     pub axial: T,
-    /// Force across it \[N\], never negative.
+    /// Force across the bond \[N\], never negative.
     pub shear: T,
-    /// Load over strength, at one of which it breaks \[–\]; none where no strength is known.
+    /// Load over strength \[–\], at one of which the bond breaks; `None` if the strength is not known.
     pub utilisation: Option<T>,
 }
 
@@ -95,32 +95,31 @@ pub trait Links<T: Real> {
     /// Nodes of every bond.
     fn pairs(&self) -> &[[u32; 2]];
 
-    /// What the bonds carry at displacements `q`, without weights, appended to `out` in the order of
-    /// [`Links::pairs`]; nothing in those that are broken.
+    /// Appends the forces in the bonds at displacements `q` to `out`, without weights, in the order of
+    /// [`Links::pairs`]; zero in broken bonds.
     ///
     /// # Errors
     /// Displacements of another length.
     fn forces(&self, q: &[T], out: &mut Vec<LinkForce<T>>) -> Result<()>;
 
-    /// Strain energy density of every node \[J/m³\] at displacements `q`, without weights, appended to
-    /// `out`: the energy of its bonds, each shared between its two nodes, over the volume that the node
-    /// stands for. Broken bonds hold none. Where no weight is below one, the sum over all nodes with their
-    /// volumes is the strain energy of the model.
+    /// Appends the strain energy density of every node \[J/m³\] at displacements `q` to `out`, without
+    /// weights. It is the energy of the node's bonds, each shared between its two nodes, over the volume that
+    /// the node stands for; broken bonds hold none. Where no weight is below one, the sum over all nodes
+    /// times their volumes is the strain energy of the model.
     ///
     /// # Errors
     /// Displacements of another length.
     fn energy_densities(&self, q: &[T], out: &mut Vec<T>) -> Result<()>;
 }
 
-/// How far outside of its samples a node may lie along one of their principal directions, over their root
-/// of squared distances there: beyond, the values are constant along it. A corner of a cube of hexahedra
-/// has 0.7.
+/// Farthest position of a node outside of its samples along one of their principal directions, over the root
+/// of the sum of squared distances there. Farther out, values are constant along that direction. A corner of
+/// a cube of hexahedra has 0.7.
 const REACH: f64 = 2.0;
 
-/// Values at nodes from values at samples by least squares: to the samples of a patch a linear polynomial
-/// is fitted and evaluated at the node, so that linear fields are exact wherever a patch spans the body
-/// (patch recovery, Zienkiewicz and Zhu 1992). Along directions in which a patch has no extent the value is
-/// constant.
+/// Values at nodes from values at samples by least squares: a linear polynomial is fitted to the samples of a
+/// patch and evaluated at the node (patch recovery, Zienkiewicz and Zhu 1992). Linear fields are exact
+/// wherever a patch spans the body. Along directions in which a patch has no extent the value is constant.
 #[derive(Debug, Clone)]
 pub struct Patches<T> {
     starts: Vec<usize>,
@@ -129,21 +128,23 @@ pub struct Patches<T> {
 }
 
 impl<T: Real> Patches<T> {
-    /// Fits at every node; `patches` writes the samples of the patches of a node, whose fits are averaged.
+    /// Prepares the fits at every node. `patches(k, out)` writes the patches of node `k` as lists of samples;
+    /// the fits of its patches are averaged.
     pub fn new(
         nodes: &[Point3<T>],
         samples: &[Point3<T>],
         patches: impl Fn(usize, &mut Vec<Vec<u32>>) + Sync,
     ) -> Self {
         let row = |k: usize| {
-            let mut all = Vec::new();
-            patches(k, &mut all);
-            let share = T::one() / T::of(all.len().max(1) as f64);
+            let mut node_patches = Vec::new();
+            patches(k, &mut node_patches);
+            let share = T::one() / T::of(node_patches.len().max(1) as f64);
             let mut row: Vec<(u32, T)> = Vec::new();
-            for patch in &all {
+            for patch in &node_patches {
                 fit(&nodes[k], samples, patch, share, &mut row);
             }
             row.sort_by_key(|e| e.0);
+            // A sample in several patches gets the sum of its factors.
             row.dedup_by(|b, a| {
                 a.0 == b.0 && {
                     a.1 += b.1;
@@ -173,33 +174,33 @@ impl<T: Real> Patches<T> {
         samples.zip(self.factors[range].iter().copied())
     }
 
-    /// Appends strain and stress at `nodes` of `model` to `out`, from those `of` every one of `count`
-    /// samples.
+    /// Appends strain and stress at `nodes` of `model` to `out`, from those at `count` samples:
+    /// `sample_values(s)` returns strain and stress at sample `s`.
     ///
     /// # Errors
-    /// [`crate::Error::InvalidParameter`] for a node that is not there.
+    /// [`crate::Error::InvalidParameter`] for a node that does not exist.
     pub fn recover(
         &self,
         model: &str,
         nodes: &[usize],
         count: usize,
-        of: impl Fn(usize) -> [SymmetricTensor<T>; 2] + Sync,
+        sample_values: impl Fn(usize) -> [SymmetricTensor<T>; 2] + Sync,
         out: &mut Vec<Recovered<T>>,
     ) -> Result<()> {
         if let Some(k) = nodes.iter().find(|k| **k >= self.len()) {
             let rule = format!("'{model}' has {} nodes", self.len());
             return Err(invalid("number of a node", k, &rule));
         }
-        // Samples are shared by many patches where most nodes are asked for.
+        // Patches share samples: if most nodes are asked for, evaluate every sample once.
         let known: Vec<_> = if nodes.len() * 4 > self.len() {
-            (0..count).into_par_iter().map(&of).collect()
+            (0..count).into_par_iter().map(&sample_values).collect()
         } else {
             Vec::new()
         };
-        let at = |node: &usize| {
+        let values_at = |node: &usize| {
             let mut sums = [SymmetricTensor::zero(); 2];
             for (s, factor) in self.row(*node) {
-                let values = known.get(s).copied().unwrap_or_else(|| of(s));
+                let values = known.get(s).copied().unwrap_or_else(|| sample_values(s));
                 for (sum, value) in sums.iter_mut().zip(values) {
                     sum.0.iter_mut().zip(value.0).for_each(|(s, v)| *s += factor * v);
                 }
@@ -208,7 +209,7 @@ impl<T: Real> Patches<T> {
             let strain = Some(strain);
             Recovered { strain, stress }
         };
-        out.par_extend(nodes.par_iter().map(at));
+        out.par_extend(nodes.par_iter().map(values_at));
         Ok(())
     }
 
@@ -217,29 +218,32 @@ impl<T: Real> Patches<T> {
         self.starts.len() - 1
     }
 
-    /// Whether there is no node.
+    /// Returns whether there is no node.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// `1/n + (x − x̄)ᵀ M⁺ (x_s − x̄)` for every sample of a patch, `M = Σ (x_s − x̄)(x_s − x̄)ᵀ`.
+/// Adds the factors of the samples of one patch to `row`: `share` times `1/n + (x − x̄)ᵀ M⁺ (x_s − x̄)`,
+/// where `M = Σ (x_s − x̄)(x_s − x̄)ᵀ`.
 fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, row: &mut Vec<(u32, T)>) {
-    let each = share / T::of(patch.len() as f64);
-    let at = |s: &u32| samples[*s as usize].coords;
-    let mean = patch.iter().fold(Vector3::zeros(), |m, s| m + at(s)) / T::of(patch.len() as f64);
+    let equal_share = share / T::of(patch.len() as f64);
+    let position = |s: &u32| samples[*s as usize].coords;
+    let mean = patch.iter().fold(Vector3::zeros(), |m, s| m + position(s)) / T::of(patch.len() as f64);
     let spread = patch.iter().fold(Matrix3::zeros(), |m, s| {
-        let d = at(s) - mean;
+        let d = position(s) - mean;
         m + d * d.transpose()
     });
-    let own = x.coords - mean;
+    let arm = x.coords - mean;
+    // Directions in which the samples differ by round-off only have no slope.
     let flat = spread.trace() * T::epsilon() * T::of(64.0);
     let mut slope = Vector3::zeros();
     if spread.trace() > T::zero() {
         let eigen = SymmetricEigen::new(spread);
         for k in 0..3 {
             let (axis, size) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
-            let out = axis.dot(&own);
+            let out = axis.dot(&arm);
+            // No slope along directions in which the node lies far outside of the samples.
             if size > flat && out * out <= size * T::of(REACH * REACH) {
                 slope += axis * (out / size);
             }
@@ -248,7 +252,7 @@ fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, r
     row.extend(
         patch
             .iter()
-            .map(|s| (*s, each + share * slope.dot(&(at(s) - mean)))),
+            .map(|s| (*s, equal_share + share * slope.dot(&(position(s) - mean)))),
     );
 }
 

@@ -1,4 +1,4 @@
-//! The one scalar bound of the workspace, and the door to the direct solvers.
+//! The one scalar bound of the workspace, and access to the direct solvers.
 
 use crate::linalg::{self, DenseEigen, SpdFactor, SquareFactor};
 use crate::{Error, Result};
@@ -6,8 +6,8 @@ use sprs::CsMat;
 
 /// Real numbers the workspace computes with; implemented for `f32` and `f64` only.
 ///
-/// The sparse and dense factorisations hang on the scalar so that the solver library is instantiated
-/// once per type in this crate and stays out of every public bound.
+/// The factorisations are methods of the scalar, so that the solver library is instantiated once per type in
+/// this crate and appears in no public bound.
 pub trait Real:
     nalgebra::RealField
     + sprs::MulAcc
@@ -20,13 +20,13 @@ pub trait Real:
     + Sync
     + 'static
 {
-    /// A literal in generic code.
+    /// Converts a literal in generic code.
     fn of(x: f64) -> Self;
 
     /// The value as `f64`, for messages and reports.
     fn as_f64(self) -> f64;
 
-    /// Distance between one and the next number.
+    /// Distance between one and the next larger number.
     fn epsilon() -> Self;
 
     /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored).
@@ -35,12 +35,12 @@ pub trait Real:
     /// [`Error::NotPositiveDefinite`] with the pivot at which the factorisation broke down.
     fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>>;
 
-    /// Entries that such a factor will have.
+    /// Number of entries that the Cholesky factor will have.
     fn cholesky_entries(matrix: &CsMat<Self>) -> usize;
 
-    /// Rows of a symmetric matrix (both triangles stored) that have a negative pivot once `shift` is taken
-    /// off its diagonal: as many as it has eigenvalues below `shift`. None where the factorisation breaks
-    /// down.
+    /// Rows of a symmetric matrix (both triangles stored) whose pivots are negative once `shift` is
+    /// subtracted from the diagonal. Their number is that of the eigenvalues below `shift`. `None` if the
+    /// factorisation breaks down.
     fn negative_pivots(matrix: &CsMat<Self>, shift: Self) -> Option<Vec<usize>>;
 
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.
@@ -95,10 +95,10 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
-/// Fails with [`Error::NotFinite`] unless every number is finite.
+/// Checks that every number is finite.
 ///
 /// # Errors
-/// Names `what` and the first offending index.
+/// [`Error::NotFinite`], naming `what` and the index of the first number that is not finite.
 pub fn check_finite<T: Real>(what: &str, values: &[T]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite()) {
         None => Ok(()),
@@ -109,7 +109,7 @@ pub fn check_finite<T: Real>(what: &str, values: &[T]) -> Result<()> {
     }
 }
 
-/// `Σ a_i b_i`, in the order of the unknowns.
+/// Scalar product `Σ a_i b_i`, summed in the order of the unknowns.
 pub(crate) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     a.iter().zip(b).fold(T::zero(), |s, (x, y)| s + *x * *y)
 }

@@ -1,6 +1,6 @@
 //! The three energies that models share.
 
-/// What a weight is a share of.
+/// Energy that a weight divides among models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Share {
     /// Internal energy, `α`.

@@ -7,33 +7,33 @@ use crate::{Real, Result};
 use nalgebra::DMatrix;
 use std::ops::Range;
 
-/// Adds the internal forces at a displacement.
+/// Closure that adds the internal forces at a displacement.
 pub type AddForces<'a, T> = dyn FnMut(&[T], &mut [T]) -> Result<()> + 'a;
 
-/// Most steps towards the eigenvalue itself.
+/// Most Lanczos steps for the eigenvalue itself.
 const STEPS: usize = 80;
 
-/// Numbers that all its vectors may take (32 MB). Beyond, each is made orthogonal to the last two only:
-/// what round-off brings back of the others are copies of eigenvalues that are found already, and none lies
+/// Most numbers that all Lanczos vectors together may take (32 MB). Beyond, each vector is made orthogonal to
+/// the last two only. Round-off then brings back copies of eigenvalues that are already known, none of them
 /// above the largest.
 const STORED: usize = 1 << 22;
 
 /// Most steps of [`largest_ritz`]; about sixty settle the top of the spectrum.
 const LEAN: usize = 300;
 
-/// Relative residual at which its largest Ritz value is taken.
+/// Relative residual at which the largest Ritz value is accepted.
 const RESIDUAL: f64 = 1e-4;
 
-/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; infinite if nothing moves. A nonlinear model gives its
-/// own in [`crate::Model::critical_step`].
+/// Critical step `2/ω_max` \[s\] of `M q̈ = −K q`; `f32::MAX` if nothing moves. A nonlinear model computes
+/// its own in [`crate::Model::critical_step`].
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn critical_step<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     Ok(step_of(largest_eigenvalue(inverse_inertia, add_forces)?))
 }
 
-/// `2/√λ` \[s\] for the largest `λ = ω²` \[1/s²\].
+/// `2/√λ` \[s\] for the largest `λ = ω²` \[1/s²\]; `f32::MAX` unless it is positive.
 pub fn step_of<T: Real>(largest: T) -> T {
     if largest > T::zero() {
         T::of(2.0) / largest.sqrt()
@@ -42,11 +42,11 @@ pub fn step_of<T: Real>(largest: T) -> T {
     }
 }
 
-/// The critical step of [`critical_step`] for unknowns of `layout`, or of the part of a model that is here:
-/// the same bits on any number of ranks, all of which must ask.
+/// Critical step as of [`critical_step`], for unknowns of `layout`, or of this rank's part of a partitioned
+/// model. Has the same bits on any number of ranks. Collective.
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn critical_step_of_nodes<T: Real>(
     inverse_inertia: &[T],
     layout: DofLayout,
@@ -58,11 +58,11 @@ pub fn critical_step_of_nodes<T: Real>(
 }
 
 /// Largest eigenvalue `ω²` of `M⁻¹K` \[1/s²\], where `add_forces` adds `−K q`; `inverse_inertia = 0` marks
-/// prescribed unknowns. To round-off for most models; up to 80 vectors, all of them stored for small models
-/// only.
+/// prescribed unknowns. Accurate to round-off for most models. Takes at most 80 steps and stores all of their
+/// vectors for small models only.
 ///
 /// # Errors
-/// Those of `add_forces`.
+/// Errors of `add_forces`.
 pub fn largest_eigenvalue<T: Real>(inverse_inertia: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     largest_in(inverse_inertia, &Space::Plain(inverse_inertia.len()), add_forces)
 }
@@ -75,31 +75,34 @@ fn largest_in<T: Real>(
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
     let mut basis: Vec<Vec<T>> = Vec::new();
     let mut top = T::zero();
-    let all = space.size() * STEPS <= STORED;
+    let stored = space.size() * STEPS <= STORED;
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
-        if !all {
-            t.part(w, &v, basis.last().map_or(&[], Vec::as_slice));
+        if !stored {
+            t.subtract_parts(w, &v, basis.last().map_or(&[], Vec::as_slice));
             basis.clear();
             return basis.push(v);
         }
         basis.push(v);
-        (0..2).for_each(|_| space.take_out(w, &basis));
+        // Two passes make the vector orthogonal to round-off.
+        (0..2).for_each(|_| space.orthogonalise(w, &basis));
     };
     lanczos((&root, space), STEPS, add_forces, orthogonal, &mut |t| {
         let previous = top;
         top = t.top()?;
         let settled = t.diagonal.len() > 21 && (top - previous).abs() <= top * T::of(1e-10);
-        Ok(settled || t.rest <= top * T::epsilon() * T::of(16.0))
+        // A rest of round-off size: the space of the iteration holds the eigenvector already.
+        Ok(settled || t.residual <= top * T::epsilon() * T::of(16.0))
     })?;
     Ok(top)
 }
 
-/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`: not below the largest eigenvalue by
-/// more than the relative 1e-4, in memory of a few vectors; zero if nothing moves. The unknowns are those
-/// of `layout`, or of the part of a model that is here: the same bits on any number of ranks.
+/// Largest Ritz value of `R K R` plus its residual, `R = diag(root)`; zero if nothing moves. The result is
+/// not below the largest eigenvalue by more than a relative 1e-4, and takes memory for a few vectors. The
+/// unknowns are those of `layout`, or of this rank's part of a partitioned model. Has the same bits on any
+/// number of ranks. Collective.
 ///
 /// # Errors
-/// Those of `add_forces`, which adds `−K q`.
+/// Errors of `add_forces`, which adds `−K q`.
 pub fn largest_ritz<T: Real>(
     root: &[T],
     layout: DofLayout,
@@ -110,33 +113,41 @@ pub fn largest_ritz<T: Real>(
     let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
-        t.part(w, &v, &last);
+        t.subtract_parts(w, &v, &last);
         last = v;
     };
     lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
-        let invariant = t.rest <= T::of(1e-14) * t.diagonal[step - 1].abs();
+        let invariant = t.residual <= T::of(1e-14) * t.diagonal[step - 1].abs();
+        // Ritz values cost an eigenvalue problem of the size of the step: compute them every tenth step only.
         if !(invariant || step.is_multiple_of(10) || step == limit) {
             return Ok(false);
         }
         let (value, end) = t.top_ritz();
-        let rest = if invariant { T::zero() } else { t.rest * end.abs() };
-        top = value + rest;
-        Ok(rest <= T::of(RESIDUAL) * value || invariant)
+        // The residual of a Ritz vector is the norm of the next vector times its own last entry.
+        let residual = if invariant {
+            T::zero()
+        } else {
+            t.residual * end.abs()
+        };
+        top = value + residual;
+        Ok(residual <= T::of(RESIDUAL) * value || invariant)
     })?;
     Ok(top.max(T::zero()))
 }
 
-/// The projected operator: a symmetric tridiagonal matrix, and the norm of what the next vector was made of.
+/// The projected operator: a symmetric tridiagonal matrix, and the norm of the residual that the next vector
+/// is made of.
 struct Tridiagonal<T> {
     diagonal: Vec<T>,
     off: Vec<T>,
-    rest: T,
+    residual: T,
 }
 
 impl<T: Real> Tridiagonal<T> {
-    /// Takes the parts of the last vector `v` and of the one before it, if there is one, out of a new one.
-    fn part(&self, w: &mut [T], v: &[T], before: &[T]) {
+    /// Subtracts from a new vector its parts along the last vector `v` and along the vector before, if there
+    /// is one.
+    fn subtract_parts(&self, w: &mut [T], v: &[T], before: &[T]) {
         let alpha = self.diagonal.last().copied().unwrap_or_else(T::zero);
         let beta = self.off.last().copied().unwrap_or_else(T::zero);
         if before.is_empty() {
@@ -148,11 +159,11 @@ impl<T: Real> Tridiagonal<T> {
     }
 }
 
-/// Takes out of a new vector what must not be in it: the one before (which is handed over) and others.
+/// Makes a new vector orthogonal to the vector before (handed over) and to others.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
-/// Lanczos iteration on the symmetric `R K R` from a fixed start (so that the result is reproducible) until
-/// `settled`.
+/// Lanczos iteration on the symmetric `R K R` until `settled`. The start is fixed, so that the result is
+/// reproducible.
 fn lanczos<T: Real>(
     (root, space): (&[T], &Space<'_>),
     limit: usize,
@@ -163,7 +174,7 @@ fn lanczos<T: Real>(
     let n = root.len();
     let moves = |i: usize| {
         if root[i] > T::zero() {
-            scatter(space.number(i))
+            start_value(space.global_number(i))
         } else {
             T::zero()
         }
@@ -175,22 +186,23 @@ fn lanczos<T: Real>(
     let mut t = Tridiagonal {
         diagonal: Vec::new(),
         off: Vec::new(),
-        rest: T::zero(),
+        residual: T::zero(),
     };
     let (mut q, mut w) = (vec![T::zero(); n], vec![T::zero(); n]);
     for _ in 0..limit.min(space.size()) {
         (0..n).for_each(|i| q[i] = root[i] * v[i]);
         w.fill(T::zero());
         add_forces(&q, &mut w)?;
+        // Forces are `−K q`: the sign makes the operator positive.
         w.iter_mut().zip(root).for_each(|(w, r)| *w *= -*r);
         t.diagonal.push(space.dot(&w, &v));
         orthogonal(&mut w, v, &t);
-        t.rest = space.normalise(&mut w);
-        space.heard()?;
+        t.residual = space.normalise(&mut w);
+        space.check_ranks()?;
         if settled(&t)? {
             break;
         }
-        t.off.push(t.rest);
+        t.off.push(t.residual);
         v = w.clone();
     }
     Ok(())
@@ -223,22 +235,22 @@ impl<T: Real> Tridiagonal<T> {
     }
 }
 
-/// A fixed, well-spread sequence in (−1, 1), free of any symmetry of the model.
-fn scatter<T: Real>(i: usize) -> T {
+/// A fixed, well-spread sequence in (−0.9, 1.1), free of any symmetry of the model.
+fn start_value<T: Real>(i: usize) -> T {
     let x = ((i as f64 + 1.0) * 0.618_033_988_749_894_9).fract();
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
 
-/// Where the vectors of an iteration live.
+/// Vector space of an iteration.
 enum Space<'a> {
-    /// So many unknowns, all here.
+    /// Unknowns without nodes, all on this rank; their number.
     Plain(usize),
-    /// Unknowns of nodes, on whatever ranks.
+    /// Unknowns of nodes, on one rank or spread over several.
     Nodes(DofLayout, Option<&'a Portion>),
 }
 
 impl Space<'_> {
-    /// Unknowns on all ranks.
+    /// Number of unknowns on all ranks.
     fn size(&self) -> usize {
         match self {
             Self::Plain(n) => *n,
@@ -249,8 +261,8 @@ impl Space<'_> {
         }
     }
 
-    /// Number of an unknown among those of all ranks.
-    fn number(&self, i: usize) -> usize {
+    /// Number that a local unknown has among the unknowns of all ranks.
+    fn global_number(&self, i: usize) -> usize {
         let Self::Nodes(layout, Some(portion)) = self else {
             return i;
         };
@@ -275,9 +287,9 @@ impl Space<'_> {
         sum
     }
 
-    /// Takes the parts of orthonormal vectors out of `w`: one after the other, or all at once, for one sum
-    /// over ranks. Twice is enough either way.
-    fn take_out<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
+    /// Subtracts from `w` its parts along orthonormal vectors: one after the other, or all at once with one
+    /// all-reduce. Two passes are enough either way.
+    fn orthogonalise<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
                 let c = dot(w, b);
@@ -297,8 +309,9 @@ impl Space<'_> {
         }
     }
 
-    /// Whether ranks still hear of each other: an iteration with what is not a number has no end.
-    fn heard(&self) -> Result<()> {
+    /// Returns the failure of the communication between ranks, if there was one: on NaN an iteration would
+    /// not end.
+    fn check_ranks(&self) -> Result<()> {
         match self {
             Self::Nodes(_, Some(portion)) => portion.failure().map_or(Ok(()), |e| Err(e.clone().into())),
             _ => Ok(()),

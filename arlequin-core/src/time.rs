@@ -6,31 +6,31 @@ use crate::error::invalid;
 use crate::{Real, Result};
 use std::sync::{Arc, Mutex};
 
-/// A function of time by a formula, with the text that says it.
+/// A function of time given by a formula, with the text of the formula.
 #[derive(Clone)]
 pub struct Formula {
     text: Arc<str>,
-    at: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
-    /// Integrals up to some times, found when they are asked for.
+    function: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
+    /// Integrals up to certain times, computed on request.
     sums: Arc<Mutex<Vec<f64>>>,
 }
 
 impl Formula {
-    /// A formula and what it says; it must always give the same value at the same time.
-    pub fn new(text: &str, at: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
+    /// Formula with its text. The function must always return the same value at the same time.
+    pub fn new(text: &str, function: impl Fn(f64) -> f64 + Send + Sync + 'static) -> Self {
         Self {
             text: text.into(),
-            at: Arc::new(at),
+            function: Arc::new(function),
             sums: Arc::default(),
         }
     }
 
-    /// Value at time `t` \[s\]. Before time zero the formula goes on, or has its value at zero where it
-    /// makes no sense there.
+    /// Value at time `t` \[s\]. Before time zero the formula goes on; where it is not finite there, its value
+    /// at zero is taken.
     pub fn at(&self, t: f64) -> f64 {
-        let value = (self.at)(t);
+        let value = (self.function)(t);
         if t < 0.0 && !value.is_finite() {
-            return (self.at)(0.0);
+            return (self.function)(0.0);
         }
         value
     }
@@ -42,7 +42,7 @@ impl std::fmt::Debug for Formula {
     }
 }
 
-/// Equal where they say the same.
+/// Equal if the texts are equal.
 impl PartialEq for Formula {
     fn eq(&self, other: &Self) -> bool {
         self.text == other.text
@@ -69,8 +69,8 @@ pub enum TimeFunction<T> {
     Table(Vec<(T, T)>),
     /// Any formula.
     Formula(Formula),
-    /// `∫_0^t` of another function \[s\]: a motion of which the speed is given. Exact for all but formulas,
-    /// of which pieces are halved until two rules of quadrature agree to round-off.
+    /// `∫_0^t` of another function \[s\], for a motion given by its speed. Exact except for formulas and
+    /// integrals, whose intervals are halved until two rules of quadrature agree to round-off.
     Integral(Box<Self>),
 }
 
@@ -88,7 +88,7 @@ impl<T: Real> TimeFunction<T> {
                 &f.text,
                 "must be finite at t = 0",
             )),
-            Self::Integral(of) => of.validate(),
+            Self::Integral(integrand) => integrand.validate(),
             Self::Ramp { duration } | Self::SmoothPulse { duration } => {
                 if *duration > T::zero() && duration.is_finite() {
                     Ok(())
@@ -115,13 +115,13 @@ impl<T: Real> TimeFunction<T> {
         }
     }
 
-    /// Value at time `t` \[s\]; zero before time zero except for tables and formulas.
+    /// Value at time `t` \[s\]; zero before time zero except for tables, formulas and their integrals.
     pub fn at(&self, t: T) -> T {
         T::of(self.at_wide(t.as_f64()))
     }
 
-    /// The same in double precision: prescribed motions take differences over a step, of which single
-    /// precision would leave nothing.
+    /// Value in double precision: prescribed motions take differences over a step, which single precision
+    /// would lose.
     pub(crate) fn at_wide(&self, t: f64) -> f64 {
         match self {
             Self::Step => f64::from(u8::from(t >= 0.0)),
@@ -136,7 +136,7 @@ impl<T: Real> TimeFunction<T> {
                 }
             }
             Self::Formula(f) => f.at(t),
-            Self::Integral(of) => of.integral(t),
+            Self::Integral(integrand) => integrand.integral(t),
             Self::Table(rows) => {
                 let k = rows.partition_point(|r| r.0.as_f64() <= t);
                 if k == 0 {
@@ -175,10 +175,11 @@ impl<T: Real> TimeFunction<T> {
                 between.extend([low, high]);
                 between.sort_by(f64::total_cmp);
                 let part = |w: &[f64]| 0.5 * (w[1] - w[0]) * (self.at_wide(w[0]) + self.at_wide(w[1]));
+                // Before time zero the integral runs backwards.
                 t.signum() * between.windows(2).map(part).sum::<f64>()
             }
             Self::Formula(f) => f.integral(t),
-            Self::Integral(_) => antiderivative::between(&|t| self.at_wide(t), 0.0, t),
+            Self::Integral(_) => antiderivative::integral_between(&|t| self.at_wide(t), 0.0, t),
         }
     }
 }

@@ -1,10 +1,10 @@
-//! A box tree: which of many boxes meet a given one, in logarithmic time.
+//! A box tree: finds which of many boxes meet a given one, in logarithmic time.
 
 use crate::Real;
 use crate::geometry::bounds_of;
 use nalgebra::Point3;
 
-/// A box tree over cells, to find those that meet a given box in logarithmic time.
+/// A tree over boxes, to find those that meet a given box in logarithmic time.
 #[derive(Debug, Clone)]
 pub struct BoxTree<T: Real> {
     boxes: Vec<[Point3<T>; 2]>,
@@ -57,6 +57,7 @@ impl<T: Real> BoxTree<T> {
         let half = count / 2;
         let boxes = &self.boxes;
         let key = |k: &u32| (boxes[*k as usize][0][axis] + boxes[*k as usize][1][axis]).as_f64();
+        // Ties by number, so that there is one tree for given boxes.
         self.order[range].select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
         self.split(first, half);
         self.nodes[node].right = self.nodes.len() as u32;
@@ -66,6 +67,7 @@ impl<T: Real> BoxTree<T> {
     /// Calls `visit` with the index of every box that meets `query`, until it returns `true`.
     pub fn any(&self, query: &[Point3<T>; 2], visit: &mut dyn FnMut(usize) -> bool) -> bool {
         let meets = |b: &[Point3<T>; 2]| (0..3).all(|k| b[0][k] <= query[1][k] && query[0][k] <= b[1][k]);
+        // Halves of at most 2³² boxes are nested 32 deep, and one entry waits at each level.
         let mut stack = [0u32; 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
@@ -77,6 +79,7 @@ impl<T: Real> BoxTree<T> {
             if !meets(&node.bounds) {
                 continue;
             }
+            // The root is nobody's right child: zero marks a leaf.
             if node.right == 0 {
                 for &k in &self.order[node.first as usize..(node.first + node.count) as usize] {
                     if meets(&self.boxes[k as usize]) && visit(k as usize) {
@@ -85,6 +88,7 @@ impl<T: Real> BoxTree<T> {
                 }
             } else {
                 stack[depth] = node.right;
+                // The left child follows its parent.
                 stack[depth + 1] = id + 1;
                 depth += 2;
             }

@@ -1,9 +1,9 @@
 //! Weight functions: how overlapping models share energy, mass and load.
 //!
-//! `f = 1` where only the coarse model lives, `0` where only the fine one does, and in the overlap `f = ε +
+//! `f = 1` where only the coarse model lives and `0` where only the fine model does. In the overlap `f = ε +
 //! (1 − ε − ε_D) p(s)` with a profile `p` of the normalised position `s ∈ [0, 1]`, counted from the fine
-//! border, `ε` the smallest weight of the coarse model and `ε_D` that of the fine one (`ε` as well unless
-//! it is given).
+//! border. `ε` is the floor (smallest weight) of the coarse model, `ε_D` that of the fine model, equal to `ε`
+//! unless given.
 
 use crate::error::invalid;
 use crate::geometry::{self, Cell, HalfSpace};
@@ -43,7 +43,7 @@ pub trait Weight<T: Real>: Send + Sync {
     }
 }
 
-/// The same value everywhere; `Uniform(1)` is a model that is not coupled.
+/// A weight with one value everywhere; `Uniform(1)` is for a model that is not coupled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uniform<T>(pub T);
 
@@ -56,7 +56,7 @@ impl<T: Real> Weight<T> for Uniform<T> {
     }
 }
 
-/// `1 − Σ` of other weights: the fine model's share beside one or several coarse ones.
+/// One minus other weights: the weight of the fine model beside one or several coarse ones.
 #[derive(Clone)]
 pub struct Complement<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
 
@@ -75,9 +75,9 @@ impl<T: Real> Weight<T> for Complement<T> {
     }
 }
 
-/// Product of weights: the share of a model in what a coarser one leaves, `(1 − f) g`. All shares of a
-/// chain, `f`, `(1 − f) g`, `(1 − f)(1 − g)`, … are positive and sum to one, also where more than two
-/// models are.
+/// Product of weights: the weight `(1 − f) g` of a model that receives `g` of what a coarser one leaves. All
+/// weights of a chain, `f`, `(1 − f) g`, `(1 − f)(1 − g)`, …, are positive and sum to one, even where more
+/// than two models overlap.
 #[derive(Clone)]
 pub struct Product<T: Real>(pub Vec<Arc<dyn Weight<T>>>);
 
@@ -91,16 +91,16 @@ impl<T: Real> Weight<T> for Product<T> {
     fn at(&self, x: &Point3<T>) -> T {
         self.0.iter().fold(T::one(), |p, w| p * w.at(x))
     }
-    /// That of the only factor that varies over the cell times the others, exactly; numerically where
-    /// several do.
+    /// Exact where only one factor varies over the cell: its mean times the other factors. Otherwise
+    /// numerical.
     fn mean(&self, cell: &Cell<T>) -> T {
         let corners = cell.corners();
-        // Profiles are monotone: what is zero or one at all corners is so between them.
+        // Profiles are monotone: a weight that is zero or one at all corners is so between them.
         let fixed = |w: &Arc<dyn Weight<T>>| {
-            let all = |v: T| corners.iter().all(|x| w.at(x) == v);
+            let is_everywhere = |v: T| corners.iter().all(|x| w.at(x) == v);
             [T::zero(), T::one()]
                 .into_iter()
-                .find(|v| all(*v) && w.mean(cell) == *v)
+                .find(|v| is_everywhere(*v) && w.mean(cell) == *v)
         };
         let (mut factor, mut varying) = (T::one(), Vec::new());
         for w in &self.0 {
@@ -111,7 +111,7 @@ impl<T: Real> Weight<T> for Product<T> {
         }
         match varying.as_slice() {
             [] => factor,
-            [one] => factor * one.mean(cell),
+            [single] => factor * single.mean(cell),
             _ => geometry::mean(cell, 2, &|x| self.at(x)),
         }
     }
@@ -137,7 +137,8 @@ impl<T: Real> std::fmt::Debug for Ramp<T> {
 }
 
 impl<T: Real> Ramp<T> {
-    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap; see [`Self::with_fine_floor`].
+    /// Weight with the given profile, kept in `[ε, 1 − ε]` inside the overlap; [`Self::with_fine_floor`]
+    /// changes the upper limit.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for `ε` outside `[0, 0.5)` or a constant outside `[0, 1]`.
@@ -158,12 +159,11 @@ impl<T: Real> Ramp<T> {
         })
     }
 
-    /// The same with a smallest weight of the fine model of its own, at the border to the coarse model's
-    /// region.
+    /// Sets the floor of the fine model: its smallest weight, at the border to the coarse model's region.
     ///
-    /// Where it vanishes, the forces that the packing's scatter leaves unbalanced strain next to no
-    /// stiffness: the skin of particles there is loaded several times as hard as the body. A floor of 0.1
-    /// takes that away (decision 0022).
+    /// The scatter of a packing leaves forces unbalanced. Where the weight vanishes, these forces strain next
+    /// to no stiffness, and the outermost particles are loaded several times as hard as the body. A floor of
+    /// 0.1 prevents this (decision 0022).
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a value outside `[0, 0.5)`.
@@ -179,7 +179,7 @@ impl<T: Real> Ramp<T> {
         Ok(self)
     }
 
-    fn of_position(&self, place: Place<T>) -> T {
+    fn at_place(&self, place: Place<T>) -> T {
         match place {
             Place::Coarse => T::one(),
             Place::Fine => T::zero(),
@@ -190,8 +190,8 @@ impl<T: Real> Ramp<T> {
         }
     }
 
-    /// Exact mean where `s(x) = gradient · x + offset`: cut the cell at the kinks, integrate each piece
-    /// exactly.
+    /// Exact mean where `s(x) = gradient · x + offset`: cuts the cell at the kinks of the profile and
+    /// integrates every part exactly.
     fn exact_mean(&self, cell: &Cell<T>, gradient: nalgebra::Vector3<T>, offset: T) -> T {
         let (one, zero) = (T::one(), T::zero());
         let corners = cell.corners();
@@ -208,11 +208,12 @@ impl<T: Real> Ramp<T> {
             return if high <= zero { zero } else { one };
         }
         let mut total = zero;
-        let mut rest = Some(cell.clone());
+        let mut remainder = Some(cell.clone());
         let mut sum = zero;
         let mut samples = Vec::new();
         let mut add = |piece: &Cell<T>, value: &dyn Fn(T) -> T| {
             samples.clear();
+            // Exact to degree five, that of the quintic profile.
             piece.quadrature(5, &mut samples);
             for s in &samples {
                 sum += s.measure * value(position(&s.point));
@@ -224,26 +225,28 @@ impl<T: Real> Ramp<T> {
                 normal: gradient,
                 offset: b - offset,
             };
-            let Some(body) = rest else { break };
+            let Some(body) = remainder else { break };
             if let Some(piece) = body.clip(&plane) {
+                // The fine model's own region lies before the first kink.
                 let value = |s: T| match k {
                     0 => zero,
-                    _ => self.of_position(Place::Overlap(s.clamp(zero, one))),
+                    _ => self.at_place(Place::Overlap(s.clamp(zero, one))),
                 };
                 add(&piece, &value);
             }
-            rest = body.clip(&plane.flipped());
+            remainder = body.clip(&plane.flipped());
         }
-        if let Some(body) = rest {
+        if let Some(body) = remainder {
             add(&body, &|_| one);
         }
+        // Over the measure of the parts: a weight of one has the mean one, whatever round-off the cuts leave.
         sum / total
     }
 }
 
 impl<T: Real> Weight<T> for Ramp<T> {
     fn at(&self, x: &Point3<T>) -> T {
-        self.of_position(self.overlap.place(x))
+        self.at_place(self.overlap.place(x))
     }
 
     fn mean(&self, cell: &Cell<T>) -> T {
@@ -254,11 +257,13 @@ impl<T: Real> Weight<T> for Ramp<T> {
             (None, Some(CellPlace::Halved(levels))) => geometry::mean(cell, levels, &|x| self.at(x)),
             (None, None) => {
                 let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
-                let all = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
+                let is_everywhere = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
                 // Away from the borders one rule will do; a border inside the cell needs a fine subdivision.
-                let levels = if all(&|p| matches!(p, Place::Coarse)) || all(&|p| matches!(p, Place::Fine)) {
+                let levels = if is_everywhere(&|p| matches!(p, Place::Coarse))
+                    || is_everywhere(&|p| matches!(p, Place::Fine))
+                {
                     0
-                } else if all(&|p| matches!(p, Place::Overlap(_))) {
+                } else if is_everywhere(&|p| matches!(p, Place::Overlap(_))) {
                     1
                 } else {
                     3
@@ -278,7 +283,7 @@ pub struct Weights<T: Real> {
     pub kinetic: Arc<dyn Weight<T>>,
     /// `γ`.
     pub external: Arc<dyn Weight<T>>,
-    /// How they enter the model.
+    /// How the weights enter the model.
     pub weighting: Weighting,
 }
 
@@ -291,7 +296,7 @@ impl<T: Real> std::fmt::Debug for Weights<T> {
 }
 
 impl<T: Real> Weights<T> {
-    /// The same weight for all three energies, applied energy-consistently.
+    /// One weight for all three energies, applied by elements and bonds ([`Weighting::Energy`]).
     pub fn same(weight: Arc<dyn Weight<T>>) -> Self {
         Self {
             internal: weight.clone(),
@@ -301,18 +306,20 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// All ones: a model alone.
+    /// Weights of one, for a model that is not coupled.
     pub fn uncoupled() -> Self {
         Self::same(Arc::new(Uniform(T::one())))
     }
 
-    /// The fine model's weights beside those of its coarse partners.
+    /// Weights of the fine model: one minus those of its coarse partners, applied like those of the first
+    /// partner.
     pub fn complement_of(coarse: &[Self]) -> Self {
         let pick = |f: &dyn Fn(&Self) -> Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
             Arc::new(Complement(coarse.iter().map(f).collect()))
         };
         let weighting = coarse.first().map_or(Weighting::Energy, |w| w.weighting);
         let internal = pick(&|w| w.internal.clone());
+        // Weights that are one object stay so: set-ups then evaluate it once instead of three times.
         if coarse.iter().all(Self::are_one) {
             return Self::same(internal).with_weighting(weighting);
         }
@@ -324,7 +331,8 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// Whether all three are known to be one weight, so that it is enough to ask for one of them.
+    /// Returns whether all three weights are known to be one object, so that it is enough to evaluate one of
+    /// them.
     pub(crate) fn are_one(&self) -> bool {
         let place = |w: &Arc<dyn Weight<T>>| Arc::as_ptr(w).cast::<()>();
         [&self.kinetic, &self.external]
@@ -332,24 +340,25 @@ impl<T: Real> Weights<T> {
             .all(|w| std::ptr::eq(place(w), place(&self.internal)))
     }
 
-    /// The share of a model in what coarser ones leave: the product of both, applied as these are.
+    /// Weights of a model that receives `self` of what coarser models leave (`remainder`): the products of
+    /// both. Keeps the weighting of `self`.
     #[must_use]
-    pub fn within(self, left: &Self) -> Self {
-        let product = |own: Arc<dyn Weight<T>>, left: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
-            Arc::new(Product(vec![left.clone(), own]))
+    pub fn within(self, remainder: &Self) -> Self {
+        let product = |share: Arc<dyn Weight<T>>, remainder: &Arc<dyn Weight<T>>| -> Arc<dyn Weight<T>> {
+            Arc::new(Product(vec![remainder.clone(), share]))
         };
-        if self.are_one() && left.are_one() {
-            return Self::same(product(self.internal, &left.internal)).with_weighting(self.weighting);
+        if self.are_one() && remainder.are_one() {
+            return Self::same(product(self.internal, &remainder.internal)).with_weighting(self.weighting);
         }
         Self {
-            internal: product(self.internal, &left.internal),
-            kinetic: product(self.kinetic, &left.kinetic),
-            external: product(self.external, &left.external),
+            internal: product(self.internal, &remainder.internal),
+            kinetic: product(self.kinetic, &remainder.kinetic),
+            external: product(self.external, &remainder.external),
             weighting: self.weighting,
         }
     }
 
-    /// The same weights applied as `weighting` says.
+    /// Sets how the weights enter the model.
     #[must_use]
     pub fn with_weighting(mut self, weighting: Weighting) -> Self {
         self.weighting = weighting;

@@ -1,4 +1,4 @@
-//! Whether models and weights share mass and energy as the coupling relies on.
+//! Checks that models and weights share mass and energy as the coupling relies on.
 
 use super::fixed_noise;
 use crate::geometry::{self, Cell};
@@ -7,27 +7,31 @@ use crate::weight::{Complement, Uniform, Weight};
 use crate::{Real, Result};
 use std::sync::Arc;
 
-/// How far a model is from following its weights; all zero up to round-off for one that does.
+/// Deviations of a model from its weights; all zero up to round-off for a correct model.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct WeightDefect<T> {
-    /// Largest deviation of an inertia with the weight ½ from half of that without, relative to the largest
-    /// inertia.
+    /// Largest deviation of twice the inertia with the weight ½ from the unweighted inertia, relative to the
+    /// largest inertia.
     pub half_inertia: T,
-    /// The same of the inertia with a weight `w` and with `1 − w` together from that without.
+    /// Largest deviation of the sum of the inertias with the weights `w` and `1 − w` from the unweighted
+    /// inertia, relative to the largest inertia.
     pub inertia: T,
-    /// Deviation of the internal energy with the weight ½ from half of that without, relative to the latter.
+    /// Deviation of twice the internal energy with the weight ½ from the unweighted energy, relative to the
+    /// latter.
     pub half_energy: T,
-    /// The same of the energies with `w` and with `1 − w` together.
+    /// Deviation of the sum of the energies with `w` and `1 − w` from the unweighted energy, relative to the
+    /// latter.
     pub energy: T,
-    /// The same of the internal forces, relative to the largest force.
+    /// Largest deviation of the sum of the internal forces with `w` and `1 − w` from the unweighted forces,
+    /// relative to the largest force.
     pub forces: T,
 }
 
 /// Checks that inertia, internal energy and internal forces of a model are linear in its weight `w`, at
-/// displacements of the amplitude given \[m\]. Leaves the model with a weight of one.
+/// displacements of the given amplitude \[m\]. Leaves the model with a weight of one.
 ///
 /// # Errors
-/// Those of the model.
+/// Errors of the model.
 pub fn weights<T: Real>(
     model: &mut dyn Model<T>,
     w: &Arc<dyn Weight<T>>,
@@ -42,26 +46,26 @@ pub fn weights<T: Real>(
         model.add_internal_forces(&q, &mut forces)?;
         Ok((inertia, forces, model.internal_energy(&q)))
     };
-    let (half, share) = (under(&Uniform(T::of(0.5)))?, under(&**w)?);
-    let (other, whole) = (under(&Complement(vec![w.clone()]))?, under(&Uniform(T::one()))?);
+    let (half, weighted) = (under(&Uniform(T::of(0.5)))?, under(&**w)?);
+    let (complement, whole) = (under(&Complement(vec![w.clone()]))?, under(&Uniform(T::one()))?);
     let sum = |a: &[T], b: &[T]| -> Vec<T> { a.iter().zip(b).map(|(a, b)| *a + *b).collect() };
-    let gap = |a: &[T], b: &[T]| {
+    let relative_gap = |a: &[T], b: &[T]| {
         let top = b.iter().fold(T::zero(), |m, x| m.max(x.abs()));
         let apart = a.iter().zip(b).map(|(a, b)| (*a - *b).abs());
         apart.fold(T::zero(), |m, x| m.max(x)) / top
     };
     Ok(WeightDefect {
-        half_inertia: gap(&sum(&half.0, &half.0), &whole.0),
-        inertia: gap(&sum(&share.0, &other.0), &whole.0),
-        half_energy: gap(&[half.2 + half.2], &[whole.2]),
-        energy: gap(&[share.2 + other.2], &[whole.2]),
-        forces: gap(&sum(&share.1, &other.1), &whole.1),
+        half_inertia: relative_gap(&sum(&half.0, &half.0), &whole.0),
+        inertia: relative_gap(&sum(&weighted.0, &complement.0), &whole.0),
+        half_energy: relative_gap(&[half.2 + half.2], &[whole.2]),
+        energy: relative_gap(&[weighted.2 + complement.2], &[whole.2]),
+        forces: relative_gap(&sum(&weighted.1, &complement.1), &whole.1),
     })
 }
 
-/// Largest difference between the mean of a weight over a cell and the mean of its values there, by
-/// quadrature on 64 parts of the cell (four of a line): zero up to round-off for a weight that is a
-/// polynomial of at most fifth degree in each of them.
+/// Largest difference between the mean of a weight over a cell and the mean of its values by quadrature on 64
+/// parts of the cell (four of a line). Zero up to round-off for a weight that is a polynomial of at most
+/// fifth degree on each part.
 pub fn weight_means<T: Real>(weight: &dyn Weight<T>, cells: &[Cell<T>]) -> T {
     let gap = |c: &Cell<T>| (weight.mean(c) - geometry::mean(c, 2, &|x| weight.at(x))).abs();
     cells.iter().map(gap).fold(T::zero(), |m, x| m.max(x))

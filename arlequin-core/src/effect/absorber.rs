@@ -1,9 +1,9 @@
-//! The overlap absorber: removes what the coarse model cannot carry.
+//! The overlap absorber: removes motion that the coarse model cannot carry.
 //!
-//! The constrained scheme filters nothing: above the coarse cutoff everything is reflected. The absorber
-//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, `P` being the
-//! mass-weighted projection onto a resolved space (the mediator's or a coarser one), in the symmetric form
-//! `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, energy only leaves.
+//! The constrained scheme filters nothing: everything above the coarse cutoff is reflected. The absorber
+//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, where `P` is the
+//! mass-weighted projection onto a resolved space (the mediator's or a coarser one). Its force has the
+//! symmetric form `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, and energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
@@ -28,38 +28,39 @@ pub struct Absorber<T: Real> {
     rate: RateField<T>,
 }
 
-/// The same on the nodes of a model.
+/// An absorber that is attached to the nodes of a model.
 ///
 /// With `D = diag(m η)`, shape functions `N`, `G = NᵀMN`, `y = G⁻¹NᵀM v` and `z = G⁻¹(NᵀD v − NᵀDN y)` the
-/// force is `−D (v − N y) + M N z`: each direction of `N` is run through once.
+/// force is `−D (v − N y) + M N z`. In this form `Nᵀ` and `N` are each applied once.
 struct AttachedAbsorber<T: Real> {
     top_rate: T,
     components: usize,
-    /// Nodes in the resolved space, ascending: of a model in parts those of all ranks, by their places.
+    /// Nodes in the resolved space, ascending; for a partitioned model, places in the list of these nodes on
+    /// all ranks.
     nodes: Vec<u32>,
-    /// Place and number of those that are here.
-    here: Vec<[u32; 2]>,
-    /// How velocities of other ranks come.
-    told: Option<Told<T>>,
-    /// Their masses `m`, and `m η`.
+    /// Place in that list, and local number, of the nodes on this rank.
+    local_nodes: Vec<[u32; 2]>,
+    /// Exchange of velocities with other ranks.
+    exchange: Option<VelocityExchange<T>>,
+    /// `m` and `m η` of each node.
     mass: Vec<[T; 2]>,
     /// `Nᵀ`, `N` and `NᵀDN`.
     gather: Rows<T>,
     scatter: Rows<T>,
     damped: Rows<T>,
     factor: Box<dyn SpdFactor<T>>,
-    /// Two velocities per node: `m v` and `m η v`.
+    /// Two vectors per node: `m v` and `m η v`.
     local: Vec<T>,
-    /// Two per resolved node: sums of these, then `y` and `z`.
+    /// Two vectors per resolved node: the sums `NᵀM v` and `NᵀD v`, later `y` and `z`.
     coarse: Vec<T>,
-    /// One per resolved node, interleaved, and by components for the factor.
+    /// One vector per resolved node: interleaved, and (`columns`) by components for the factor.
     resolved: Vec<T>,
     columns: Vec<T>,
     force: Vec<T>,
 }
 
-/// Velocities of all nodes in the resolved space, on whatever rank these are.
-struct Told<T> {
+/// Velocities of all nodes in the resolved space, gathered from all ranks.
+struct VelocityExchange<T> {
     gather: Gather,
     messages: Vec<Message>,
     v: Vec<T>,
@@ -72,21 +73,22 @@ impl<T: Real> std::fmt::Debug for Absorber<T> {
 }
 
 impl<T: Real> Absorber<T> {
-    /// Absorber that keeps what `resolved` can represent and damps the rest at the local rate \[1/s\].
+    /// Absorber that keeps the motion that `resolved` can represent and damps the rest at the local rate
+    /// \[1/s\].
     ///
-    /// The rate should grow from 0 at the border to the fine model's own region; `0.2 c/r` at its largest is
-    /// a good value (`c` wave speed, `r` particle spacing).
+    /// The rate should grow from 0 at the border to the fine model's own region; `0.2 c/r` is a good largest
+    /// value (`c` wave speed, `r` particle spacing).
     pub fn new(resolved: Arc<dyn Interpolation<T>>, rate: RateField<T>) -> Self {
         Self { resolved, rate }
     }
 }
 
-/// Nodes per unit of work.
+/// Nodes per parallel task.
 const GRAIN: usize = 1_024;
 
 impl<T: Real> AttachedAbsorber<T> {
-    /// With shape functions `n` (row per node), `m` and `m η` of the nodes and the largest `η`; none if `G`
-    /// is not positive definite.
+    /// Absorber for shape functions `n` (a row per node), `[m, m η]` of the nodes and the largest `η`; `None`
+    /// if `G` is not positive definite.
     fn new(components: usize, n: &CsMat<T>, nodes: &[usize], mass: Vec<[T; 2]>, top_rate: T) -> Option<Self> {
         let zeros = |count: usize| vec![T::zero(); count * components];
         Some(Self {
@@ -101,14 +103,14 @@ impl<T: Real> AttachedAbsorber<T> {
             resolved: zeros(n.cols()),
             columns: zeros(n.cols()),
             force: zeros(nodes.len()),
-            here: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
-            told: None,
+            local_nodes: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
+            exchange: None,
             nodes: nodes.iter().map(|k| *k as u32).collect(),
             mass,
         })
     }
 
-    /// `G⁻¹` on what `resolved` holds, to the first or second half of `coarse`.
+    /// Applies `G⁻¹` to `resolved` and copies the result to the first or second half of `coarse`.
     fn solve<const N: usize, const W: usize>(&mut self, half: usize) {
         let count = self.factor.size();
         let (resolved, coarse) = (
@@ -127,12 +129,12 @@ impl<T: Real> AttachedAbsorber<T> {
         }
     }
 
-    /// Lets all ranks know the nodes, whose numbers in the whole model these are.
-    fn share_out(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
+    /// Sets up the exchange of velocities with other ranks. `nodes` are numbers in the whole model.
+    fn with_exchange(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
         let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
-        self.here = gather.own().to_vec();
+        self.local_nodes = gather.own().to_vec();
         self.nodes = (0..nodes.len() as u32).collect();
-        self.told = Some(Told {
+        self.exchange = Some(VelocityExchange {
             messages: gather.messages(self.components),
             v: vec![T::zero(); nodes.len() * self.components],
             gather,
@@ -140,14 +142,17 @@ impl<T: Real> AttachedAbsorber<T> {
         self
     }
 
-    /// The force for `N` components, `W = 2 N`.
-    fn act<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
-        if let Some(mut told) = self.told.take() {
-            told.gather.gather(N, &mut told.messages, v, &mut told.v);
-            self.find::<N, W>(&told.v);
-            self.told = Some(told);
+    /// Adds the force to `f`, for `N` components and `W = 2 N`.
+    fn add_to<const N: usize, const W: usize>(&mut self, v: &[T], f: &mut [T]) {
+        // Taken out for the call, as `update_forces` borrows all of `self`.
+        if let Some(mut exchange) = self.exchange.take() {
+            exchange
+                .gather
+                .gather(N, &mut exchange.messages, v, &mut exchange.v);
+            self.update_forces::<N, W>(&exchange.v);
+            self.exchange = Some(exchange);
         } else {
-            self.find::<N, W>(v);
+            self.update_forces::<N, W>(v);
             return add_at(
                 &self.nodes,
                 self.force.as_chunks::<N>().0,
@@ -156,14 +161,14 @@ impl<T: Real> AttachedAbsorber<T> {
             );
         }
         let (force, f) = (self.force.as_chunks::<N>().0, f.as_chunks_mut::<N>().0);
-        for [place, node] in &self.here {
+        for [place, node] in &self.local_nodes {
             let (force, f) = (&force[*place as usize], &mut f[*node as usize]);
             (0..N).for_each(|c| f[c] += force[c]);
         }
     }
 
-    /// The forces on all nodes.
-    fn find<const N: usize, const W: usize>(&mut self, v: &[T]) {
+    /// Computes the forces on all nodes of the resolved space.
+    fn update_forces<const N: usize, const W: usize>(&mut self, v: &[T]) {
         let v = v.as_chunks::<N>().0;
         let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
             for ((node, mass), local) in nodes.iter().zip(mass).zip(local) {
@@ -179,6 +184,7 @@ impl<T: Real> AttachedAbsorber<T> {
         } else {
             load(&self.nodes, &self.mass, local);
         }
+        // `NᵀM v` and `NᵀD v` in one pass.
         self.gather.product::<W>(&self.local, &mut self.coarse);
         for (x, pair) in self
             .resolved
@@ -190,7 +196,7 @@ impl<T: Real> AttachedAbsorber<T> {
             x.copy_from_slice(&pair[..N]);
         }
         self.solve::<N, W>(0);
-        // The columns are free between two solutions.
+        // `columns` is free between the two solves.
         self.damped.product::<N>(&self.resolved, &mut self.columns);
         let parts = self
             .columns
@@ -198,6 +204,7 @@ impl<T: Real> AttachedAbsorber<T> {
             .0
             .iter()
             .zip(self.coarse.as_chunks::<W>().0);
+        // `NᵀD v − NᵀDN y`, the right-hand side of the second solve.
         for (x, (seen, pair)) in self.resolved.as_chunks_mut::<N>().0.iter_mut().zip(parts) {
             (0..N).for_each(|c| x[c] = pair[N + c] - seen[c]);
         }
@@ -205,22 +212,22 @@ impl<T: Real> AttachedAbsorber<T> {
         let (scatter, coarse) = (&self.scatter, self.coarse.as_chunks::<W>().0);
         let force = self.force.as_chunks_mut::<N>().0;
         scatter.fill_rows(0..force.len(), force, &|k| {
-            let (both, v, [mass, damping]) = (
+            let (projected, v, [mass, damping]) = (
                 scatter.times(k, |j| coarse[j]),
                 &v[self.nodes[k] as usize],
                 self.mass[k],
             );
-            std::array::from_fn(|c| mass * both[N + c] - damping * (v[c] - both[c]))
+            std::array::from_fn(|c| mass * projected[N + c] - damping * (v[c] - projected[c]))
         });
     }
 }
 
 impl<T: Real> EffectSpec<T> for Absorber<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
         let mut row = ShapeRow::default();
         let mut shapes: Vec<Shaped<T>> = Vec::new();
-        for place in self.places(to)? {
+        for place in self.candidates(host)? {
             match self.resolved.shape_at(&place.x, false, &mut row) {
                 Ok(()) => {
                     let entries = row.nodes.iter().copied().zip(row.values.iter().copied());
@@ -233,12 +240,12 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         if shapes.is_empty() {
             return Err(invalid(
                 "absorber",
-                to.model.name(),
+                host.model.name(),
                 "has no node of this model in its resolved space",
             ));
         }
         let nodes: Vec<usize> = shapes.iter().map(|s| s.0.node).collect();
-        // Only shape functions that touch a node take part.
+        // Only shape functions that touch a node take part: others would make `G` singular.
         let mut used: Vec<usize> = shapes
             .iter()
             .flat_map(|s| s.1.iter().filter(|e| e.1 != T::zero()).map(|e| e.0))
@@ -260,19 +267,19 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         let mass: Vec<[T; 2]> = masses.zip(&rates).map(|(m, r)| [m, m * *r]).collect();
         let top = rates.iter().fold(T::zero(), |a, b| a.max(*b));
         let counts = format!("{} resolved unknowns for {} nodes", used.len(), nodes.len());
-        let made = AttachedAbsorber::new(layout.components, &n, &nodes, mass, top);
-        let made = made.ok_or_else(|| {
+        let absorber = AttachedAbsorber::new(layout.components, &n, &nodes, mass, top);
+        let absorber = absorber.ok_or_else(|| {
             let rule = "the resolved space must be coarser than the model";
             invalid("absorber", counts, rule)
         })?;
-        Ok(Box::new(match to.shared()? {
-            Some(portion) => made.share_out(portion, &nodes),
-            None => made,
+        Ok(Box::new(match host.shared()? {
+            Some(portion) => absorber.with_exchange(portion, &nodes),
+            None => absorber,
         }))
     }
 }
 
-/// A node with its number in the whole model, its place at rest and its mass.
+/// A node: its number in the whole model, its reference position and its mass.
 #[derive(Clone, Copy)]
 struct Place<T: Real> {
     node: usize,
@@ -280,27 +287,30 @@ struct Place<T: Real> {
     mass: T,
 }
 
-/// A node with the shape functions there.
+/// A node and the shape functions there.
 type Shaped<T> = (Place<T>, Vec<(usize, T)>);
 
 impl<T: Real> Absorber<T> {
-    /// The nodes of the model, of one in parts those of all ranks that the resolved space may hold.
-    fn places(&self, to: &Host<'_, T>) -> Result<Vec<Place<T>>> {
-        let d = to.model.layout().components;
-        let all = to.model.nodes().iter().enumerate();
-        let all = all.map(|(k, x)| Place {
-            node: to.portion.map_or(k, |p| p.global(k)),
+    /// Nodes of the model. For a partitioned model: all nodes of all ranks that lie in the resolved space.
+    /// Collective.
+    fn candidates(&self, host: &Host<'_, T>) -> Result<Vec<Place<T>>> {
+        let d = host.model.layout().components;
+        let nodes = host.model.nodes().iter().enumerate();
+        let nodes = nodes.map(|(k, x)| Place {
+            node: host.portion.map_or(k, |p| p.global(k)),
             x: *x,
-            mass: to.inertia[k * d],
+            mass: host.inertia[k * d],
         });
-        let Some(portion) = to.shared()? else {
-            return Ok(all.collect());
+        let Some(portion) = host.shared()? else {
+            return Ok(nodes.collect());
         };
         let mut row = ShapeRow::default();
         let mut words = Vec::new();
-        for p in all {
+        for p in nodes {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
+            // Points with other errors go to all ranks, so that all of them report the error in `attach`.
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
+                // The all-gather carries integers: send the numbers as their bits.
                 let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());
                 words.push(p.node as i64);
                 words.extend(numbers);
@@ -308,6 +318,7 @@ impl<T: Real> Absorber<T> {
         }
         let mut words = portion.listed(&words)?;
         let words = words.as_chunks_mut::<5>().0;
+        // In the order of the model, so that the result does not depend on the partition.
         words.sort_unstable_by_key(|w| w[0]);
         let real = |w: i64| T::of(f64::from_bits(w.cast_unsigned()));
         let place = |&[node, x, y, z, mass]: &[i64; 5]| Place {
@@ -335,13 +346,13 @@ fn rows<T: Real>(matrix: &CsMat<T>) -> Rows<T> {
 }
 
 impl<T: Real> AttachedAbsorber<T> {
-    /// Power of the last forces on each node that is here.
-    fn powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
+    /// Power of the last forces on each node of this rank.
+    fn nodal_powers<'a>(&'a self, v: &'a [T]) -> impl Iterator<Item = T> + 'a {
         let d = self.components;
-        let of = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
-        self.here
+        let row = move |x: &'a [T], k: u32| &x[k as usize * d..][..d];
+        self.local_nodes
             .iter()
-            .map(move |[place, node]| dot(of(&self.force, *place), of(v, *node)))
+            .map(move |[place, node]| dot(row(&self.force, *place), row(v, *node)))
     }
 }
 
@@ -350,7 +361,7 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
         "absorber"
     }
 
-    /// It leaves rigid motion alone.
+    /// The absorber leaves rigid motion alone.
     fn arms(&self) -> Option<Arms> {
         Some(Arms::Reference)
     }
@@ -361,22 +372,22 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
 }
 
 impl<T: Real> Effect<T> for AttachedAbsorber<T> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         match self.components {
-            1 => self.act::<1, 2>(at.v_half, f),
-            2 => self.act::<2, 4>(at.v_half, f),
-            _ => self.act::<3, 6>(at.v_half, f),
+            1 => self.add_to::<1, 2>(instant.v_half, f),
+            2 => self.add_to::<2, 4>(instant.v_half, f),
+            _ => self.add_to::<3, 6>(instant.v_half, f),
         }
         Ok(())
     }
 
-    /// Of the nodes here.
+    /// Power on the nodes of this rank.
     fn power(&self, v: &[T]) -> T {
-        self.powers(v).sum()
+        self.nodal_powers(v).sum()
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
-        self.powers(v).for_each(|p| to.add(p.as_f64()));
+    fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
+        self.nodal_powers(v).for_each(|p| sum.add(p.as_f64()));
         true
     }
 
@@ -425,9 +436,9 @@ mod tests {
             let forces = |absorber: &mut AttachedAbsorber<f64>, v: &[f64]| {
                 let mut f = vec![0.0; size];
                 match components {
-                    1 => absorber.act::<1, 2>(v, &mut f),
-                    2 => absorber.act::<2, 4>(v, &mut f),
-                    _ => absorber.act::<3, 6>(v, &mut f),
+                    1 => absorber.add_to::<1, 2>(v, &mut f),
+                    2 => absorber.add_to::<2, 4>(v, &mut f),
+                    _ => absorber.add_to::<3, 6>(v, &mut f),
                 }
                 f
             };

@@ -1,39 +1,38 @@
-//! What effects did: one line each, for reports.
+//! Accounts of effects: one line for each, for reports.
 
 use super::{AnyEffect, StepDemand};
 use crate::phase::Phase;
 use crate::record::Record;
 use crate::{Real, Result};
 
-/// What one effect did since the start.
+/// Account of one effect since the start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectLine<T> {
-    /// Subdomain and effect, as `model/effect`; for effects between two, their own name.
+    /// Subdomain and effect, as `model/effect`; for an effect between two subdomains, its own name.
     pub name: String,
-    /// The phase of a step in which it is computed; `None` for what is part of a model's forces.
+    /// Phase of a step in which the effect is computed; `None` for a part of a model's forces.
     pub phase: Option<Phase>,
-    /// Work on the models \[J\], negative where energy left them; `None` for effects that do none of their
-    /// own.
+    /// Work on the models \[J\], negative where energy left them; `None` for an effect that does no work of
+    /// its own.
     pub work: Option<T>,
-    /// Half of the work of the last instant \[J\]: the half step that is still to come.
+    /// Half of the work of the last instant \[J\], which belongs to the half step still to come.
     pub pending: T,
-    /// Energy the effect holds \[J\].
+    /// Energy that the effect holds \[J\].
     pub stored: T,
-    /// Energy it took from outside \[J\]; `None` for loads.
+    /// Energy that the effect took from outside \[J\]; `None` for loads.
     pub supplied: Option<T>,
-    /// Figures of its own.
+    /// Figures of the effect: names (with units) and values.
     pub facts: Vec<(String, f64)>,
 }
 
 impl<T: Real> EffectLine<T> {
-    /// Energy that is gone for good \[J\]: `supplied − work − stored`, the work taken up to the present
-    /// instant.
+    /// Energy lost for good \[J\]: `supplied − work − stored`, with the work up to the present instant.
     pub fn dissipated(&self) -> Option<T> {
         Some(self.supplied? - (self.work? - self.pending) - self.stored)
     }
 }
 
-/// Critical step \[s\] under demands, from that without.
+/// Critical step \[s\] under the demands of effects, from the critical step `free` without them.
 pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDemand<T>>) -> T {
     let (two, half) = (T::of(2.0), T::of(0.5));
     let omega = two / free;
@@ -44,22 +43,24 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
         gain *= d.gain;
         rate += d.damping + d.viscosity * bare;
     }
-    // The same bits as without effects where they demand nothing.
+    // Where effects demand nothing, keep the bits of `free`.
     let limit = if square == bare && gain == T::one() {
         free
     } else {
         two / (square * gain).sqrt()
     };
+    // `ζ = c/(2ω)` with `ω = 2/limit`. Effects see velocities half a step old, so that damping shortens the
+    // step.
     let zeta = rate * limit * half * half;
     limit * ((T::one() + zeta * zeta).sqrt() - zeta)
 }
 
-/// An effect at work, on one subdomain or between two, with its line of the ledger.
+/// An attached effect, on one subdomain or between two, with its line of the ledger.
 pub(crate) struct Attached<T, E: ?Sized> {
     pub(crate) effect: Box<E>,
     work: T,
-    /// What the last instant added to it.
-    last: T,
+    /// Work of the last instant.
+    last_work: T,
 }
 
 impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
@@ -67,7 +68,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
         Self {
             effect,
             work: T::zero(),
-            last: T::zero(),
+            last_work: T::zero(),
         }
     }
 
@@ -78,31 +79,31 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
 
     /// Adds the work of an instant \[J\].
     pub(crate) fn add(&mut self, work: T) {
-        self.last = work;
+        self.last_work = work;
         self.work += work;
     }
 
-    /// Adds the work of a whole step, of which nothing is still to come \[J\].
+    /// Adds the work of a whole step \[J\], none of which is pending.
     pub(crate) fn add_whole(&mut self, work: T) {
-        self.last = T::zero();
+        self.last_work = T::zero();
         self.work += work;
     }
 
-    /// Energy \[J\] the effect has created, `work + stored − supplied`: above zero only where its law is at
-    /// fault.
+    /// Energy that the effect has created \[J\], `work + stored − supplied` but not below zero; positive only
+    /// if its law is wrong.
     pub(crate) fn created(&self) -> T {
-        let work = self.work - self.last * T::of(0.5);
-        let of = |from: T| (work + self.effect.stored() - from).max(T::zero());
-        self.effect.supplied().map_or_else(T::zero, of)
+        let work = self.work - self.last_work * T::of(0.5);
+        let excess = |supplied: T| (work + self.effect.stored() - supplied).max(T::zero());
+        self.effect.supplied().map_or_else(T::zero, excess)
     }
 
-    /// What it did, under the name that reports give it.
+    /// Account of the effect, under the name that reports give it.
     pub(crate) fn line(&self, name: String, phase: Phase) -> EffectLine<T> {
         EffectLine {
             name,
             phase: Some(phase),
             work: Some(self.work),
-            pending: self.last * T::of(0.5),
+            pending: self.last_work * T::of(0.5),
             stored: self.effect.stored(),
             supplied: self.effect.supplied(),
             facts: self.effect.facts(),
@@ -110,7 +111,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
     }
 
     pub(crate) fn restore(&mut self, work: T, from: &Record<T>) -> Result<()> {
-        (self.work, self.last) = (work, T::zero());
+        (self.work, self.last_work) = (work, T::zero());
         self.effect.restore(from)
     }
 }

@@ -10,7 +10,7 @@ use crate::{Error, Real, Result};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// A cell under bulk viscosity: its nodes and `∇N_i` at its centre, and `b ρ c L V w`.
+/// A cell under bulk viscosity: its nodes with `∇N_i` at its centre, and the factor `b ρ c L V w`.
 #[derive(Debug, Clone)]
 struct ViscousCell<T: Real> {
     gradients: Vec<(usize, Vector3<T>)>,
@@ -36,7 +36,7 @@ pub struct BulkViscosity<T: Real> {
     field: Arc<dyn Interpolation<T>>,
     coefficient: T,
     impedance: T,
-    /// Of every cell, where these differ.
+    /// Impedance of every cell, if they differ; otherwise empty.
     impedances: Vec<T>,
 }
 
@@ -64,15 +64,16 @@ impl<T: Real> BulkViscosity<T> {
         })
     }
 
-    /// The same in a body of several materials, with the impedance of every cell.
+    /// Sets the impedance of every cell, for a body of several materials.
     #[must_use]
     pub fn with_impedances(mut self, of_cells: Vec<T>) -> Self {
         self.impedances = of_cells;
         self
     }
 
-    fn cell(&self, number: usize, cell: &Cell<T>, to: &Host<'_, T>) -> Result<ViscousCell<T>> {
+    fn cell(&self, number: usize, cell: &Cell<T>, host: &Host<'_, T>) -> Result<ViscousCell<T>> {
         let mut samples: Vec<Sample<T>> = Vec::new();
+        // One point per tetrahedron is exact for the volume and the centroid.
         cell.quadrature(1, &mut samples);
         let volume: T = samples.iter().map(|s| s.measure).sum();
         let sum = samples
@@ -82,7 +83,7 @@ impl<T: Real> BulkViscosity<T> {
         let mut row = ShapeRow::default();
         self.field.shape_in(number, &centre, true, &mut row)?;
         let length = volume.powf(T::of(1.0 / 3.0));
-        let weight = to.weights.internal.mean(cell);
+        let weight = host.weights.internal.mean(cell);
         let impedance = self.impedances.get(number).unwrap_or(&self.impedance);
         Ok(ViscousCell {
             gradients: row
@@ -97,17 +98,17 @@ impl<T: Real> BulkViscosity<T> {
 }
 
 impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let cells = self.field.cells();
-        if cells.is_empty() || to.model.layout().components != 3 {
+        if cells.is_empty() || host.model.layout().components != 3 {
             return Err(Error::Unsupported {
-                model: to.model.name().into(),
+                model: host.model.name().into(),
                 what: "carry bulk viscosity: it has no volume cells; use stiffness damping".into(),
             });
         }
         if !self.impedances.is_empty() && self.impedances.len() != cells.len() {
             return Err(Error::SizeMismatch {
-                what: format!("impedances of the cells of '{}'", to.model.name()),
+                what: format!("impedances of the cells of '{}'", host.model.name()),
                 expected: cells.len(),
                 found: self.impedances.len(),
             });
@@ -118,19 +119,19 @@ impl<T: Real> EffectSpec<T> for BulkViscosity<T> {
         let cells: Vec<ViscousCell<T>> = cells
             .iter()
             .enumerate()
-            .map(|(k, c)| self.cell(k, c, to))
+            .map(|(k, c)| self.cell(k, c, host))
             .collect::<Result<_>>()?;
-        let dofs = to.inertia.len();
-        // 1 % for what the iteration leaves out.
+        let dofs = host.inertia.len();
+        // 1 % more, for the error of the iteration.
         let top_rate = T::of(1.01)
-            * spectrum::largest_eigenvalue(to.inverse_inertia, &mut |v, f| {
+            * spectrum::largest_eigenvalue(host.inverse_inertia, &mut |v, f| {
                 cells.iter().for_each(|c| c.add(v, f));
                 Ok(())
             })?;
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            own.fill(T::zero());
-            cells.iter().for_each(|c| c.add(at.v_half, own));
-            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            own_forces.fill(T::zero());
+            cells.iter().for_each(|c| c.add(instant.v_half, own_forces));
+            f.iter_mut().zip(own_forces).for_each(|(f, g)| *f += *g);
         };
         Ok(Box::new(ForceLaw {
             demand: StepDemand::damping(top_rate),

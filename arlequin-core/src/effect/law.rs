@@ -1,4 +1,4 @@
-//! Effects that are known by a formula for their force on every unknown.
+//! Effects given by a formula for the force on every unknown.
 
 use super::{AnyEffect, Effect, Instant, StepDemand};
 use crate::model::{Arms, DofLayout};
@@ -7,9 +7,9 @@ use crate::record::Record;
 use crate::scalar::dot;
 use crate::{Real, Result};
 
-/// An effect whose force on every unknown is what `law` says: `law(at, f, own)` writes the effect's forces
-/// to `own` \[N, N m\], which keeps what it wrote there the last time, and adds them to `f`, which holds
-/// all forces before it.
+/// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces`
+/// \[N, N m\] and adds them to `f`. At the call `own_forces` holds what the closure wrote the last time, and
+/// `f` all forces before those of the effect.
 ///
 /// ```
 /// use arlequin_core::effect::{Effect, EffectSpec, ForceLaw, Host, Instant};
@@ -18,15 +18,16 @@ use crate::{Real, Result};
 /// struct ElasticSupport(f64);
 ///
 /// impl EffectSpec<f64> for ElasticSupport {
-///     fn attach(self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
-///         let top = to.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
+///     fn attach(self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+///         let top = host.inverse_inertia.iter().fold(0.0_f64, |a, b| a.max(*b));
 ///         let k = self.0;
-///         let mut support = ForceLaw::new("elastic-support", to.inertia.len(), move |at: &Instant<'_, f64>, f: &mut [f64], own: &mut [f64]| {
-///             for ((f, own), q) in f.iter_mut().zip(own).zip(at.q) {
-///                 *own = -k * q;
-///                 *f += *own;
+///         let law = move |instant: &Instant<'_, f64>, f: &mut [f64], own_forces: &mut [f64]| {
+///             for ((f, own_force), q) in f.iter_mut().zip(own_forces).zip(instant.q) {
+///                 *own_force = -k * q;
+///                 *f += *own_force;
 ///             }
-///         });
+///         };
+///         let mut support = ForceLaw::new("elastic-support", host.inertia.len(), law);
 ///         support.demand.stiffness = k * top;
 ///         Ok(Box::new(support))
 ///     }
@@ -37,27 +38,27 @@ pub struct ForceLaw<T: Real, L> {
     pub name: &'static str,
     /// The law.
     pub law: L,
-    /// Its last forces \[N, N m\].
+    /// Forces that the closure wrote last \[N, N m\].
     pub force: Vec<T>,
-    /// What it demands of the time step; nothing unless set.
+    /// Demand on the time step; none unless set.
     pub demand: StepDemand<T>,
-    /// As [`AnyEffect::arms`]; `None` unless set.
+    /// Value of [`AnyEffect::arms`]; `None` unless set.
     pub arms: Option<Arms>,
-    /// As [`AnyEffect::supplied`]: zero for what only dissipates; `None` unless set.
+    /// Value of [`AnyEffect::supplied`]: zero for an effect that only dissipates; `None` unless set.
     pub supplied: Option<T>,
-    /// As [`Effect::is_dead`]; `false` unless set.
+    /// Value of [`Effect::is_dead`]; `false` unless set.
     pub dead: bool,
-    /// Whether its last forces belong to the state of a run: for laws that read them.
+    /// True if the last forces belong to the state of a run, for a law that reads them; `false` unless set.
     pub remembers: bool,
-    /// Whether the force on an unknown follows from numbers of its own node alone: such a law acts on
-    /// models in parts as well; `false` unless set.
+    /// True if the force on an unknown follows from values of its own node alone. The effect then acts on
+    /// partitioned models as well. `false` unless set.
     pub local: bool,
-    /// As [`AnyEffect::acts_on_shares`]; `false` unless set.
+    /// Value of [`AnyEffect::acts_on_shares`]; `false` unless set.
     pub shared: bool,
 }
 
 impl<T: Real, L> ForceLaw<T, L> {
-    /// A law for so many unknowns.
+    /// Effect by a law for `dofs` unknowns.
     pub fn new(name: &'static str, dofs: usize, law: L) -> Self {
         Self {
             name,
@@ -73,7 +74,7 @@ impl<T: Real, L> ForceLaw<T, L> {
         }
     }
 
-    /// A law that only takes energy away.
+    /// Effect by a law that only takes energy away.
     pub fn dissipating(name: &'static str, dofs: usize, law: L) -> Self {
         Self {
             supplied: Some(T::zero()),
@@ -120,16 +121,16 @@ impl<T: Real, L: Send> AnyEffect<T> for ForceLaw<T, L> {
 }
 
 impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> for ForceLaw<T, L> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        (self.law)(at, f, &mut self.force);
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        (self.law)(instant, f, &mut self.force);
         Ok(())
     }
     fn power(&self, v: &[T]) -> T {
         dot(&self.force, v)
     }
-    fn add_power(&self, layout: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+    fn add_power(&self, layout: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         if self.local {
-            ranks::add_products(layout, &self.force, v, to);
+            ranks::add_products(layout, &self.force, v, sum);
         }
         self.local
     }

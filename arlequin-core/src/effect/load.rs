@@ -32,7 +32,7 @@ impl<T: Real> SurfaceFacet<T> {
 enum Spread<T: Real> {
     /// Forces \[N\] (moments \[N m\]) on unknowns.
     Dofs(Vec<(usize, T)>),
-    /// The same, weighted already.
+    /// Forces on unknowns that are weighted already.
     Shares(Vec<(usize, T)>),
     /// Tractions \[Pa\], one per facet.
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
@@ -46,7 +46,7 @@ pub struct Load<T: Real> {
     time: TimeFunction<T>,
 }
 
-/// The same on the unknowns of a subdomain, weighted.
+/// A load attached to a subdomain: weighted forces on unknowns.
 struct WeightedLoad<T: Real> {
     name: String,
     forces: Vec<(usize, T)>,
@@ -55,8 +55,8 @@ struct WeightedLoad<T: Real> {
 }
 
 impl<T: Real> Load<T> {
-    /// Forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, those of the whole model where it is
-    /// in parts.
+    /// Load of forces \[N\] or moments \[N m\] on unknowns `(dof, amplitude)`, numbered in the whole model
+    /// even if it is partitioned.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -65,8 +65,8 @@ impl<T: Real> Load<T> {
         Self::checked(name, good, forces.len(), Spread::Dofs(forces), time)
     }
 
-    /// Forces \[N\] or moments \[N m\] on unknowns that are the share of this model already: `γ` is not
-    /// applied. For who deals one load out to several models and knows what they must add up to.
+    /// Load of forces \[N\] or moments \[N m\] that are the share of this model already: `γ` is not applied.
+    /// For callers that divide one load among several models themselves.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty or non-finite list or time function.
@@ -75,7 +75,7 @@ impl<T: Real> Load<T> {
         Self::checked(name, good, forces.len(), Spread::Shares(forces), time)
     }
 
-    /// A traction field `t(x)` \[Pa\], sampled at the facet centres.
+    /// Load of a traction field `t(x)` \[Pa\], sampled at the facet centres.
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for an empty surface, a non-finite traction or an invalid time function.
@@ -119,25 +119,26 @@ impl<T: Real> Load<T> {
 }
 
 impl<T: Real> EffectSpec<T> for Load<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
-        let gamma = &*to.weights.external;
-        let weigh = |dof: usize| gamma.at(&to.model.nodes()[layout.node_of(dof)]);
-        let whole = to.unknowns();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
+        let gamma = &*host.weights.external;
+        let weigh = |dof: usize| gamma.at(&host.model.nodes()[layout.node_of(dof)]);
+        let whole = host.unknowns();
+        // Every unknown once, in ascending order.
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
         match &self.spread {
             Spread::Dofs(forces) | Spread::Shares(forces) => {
                 let shared = matches!(self.spread, Spread::Shares(_));
                 for &(dof, f) in forces {
                     if dof >= whole {
-                        let what = format!("unknowns of '{}' in load '{}'", to.model.name(), self.name);
+                        let what = format!("unknowns of '{}' in load '{}'", host.model.name(), self.name);
                         return Err(Error::SizeMismatch {
                             what,
                             expected: whole,
                             found: dof + 1,
                         });
                     }
-                    if let Some(dof) = to.unknown(dof) {
+                    if let Some(dof) = host.unknown(dof) {
                         *sum.entry(dof).or_default() += if shared { f } else { f * weigh(dof) };
                     }
                 }
@@ -147,7 +148,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                     let w = gamma.at(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
                         for c in 0..layout.components {
-                            if let Some(dof) = to.unknown(node * layout.components + c) {
+                            if let Some(dof) = host.unknown(node * layout.components + c) {
                                 *sum.entry(dof).or_default() += traction[c] * *share * w;
                             }
                         }
@@ -171,8 +172,8 @@ impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
 }
 
 impl<T: Real> Effect<T> for WeightedLoad<T> {
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        self.factor = self.time.at(at.time);
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        self.factor = self.time.at(instant.time);
         if self.factor != T::zero() {
             self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
         }
@@ -183,9 +184,9 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
         true
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[T], to: &mut Exact) -> bool {
+    fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
-        terms.for_each(|x| to.add(x.as_f64()));
+        terms.for_each(|x| sum.add(x.as_f64()));
         true
     }
 

@@ -1,8 +1,8 @@
-//! Effects: body force, loads, damping, absorber. Only what a scene lists exists in the run.
+//! Effects: body force, loads, damping, absorber. A run has only the effects that its scene lists.
 //!
-//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts
-//! between two. What a user makes is an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. One of
-//! your own whose force is a formula needs a spec and a closure: [`ForceLaw`].
+//! An effect adds forces to one subdomain and is one line of the energy ledger; a [`PairEffect`] acts between
+//! two subdomains. Users create an [`EffectSpec`]; the run attaches it and gets the [`Effect`]. A
+//! user-defined effect whose force is a formula needs a spec and a closure: [`ForceLaw`].
 
 mod absorber;
 mod account;
@@ -31,9 +31,9 @@ use crate::{Real, Result};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// The subdomain that an effect acts on, as the effect sees it when it is attached. Of a model in parts all
-/// of it is of the part that is here; unknowns that a specification names are those of the whole model
-/// ([`Host::unknown`]).
+/// The subdomain that an effect is attached to. If the model is partitioned, all fields are those of this
+/// rank's part. Unknowns in a specification are numbered in the whole model ([`Host::unknown`] converts
+/// them).
 #[derive(Clone, Copy)]
 pub struct Host<'a, T: Real> {
     /// The model.
@@ -42,18 +42,18 @@ pub struct Host<'a, T: Real> {
     pub weights: &'a Weights<T>,
     /// Lumped inertia weighted by `β` \[kg, kg m²\].
     pub inertia: &'a [T],
-    /// Its inverse, zero for prescribed unknowns.
+    /// Inverse of the inertia; zero for prescribed unknowns.
     pub inverse_inertia: &'a [T],
-    /// What this rank holds of a model that the run has shared out: by which effects hear of other ranks as
-    /// they act.
+    /// This rank's part of a model that the run has partitioned: effects communicate with other ranks through
+    /// it.
     pub portion: Option<&'a Arc<Portion>>,
 }
 
 impl<T: Real> Host<'_, T> {
-    /// [`Self::portion`] for an effect that needs to hear of other ranks.
+    /// Returns [`Self::portion`], for an effect that communicates with other ranks.
     ///
     /// # Errors
-    /// [`crate::Error::Unsupported`] for a model that was in parts before the run had it.
+    /// [`crate::Error::Unsupported`] for a model that was partitioned before the run received it.
     pub fn shared(&self) -> Result<Option<&Arc<Portion>>> {
         if self.portion.is_none() && self.model.portion().is_some() {
             let what = "have an effect that hears of other ranks where it is in parts already; the run must share it out itself \
@@ -66,25 +66,25 @@ impl<T: Real> Host<'_, T> {
         Ok(self.portion)
     }
 
-    /// Unknowns of the whole model.
+    /// Number of unknowns of the whole model.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        self.whole().dofs()
+        self.whole_layout().dofs()
     }
 
-    /// Number here of an unknown of the whole model; none if another rank holds it.
+    /// Local number of an unknown of the whole model; `None` if another rank owns it.
     ///
     /// # Panics
-    /// For an unknown that is not there.
+    /// For an unknown that the whole model does not have.
     #[must_use]
-    pub fn unknown(&self, of_whole: usize) -> Option<usize> {
+    pub fn unknown(&self, number: usize) -> Option<usize> {
         match self.model.portion() {
-            Some(portion) => local(portion, &self.whole(), of_whole),
-            None => Some(of_whole),
+            Some(portion) => local(portion, &self.whole_layout(), number),
+            None => Some(number),
         }
     }
 
-    fn whole(&self) -> DofLayout {
+    fn whole_layout(&self) -> DofLayout {
         let layout = self.model.layout();
         let nodes = self
             .model
@@ -100,29 +100,29 @@ impl<T: Real> std::fmt::Debug for Host<'_, T> {
     }
 }
 
-/// The instant at which forces are wanted.
+/// The instant at which forces are evaluated.
 #[derive(Debug, Clone, Copy)]
 pub struct Instant<'a, T> {
     /// Time \[s\].
     pub time: T,
-    /// Displacements at that time.
+    /// Displacements at [`Self::time`].
     pub q: &'a [T],
-    /// Velocities half a step earlier: what an explicit scheme knows. Times [`Instant::dt`] they are the
-    /// displacement of the step.
+    /// Velocities half a step earlier, which is what an explicit scheme knows. Times [`Instant::dt`] they are
+    /// the displacement of the step.
     pub v_half: &'a [T],
     /// Length of the step that led here \[s\]; zero at the start of a run.
     pub dt: T,
     /// Weighted internal forces of the model now \[N, N m\].
     pub internal: &'a [T],
-    /// The same one step earlier; zero at the start of a run.
+    /// Weighted internal forces one step earlier; zero at the start of a run.
     pub internal_before: &'a [T],
 }
 
-/// What an effect demands of the time step, in terms of the highest frequency `ω` of the model without it:
-/// `ω² → gain (ω² + stiffness)`, damped at the rate `damping + viscosity ω²`.
+/// Demand of an effect on the time step, in terms of the highest frequency `ω` of the model without the
+/// effect: `ω² → gain (ω² + stiffness)`, damped at the rate `damping + viscosity ω²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepDemand<T> {
-    /// Largest `ω²` the effect can add \[1/s²\]: contact springs.
+    /// Largest `ω²` that the effect can add \[1/s²\]: contact springs.
     pub stiffness: T,
     /// Factor on all forces: dampings that scale with the force.
     pub gain: T,
@@ -133,7 +133,7 @@ pub struct StepDemand<T> {
 }
 
 impl<T: Real> StepDemand<T> {
-    /// Nothing.
+    /// No demand.
     pub fn none() -> Self {
         Self {
             stiffness: T::zero(),
@@ -152,78 +152,78 @@ impl<T: Real> StepDemand<T> {
     }
 }
 
-/// What a user chooses of an effect. A run attaches it to its subdomain before the first step; only then
-/// there is something that has forces.
+/// Specification of an effect, which a user creates. The run attaches it to its subdomain before the first
+/// step and gets the [`Effect`] that has forces.
 pub trait EffectSpec<T: Real>: Send {
-    /// Makes the effect ready for its subdomain.
+    /// Prepares the effect for its subdomain.
     ///
     /// # Errors
-    /// Parameters that make no sense for this subdomain.
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
+    /// Parameters that are invalid for this subdomain.
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>>;
 }
 
-/// Where a rigid body is and how it moves.
+/// Position and motion of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidMotion<T: Real> {
     /// Displacement since the start \[m\].
     pub displacement: Vector3<T>,
     /// Velocity half a step earlier \[m/s\].
     pub velocity: Vector3<T>,
-    /// Angular velocity then \[rad/s\].
+    /// Angular velocity half a step earlier \[rad/s\].
     pub spin: Vector3<T>,
 }
 
-/// What effects on one subdomain and between two have in common: a line of the energy ledger, and a memory.
+/// Common part of effects on one subdomain and between two: a line of the energy ledger, and a memory.
 pub trait AnyEffect<T: Real>: Send {
-    /// Name in the ledger; between two subdomains it names both models, such as `contact ball-block`.
+    /// Name in the ledger. An effect between two subdomains names both models, such as `contact ball-block`.
     fn name(&self) -> &str;
 
-    /// Positions about which its forces have no moment, if they add up to nothing; `None` where they come
-    /// from outside, or where that is not known.
+    /// Positions about which the forces have no moment, if they sum to zero; `None` if they come from
+    /// outside, or if that is not known.
     fn arms(&self) -> Option<Arms> {
         None
     }
 
-    /// Whether it acts on all of a body by the share that the model has of it, as weight and damping do: in
-    /// an overlap it belongs on both models, and a run warns where only one has it.
+    /// Returns whether the effect acts on every share of a body, like gravity and damping. In an overlap it
+    /// then belongs on both models, and a run warns if only one of them has it.
     fn acts_on_shares(&self) -> bool {
         false
     }
 
-    /// Energy the effect holds now and could give back \[J\], such as that of compressed contact springs.
-    /// With [`Self::supplied`] it counts in the sense of the ledger, in which the work of this instant is
-    /// half done: a linear spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is `(ω Δt)²/2` less than `k/2
-    /// q_n²`.
+    /// Energy that the effect holds and could give back \[J\], such as that of compressed contact springs.
+    /// Where [`Self::supplied`] is known, it is counted like the ledger's energies, in which the work of this
+    /// instant is half done: a linear spring holds `k/4 q_n (q_{n−1} + q_{n+1})`, which is less than `k/2
+    /// q_n²` by the relative amount `(ω Δt)²/2`.
     fn stored(&self) -> T {
         T::zero()
     }
 
-    /// Energy the effect has taken from outside the run up to this instant \[J\]: the work of a driven
-    /// obstacle. Then `supplied − work − stored` is what it has dissipated, and a run in which that becomes
-    /// negative is stopped. `None` for loads, whose work is all from outside.
+    /// Energy that the effect has taken from outside the run up to this instant \[J\]: the work of a driven
+    /// obstacle. The effect has then dissipated `supplied − work − stored`, and a run in which this becomes
+    /// negative is stopped. `None` for loads, whose work comes from outside entirely.
     fn supplied(&self) -> Option<T> {
         None
     }
 
-    /// How the rigid body of the effect moves, if it has one: for output.
+    /// Motion of the effect's rigid body, if it has one; for output.
     fn rigid(&self) -> Option<RigidMotion<T>> {
         None
     }
 
-    /// What the effect must remember to go on with the same bits: contact histories, the motion of an
-    /// obstacle. Nothing for most.
+    /// Returns what the effect must remember to resume with the same bits: contact histories, the motion of
+    /// an obstacle. Empty for most effects.
     fn save(&self) -> Record<T> {
         Record::default()
     }
 
-    /// Whether, of a model in parts, it saves by itself what it remembers of the whole, on the first rank,
-    /// and every rank goes back to all of that. All ranks save together. Else a record has a number for
-    /// every unknown here, or none.
+    /// Returns whether, for a partitioned model, [`Self::save`] returns the state of the whole model on rank
+    /// 0 and [`Self::restore`] receives all of it on every rank. Otherwise a record holds one number per
+    /// local unknown, or none. Saving is collective.
     fn saves_whole(&self) -> bool {
         false
     }
 
-    /// Goes back to what [`Self::save`] returned.
+    /// Restores the state that [`Self::save`] returned.
     ///
     /// # Errors
     /// A record of another effect.
@@ -237,35 +237,36 @@ pub trait AnyEffect<T: Real>: Send {
     }
 }
 
-/// A load, a damping or any other force on one subdomain beside its internal ones, ready to act.
+/// A load, a damping or any other force on one subdomain beside the internal forces, ready to act.
 pub trait Effect<T: Real>: AnyEffect<T> {
-    /// Adds the weighted forces \[N, N m\] and remembers them for [`Self::power`]. Must not allocate.
+    /// Adds the weighted forces \[N, N m\] to `f` and keeps them for [`Self::power`]. Must not allocate.
     ///
     /// # Errors
-    /// Whatever keeps the effect from doing so.
-    fn add_forces(&mut self, at: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
+    /// Any error of the effect.
+    fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()>;
 
-    /// Power of the last added forces on the velocities `v` \[W\]: negative where energy is dissipated.
+    /// Power of the last added forces at the velocities `v` \[W\]: negative where energy is dissipated.
     fn power(&self, v: &[T]) -> T;
 
-    /// Adds the power of the last added forces on `v`, each term of the forces on one unknown, node or unit
-    /// of nodes, so that the sum over all ranks that hold a model in parts does not depend on who holds
-    /// what. `false` for an effect that cannot: it then acts on whole models only.
-    fn add_power(&self, _layout: &DofLayout, _v: &[T], _to: &mut Exact) -> bool {
+    /// Adds the power of the last added forces at `v` to an exact sum, one term per unknown, node or unit of
+    /// nodes, so that the sum over all ranks does not depend on the partition. Returns `false` if the effect
+    /// cannot do so; it then acts only on models that are not partitioned.
+    fn add_power(&self, _layout: &DofLayout, _v: &[T], _sum: &mut Exact) -> bool {
         false
     }
 
-    /// What the effect demands of the time step; of a model in parts, of the nodes here.
+    /// Demand on the time step; for a partitioned model, by the nodes of this rank.
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()
     }
 
-    /// Adds the last forces of contact to `f`, for output; `false` for an effect that is none.
+    /// Adds the last contact forces to `f`, for output. Returns `false` if the effect is no contact.
     fn add_contact(&self, _: &mut [T]) -> bool {
         false
     }
 
-    /// Whether its forces depend on time alone: only such can act on a model that steps implicitly.
+    /// Returns whether the forces depend on time alone. Only then the effect can act on a model that steps
+    /// implicitly.
     fn is_dead(&self) -> bool {
         false
     }

@@ -2,62 +2,63 @@
 //!
 //! An [`Effect`](super::Effect) sees one subdomain. A pair effect sees two at the same instant, after the
 //! positions, the internal forces and the effects of both are known and before either is accelerated. It is
-//! one line of the ledger, demands its share of the step, and where it says what was `supplied` it is held
-//! to the same rule: `supplied − work − stored` does not become negative. Effects of the subdomains do not
-//! see its forces, so a local damping leaves them alone.
+//! one line of the ledger and makes a demand on the time step. If it returns a `supplied` energy, `supplied −
+//! work − stored` must not become negative. Effects of the subdomains do not see its forces, so that local
+//! damping does not act on them.
 
 use super::{AnyEffect, Host, Instant, StepDemand};
 use crate::{Real, Result};
 
-/// The two subdomains that a pair effect acts on, as it sees them when it is attached.
+/// The two subdomains that a pair effect is attached to.
 #[derive(Debug)]
 pub struct HostPair<'a, T: Real> {
     /// The two subdomains.
     pub sides: [Host<'a, T>; 2],
-    /// Nodes of either side that an interface between these two subdomains holds; empty where there is
-    /// none. What is tied to the other side moves with it and should not be pushed away from it.
+    /// For each node of either side: true if an interface between the two subdomains acts on it. Empty if
+    /// there is no interface. A tied node moves with the other side and should not be pushed away from it.
     pub tied: [Vec<bool>; 2],
 }
 
-/// What a user chooses of a pair effect, as [`super::EffectSpec`].
+/// Specification of a pair effect, like [`super::EffectSpec`].
 pub trait PairEffectSpec<T: Real>: Send {
     /// Name that the effect will have.
     fn name(&self) -> &str;
 
-    /// Makes the effect ready for its two subdomains.
+    /// Prepares the effect for its two subdomains.
     ///
     /// # Errors
     /// Models or parameters that the effect cannot work with.
-    fn attach(self: Box<Self>, to: &HostPair<'_, T>) -> Result<Box<dyn PairEffect<T>>>;
+    fn attach(self: Box<Self>, hosts: &HostPair<'_, T>) -> Result<Box<dyn PairEffect<T>>>;
 }
 
 /// Forces between two subdomains, ready to act. Arrays hold the first side, then the second.
 pub trait PairEffect<T: Real>: AnyEffect<T> {
-    /// Adds the weighted forces \[N, N m\] to those of both sides, which hold all others but those of later
-    /// pair effects and of interfaces, and remembers them for [`Self::power`]. Must not allocate. Forces
-    /// must sum to zero, or momentum is made: [`crate::conformance::reaction`].
+    /// Adds the weighted forces \[N, N m\] to `f` of both sides and keeps them for [`Self::power`]. At the
+    /// call `f` holds all forces except those of later pair effects and of interfaces. Must not allocate. The
+    /// forces must sum to zero to conserve momentum: [`crate::conformance::reaction`] checks this.
     ///
     /// # Errors
-    /// Whatever keeps the effect from doing so.
-    fn add_forces(&mut self, at: [&Instant<'_, T>; 2], f: [&mut [T]; 2]) -> Result<()>;
+    /// Any error of the effect.
+    fn add_forces(&mut self, instants: [&Instant<'_, T>; 2], f: [&mut [T]; 2]) -> Result<()>;
 
-    /// Power of the last added forces on the velocities of both sides \[W\].
+    /// Power of the last added forces at the velocities of both sides \[W\].
     fn power(&self, v: [&[T]; 2]) -> T;
 
-    /// Adds the last forces of contact on one side to `f`, for output; `false` for an effect that is none.
+    /// Adds the last contact forces on one side to `f`, for output. Returns `false` if the effect is no
+    /// contact.
     fn add_contact(&self, _side: usize, _: &mut [T]) -> bool {
         false
     }
 
-    /// What the effect demands of the step of either side.
+    /// Demand on the time step of either side.
     fn step_demand(&self) -> [StepDemand<T>; 2] {
         [StepDemand::none(), StepDemand::none()]
     }
 }
 
-/// A pair effect and the two subdomains it is between.
+/// A pair effect and its two subdomains.
 pub struct PairSpec<T: Real> {
-    /// Numbers of the subdomains, two different ones.
+    /// Numbers of the two subdomains, which must differ.
     pub sides: [usize; 2],
     /// The effect.
     pub effect: Box<dyn PairEffectSpec<T>>,

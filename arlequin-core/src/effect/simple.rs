@@ -20,14 +20,14 @@ impl<T: Real> BodyForce<T> {
         if acceleration.iter().all(|a| a.is_finite()) {
             return Ok(Self(acceleration, TimeFunction::Step));
         }
-        let found = format_args!("{acceleration:?}");
-        Err(invalid("body acceleration", found, "must be finite"))
+        let value = format_args!("{acceleration:?}");
+        Err(invalid("body acceleration", value, "must be finite"))
     }
 
-    /// The same, times a function of time.
+    /// Multiplies the acceleration by a function of time.
     ///
     /// # Errors
-    /// Those of [`TimeFunction::validate`].
+    /// Errors of [`TimeFunction::validate`].
     pub fn over_time(self, time: TimeFunction<T>) -> Result<Self> {
         time.validate()?;
         Ok(Self(self.0, time))
@@ -35,11 +35,12 @@ impl<T: Real> BodyForce<T> {
 }
 
 impl<T: Real> EffectSpec<T> for BodyForce<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let layout = to.model.layout();
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let layout = host.model.layout();
         let mut force = vec![T::zero(); layout.dofs()];
-        to.model.lumped_inertia(&*to.weights.external, &mut force)?;
+        host.model.lumped_inertia(&*host.weights.external, &mut force)?;
         for (i, m) in force.iter_mut().enumerate() {
+            // Gravity has no moment on rotations.
             *m *= if i < layout.translations() {
                 self.0[i % layout.components]
             } else {
@@ -48,8 +49,9 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         }
         let time = self.1;
         if time == TimeFunction::Step {
-            let add = |_: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-                f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+            // `own_forces` holds the constant force from the start and needs no update.
+            let add = |_: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+                f.iter_mut().zip(own_forces).for_each(|(f, g)| *f += *g);
             };
             return Ok(Box::new(ForceLaw {
                 force,
@@ -60,11 +62,11 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
             }));
         }
         let dofs = force.len();
-        let add = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            let factor = time.at(at.time);
-            for ((f, own), g) in f.iter_mut().zip(own).zip(&force) {
-                *own = factor * *g;
-                *f += *own;
+        let add = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            let factor = time.at(instant.time);
+            for ((f, own_force), g) in f.iter_mut().zip(own_forces).zip(&force) {
+                *own_force = factor * *g;
+                *f += *own_force;
             }
         };
         Ok(Box::new(ForceLaw {
@@ -91,11 +93,11 @@ impl<T: Real> MassDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for MassDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let (rate, inertia) = (self.0, to.inertia.to_vec());
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let (rate, inertia) = (self.0, host.inertia.to_vec());
         let dofs = inertia.len();
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            for (((f, g), m), v) in f.iter_mut().zip(own).zip(&inertia).zip(at.v_half) {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            for (((f, g), m), v) in f.iter_mut().zip(own_forces).zip(&inertia).zip(instant.v_half) {
                 *g = -rate * *m * *v;
                 *f += *g;
             }
@@ -128,15 +130,16 @@ impl<T: Real> StiffnessDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let time = self.0;
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            if at.dt <= T::zero() {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            // At the start of a run there is no step before to take the difference over.
+            if instant.dt <= T::zero() {
                 return;
             }
-            let factor = time / at.dt;
-            let change = at.internal.iter().zip(at.internal_before);
-            for ((f, g), (now, before)) in f.iter_mut().zip(own).zip(change) {
+            let factor = time / instant.dt;
+            let change = instant.internal.iter().zip(instant.internal_before);
+            for ((f, g), (now, before)) in f.iter_mut().zip(own_forces).zip(change) {
                 *g = factor * (*now - *before);
                 *f += *g;
             }
@@ -150,19 +153,19 @@ impl<T: Real> EffectSpec<T> for StiffnessDamping<T> {
             arms: Some(Arms::Reference),
             local: true,
             shared: true,
-            ..ForceLaw::dissipating("stiffness-damping", to.inertia.len(), law)
+            ..ForceLaw::dissipating("stiffness-damping", host.inertia.len(), law)
         }))
     }
 }
 
-/// Local damping: every unknown feels `−share |F| sgn(v)`, `F` being all other forces on it but the
-/// multipliers. Brings a body to rest without holding its steady motion back. Must be the last effect of
-/// its subdomain.
+/// Local damping: every unknown feels `−share |F| sgn(v)`, where `F` is the sum of the internal forces and of
+/// all other effects of the subdomain. Brings a body to rest without slowing a steady motion. Must be the
+/// last effect of its subdomain.
 #[derive(Debug, Clone)]
 pub struct LocalDamping<T>(T);
 
 impl<T: Real> LocalDamping<T> {
-    /// Damping by the share given, 0.1 to 0.8 in use.
+    /// Damping by the given share, usually 0.1 to 0.8.
     ///
     /// # Errors
     /// [`crate::Error::InvalidParameter`] unless it is at least 0 and below 1.
@@ -176,10 +179,11 @@ impl<T: Real> LocalDamping<T> {
 }
 
 impl<T: Real> EffectSpec<T> for LocalDamping<T> {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let share = self.0;
-        let law = move |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            for ((f, g), v) in f.iter_mut().zip(own).zip(at.v_half) {
+        let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            for ((f, g), v) in f.iter_mut().zip(own_forces).zip(instant.v_half) {
+                // `f` holds the forces before this effect only: hence it must be the last one.
                 let size = share * f.abs();
                 *g = if *v > T::zero() {
                     -size
@@ -199,25 +203,29 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
             demand,
             local: true,
             shared: true,
-            ..ForceLaw::dissipating("local-damping", to.inertia.len(), law)
+            ..ForceLaw::dissipating("local-damping", host.inertia.len(), law)
         }))
     }
 }
 
-/// Subtracts the internal forces of the initial displacements for ever, `F = −F_int(q_0)`: the body starts in
-/// equilibrium in the shape it is given, and its stiffness acts on what it moves from there.
+/// Subtracts the internal forces of the initial displacements permanently, `F = −F_int(q_0)`: the body starts
+/// in equilibrium in the given shape, and its stiffness acts on displacements from there.
 ///
-/// A dead load as far as energy is concerned: its work is from outside.
+/// Counts as a dead load in the energy balance: its work comes from outside.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Prestress;
 
 impl<T: Real> EffectSpec<T> for Prestress {
-    fn attach(self: Box<Self>, to: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
-        let law = |at: &Instant<'_, T>, f: &mut [T], own: &mut [T]| {
-            if at.dt <= T::zero() {
-                own.iter_mut().zip(at.internal).for_each(|(g, now)| *g = -*now);
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let law = |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
+            // The step is zero at the start of a run only: keep the internal forces of that instant.
+            if instant.dt <= T::zero() {
+                own_forces
+                    .iter_mut()
+                    .zip(instant.internal)
+                    .for_each(|(g, now)| *g = -*now);
             }
-            f.iter_mut().zip(own).for_each(|(f, g)| *f += *g);
+            f.iter_mut().zip(own_forces).for_each(|(f, g)| *f += *g);
         };
         Ok(Box::new(ForceLaw {
             arms: Some(Arms::Reference),
@@ -225,7 +233,7 @@ impl<T: Real> EffectSpec<T> for Prestress {
             remembers: true,
             local: true,
             shared: true,
-            ..ForceLaw::new("prestress", to.inertia.len(), law)
+            ..ForceLaw::new("prestress", host.inertia.len(), law)
         }))
     }
 }

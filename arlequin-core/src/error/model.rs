@@ -13,12 +13,12 @@ impl Error {
     }
 }
 
-/// An error of a model implemented outside the core, of a type that only that model knows.
+/// An error of a model implemented outside the core, of a type that only the model knows.
 #[derive(Debug, Clone)]
 pub struct ModelError(Arc<dyn std::error::Error + Send + Sync>);
 
 impl ModelError {
-    /// The error itself, if it is of this type.
+    /// Returns the error itself if it has the type `E`.
     pub fn downcast_ref<E: std::error::Error + 'static>(&self) -> Option<&E> {
         self.0.downcast_ref()
     }
@@ -36,7 +36,7 @@ impl std::error::Error for ModelError {
     }
 }
 
-/// Equal where they say the same.
+/// Equal if the messages are equal.
 impl PartialEq for ModelError {
     fn eq(&self, other: &Self) -> bool {
         self.to_string() == other.to_string()

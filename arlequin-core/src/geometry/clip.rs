@@ -1,10 +1,10 @@
 //! Clipping of convex bodies that stays closed whatever the round-off.
 //!
-//! Corners are stored once and each is classified once per plane, as inside, on the plane or outside; what
-//! every face keeps follows from that classification alone. The cap is bounded by the edges in the plane
-//! that only one kept face has. So a face that nearly lies in the plane is either kept, or replaced by the
-//! cap, or shares its area with it: it is never counted twice, and the parts on the two sides of a plane
-//! add up to the whole.
+//! Corners are stored once, and each is classified once per plane: inside, on the plane or outside. The part
+//! of every face that remains follows from this classification alone. The cap is bounded by the edges in the
+//! plane that belong to only one remaining face. A face that nearly lies in the plane is therefore kept, or
+//! replaced by the cap, or shares its area with the cap: it is never counted twice, and the parts on the two
+//! sides of a plane add up to the whole.
 
 use super::{HalfSpace, Polyhedron};
 use crate::Real;
@@ -15,7 +15,7 @@ const PLANE: f64 = 8.0;
 /// Distance below which two corners are one, in units of epsilon times the largest coordinate.
 const WELD: f64 = 32.0;
 
-/// Where a corner lies with respect to a plane.
+/// Position of a corner relative to a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
     Inside,
@@ -34,35 +34,35 @@ pub(crate) struct Body<T: Real> {
 
 impl<T: Real> Body<T> {
     /// Welds the corners of a polyhedron's faces.
-    pub(crate) fn new(of: &Polyhedron<T>) -> Self {
-        let all = || of.faces.iter().flatten();
-        let reach = all().fold(T::zero(), |m, p| m.max(p.coords.amax()));
+    pub(crate) fn new(polyhedron: &Polyhedron<T>) -> Self {
+        let all_corners = || polyhedron.faces.iter().flatten();
+        let reach = all_corners().fold(T::zero(), |m, p| m.max(p.coords.amax()));
         let mut out = Self {
-            points: Vec::with_capacity(2 * of.faces.len()),
-            faces: Vec::with_capacity(of.faces.len()),
+            points: Vec::with_capacity(2 * polyhedron.faces.len()),
+            faces: Vec::with_capacity(polyhedron.faces.len()),
             reach,
         };
-        for face in &of.faces {
+        for face in &polyhedron.faces {
             let mut corners = Vec::with_capacity(face.len());
             for p in face {
-                let found = (0..out.points.len()).find(|k| out.same(&out.points[*k], p));
-                let k = found.unwrap_or_else(|| {
+                let known = (0..out.points.len()).find(|k| out.coincide(&out.points[*k], p));
+                let k = known.unwrap_or_else(|| {
                     out.points.push(*p);
                     out.points.len() - 1
                 });
-                push(&mut corners, k as u32);
+                push_corner(&mut corners, k as u32);
             }
-            out.keep(corners);
+            out.add_face(corners);
         }
         out
     }
 
-    fn same(&self, a: &Point3<T>, b: &Point3<T>) -> bool {
+    fn coincide(&self, a: &Point3<T>, b: &Point3<T>) -> bool {
         (a - b).amax() <= self.reach * T::epsilon() * T::of(WELD)
     }
 
     /// Adds a face unless it has shrunk to an edge.
-    fn keep(&mut self, mut corners: Vec<u32>) {
+    fn add_face(&mut self, mut corners: Vec<u32>) {
         while corners.len() > 1 && corners.first() == corners.last() {
             corners.pop();
         }
@@ -72,6 +72,7 @@ impl<T: Real> Body<T> {
     }
 
     fn side(&self, plane: &HalfSpace<T>, x: &Point3<T>) -> (Side, T) {
+        // The terms of the excess may cancel: their size bounds its round-off.
         let terms = plane.normal.amax() * self.reach + plane.offset.abs();
         let bound = terms * T::epsilon() * T::of(PLANE);
         let excess = plane.excess(x);
@@ -85,9 +86,10 @@ impl<T: Real> Body<T> {
         (side, excess)
     }
 
-    /// The part within all half-spaces; none if nothing of positive volume is left.
+    /// Part of the body within all half-spaces; `None` if no positive volume is left.
     pub(crate) fn within(&self, planes: &[HalfSpace<T>]) -> Option<Polyhedron<T>> {
-        // Most pairs of cells whose boxes meet are parted by one face.
+        // Most pairs of cells whose boxes meet are separated by one face: look for it before copying the
+        // body.
         let parted = |plane: &HalfSpace<T>| {
             let inside = |x: &Point3<T>| self.side(plane, x).0 == Side::Inside;
             !self.points.iter().any(inside)
@@ -104,7 +106,7 @@ impl<T: Real> Body<T> {
         Some(body.polyhedron())
     }
 
-    /// Cuts off what lies beyond a plane; `false` if nothing is left.
+    /// Cuts off the part beyond a plane; returns `false` if nothing is left.
     fn clip(&mut self, plane: &HalfSpace<T>) -> bool {
         let mut sides: Vec<(Side, T)> = self.points.iter().map(|x| self.side(plane, x)).collect();
         let used = |s: Side| {
@@ -112,6 +114,7 @@ impl<T: Real> Body<T> {
             corners.any(|k| sides[*k as usize].0 == s)
         };
         let (inside, outside) = (used(Side::Inside), used(Side::Outside));
+        // No corner beyond the plane, or none within: everything stays or goes.
         if !inside || !outside {
             return inside;
         }
@@ -123,7 +126,7 @@ impl<T: Real> Body<T> {
                 let b = face[(k + 1) % face.len()];
                 let [(sa, _), (sb, _)] = [a, b].map(|c| sides[c as usize]);
                 if sa != Side::Outside {
-                    push(&mut piece, a);
+                    push_corner(&mut piece, a);
                 }
                 if matches!(
                     (sa, sb),
@@ -131,33 +134,35 @@ impl<T: Real> Body<T> {
                 ) {
                     let edge = if sa == Side::Inside { [a, b] } else { [b, a] };
                     let cut = self.cut(edge, &mut sides, &mut cuts);
-                    push(&mut piece, cut);
+                    push_corner(&mut piece, cut);
                 }
             }
             let before = self.faces.len();
-            self.keep(piece);
-            if let Some(kept) = self.faces[before..].first() {
-                for (k, &a) in kept.iter().enumerate() {
-                    let edge = [a, kept[(k + 1) % kept.len()]];
+            self.add_face(piece);
+            if let Some(remaining) = self.faces[before..].first() {
+                for (k, &a) in remaining.iter().enumerate() {
+                    let edge = [a, remaining[(k + 1) % remaining.len()]];
                     if edge.iter().all(|c| sides[*c as usize].0 == Side::On) {
-                        toggle(&mut rim, edge);
+                        toggle_edge(&mut rim, edge);
                     }
                 }
             }
         }
         self.cap(rim, &plane.normal);
+        // Fewer faces enclose no volume.
         self.faces.len() >= 4
     }
 
-    /// The corner at which an edge, from its inner to its outer end, meets the plane: one for both faces of
-    /// the edge.
+    /// Number of the corner at which an edge, from its inner to its outer end, meets the plane. Both faces of
+    /// the edge get the same corner.
     fn cut(&mut self, edge: [u32; 2], sides: &mut Vec<(Side, T)>, cuts: &mut Vec<([u32; 2], u32)>) -> u32 {
         if let Some((_, k)) = cuts.iter().find(|(e, _)| *e == edge) {
             return *k;
         }
         let [(p, ep), (q, eq)] = edge.map(|c| (self.points[c as usize], sides[c as usize].1));
         let x = p + (q - p) * (ep / (ep - eq));
-        let on = |k: &usize| sides[*k].0 == Side::On && self.same(&self.points[*k], &x);
+        // A cut at a corner on the plane is that corner: two corners so close would leave a sliver.
+        let on = |k: &usize| sides[*k].0 == Side::On && self.coincide(&self.points[*k], &x);
         let k = (0..self.points.len()).find(on).unwrap_or_else(|| {
             self.points.push(x);
             sides.push((Side::On, T::zero()));
@@ -182,22 +187,24 @@ impl<T: Real> Body<T> {
                 }
             }
             if last != first {
-                // The faces given did not share their corners: the cap of a convex body is convex.
+                // The faces given did not share their corners. The cap of a convex body is convex, so order
+                // its corners.
                 corners.extend(rim.drain(..).flatten());
-                corners = self.around(corners, normal);
+                corners = self.sorted_by_angle(corners, normal);
             }
-            self.keep(corners);
+            self.add_face(corners);
         }
     }
 
     /// Corners of a plane section in the order of their angles about its centre.
-    fn around(&self, mut corners: Vec<u32>, normal: &Vector3<T>) -> Vec<u32> {
+    fn sorted_by_angle(&self, mut corners: Vec<u32>, normal: &Vector3<T>) -> Vec<u32> {
         corners.sort_unstable();
         corners.dedup();
-        let at = |k: &u32| self.points[*k as usize];
-        let sum = corners.iter().fold(Vector3::zeros(), |s, k| s + at(k).coords);
+        let point = |k: &u32| self.points[*k as usize];
+        let sum = corners.iter().fold(Vector3::zeros(), |s, k| s + point(k).coords);
         let centre = Point3::from(sum / T::of(corners.len() as f64));
         let n = normal.normalize();
+        // An axis that is not close to the normal.
         let e = if n.x.abs() < T::of(0.7) {
             Vector3::x()
         } else {
@@ -206,7 +213,7 @@ impl<T: Real> Body<T> {
         let u = n.cross(&e).normalize();
         let v = n.cross(&u);
         let angle = |k: &u32| {
-            let d = at(k) - centre;
+            let d = point(k) - centre;
             d.dot(&v).atan2(d.dot(&u)).as_f64()
         };
         corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
@@ -222,14 +229,14 @@ impl<T: Real> Body<T> {
 }
 
 /// Appends a corner unless it is the last one already.
-fn push(corners: &mut Vec<u32>, k: u32) {
+fn push_corner(corners: &mut Vec<u32>, k: u32) {
     if corners.last() != Some(&k) {
         corners.push(k);
     }
 }
 
-/// Adds an edge, or removes it if it is there: what remains belongs to one face only.
-fn toggle(rim: &mut Vec<[u32; 2]>, edge: [u32; 2]) {
+/// Adds an edge, or removes it if it is there: the edges that remain belong to one face only.
+fn toggle_edge(rim: &mut Vec<[u32; 2]>, edge: [u32; 2]) {
     let [a, b] = edge;
     match rim.iter().position(|e| *e == [a, b] || *e == [b, a]) {
         Some(k) => {

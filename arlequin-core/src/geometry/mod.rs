@@ -1,6 +1,6 @@
 //! Integration cells: segments with a cross-section and convex polyhedra, their intersections and quadrature.
 //!
-//! Everything here works in the reference configuration and only at set-up.
+//! All functions work in the reference configuration, and only at set-up.
 
 mod clip;
 mod polyhedron;
@@ -24,7 +24,7 @@ pub struct Sample<T: Real> {
     pub measure: T,
 }
 
-/// A piece of a domain on which shape functions are smooth.
+/// A part of a domain on which shape functions are smooth.
 #[derive(Debug, Clone)]
 pub enum Cell<T: Real> {
     /// A straight line with a constant cross-section.
@@ -55,8 +55,8 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The common part of two cells of the same kind; `None` where it is empty or of lower dimension.
-    /// Two segments intersect only along a common line.
+    /// Common part of two cells of one kind; `None` where it is empty or of lower dimension. Two segments
+    /// intersect only along a common line.
     pub fn intersection(&self, other: &Self) -> Option<Self> {
         match (self, other) {
             (
@@ -69,12 +69,18 @@ impl<T: Real> Cell<T> {
                 let length = (ends[1] - ends[0]).norm();
                 let axis = (ends[1] - ends[0]) / length;
                 let tolerance = length * T::epsilon() * T::of(64.0);
-                let at = |p: &Point3<T>| axis.dot(&(p - ends[0]));
-                let off = |p: &Point3<T>| (p - ends[0] - axis * at(p)).norm() > length * T::epsilon().sqrt();
+                let coordinate = |p: &Point3<T>| axis.dot(&(p - ends[0]));
+                // Ends within √ε lengths of the line count as on it.
+                let off = |p: &Point3<T>| {
+                    (p - ends[0] - axis * coordinate(p)).norm() > length * T::epsilon().sqrt()
+                };
                 if e2.iter().any(off) {
                     return None;
                 }
-                let (a, b) = (at(&e2[0]).min(at(&e2[1])), at(&e2[0]).max(at(&e2[1])));
+                let (a, b) = (
+                    coordinate(&e2[0]).min(coordinate(&e2[1])),
+                    coordinate(&e2[0]).max(coordinate(&e2[1])),
+                );
                 let (a, b) = (a.max(T::zero()), b.min(length));
                 (b - a > tolerance).then(|| Self::Segment {
                     ends: [ends[0] + axis * a, ends[0] + axis * b],
@@ -84,6 +90,7 @@ impl<T: Real> Cell<T> {
             (Self::Polyhedron(p), Self::Polyhedron(q)) => {
                 let body = p.intersection(&q.half_spaces());
                 let size = p.volume().min(q.volume());
+                // A smaller volume is round-off of the clipping.
                 (!body.faces.is_empty() && body.volume() > size * T::epsilon() * T::of(16.0))
                     .then_some(Self::Polyhedron(body))
             }
@@ -91,7 +98,7 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The part on the inner side of a plane.
+    /// Part of the cell on the inner side of a plane; `None` if nothing remains.
     pub fn clip(&self, plane: &HalfSpace<T>) -> Option<Self> {
         match self {
             Self::Segment { ends, section } => {
@@ -134,6 +141,8 @@ impl<T: Real> Cell<T> {
                 }
             }
             Self::Polyhedron(p) => {
+                // Four samples serve the whole body if they lie inside; otherwise every tetrahedron gets its
+                // own.
                 if degree > 2 || !p.quadratic_rule(out) {
                     p.for_each_tetrahedron(|t| tetrahedron_quadrature(&t, degree, out));
                 }
@@ -141,8 +150,8 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The same with half to two thirds of the samples, those of tetrahedra from a corner: not symmetric,
-    /// so for integrands alone that the rule integrates exactly, or nearly.
+    /// Appends samples like [`Self::quadrature`], but half to two thirds of them, from tetrahedra at a common
+    /// corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {
             Self::Polyhedron(p) if degree > 2 => {
@@ -152,7 +161,7 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// The bounding half-spaces of a polyhedron; none for a segment.
+    /// Bounding half-spaces of a polyhedron; empty for a segment.
     pub(crate) fn half_spaces(&self) -> Vec<HalfSpace<T>> {
         match self {
             Self::Segment { .. } => Vec::new(),
@@ -171,6 +180,7 @@ impl<T: Real> Cell<T> {
 
 /// Bounding box of points.
 pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [Point3<T>; 2] {
+    // Finite in both precisions.
     let big = T::of(f64::from(f32::MAX));
     let mut b = [Point3::new(big, big, big), Point3::new(-big, -big, -big)];
     for p in points {
@@ -180,36 +190,43 @@ pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [P
     b
 }
 
-/// Point of a triangle, which may be a line or a point, that is closest to `p` (Ericson, Real-Time
+/// Point of a triangle that is closest to `p`; the triangle may be a line or a point (Ericson, Real-Time
 /// Collision Detection, 5.1.5).
 pub fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> Vector3<f64> {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    // Beyond corner `a`.
     if d1 <= 0.0 && d2 <= 0.0 {
         return *a;
     }
     let bp = p - b;
     let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    // Beyond corner `b`.
     if d3 >= 0.0 && d4 <= d3 {
         return *b;
     }
     let vc = d1 * d4 - d3 * d2;
+    // Beyond edge `ab`.
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
         return a + ab * (d1 / (d1 - d3));
     }
     let cp = p - c;
     let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    // Beyond corner `c`.
     if d6 >= 0.0 && d5 <= d6 {
         return *c;
     }
     let vb = d5 * d2 - d1 * d6;
+    // Beyond edge `ac`.
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
         return a + ac * (d2 / (d2 - d6));
     }
     let va = d3 * d6 - d5 * d4;
+    // Beyond edge `bc`.
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
+    // Within the triangle.
     let denom = 1.0 / (va + vb + vc);
     a + ab * (vb * denom) + ac * (vc * denom)
 }
@@ -224,17 +241,17 @@ pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T)
     samples.iter().map(|s| f(&s.point) * s.measure).sum::<T>() / total
 }
 
-/// The cell cut in `8^levels` parts, a segment in `2^levels`.
+/// Cuts a cell into up to `8^levels` parts, a segment into `2^levels`.
 pub(crate) fn parts<T: Real>(cell: &Cell<T>, levels: usize) -> Vec<Cell<T>> {
     let mut parts = vec![cell.clone()];
     for _ in 0..levels {
-        parts = parts.iter().flat_map(halves).collect();
+        parts = parts.iter().flat_map(cut_at_centre).collect();
     }
     parts
 }
 
-/// The cell cut through its centre across its three box directions (8 parts), a segment in two.
-fn halves<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
+/// Cuts a cell through the centre of its box across the three axes into up to 8 parts, a segment into two.
+fn cut_at_centre<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
     if let Cell::Segment {
         ends: [a, b],
         section,

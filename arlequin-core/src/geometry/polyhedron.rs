@@ -83,13 +83,14 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// The bounding half-spaces, normals pointing away from the inside.
+    /// Bounding half-spaces, with normals that point away from the inside.
     pub fn half_spaces(&self) -> Vec<HalfSpace<T>> {
         let centre = self.centre();
         let plane = |f: &Vec<Point3<T>>| {
             let normal = loop_normal(f);
             (normal.norm_squared() > T::zero()).then(|| {
-                let h = HalfSpace::new(&middle(f), normal.normalize());
+                let h = HalfSpace::new(&plane_point(f), normal.normalize());
+                // Loops may run either way round.
                 if h.excess(&centre) > T::zero() {
                     h.flipped()
                 } else {
@@ -100,19 +101,19 @@ impl<T: Real> Polyhedron<T> {
         self.faces.iter().filter_map(plane).collect()
     }
 
-    /// The part on the inner side of a plane; empty if nothing remains.
+    /// Part on the inner side of a plane; empty if nothing remains.
     #[must_use]
     pub fn clip(&self, plane: &HalfSpace<T>) -> Self {
         self.intersection(std::slice::from_ref(plane))
     }
 
-    /// The intersection with another convex polyhedron given by its half-spaces.
+    /// Intersection with another convex polyhedron, which is given by its half-spaces.
     #[must_use]
     pub fn intersection(&self, planes: &[HalfSpace<T>]) -> Self {
         Body::new(self).within(planes).unwrap_or_default()
     }
 
-    /// Tetrahedra that fill the body: every face fan joined to the centre.
+    /// Visits tetrahedra that fill the body: the triangles of every face, joined to the centre.
     pub fn for_each_tetrahedron(&self, mut visit: impl FnMut([Point3<T>; 4])) {
         if self.faces.len() == 4 && self.faces.iter().all(|f| f.len() == 3) {
             let base = &self.faces[0];
@@ -128,16 +129,17 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Tetrahedra that fill the body from one of its corners, the one on the most triangles: about half as
-    /// many.
+    /// Visits tetrahedra that fill the body from one of its corners, about half as many as from the centre.
+    /// The corner is the one on the most triangles.
     pub(super) fn for_each_tetrahedron_from_a_corner(&self, mut visit: impl FnMut([Point3<T>; 4])) {
-        let saved = |x: &Point3<T>| -> usize {
-            let own = self.faces.iter().filter(|f| f.contains(x));
-            own.map(|f| f.len().saturating_sub(2)).sum()
+        let triangles_on = |x: &Point3<T>| -> usize {
+            let incident = self.faces.iter().filter(|f| f.contains(x));
+            incident.map(|f| f.len().saturating_sub(2)).sum()
         };
         let mut best: Option<(usize, &Point3<T>)> = None;
         for x in self.faces.iter().flatten() {
-            let count = saved(x);
+            let count = triangles_on(x);
+            // The first of equals, so that the choice is unique.
             if best.is_none_or(|b| count > b.0) {
                 best = Some((count, x));
             }
@@ -150,9 +152,9 @@ impl<T: Real> Polyhedron<T> {
         }
     }
 
-    /// Four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the
-    /// centroid `c`, the covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. `false` where
-    /// one of them falls outside.
+    /// Appends four samples that integrate quadratic polynomials over the whole body, `c + √3 L v_k` with the
+    /// centroid `c`, the covariance `L Lᵀ` and the corners `v_k` of a regular tetrahedron. Returns `false`,
+    /// and appends nothing, if one of them falls outside.
     pub(super) fn quadratic_rule(&self, out: &mut Vec<Sample<T>>) -> bool {
         let (mut volume, mut first) = (T::zero(), Vector3::zeros());
         self.for_each_tetrahedron(|t| {
@@ -170,6 +172,7 @@ impl<T: Real> Polyhedron<T> {
             let d = t.map(|p| p - centre);
             let sum = d.iter().fold(Vector3::zeros(), |s, x| s + x);
             let squares = d.iter().fold(Matrix3::zeros(), |s, x| s + x * x.transpose());
+            // Second moments of a tetrahedron about the centre.
             covariance += (squares + sum * sum.transpose()) * (v / T::of(20.0));
         });
         let Some(factor) = (covariance / volume).cholesky() else {
@@ -183,14 +186,14 @@ impl<T: Real> Polyhedron<T> {
         ];
         let points = corners.map(|v| centre + factor.l() * Vector3::from(v.map(T::of)));
         let inside = |h: &HalfSpace<T>| points.iter().all(|x| h.excess(x) <= T::zero());
-        let all = self.half_spaces().iter().all(inside);
-        if all {
+        let all_inside = self.half_spaces().iter().all(inside);
+        if all_inside {
             out.extend(points.map(|point| Sample {
                 point,
                 measure: volume * T::of(0.25),
             }));
         }
-        all
+        all_inside
     }
 
     /// Volume \[m³\].
@@ -209,9 +212,9 @@ fn loop_normal<T: Real>(face: &[Point3<T>]) -> Vector3<T> {
     n
 }
 
-/// A point of the plane of a face: a corner of a triangle, the mean of the corners where round-off may have
-/// bent it.
-fn middle<T: Real>(face: &[Point3<T>]) -> Point3<T> {
+/// A point of the plane of a face: a corner of a triangle, else the mean of the corners, as round-off may
+/// have bent the face.
+fn plane_point<T: Real>(face: &[Point3<T>]) -> Point3<T> {
     if face.len() == 3 {
         return face[0];
     }

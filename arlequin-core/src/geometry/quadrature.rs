@@ -1,4 +1,4 @@
-//! Rules on segments and tetrahedra.
+//! Quadrature rules on segments and tetrahedra.
 
 use super::Sample;
 use crate::Real;
@@ -17,7 +17,8 @@ pub(super) fn gauss_line(degree: usize) -> Vec<(f64, f64)> {
     vec![(0.5 - a, 5.0 / 18.0), (0.5, 4.0 / 9.0), (0.5 + a, 5.0 / 18.0)]
 }
 
-/// Degree 1 (centroid), 2 (4 points) or 5 (14 points, Walkington 2000), all with positive weights.
+/// Appends samples of a tetrahedron: degree 1 (centroid), 2 (4 points) or 5 (14 points, Walkington 2000), all
+/// with positive weights.
 pub(super) fn tetrahedron_quadrature<T: Real>(t: &[Point3<T>; 4], degree: usize, out: &mut Vec<Sample<T>>) {
     let volume = tetrahedron_volume(t).abs();
     if volume <= T::zero() {

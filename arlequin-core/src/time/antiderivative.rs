@@ -1,15 +1,15 @@
-//! Integrals of formulas from time zero on: the same bits whatever was asked before, as no step of a run
-//! must feel how they are found.
+//! Integrals of formulas from time zero on. Their bits do not depend on what was asked before, so that no
+//! step of a run depends on how earlier ones were found.
 //!
-//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. So a step of a formula or a
-//! short pulse is met once, at the resolution of the time at which it is, and belongs to all that follows.
-//! Every piece is halved until two rules agree.
+//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. A step of a formula or a short
+//! pulse is thus resolved once, in the interval between two cuts that contains it, and counts in all later
+//! integrals. Every interval is halved until two rules agree.
 
 use super::Formula;
 use std::sync::PoisonError;
 
-/// Places in −1 … 1, both signs, with the weights of Clenshaw and Curtis on 17 points and on every second
-/// of them. The ends are among them: a kink just within one would be seen by no other point.
+/// Places in −1 … 1, for both signs, with the weights of Clenshaw and Curtis on 17 points and on every second
+/// of them. The ends are among the points: a kink just within an end would be seen by no other point.
 const POINTS: [[f64; 3]; 9] = [
     [1.0, 0.003_921_568_627_450_98, 0.015_873_015_873_015_872],
     [0.980_785_280_403_230_4, 0.037_368_702_837_205_61, 0.0],
@@ -33,27 +33,33 @@ const POINTS: [[f64; 3]; 9] = [
     [0.195_090_322_016_128_33, 0.192_513_864_612_925_63, 0.0],
     [0.0, 0.196_410_125_821_890_55, 0.393_650_793_650_793_6],
 ];
-/// Difference of both rules over the mean of the modulus, and in itself, at which they agree.
+/// Differences at which the two rules agree: relative to the mean of the modulus, and absolute.
 const AGREE: [f64; 2] = [1e-14, 1e-15];
-/// Most halvings of a piece, one within the other and in all.
+/// Most halvings of an interval: nested in each other, and in all.
 const DEEPEST: u32 = 50;
 const MOST: u32 = 2_000;
-/// Bits of a number behind its exponent and the sixteenths of it.
+/// Bits of a number below its exponent and the four bits that count sixteenths.
 const BEHIND: u32 = 48;
 /// The first cut \[s\].
 const FIRST: f64 = 1.0 / (1_u64 << 63) as f64;
 
 /// `∫_a^b f`.
-pub(super) fn between(f: &dyn Fn(f64) -> f64, a: f64, b: f64) -> f64 {
-    let mut left = MOST;
-    halved(f, [a, b], DEEPEST, &mut left)
+pub(super) fn integral_between(f: &dyn Fn(f64) -> f64, a: f64, b: f64) -> f64 {
+    let mut halvings_left = MOST;
+    integral_by_halving(f, [a, b], DEEPEST, &mut halvings_left)
 }
 
-fn halved(f: &dyn Fn(f64) -> f64, [a, b]: [f64; 2], deeper: u32, left: &mut u32) -> f64 {
+fn integral_by_halving(
+    f: &dyn Fn(f64) -> f64,
+    [a, b]: [f64; 2],
+    depth_left: u32,
+    halvings_left: &mut u32,
+) -> f64 {
     let (middle, half) = (0.5 * (a + b), 0.5 * (b - a));
     let mut values = [0.0; 17];
     let (mut sum, mut gap, mut size) = (0.0, 0.0, 0.0);
     for (k, [x, fine, coarse]) in POINTS.into_iter().enumerate() {
+        // The middle has no mirror image.
         let ends: &[(usize, f64)] = if k < 8 { &[(k, -x), (16 - k, x)] } else { &[(k, x)] };
         for (place, x) in ends {
             let value = f(middle + x * half);
@@ -63,36 +69,40 @@ fn halved(f: &dyn Fn(f64) -> f64, [a, b]: [f64; 2], deeper: u32, left: &mut u32)
             size += fine * value.abs();
         }
     }
-    // Times are rounded, and formulas change with them.
+    // Times are rounded, and values of the formula change with them.
     let change: f64 = values.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
     let round = 2.0 * f64::EPSILON * change * a.abs().max(b.abs()) / half.abs().max(f64::MIN_POSITIVE);
     let apart = gap.abs() > (AGREE[0] * size).max(AGREE[1]).max(round);
-    if !apart || deeper == 0 || *left == 0 {
+    if !apart || depth_left == 0 || *halvings_left == 0 {
         return sum * half;
     }
-    *left -= 1;
-    halved(f, [a, middle], deeper - 1, left) + halved(f, [middle, b], deeper - 1, left)
+    *halvings_left -= 1;
+    integral_by_halving(f, [a, middle], depth_left - 1, halvings_left)
+        + integral_by_halving(f, [middle, b], depth_left - 1, halvings_left)
 }
 
 impl Formula {
     /// `∫_0^t f dt` \[s\].
     pub(super) fn integral(&self, t: f64) -> f64 {
         let f = |t: f64| self.at(t);
+        // Cuts are numbered by the bits of positive numbers, which ascend with them.
         if t.is_nan() || t < FIRST {
-            return between(&f, 0.0, t);
+            return integral_between(&f, 0.0, t);
         }
+        // Exponent and sixteenths of a time: the number of the cut at or before it.
         let number = |t: f64| (t.to_bits() >> BEHIND) as usize;
         let cut = |k: usize| f64::from_bits((k as u64) << BEHIND);
         let (first, last) = (number(FIRST), number(t));
+        // The sums are complete after every push: a poisoned lock does no harm.
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         if sums.is_empty() {
-            sums.push(between(&f, 0.0, FIRST));
+            sums.push(integral_between(&f, 0.0, FIRST));
         }
         for k in first + sums.len() - 1..last {
-            let next = sums[k - first] + between(&f, cut(k), cut(k + 1));
+            let next = sums[k - first] + integral_between(&f, cut(k), cut(k + 1));
             sums.push(next);
         }
-        sums[last - first] + between(&f, cut(last), t)
+        sums[last - first] + integral_between(&f, cut(last), t)
     }
 }
 
