@@ -1,4 +1,4 @@
-//! A model whose bonds break, and what a state would need.
+//! Bonds that break: fracture of a model, its saved state and its results.
 
 use super::DemModel;
 use super::forces::Heard;
@@ -12,7 +12,7 @@ use arlequin_core::Evolution;
 use arlequin_core::snapshot::Record;
 
 impl DemModel {
-    /// The same body with bonds that break.
+    /// Lets the bonds of the body break.
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense;
@@ -24,11 +24,10 @@ impl DemModel {
         Ok(self)
     }
 
-    /// The same body; strengths are compared only when [`arlequin_core::Watching::watch`] is called, and
-    /// nothing breaks.
+    /// Compares bonds with their strengths when [`arlequin_core::Watching::watch`] is called; nothing breaks.
     ///
     /// # Errors
-    /// As [`Self::with_fracture`].
+    /// Errors of [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
         self.alike("a strength of bonds")?;
@@ -36,7 +35,7 @@ impl DemModel {
         Ok(self)
     }
 
-    /// Whole bonds that may break, of all of the body or of a part.
+    /// Returns the fracture state of the body, or of a rank's part of it, with all bonds unbroken.
     fn breaking(&self, spec: Fracture, log: SharedLog) -> FractureState {
         match self.halo.as_ref().zip(self.numbered.as_ref()) {
             Some(part) => FractureState::new_in_part(spec, &self.body, log, part),
@@ -44,7 +43,7 @@ impl DemModel {
         }
     }
 
-    /// Refuses what bonds of several materials cannot have.
+    /// Refuses `what` if the bonds are of several materials.
     fn alike(&self, what: &'static str) -> Result<()> {
         match self.body.is_graded() {
             true => Err(Error::Graded { what }),
@@ -52,13 +51,15 @@ impl DemModel {
         }
     }
 
-    /// Largest criterion over strength among the bonds in the state `q`; zero without fracture.
+    /// Returns the largest ratio of criterion to strength among the bonds in the state `q`; zero without
+    /// fracture.
     pub(crate) fn load(&self, q: &[f64]) -> f64 {
         let peak = |f: &FractureState| f.peak(&self.body, &self.reader(q)).0;
         self.fracture.as_ref().map_or(0.0, peak)
     }
 
-    /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
+    /// Makes the bonds of an overlap unbreakable if the fracture model asks for it. To be called when weights
+    /// change.
     pub(super) fn spare_overlap(&mut self) {
         let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
         for f in [&mut fracture, &mut watched].into_iter().flatten() {
@@ -67,8 +68,8 @@ impl DemModel {
         (self.fracture, self.watched) = (fracture, watched);
     }
 
-    /// The same body, whose bonds are compared with their strengths one by one: the reference for tests of
-    /// the look that rides in the force kernel. Slower, same breaks.
+    /// Compares bonds with their strengths one by one instead of in the force kernel: the slower reference
+    /// for tests, with the same breaks.
     #[must_use]
     pub fn with_plain_checks(mut self) -> Self {
         if let Some(f) = &mut self.fracture {
@@ -77,7 +78,7 @@ impl DemModel {
         self
     }
 
-    /// What broke so far; stays up to date during a run.
+    /// Returns the log of broken bonds, which stays up to date during a run.
     #[must_use]
     pub fn break_log(&self) -> SharedLog {
         self.log.clone()
@@ -99,6 +100,7 @@ impl DemModel {
         if !fracture.now.is_empty() {
             let blocks = self.sever(&mut fracture);
             let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            // The forces of this step still contain the bonds that broke in it.
             kernel.again(&blocks, step.f);
         }
         self.fracture = Some(fracture);
@@ -115,7 +117,8 @@ impl DemModel {
         fracture.release(&self.body, step, readers, |b| self.in_overlap(b))
     }
 
-    /// The same for a part of a body: the energy of all bonds that break on any rank.
+    /// Like [`Self::find_here`] in a rank's part of a partitioned body; returns the energy released on all
+    /// ranks.
     fn find_in_parts(
         &self,
         fracture: &mut FractureState,
@@ -135,7 +138,7 @@ impl DemModel {
         fracture.release_in_parts(&self.body, step, readers, parts, |b| self.in_overlap(b))
     }
 
-    /// Lets a part of a body break like the whole.
+    /// Restricts the fracture state to a rank's part of the body and removes the bonds already broken.
     pub(super) fn break_apart(&mut self) {
         let Some(place) = self.halo.as_ref().zip(self.numbered.as_ref()) else {
             return;
@@ -150,7 +153,7 @@ impl DemModel {
         }
     }
 
-    /// Takes the bonds that break now out of the kernel; the blocks that held them, ascending.
+    /// Removes the bonds that break now from body and kernel. Returns the blocks that held them, ascending.
     fn sever(&mut self, fracture: &mut FractureState) -> Vec<usize> {
         let mut blocks = Vec::new();
         for &b in &fracture.now {
@@ -169,7 +172,7 @@ impl DemModel {
         blocks
     }
 
-    /// What broke, then the orientations under finite rotations.
+    /// Returns the record of broken bonds, then the orientations under finite rotations.
     pub(super) fn remember(&self) -> Record<f64> {
         let mut out = self
             .fracture
@@ -177,7 +180,7 @@ impl DemModel {
             .map(FractureState::save)
             .unwrap_or_default();
         let turns = self.kernel.save(self.nodes.len());
-        // Of the whole body, on the first rank; what goes wrong is kept for
+        // Rank 0 saves the orientations of the whole body. An error between ranks is kept for
         // [`arlequin_core::ranks::Portion::failure`].
         let turns = match (&self.halo, self.has_finite_rotations()) {
             (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
@@ -187,13 +190,14 @@ impl DemModel {
         out
     }
 
-    /// Undoes [`Self::remember`].
+    /// Restores the state that [`Self::remember`] returned.
     pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
         if self.has_finite_rotations() {
             let portion = self.halo.as_ref().map(|h| h.portion().clone());
             let all = portion
                 .as_ref()
                 .map_or(self.nodes.len(), |p| p.division().nodes());
+            // Orientations are the last numbers of the record, seven per particle of the whole body.
             let breaks = from.numbers.len().saturating_sub(7 * all);
             let mut turns = from.numbers.split_off(breaks);
             if let Some(p) = portion.filter(|_| turns.len() == 7 * all) {

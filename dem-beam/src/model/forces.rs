@@ -1,4 +1,5 @@
-//! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
+//! Applies the block kernel to a model: writes its unknowns into kernel rows, and bond forces into flat
+//! arrays in the model's numbering.
 
 use crate::bond::BeamRigidity;
 use crate::kernel::engine::{
@@ -17,10 +18,10 @@ use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
 
-/// A particle that has not turned.
+/// Row of a particle that has neither moved nor turned: the quaternion is (1, 0, 0, 0).
 const UPRIGHT: CacheLine = CacheLine([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
 
-/// Particles above which a second thread pays for its wake-up.
+/// Number of particles above which a second thread gains more than its wake-up costs.
 const LARGE: usize = 4_000;
 
 impl Posed for Linear {
@@ -29,7 +30,8 @@ impl Posed for Linear {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
-        // Four numbers at a time: the fourth lands in a free place of the row.
+        // Four numbers are copied at a time; the fourth lands in an unused place of the row. The last
+        // particle has no fourth number to read, so three are copied.
         let sources = u.windows(4).step_by(3).zip(th.windows(4).step_by(3));
         for (row, (u, th)) in rows.iter_mut().zip(sources) {
             row.0[..4].copy_from_slice(u);
@@ -49,7 +51,7 @@ impl Posed for Finite {
     }
 }
 
-/// Orientations of the particles as they were reached last.
+/// Orientations of the particles at the state reached last.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reached<'a> {
     rows: &'a [CacheLine],
@@ -57,12 +59,12 @@ pub(crate) struct Reached<'a> {
 }
 
 impl Reached<'_> {
-    /// Nothing has turned yet.
+    /// Orientations at rest, for any number of particles.
     pub(crate) fn upright() -> Self {
         Self { rows: &[], th: &[] }
     }
 
-    /// Orientation of particle `i` with rotation unknowns `th`.
+    /// Returns the orientation of particle `i` with rotation unknowns `th`.
     #[inline]
     pub(crate) fn orientation(&self, i: usize, th: [f64; 3]) -> UnitQuaternion<f64> {
         let (row, from) = match self.rows.get(i) {
@@ -75,23 +77,23 @@ impl Reached<'_> {
     }
 }
 
-/// What needs other ranks; nothing fails on one.
+/// Result of an operation that needs other ranks. It never fails on a single rank.
 pub(crate) type Heard<R> = Result<R, RankError>;
 
-/// Units per thread between two looks at messages that are on their way: some 150 microseconds.
+/// Units per thread between two polls for messages: some 150 microseconds of work.
 const PIECE: usize = 16;
 
-/// Particles of other ranks: their rows come from there.
+/// Ghosts, whose rows are received from their owners, and the working buffers for this.
 #[derive(Debug)]
 struct Ghosts {
     halo: Halo,
     messages: Vec<Message>,
-    /// Units with bonds to them.
+    /// True for units with bonds to ghosts.
     borders: Vec<bool>,
 }
 
 impl Ghosts {
-    /// Numbers of a row that are told.
+    /// Numbers sent per row.
     const TOLD: usize = 7;
 
     fn new(halo: Halo) -> Self {
@@ -103,27 +105,28 @@ impl Ghosts {
     }
 }
 
-/// Forces of the bonds of a body under one of the two laws.
+/// Forces of the bonds of a body under one of the two laws, in the layout of the model.
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
-    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model.
-    /// With `marks` it looks at strengths on the way; returns the elastic energy \[J\] if asked for, else
-    /// zero.
+    /// Adds forces and torques at `q` and makes `q` the reached state. With `marks` it also compares bonds
+    /// with their strengths. Returns the elastic energy \[J\] if `energy` is set, else zero.
     fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
-    /// Adds forces and torques at any positions, without going there.
+    /// Adds forces and torques at `q` and keeps the reached state.
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()>;
-    /// One step of velocity Verlet.
+    /// Does one step of velocity Verlet.
     fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>>;
-    /// What was reached last, under a law that turns.
+    /// Returns the orientations reached last under the finite-rotation law, `None` under the small one.
     fn reached(&self) -> Option<Reached<'_>>;
-    /// Writes what readers know of the particles of other ranks, at the positions reached last.
+    /// Writes the states of the ghosts at the positions reached last, as a [`super::poses::Reader`] takes
+    /// them.
     fn ghosts(&self, out: &mut Vec<[f64; 7]>);
-    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
+    /// Returns quaternions (scalar first) and rotation unknowns reached last: seven numbers per particle.
     fn save(&self) -> Vec<f64>;
-    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
+    /// Restores the state that [`Self::save`] returned. Returns `false` for another number of particles or
+    /// for quaternions that are not of unit length.
     fn restore(&mut self, from: &[f64]) -> bool;
-    /// Writes the forces of single blocks again, at the positions reached last.
+    /// Computes the forces of `blocks` again at the positions reached last, and overwrites them in `f`.
     fn again(&self, blocks: &[usize], f: &mut [f64]);
-    /// Leaves the bonds of blocks out that are not `whole`.
+    /// Rebuilds `blocks` without their broken bonds; `whole` returns whether a bond is unbroken.
     fn refresh(
         &mut self,
         blocks: &[usize],
@@ -133,7 +136,7 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     );
 }
 
-/// Rows of a range of blocks on their way to given positions.
+/// Data that is needed to write the rows of a range of blocks.
 struct Placing<'a> {
     rows: &'a mut [CacheLine],
     reached: &'a mut [f64],
@@ -163,17 +166,18 @@ impl Cut for Placing<'_> {
     }
 }
 
-/// One body, one law.
+/// Kernel of one body under one law. Each particle gathers the forces of its own bonds.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
     layout: Layout,
-    /// Particles at the positions reached last, and their rotation unknowns there.
+    /// Rows of the particles at the positions reached last, and their rotation unknowns there.
     rows: Vec<CacheLine>,
     reached: Vec<f64>,
-    /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
+    /// Rows and rotation unknowns for forces at positions that are not to be reached. Empty for a law whose
+    /// rows depend on the unknowns alone.
     tried: Vec<CacheLine>,
     tried_at: Vec<f64>,
-    /// Sums over the parts of a pass.
+    /// Energy sums of the parts of a pass.
     sums: Vec<Sums>,
     ghosts: Option<Ghosts>,
     rigidity: BeamRigidity,
@@ -181,16 +185,18 @@ pub(crate) struct Gather<W: Posed> {
     law: PhantomData<W>,
 }
 
-/// Parts are units: sums do not depend on which rank makes them.
+/// Parts of a pass are units, so that sums do not depend on the partition.
 const _: () = assert!(CHUNK * LANES == UNIT);
 
 impl<W: Screened> Gather<W> {
-    /// `body` must be numbered for locality already. Nothing has turned yet.
+    /// Builds the kernel of a whole body, with orientations at rest. The particles should be numbered for
+    /// locality.
     pub(crate) fn new(body: &BondedParticles) -> Self {
         Self::of(body, None)
     }
 
-    /// The same for a part of a body, with the particles of other ranks behind its own.
+    /// Builds the kernel; with `halo`, that of a rank's part of a partitioned body, whose last particles are
+    /// ghosts.
     pub(crate) fn of(body: &BondedParticles, halo: Option<Halo>) -> Self {
         let foreign = halo.as_ref().map_or(0, |h| h.ghosts().len());
         let own = body.len() - foreign;
@@ -219,9 +225,10 @@ impl<W: Screened> Gather<W> {
         std::mem::swap(&mut self.reached, &mut self.tried_at);
     }
 
-    /// Writes the rows of positions, then finds the forces there.
+    /// Writes the rows for `q`, then computes the forces there.
     fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) -> Heard<()> {
         let (isa, parallel) = (self.isa, self.parallel());
+        // `q` has three displacements and three rotations per own particle; ghost rows come behind them.
         let placing = Placing {
             rows: &mut self.rows[..q.len() / 6],
             reached: &mut self.reached,
@@ -233,7 +240,7 @@ impl<W: Screened> Gather<W> {
         self.gather(sink, marks, energy)
     }
 
-    /// Forces at the rows, and sums if wanted.
+    /// Computes the forces at the rows, and energy sums if `sums` is set.
     fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> Heard<()> {
         let parallel = self.parallel();
         let (mut all, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
@@ -254,8 +261,9 @@ impl<W: Screened> Gather<W> {
         heard
     }
 
-    /// The same in a part of a body: units without bonds to ghosts while the rows of these are on their
-    /// way, then the others. Every block by itself: the order of units changes no bit.
+    /// Like [`Self::gather`] in a rank's part of a partitioned body. Units without bonds to ghosts are done
+    /// while the ghost rows are exchanged, then the others. Blocks are independent, so the order of units
+    /// changes no bit.
     fn gather_with<F: Finish>(
         &mut self,
         ghosts: &mut Ghosts,
@@ -276,7 +284,7 @@ impl<W: Screened> Gather<W> {
         Ok(())
     }
 
-    /// The first half of [`Self::gather_with`], at the end of which messages hold the rows of ghosts.
+    /// First half of [`Self::gather_with`]; at its end the messages hold the rows of the ghosts.
     fn gather_inner<F: Finish>(
         &self,
         (halo, messages, borders): (&Halo, &mut [Message], &[bool]),
@@ -303,7 +311,7 @@ impl<W: Screened> Gather<W> {
         })
     }
 
-    /// Sums over all parts, on all ranks.
+    /// Returns the energy sums over all parts, on all ranks.
     fn total(&self) -> Sums {
         let mut all = [Exact::zero(); 2];
         for of in &self.sums {
@@ -315,12 +323,12 @@ impl<W: Screened> Gather<W> {
         }
     }
 
-    /// Whether more than one thread pays.
+    /// Returns whether several threads are faster than one.
     fn parallel(&self) -> bool {
         self.rows.len() > LARGE && rayon::current_num_threads() > 1
     }
 
-    /// Both passes of a step.
+    /// Does both passes of a step: drift with the rows, then forces with the kick.
     fn strides(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
         let Stride {
             dt,
@@ -392,6 +400,7 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
 
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()> {
         if W::TURNS {
+            // Orientations depend on the reached state: evaluate on a copy, then swap the reached state back.
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
@@ -424,7 +433,8 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         let foreign = self.rows[first.min(self.rows.len())..].iter();
         out.extend(foreign.map(|CacheLine([x, y, z, a, b, c, d, _])| {
             let [e, f, g, h] = match W::TURNS {
-                // With the bits of who asks for the orientation of a particle of its own.
+                // A turn by zero, so that the quaternion has the same bits as [`Reached::orientation`] gives
+                // on its owner.
                 true => turned([*a, *b, *c, *d], [0.0; 3]),
                 false => [*b, *c, *d, 0.0],
             };

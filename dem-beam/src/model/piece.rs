@@ -1,9 +1,9 @@
-//! A part of a body that no rank ever has the whole of.
+//! A rank's part of a body that no rank ever holds as a whole.
 //!
-//! A rank is given its own particles and those that their bonds reach, with the numbers of the whole body,
-//! and makes what [`DemModel::share_out`] would have left it with: the same bits. What only the whole
-//! knows, ranks find together: the longest bond, which chooses the grid of centres, and the numbers of
-//! bonds.
+//! A rank is given its own particles and the ghosts that their bonds reach, in numbers of the whole body. It
+//! makes the same part, bit for bit, as [`DemModel::share_out`] of the whole body. The ranks compute together
+//! what depends on the whole body: the longest bond, which determines the grid of centres, and the numbers of
+//! the bonds.
 
 use super::DemModel;
 use super::lazy::Kernel;
@@ -20,15 +20,15 @@ use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// What one rank knows of a body: its own particles, then those of other ranks that are bonded with them.
+/// One rank's description of its part of a body: its own particles, then the ghosts bonded with them.
 ///
-/// Particles are numbered from zero over the whole body, such that [`UNIT`] consecutive ones lie close
-/// together: forces and halos are as good as this numbering is. [`crate::packing::Bricks`] does it for
-/// lattices.
+/// Particles are numbered from zero over the whole body. [`UNIT`] consecutive particles should lie close
+/// together, because the cost of forces and halo exchanges depends on it. [`crate::packing::Bricks`] makes
+/// such a numbering for lattices.
 #[derive(Debug, Clone)]
 pub struct Piece {
-    /// Numbers in the whole body: of the own particles, ascending, all units of this rank, and then of the
-    /// others, in any order.
+    /// Numbers of the particles in the whole body: first the own particles, ascending, all units of this
+    /// rank; then the ghosts in any order.
     pub numbers: Vec<u32>,
     /// Centres \[m\], in the order of `numbers`.
     pub positions: Vec<Vector3<f64>>,
@@ -36,17 +36,17 @@ pub struct Piece {
     pub radii: Vec<f64>,
     /// Volume that each particle stands for \[m³\].
     pub volumes: Vec<f64>,
-    /// All bonds of the own particles, in numbers of the whole body, each once.
+    /// All bonds of the own particles, in numbers of the whole body.
     pub pairs: Vec<[u32; 2]>,
     /// Mean radius of all particles of the body \[m\], the same on every rank.
     pub mean_radius: f64,
-    /// Beams.
+    /// Material of the beams.
     pub beam: BeamMaterial,
     /// Mass density \[kg/m³\].
     pub density: f64,
 }
 
-/// Numbers that the bonds of a part have in the whole body, and how many there are of these.
+/// Numbers of the bonds of a part in the whole body, and the number of all bonds of the body.
 #[derive(Debug, Clone)]
 pub(crate) struct Numbered {
     /// Ascending.
@@ -54,20 +54,19 @@ pub(crate) struct Numbered {
     pub(crate) of: usize,
 }
 
-/// Numbers that tell of a particle: its centre, radius and volume.
+/// Numbers sent per particle: centre, radius and volume.
 const TOLD: usize = 5;
 
 impl DemModel {
-    /// The part of a body that the rank of `communicator` holds, by `division`, from what this rank alone
-    /// knows of the body. All ranks must make theirs, and the same calls of it. It is what
-    /// [`Self::share_out`] makes of the whole, and all that holds for that holds here; interfaces need the
-    /// whole body and are refused by name.
+    /// Makes this rank's part of a partitioned body from `piece`, the description of that part alone. The
+    /// result equals that of [`Self::share_out`] of the whole body and obeys the same rules; interfaces need
+    /// the whole body and are refused. Collective.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
-    /// [`Error::OutOfRange`] for particles that are not those of the division;
-    /// [`arlequin_core::ranks::RankError`], as an error of the core, for ranks that differ in the body or
-    /// in what they say of each other's particles and bonds, and what the transport says.
+    /// Errors of [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
+    /// [`Error::OutOfRange`] for particles other than those of the division.
+    /// [`arlequin_core::ranks::RankError`], as an error of the core, if ranks disagree about the body or
+    /// about each other's particles and bonds, and for errors of the transport.
     pub fn of_piece(
         name: &str,
         piece: Piece,
@@ -87,11 +86,11 @@ impl DemModel {
         agree_on_ghosts(&halo, &piece).map_err(heard)?;
         let bonds = number_bonds(&halo, &piece.pairs).map_err(heard)?;
         let model = Self::of_ordered(name, piece, &halo, bonds);
-        // What went wrong between ranks while sums were formed.
+        // Sums between ranks keep their first error in the portion.
         portion.failure().map_or(model, |e| Err(heard(e.clone())))
     }
 
-    /// From particles in the order of a part, their bonds in that of the body.
+    /// Makes the model from particles in the order of the part and bonds in the order of the body.
     fn of_ordered(name: &str, piece: Piece, halo: &Halo, numbered: Numbered) -> Result<Self> {
         let portion = halo.portion();
         let own = portion.nodes();
@@ -116,7 +115,7 @@ impl DemModel {
         let longest = portion.largest(longest(&positions, &radii, &pairs).map_err(all)?);
         let contents = Contents {
             volumes: &volumes,
-            // Ghosts have a bond each, and own particles were looked at.
+            // Every ghost has a bond, and `checked` has refused own particles without bonds.
             loose: true,
             period: None,
             rounded: true,
@@ -156,7 +155,8 @@ impl DemModel {
 }
 
 impl Piece {
-    /// The same with bonds in the order of the whole body, each with its smaller number first.
+    /// Checks the part and sorts its bonds in the order of the whole body, each with its smaller number
+    /// first.
     fn checked(mut self, portion: &Portion) -> Result<Self> {
         let count = self.numbers.len();
         let whole = portion.division().nodes();
@@ -226,7 +226,7 @@ impl Piece {
         Ok(self)
     }
 
-    /// Own particles, then the ghosts of a halo in its order.
+    /// Sorts the ghosts in the order of `halo`, behind the own particles.
     fn in_order_of(mut self, halo: &Halo) -> Self {
         let own = halo.portion().nodes();
         let mut places: Vec<(u32, usize)> = self.numbers[own..].iter().copied().zip(own..).collect();
@@ -250,7 +250,7 @@ impl Piece {
         self
     }
 
-    /// What must be the same on all ranks.
+    /// Hash of the values that must be the same on all ranks.
     fn digest(&self, division: &Division) -> u64 {
         let BeamMaterial {
             young,
@@ -274,7 +274,7 @@ impl Piece {
     }
 }
 
-/// An error about particles and bonds of a part in numbers of the whole body.
+/// Returns the error with the particle and bond numbers of the whole body instead of the part's.
 fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
     let name = |of: &[u32], k: &mut usize| *k = of.get(*k).map_or(*k, |n| *n as usize);
     match &mut error {
@@ -296,8 +296,8 @@ fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
     error
 }
 
-/// Whether all ranks say the same of bonds between them: each bond adds a number on one side and takes it
-/// away on the other.
+/// Checks that ranks agree about the bonds between them: one side adds a hash of each bond, the other
+/// subtracts it.
 fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), RankError> {
     let portion = halo.portion();
     let mut sums = [0_i64; 2];
@@ -306,7 +306,7 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
         if here[0] != here[1] {
             let mut hasher = DefaultHasher::new();
             pair.iter().for_each(|i| hasher.write_u32(*i));
-            // Halves, so that sums stay far from the limits of a word.
+            // Sums of half words stay far from the limits of a 64-bit integer.
             let words = hasher.finish();
             let sign = if here[0] { 1 } else { -1 };
             sums[0] += sign * (words >> 32).cast_signed();
@@ -324,7 +324,7 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
     }
 }
 
-/// Whether ranks see each other's particles where they are.
+/// Checks that the ghosts of each rank equal the particles of their owners.
 fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankError> {
     let (portion, own) = (halo.portion(), halo.portion().nodes());
     let mut other = None;
@@ -349,13 +349,13 @@ fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankEr
     }
 }
 
-/// Numbers of the bonds in the whole body, where they are in the order of their particles.
+/// Returns the numbers of the bonds in the whole body, counted in the order of their first particles.
 fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered, RankError> {
     let portion = halo.portion();
     let division = portion.division();
     let communicator = portion.communicator();
     let own = |i: u32| portion.local(i as usize).is_some();
-    // Bonds of every unit, each with its first particle; then those before it.
+    // Counts the bonds of each unit by their first particle, then the bonds of all units before it.
     let mut before = vec![0_i64; division.nodes().div_ceil(UNIT)];
     let firsts = pairs.iter().map(|p| p[0]).filter(|i| own(*i));
     firsts.for_each(|i| before[i as usize / UNIT] += 1);
@@ -371,7 +371,8 @@ fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered
         *number = *next as u32;
         *next += 1;
     }
-    // Bonds whose first particle is elsewhere: both ranks know them, in the same order.
+    // The owner of its first particle numbers a bond. Both ranks of a bond list it in the same order, so that
+    // numbers can be sent without keys.
     let mut between: Vec<(usize, usize)> = Vec::new();
     for (b, pair) in pairs.iter().enumerate() {
         let far = pair.iter().find(|i| !own(**i));

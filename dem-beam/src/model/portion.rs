@@ -1,8 +1,8 @@
-//! A body in parts on several ranks.
+//! A body partitioned among several ranks.
 //!
-//! A rank has whole units of particles in their order, and whole rows of bonds: forces on its particles are
-//! summed as in the whole body. Rows of the kernel that belong to particles of other ranks come from there,
-//! once per evaluation, so that no rank finds the state of a particle that is not its own.
+//! A rank owns whole units of particles in their order, and all bonds of these particles, so that forces on
+//! its particles are summed in the order of the whole body. The kernel rows of ghosts are received from their
+//! owners once per force evaluation. Every rank computes the states of its own particles only.
 
 use super::DemModel;
 use super::piece::Numbered;
@@ -16,13 +16,14 @@ use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25 ns beside
-/// 38 ns for all else (decision 0046).
+/// Number of half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25
+/// ns, against 38 ns for all else (decision 0046).
 const COUPLING: usize = 7;
 
 impl DemModel {
-    /// The units of the body: middle \[m\], and half-bonds that the kernel passes over, empty lanes, the
-    /// motion of particles and what couples those of an overlap included.
+    /// Returns the units of the body for [`Division::bisect`]: their centres \[m\] and their work in
+    /// half-bonds. The work includes empty lanes, the motion of particles and the coupling of particles in an
+    /// overlap.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let bonds = self.bonds_at();
@@ -37,7 +38,8 @@ impl DemModel {
         })
     }
 
-    /// How many bonds every particle has; counted, as a list of them would stay in memory.
+    /// Returns the number of bonds of each particle. It counts, because a list of the bonds would stay in
+    /// memory.
     pub(super) fn bonds_at(&self) -> Vec<usize> {
         let mut out = vec![0; self.body.len()];
         let ends = self.body.pairs().iter().flatten();
@@ -45,23 +47,23 @@ impl DemModel {
         out
     }
 
-    /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their
-    /// bonds. All ranks must have made the same body, and make the same calls of the part.
+    /// Returns this rank's part of the body: its units of `division`, with all their bonds. Collective: all
+    /// ranks must have made the same body and make the same calls of the part.
     ///
-    /// Supports, initial states and weights are those of the part ([`Portion::local`] finds a particle of
-    /// the whole body); what needs the whole body is refused by name. Sums of a part are those of the body:
-    /// energies, the critical step.
+    /// Supports, initial states and weights refer to the part ([`Portion::local`] finds a particle of the
+    /// whole body). Requests that need the whole body are refused with an error that names them. Energies and
+    /// the critical step are those of the whole body.
     ///
     /// # Errors
-    /// [`Error::InParts`] for a body that is a part already; [`arlequin_core::ranks::RankError`], as an
-    /// error of the core, for bodies that differ, a division of another body or for another number of
-    /// ranks, and what the transport says.
+    /// [`Error::InParts`] for a body that is a part already. [`arlequin_core::ranks::RankError`], as an error
+    /// of the core, for bodies that differ, a division of another body or for another number of ranks, and
+    /// errors of the transport.
     pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
         self.keep_part(division, communicator)?;
         Ok(self)
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Partitions the body by the work of its units and keeps this rank's part.
     pub(super) fn bisect(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
         let division = Division::bisect(self.nodes.len(), &self.units(), communicator.ranks());
         let division = division.map_err(|e| Error::Core(arlequin_core::Error::Rank(e)))?;
@@ -118,21 +120,21 @@ impl DemModel {
         Ok(portion)
     }
 
-    /// Volumes that the particles stand for \[m³\].
+    /// Returns the volume that each particle stands for \[m³\].
     fn field_samples(&self) -> Vec<f64> {
         use arlequin_core::Interpolation;
         let samples = self.field.samples().unwrap_or_default();
         samples.iter().map(|s| s.measure).collect()
     }
 
-    /// What a rank exchanges: particles of others that it hears of, own ones that it tells of, and ranks on
-    /// the other side. None for a whole body.
+    /// Returns the halo of this rank: ghosts that it receives, own particles that it sends, and the ranks on
+    /// the other side. `None` for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.halo.as_ref()
     }
 
-    /// Refuses what needs the whole body.
+    /// Refuses `what` unless this is a whole body.
     pub(super) fn whole(&self, what: &'static str) -> Result<()> {
         match self.halo {
             Some(_) => Err(Error::InParts { what }),
@@ -140,7 +142,7 @@ impl DemModel {
         }
     }
 
-    /// A number that tells bodies apart.
+    /// Returns a hash of the body, for checking that all ranks hold the same.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let body = &self.body;
@@ -158,7 +160,8 @@ impl DemModel {
         hasher.finish()
     }
 
-    /// Weighted energy of all bonds \[J\], on all ranks: each bond with the unit of its first particle.
+    /// Returns the weighted energy of all bonds \[J\], on all ranks. A bond counts in the unit of its first
+    /// particle.
     pub(super) fn energy(&self, q: &[f64]) -> f64 {
         let ghosts = self.heard(q);
         let reader = Reader {
@@ -174,8 +177,8 @@ impl DemModel {
         sum
     }
 
-    /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy
-    /// is then a number.
+    /// Receives the states of the ghosts from their owners, see [`Reader::told`]. [`Portion::failure`] keeps
+    /// an error of the exchange, after which the states are NaN.
     pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();
@@ -190,7 +193,8 @@ impl DemModel {
     }
 }
 
-/// Bonds whose first particle is in a unit of `own` particles: bonds are in the order of these.
+/// Returns, for each unit of the `own` particles, the range of the bonds whose first particle lies in it.
+/// Bonds must be in the order of their first particles.
 pub(super) fn bonds_of_units(pairs: &[[u32; 2]], own: usize) -> Vec<Range<usize>> {
     let mut out = vec![0..0; own.div_ceil(UNIT)];
     for (b, first) in pairs.iter().map(|p| p[0] as usize).enumerate() {

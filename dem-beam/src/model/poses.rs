@@ -1,5 +1,5 @@
-//! Single bonds of a model read from the unknowns: energy and forces in plain form, for output and for
-//! bonds that break.
+//! Energy and forces of single bonds from the unknowns of a model, in plain form: for output and for bonds
+//! that break.
 
 use super::forces::Reached;
 use crate::bond::{BeamRigidity, Twist};
@@ -10,14 +10,13 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// Reads the state of particles from the unknowns of a model.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reader<'a> {
-    /// Unknowns.
+    /// Unknowns of the model.
     pub(crate) q: &'a [f64],
-    /// Where orientations start from, if rotations are finite.
+    /// Orientations reached last; `None` under small rotations.
     pub(crate) reached: Option<Reached<'a>>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
-    /// What other ranks tell of their particles, which are numbered behind the own ones, see
-    /// [`Reader::told`].
+    /// States of the ghosts, which are numbered behind the own particles; see [`Reader::told`].
     pub(crate) ghosts: &'a [[f64; 7]],
 }
 
@@ -27,15 +26,15 @@ impl Reader<'_> {
         Vector3::new(self.q[at], self.q[at + 1], self.q[at + 2])
     }
 
-    /// What another rank tells of particle `i`, if it is not here.
+    /// Returns the state of particle `i` if it is a ghost.
     #[inline]
     fn ghost(&self, i: usize) -> Option<&[f64; 7]> {
         let own = self.q.len() / 6;
         self.ghosts.get(i.checked_sub(own)?)
     }
 
-    /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion
-    /// (scalar first).
+    /// Returns the state of particle `i` that is sent to other ranks: its displacement, then its rotation
+    /// vector or quaternion (scalar first).
     pub(crate) fn told(&self, i: usize) -> [f64; 7] {
         let Twist { linear: u, angular } = self.twist(i);
         match self.reached {
@@ -47,7 +46,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Displacement and small rotation.
+    /// Returns displacement and small rotation of particle `i`.
     #[inline]
     pub(crate) fn twist(&self, i: usize) -> Twist {
         if let Some(told) = self.ghost(i) {
@@ -62,7 +61,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Two particles under finite rotations; `None` under small ones.
+    /// Returns the poses of two particles under finite rotations; `None` under small ones.
     #[inline]
     pub(crate) fn poses(&self, ends: [usize; 2]) -> Option<[Pose; 2]> {
         let reached = self.reached?;
@@ -82,7 +81,7 @@ impl Reader<'_> {
         }))
     }
 
-    /// Weighted energy of bond `b` \[J\].
+    /// Returns the weighted energy of bond `b` \[J\].
     pub(crate) fn energy(&self, body: &BondedParticles, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = body.bond(b);
@@ -92,7 +91,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Weighted energy of bond `b` \[J\] and the forces and torques on its two ends \[N, N m\].
+    /// Returns the weighted energy of bond `b` \[J\], and the forces and torques on its two ends \[N, N m\].
     pub(crate) fn bond(&self, body: &BondedParticles, b: usize) -> (f64, [Twist; 2]) {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = body.bond(b);

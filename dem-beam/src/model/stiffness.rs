@@ -4,7 +4,7 @@ use crate::particles::BondedParticles;
 use nalgebra::Matrix6;
 use sprs::CsMat;
 
-/// Blocks `K_ij` of every particle, columns ascending, the particle itself among them.
+/// Returns the blocks `K_ij` of every particle i, in ascending columns, the diagonal block included.
 fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
     let mut rows: Vec<Vec<(u32, Matrix6<f64>)>> = (0..body.len())
         .map(|i| vec![(i as u32, Matrix6::zeros())])
@@ -27,7 +27,7 @@ fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
     rows
 }
 
-/// `K` with `f = -K q`, unknowns `u_0 u_1 ... th_0 th_1 ...` \[N/m, N, N m\].
+/// Assembles `K` with `f = -K q`, for unknowns `u_0 u_1 ... th_0 th_1 ...` \[N/m, N, N m\].
 pub(crate) fn assemble(body: &BondedParticles) -> CsMat<f64> {
     let n = body.len();
     let rows = block_rows(body);

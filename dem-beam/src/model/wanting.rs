@@ -1,4 +1,5 @@
-//! What a state would need that is not on: of a body in parts, found on all ranks together.
+//! Warnings about effects that a state would need and that are off. In a partitioned body all ranks find them
+//! together.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -9,10 +10,11 @@ use arlequin_core::Model;
 use arlequin_core::effect::Finding;
 use arlequin_core::ranks::{Exact, Halo, RankError};
 
-/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
+/// Largest rotation \[rad\] for which the small-rotation law errs by at most half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
 
-/// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
+/// Overlap of unbonded particles, beyond their overlap at rest and over the sum of their radii, above which a
+/// warning is given.
 const TOLERATED_OVERLAP: f64 = 0.01;
 
 impl DemModel {
@@ -27,7 +29,8 @@ impl DemModel {
         out
     }
 
-    /// How many on all ranks, and the largest of a number there that is not negative; all ranks must ask.
+    /// Returns the global sum of `count` and the global maximum of `top`, which must not be negative.
+    /// Collective.
     fn on_all_ranks(&self, count: usize, top: f64) -> (usize, f64) {
         let Some(portion) = self.portion() else {
             return (count, top);
@@ -35,13 +38,13 @@ impl DemModel {
         let mut sum = Exact::zero();
         sum.add(count as f64);
         let [count] = portion.total([sum]);
-        // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+        // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
         (count as usize, portion.largest(top))
     }
 
     fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
         let log = locked(&self.log);
-        // A free particle may turn: no bond feels it.
+        // A particle without unbroken bonds may turn freely, because no bond feels it.
         let mut held = vec![false; self.body.len()];
         for (b, pair) in self.body.pairs().iter().enumerate() {
             if !log.is_broken_here(b) {
@@ -65,7 +68,7 @@ impl DemModel {
         })
     }
 
-    /// Bonds above a strength that nothing enforces.
+    /// Finds bonds loaded above a strength in a run without fracture.
     fn overloaded(&self, q: &[f64]) -> Option<Finding> {
         let watched = self.watched.as_ref()?;
         let ghosts = self.heard(q);
@@ -87,7 +90,7 @@ impl DemModel {
         let log = locked(&self.log);
         let found = match &self.halo {
             None => neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b)),
-            // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
             Some(halo) => self.overlaps_in_parts(halo, q, &log).unwrap_or_default(),
         };
         let (count, worst) = found.unwrap_or_default();
@@ -101,7 +104,7 @@ impl DemModel {
         })
     }
 
-    /// The overlaps of particles here with those of higher numbers, on whatever rank.
+    /// Returns number and size of the overlaps of own particles with particles of higher numbers on any rank.
     fn overlaps_in_parts(
         &self,
         halo: &Halo,
@@ -136,6 +139,7 @@ impl DemModel {
         let may_touch = |i: usize, k: usize| {
             let k = of_near(k);
             let mut bonds = bonds.row(i).iter();
+            // Each pair is counted once, by the owner of its smaller number.
             k > portion.global(i)
                 && bonds
                     .find(|e| of_body(e[0]) == k)

@@ -1,8 +1,9 @@
-//! A part of a larger body, packed with what is around it there and cut off at its border.
+//! A part of a larger body, packed with a margin of the body around it and cut off at its border.
 //!
-//! A border within a body is no wall. Packed up to it alone, spheres there would have few neighbours, so
-//! that those inside got more bonds than in the bulk (bonds are counted over all) and more mass. So the
-//! body around the part is filled as well, up to a margin; a part's share is what lies in it.
+//! A border within a body is no wall. If the part were packed alone, spheres at the border would have few
+//! neighbours. The spheres inside would then get more bonds than in the bulk, because bonds are counted over
+//! all spheres, and more mass. The body around the part is therefore filled as well, up to a margin, and the
+//! spheres in the part are kept.
 
 use super::assemble::Packing;
 use super::bonding::Components;
@@ -11,24 +12,24 @@ use super::surface::Surface;
 use crate::error::{Error, Result, positive};
 use nalgebra::Vector3;
 
-/// Points along every axis by which the volume around a part is counted.
+/// Grid points along every axis for the volume of the margin.
 const COUNTED: usize = 48;
 
-/// What is filled for a part of a body: the part, and the body around it up to a margin.
+/// A part of a body, and the margin of the body around it that is filled as well.
 #[derive(Debug, Clone)]
 pub struct Around {
     part: Surface,
     body: Surface,
-    /// Faces of the part within the body.
+    /// Faces of the part that lie within the body.
     border: Surface,
     margin: f64,
     volume: f64,
 }
 
 impl Around {
-    /// For the inside of `part`, which lies in `body`; this needs to reach beyond the margin \[m\] only.
-    /// `border` are the faces of the part that lie within the body, counter-clockwise from outside of the
-    /// part.
+    /// Makes the container for the inside of `part`, which lies in `body`. The surface `body` need only be
+    /// complete up to the margin \[m\] around the part. `border` are the faces of the part that lie within
+    /// the body, counter-clockwise from outside of the part.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a margin that is not positive.
@@ -45,19 +46,19 @@ impl Around {
         Ok(out)
     }
 
-    /// The part.
+    /// Surface of the part.
     #[must_use]
     pub fn part(&self) -> &Surface {
         &self.part
     }
 
-    /// Volume of part and margin \[m³\].
+    /// Volume of the part and the margin \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         self.volume
     }
 
-    /// Volume of the margin \[m³\], by points of a grid.
+    /// Returns the volume of the margin \[m³\], by counting points of a grid.
     fn beside(&self) -> f64 {
         let (low, high) = self.bounds();
         let step = (high - low) / COUNTED as f64;
@@ -73,7 +74,8 @@ impl Around {
         step.product() * count as f64
     }
 
-    /// Distance from the part \[m\]: zero inside, infinite somewhere beyond the margin.
+    /// Returns the distance from the part \[m\]: zero inside, infinite where the border is farther than the
+    /// margin.
     fn beyond(&self, x: &Vector3<f64>) -> f64 {
         match self.border.nearest(x, self.margin) {
             Some((gap, _)) => (-gap).max(0.0),
@@ -95,8 +97,8 @@ impl Around {
         self.beyond(x) <= self.margin && self.body.contains(x)
     }
 
-    /// The body's surface, and the end of the margin: equally far from the part everywhere, so that it has
-    /// no corners.
+    /// Calls `wall` for the body's surface and for the end of the margin. The latter has the same distance
+    /// from the part everywhere, so it has no corners.
     #[inline]
     pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         self.body.walls(x, reach, &mut wall);
@@ -108,7 +110,7 @@ impl Around {
         }
     }
 
-    /// One for each body within; those that the margin does not reach are left out.
+    /// Returns one container per body within, except bodies that the margin does not reach.
     pub(crate) fn bodies(&self) -> Vec<Self> {
         let bodies = self.body.bodies();
         if bodies.len() == 1 {
@@ -135,10 +137,10 @@ impl Around {
         out.push(self.margin);
     }
 
-    /// What of a packing of part and margin lies in the part, which stands for the part's volume.
+    /// Restricts a packing of part and margin to the part, whose volume it then stands for.
     ///
     /// # Errors
-    /// [`Error::EmptyBody`] where a body of the part holds no sphere.
+    /// [`Error::EmptyBody`] if a body of the part holds no sphere.
     pub(crate) fn part_of(&self, mut packing: Packing) -> Result<Packing> {
         let bodies = self.part.bodies();
         let home = |x: &Vector3<f64>| bodies.iter().position(|b| b.contains(x));

@@ -1,4 +1,4 @@
-//! A packing, put together from the spheres of its bodies.
+//! A packing, assembled from the spheres of its bodies.
 
 use super::bonding::{Bonding, renumber};
 use super::cells::{Sphere, centre};
@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
 use nalgebra::Vector3;
 
-/// Spheres and bonds; see [`super::parts`] for what stays and what each sphere weighs.
+/// Spheres and bonds of a packing. [`super::parts`] explains which spheres stay and the mass of each.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Packing {
     /// Centres \[m\].
@@ -18,35 +18,36 @@ pub struct Packing {
     pub radii: Vec<f64>,
     /// Bonded pairs, smaller number first, in ascending order.
     pub pairs: Vec<[u32; 2]>,
-    /// Body each sphere lies in, from 0.
+    /// Number of the body that each sphere lies in, from 0.
     pub bodies: Vec<u32>,
-    /// Volume of each body \[m³\], less what cuts took; its spheres stand for it.
+    /// Volume of each body \[m³\], without the volume that cuts removed; its spheres stand for it.
     pub body_volumes: Vec<f64>,
-    /// Whether loose spheres stayed ([`super::Loose::Keep`]).
+    /// True if loose spheres stayed ([`super::Loose::Keep`]).
     pub loose: bool,
-    /// Volume of the container \[m³\]: the bodies the spheres stand for.
+    /// Volume of the container \[m³\], which its spheres stand for before cuts.
     pub volume: f64,
-    /// Edges of the periodic box \[m\] the centres lie in, if the packing fills one.
+    /// Edges of the periodic box \[m\] that the centres lie in; `None` for a packing with walls.
     pub period: Option<[f64; 3]>,
-    /// What came out.
+    /// Facts about the packing.
     pub report: PackingReport,
 }
 
 /// Spheres and bonds of one body.
 #[derive(Debug)]
 pub(crate) struct Filled {
-    /// Number of each sphere in a file; empty for spheres that follow those of the body before.
+    /// Number of each sphere in a file; empty for spheres numbered after those of the body before.
     pub(crate) numbers: Vec<u32>,
     pub(crate) spheres: Vec<Sphere>,
     pub(crate) bonding: Bonding,
     /// Mean overlap over the mean diameter.
     pub(crate) overlap: f64,
-    /// Relaxation steps.
+    /// Number of relaxation steps.
     pub(crate) steps: usize,
 }
 
 impl Packing {
-    /// The bodies of a container with their spheres, of which `asked` were wanted in all.
+    /// Assembles the bodies of a container with their spheres; `asked` is the number of spheres wanted in
+    /// all.
     ///
     /// # Errors
     /// [`Error::CrossingBodies`].
@@ -109,11 +110,11 @@ impl Packing {
         })
     }
 
-    /// Particles with beams and masses: `density` \[kg/m³\] times the volume each sphere stands for.
+    /// Joins the spheres by beams. The mass of a sphere is `density` \[kg/m³\] times the volume that it
+    /// stands for.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], except that loose spheres that were kept are no error;
-    /// [`Error::Periodic`].
+    /// Errors of [`BondedParticles::new`], except for loose spheres that were kept; [`Error::Periodic`].
     pub fn bonded(&self, beam: BeamMaterial, density: f64) -> Result<BondedParticles> {
         if self.period.is_some() {
             return Err(Error::Periodic {
@@ -124,8 +125,8 @@ impl Packing {
     }
 }
 
-/// Refuses bodies that share space: a centre of one inside another. Thinner crossings than a radius are not
-/// seen.
+/// Refuses bodies that overlap, if a sphere of one has its centre inside another. Overlaps thinner than a
+/// radius are not detected.
 fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
     for (k, f) in filled.iter().enumerate() {
         for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {

@@ -1,11 +1,11 @@
-//! Which pairs become bonds, and which particles stay.
+//! Choice of the pairs that become bonds and of the particles that stay.
 
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
 use super::parts::Loose;
 use crate::error::{Error, Result};
 use arlequin_core::adjacency::lowest_connected;
 
-/// Widest relative gap searched for bonds.
+/// Largest relative gap searched for bonds.
 const REACH: f64 = 0.25;
 
 /// Bonds among the kept particles.
@@ -17,12 +17,13 @@ pub(crate) struct Bonding {
     pub(crate) pairs: Vec<[u32; 2]>,
     /// Largest relative gap `d/(r_i+r_j) - 1` that was bonded.
     pub(crate) tolerance: f64,
-    /// Coordination number over all particles.
+    /// Coordination number over all particles, kept or not.
     pub(crate) coordination_all: f64,
 }
 
-/// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the parts: the
-/// largest connected set of spheres and every other of at least [`SPAN`] spheres.
+/// Bonds the pairs nearest to touching until the coordination number is reached. With [`Loose::Drop`] it then
+/// keeps the connected parts only: the largest connected set of spheres and every other of at least [`SPAN`]
+/// spheres.
 pub(crate) fn bond_and_trim(
     spheres: &[Sphere],
     coordination: f64,
@@ -30,6 +31,7 @@ pub(crate) fn bond_and_trim(
     loose: Loose,
 ) -> Result<Bonding> {
     let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
+    // A narrow search is cheaper and finds enough pairs in a jammed packing.
     let mut near = near_pairs(spheres, 0.08, period);
     if near.len() < wanted {
         near = near_pairs(spheres, REACH, period);
@@ -67,7 +69,7 @@ pub(crate) fn bond_and_trim(
     })
 }
 
-/// Leaves out pairs with an end that is not in `kept` (ascending) and renumbers the rest.
+/// Removes pairs with an end that is not in `kept` (ascending) and renumbers the others.
 pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, kept: &[u32], count: usize) {
     let mut new = vec![u32::MAX; count];
     for (k, &i) in kept.iter().enumerate() {
@@ -77,7 +79,7 @@ pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, kept: &[u32], count: usize) {
     pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
 }
 
-/// Refuses to leave out more than a share of the volume of the spheres.
+/// Refuses to leave out more than the share `limit` of the volume of the spheres.
 fn bound_loose(
     spheres: &[Sphere],
     kept: &[u32],
@@ -102,7 +104,7 @@ fn bound_loose(
     })
 }
 
-/// All pairs with relative gap below `reach`.
+/// Returns all pairs with relative gap `d/(r_i+r_j) - 1` below `reach`, each with its gap.
 pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]>) -> Vec<(f64, [u32; 2])> {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     let mut list = Vec::new();
@@ -131,17 +133,17 @@ pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]
     out
 }
 
-/// Fewest spheres of a part: the centres of four span a volume, those of fewer do not.
+/// Smallest number of spheres of a connected part: four centres span a volume, fewer do not.
 const SPAN: u32 = 4;
 
-/// Sets of spheres that bonds connect.
+/// Connected sets of spheres.
 #[derive(Debug)]
 pub(crate) struct Components {
-    /// Smallest number in the set of each sphere.
+    /// Smallest sphere number in the set of each sphere.
     root: Vec<u32>,
-    /// Spheres of the set, at its smallest number.
+    /// Number of spheres of each set, stored at its smallest sphere number.
     size: Vec<u32>,
-    /// Root of the largest set (of the first, if several are equal).
+    /// Smallest sphere number of the largest set (of the first one, if several are equal).
     largest: u32,
 }
 
@@ -163,18 +165,19 @@ impl Components {
         }
     }
 
-    /// Whether a sphere belongs to a part: the largest set, and every other of at least [`SPAN`] spheres.
+    /// Returns whether a sphere belongs to a part: to the largest set, or to another of at least [`SPAN`]
+    /// spheres.
     pub(crate) fn is_part(&self, i: u32) -> bool {
         let root = self.root[i as usize];
         root == self.largest || self.size[root as usize] >= SPAN
     }
 
-    /// Smallest number in the set of a sphere.
+    /// Returns the smallest sphere number in the set of a sphere.
     pub(crate) fn root(&self, i: u32) -> u32 {
         self.root[i as usize]
     }
 
-    /// Spheres of each part, largest first.
+    /// Returns the number of spheres of each part, largest first.
     pub(crate) fn parts(&self) -> Vec<usize> {
         let is_root = |i: &u32| self.root[*i as usize] == *i && self.is_part(*i);
         let roots = (0..self.root.len() as u32).filter(is_root);

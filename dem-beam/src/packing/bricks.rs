@@ -1,11 +1,11 @@
-//! Lattices that come to ranks in parts: numbered such that any rank knows its particles without the rest.
+//! Lattices for partitioned models, numbered such that a rank can make its own particles without the rest.
 //!
-//! Cells stand in bricks of as many as make a unit of 256 particles, bricks along a Morton curve, and in a
-//! brick particles by their number of bonds, so that the blocks of the kernel are full. A rank holds the
-//! list of bricks and its own particles.
+//! The cells are grouped in bricks of one unit (256 particles). Bricks are ordered along a Morton curve.
+//! Particles in a brick are ordered by their number of bonds, so that the blocks of the kernel are full. A
+//! rank holds the list of bricks and its own particles.
 //!
-//! Places are counted in halves of a cell: corners, faces and middles of cells are whole numbers, below
-//! twice the cells.
+//! A place is counted in halves of a cell, so that corners, faces and middles of cells are whole numbers from
+//! zero to twice the cells, exclusive.
 
 use super::lattice::Lattice;
 use crate::bond::BeamMaterial;
@@ -17,10 +17,10 @@ use arlequin_core::ranks::{Division, UNIT, Unit};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// A particle, in halves of a cell.
+/// Place of a particle in halves of a cell.
 type Place = [i32; 3];
 
-/// A lattice of touching spheres in bricks, the same body as [`super::lattice()`] with another numbering.
+/// A lattice of touching spheres in bricks: the body of [`super::lattice()`] with another numbering.
 ///
 /// ```
 /// use arlequin_core::ranks::Division;
@@ -39,22 +39,23 @@ pub struct Bricks {
     kind: Lattice,
     cells: [i32; 3],
     radius: f64,
-    /// Bricks along each axis.
+    /// Number of bricks along each axis.
     grid: [i32; 3],
-    /// Bricks in their order, and the first particle of each; one more than there are.
+    /// Bricks in their order, and the first particle number of each; `first` has one more entry, the number
+    /// of particles.
     order: Vec<[i32; 3]>,
     first: Vec<u32>,
-    /// Place in the order of each brick of the grid.
+    /// Position in `order` of each brick of the grid.
     at: Vec<u32>,
 }
 
 impl Bricks {
-    /// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their nearest
-    /// neighbours.
+    /// Makes a lattice of touching spheres of radius `radius` \[m\], with `cells` cells along each axis,
+    /// bonded to their nearest neighbours.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than numbers of
-    /// 32 bits.
+    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than 32 bits can
+    /// number.
     pub fn new(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Self> {
         positive("sphere radius", radius)?;
         let per_cell = kind.basis().len();
@@ -97,7 +98,7 @@ impl Bricks {
         Ok(out)
     }
 
-    /// Cells along the edges of a brick of 256 particles.
+    /// Returns the cells along the edges of a brick of 256 particles.
     fn edges(kind: Lattice) -> [i32; 3] {
         match kind {
             Lattice::Cubic => [8, 8, 4],
@@ -106,13 +107,13 @@ impl Bricks {
         }
     }
 
-    /// Particles of the whole body.
+    /// Number of particles of the whole body.
     #[must_use]
     pub fn particles(&self) -> usize {
         self.first.last().map_or(0, |n| *n as usize)
     }
 
-    /// Edge of a cell \[m\].
+    /// Returns the edge of a cell \[m\].
     fn edge(&self) -> f64 {
         2.0 * self.radius / self.kind.spacing()
     }
@@ -123,7 +124,7 @@ impl Bricks {
         self.cells.iter().map(|c| f64::from(*c) * self.edge()).product()
     }
 
-    /// Centre of a particle \[m\].
+    /// Returns the centre of a particle \[m\].
     fn centre(&self, place: &Place) -> Vector3<f64> {
         Vector3::from(place.map(|c| self.edge() * (0.5 * f64::from(c))))
     }
@@ -151,7 +152,7 @@ impl Bricks {
         }
     }
 
-    /// What a rank of a division needs to know of the body, see [`crate::DemModel::of_piece`].
+    /// Returns the description of a rank's part of the body for [`crate::DemModel::of_piece`].
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] for a division of another body; [`Error::OutOfRange`] for a density that
@@ -177,7 +178,7 @@ impl Bricks {
                 positions.push(self.centre(&place));
                 for near in self.neighbours(&place) {
                     let j = numbering.number(&near);
-                    // Between own particles once.
+                    // A bond between two own particles is listed once, by the smaller number.
                     if !mine(j) {
                         others.push((j, near));
                     } else if j < i {
@@ -206,7 +207,7 @@ impl Bricks {
         })
     }
 
-    /// Lowest places of a brick, and those behind the last.
+    /// Returns the lowest place of a brick, and the place behind its last one along each axis.
     fn corners(&self, brick: &[i32; 3]) -> [Place; 2] {
         let edges = Self::edges(self.kind);
         let low = std::array::from_fn(|a| 2 * brick[a] * edges[a]);
@@ -226,7 +227,7 @@ impl Bricks {
         }
     }
 
-    /// Particles bonded with one.
+    /// Returns the particles bonded with the particle at `place`.
     fn neighbours(&self, place: &Place) -> impl Iterator<Item = Place> {
         let (cells, [x, y, z]) = (self.cells, *place);
         let shifts = match self.kind {
@@ -238,7 +239,7 @@ impl Bricks {
         near.filter(move |p| (0..3).all(|a| (0..2 * cells[a]).contains(&p[a])))
     }
 
-    /// Particles of a brick in their order: by bonds, and each next to the last.
+    /// Returns the particles of a brick in their order: by number of bonds, then along a Morton curve.
     fn places(&self, brick: &[i32; 3]) -> Vec<Place> {
         let [low, high] = self.corners(brick);
         let along = |a: usize| low[a]..high[a];
@@ -290,13 +291,13 @@ const FACE_CENTRED: [Place; 12] = [
     [0, 1, 1],
 ];
 
-/// Numbers and places of the particles of bricks, of those that were asked for.
+/// Numbers and places of particles; a brick is worked out when it is first asked for.
 struct Numbering<'a> {
     of: &'a Bricks,
     bricks: HashMap<u32, Ordered>,
 }
 
-/// The particles of a brick in their order, and the place in it of each, by its place in the box of the
+/// The particles of a brick in their order, and the position in this order of each place in the box of the
 /// brick.
 struct Ordered {
     places: Vec<Place>,
@@ -340,7 +341,7 @@ impl<'a> Numbering<'a> {
     }
 }
 
-/// Number of a place in the box of its brick.
+/// Returns the index of a place in the box of its brick.
 fn inside([low, high]: &[Place; 2], p: &Place) -> usize {
     let d = |a: usize| high[a] - low[a];
     (((p[0] - low[0]) * d(1) + p[1] - low[1]) * d(2) + p[2] - low[2]) as usize

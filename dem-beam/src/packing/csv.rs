@@ -1,6 +1,6 @@
-//! Positions and radii as text: one line `x,y,z,r` per sphere, m, after an optional header.
+//! Positions and radii as text: one line `x,y,z,r` per sphere \[m\], after an optional header.
 //!
-//! Numbers are written with as many digits as they need to come back bit for bit.
+//! Numbers are written with as many digits as they need to be read back bit for bit.
 
 use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
@@ -13,7 +13,7 @@ use crate::particles::{COINCIDENT, check_spheres};
 use nalgebra::Vector3;
 use std::io::{BufRead, Write};
 
-/// Writes the spheres of a packing.
+/// Writes spheres as text.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -29,18 +29,18 @@ pub fn write_csv(out: &mut impl Write, positions: &[Vector3<f64>], radii: &[f64]
     Ok(())
 }
 
-/// Reads spheres; commas, semicolons, tabs or spaces separate the four numbers.
+/// Reads spheres from text; commas, semicolons, tabs or spaces separate the four numbers.
 ///
 /// # Errors
-/// [`Error::Parse`] with the line, [`Error::Io`], and those of bad spheres:
-/// [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
+/// [`Error::Parse`] with the line, [`Error::Io`]; for bad spheres [`Error::NotFinite`], [`Error::BadRadius`],
+/// [`Error::RadiusRatio`].
 pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     let mut text = String::new();
     input.read_to_string(&mut text).map_err(|e| Error::Io {
         path: "csv input".into(),
         reason: e.to_string(),
     })?;
-    // One separator for the reader; two beside each other leave an empty field, which is none.
+    // The reader takes one separator. Two in a row leave an empty field, which is skipped below.
     let text = text.replace([';', '\t', ' '], ",");
     let mut lines = csv::ReaderBuilder::new();
     lines.has_headers(false).flexible(true).quoting(false);
@@ -63,7 +63,7 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
                 continue;
             }
             Ok(v) => format!("{} numbers found, 4 needed: x,y,z,r", v.len()),
-            // Words are allowed once, as a header.
+            // The first line may be a header.
             Err(_) if number() == 1 => continue,
             Err(e) => format!("{:?}: {e}", fields.join(",")),
         };
@@ -76,8 +76,8 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
     Ok((positions, radii))
 }
 
-/// Number of the line, from 1, of what follows byte `start`; the reader counts a record from the blank
-/// lines before it.
+/// Returns the number of the line, from 1, of the record after byte `start`. The reader counts a record from
+/// the blank lines before it.
 fn line_number(text: &str, start: usize) -> usize {
     let is_blank = |b: &u8| matches!(b, b'\r' | b'\n');
     let bytes = text.as_bytes();
@@ -86,14 +86,15 @@ fn line_number(text: &str, start: usize) -> usize {
 }
 
 impl Packing {
-    /// Bonds given spheres as the protocol does: in every body the pairs nearest to touching up to the wanted
-    /// coordination number; loose spheres are left out within [`super::parts::LOOSE_LIMIT`].
+    /// Bonds given spheres as the packing protocol does: in every body the pairs nearest to touching become
+    /// bonds, up to the wanted coordination number. Loose spheres are left out within
+    /// [`super::parts::LOOSE_LIMIT`].
     ///
     /// # Errors
-    /// Those of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere holds the
-    /// centre of another, [`Error::OutsideContainer`] if a sphere passes a wall by more than half its
-    /// radius, [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one of several bodies within
-    /// [`Error::InBody`]; [`Error::EmptyBody`], [`Error::CrossingBodies`].
+    /// Errors of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere contains the
+    /// centre of another, [`Error::OutsideContainer`] if a sphere passes a wall by more than half its radius,
+    /// [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one of several bodies within [`Error::InBody`];
+    /// [`Error::EmptyBody`], [`Error::CrossingBodies`].
     pub fn from_spheres(
         container: &Container,
         positions: &[Vector3<f64>],
@@ -103,10 +104,10 @@ impl Packing {
         Self::from_spheres_with(container, positions, radii, coordination, Loose::default())
     }
 
-    /// The same with a choice for loose spheres.
+    /// Works like [`Self::from_spheres`], with a chosen treatment of loose spheres.
     ///
     /// # Errors
-    /// As [`Self::from_spheres`].
+    /// Errors of [`Self::from_spheres`].
     pub fn from_spheres_with(
         container: &Container,
         positions: &[Vector3<f64>],
@@ -158,13 +159,13 @@ impl Packing {
     }
 }
 
-/// Body of each sphere: the one that holds its centre, or the nearest.
+/// Returns the body of each sphere: the body that contains its centre, or the nearest one.
 fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
     let home = |s: &Sphere| {
         let x = centre(s);
         let gap = |b: &Container| match b.contains(&x) {
             true => f64::INFINITY,
-            // Far outside there is no wall within reach.
+            // Minus the depth outside of the wall; bodies without a wall within reach are excluded below.
             false => -b.gap(&x, reach).min(0.0).abs(),
         };
         let near = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
@@ -206,7 +207,7 @@ fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()
     Ok(())
 }
 
-/// Mean overlap of touching pairs over the mean diameter.
+/// Returns the mean overlap of touching pairs over the mean diameter.
 fn mean_overlap(spheres: &[Sphere], period: Option<[f64; 3]>) -> f64 {
     let touching = super::bonding::near_pairs(spheres, 0.0, period);
     let total: f64 = touching

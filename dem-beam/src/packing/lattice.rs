@@ -27,7 +27,7 @@ impl Lattice {
         }
     }
 
-    /// Distance of neighbours over the cell edge.
+    /// Returns the distance of neighbours over the edge of a cell.
     pub(super) fn spacing(self) -> f64 {
         match self {
             Self::Cubic => 1.0,
@@ -37,12 +37,11 @@ impl Lattice {
     }
 }
 
-/// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their
-/// nearest neighbours. The lattice starts at the origin; the body is the box of the cells.
+/// Makes a lattice of touching spheres of radius `radius` \[m\], with `cells` cells along each axis, bonded
+/// to their nearest neighbours. It starts at the origin; the body is the box of the cells.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] for no cells or a radius that is not positive;
-/// [`Error::IsolatedParticle`] never for two cells or more.
+/// [`Error::OutOfRange`] for no cells or a radius that is not positive.
 ///
 /// ```
 /// use dem_beam::packing::{Lattice, lattice};

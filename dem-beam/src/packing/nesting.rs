@@ -1,28 +1,28 @@
-//! Which of two closed shells holds the other.
+//! Position of closed shells with respect to each other.
 
 use super::surface::winding;
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::Vector3;
 
-/// Points of a shell that are looked at: where two shells do not cross, all points of one have the same
-/// side of the other.
+/// Largest number of points of a shell that are tested. A few are enough: of shells that do not cross, all
+/// points of one lie on the same side of the other.
 const LOOKS: usize = 64;
-/// Distance from a shell, relative to its extent, up to which a point lies on it. Its winding number is
-/// then that of either side, by the last bit, and says nothing: bodies may touch.
+/// Points up to this distance from a shell, relative to its extent, lie on it and are skipped: round-off
+/// decides their winding number. Bodies may touch.
 const ON_IT: f64 = 1e-9;
 
-/// Where a shell lies with respect to another.
+/// Position of a shell with respect to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Place {
-    /// Within it; the two may touch.
+    /// Inside of the other; the two may touch.
     Inside,
-    /// Beside or around it; the two may touch, or coincide.
+    /// Beside or around the other; the two may touch, or coincide.
     Outside,
-    /// On both sides: a point of it inside \[m\].
+    /// On both sides of the other; with a point inside \[m\].
     Crossing(Vector3<f64>),
 }
 
-/// Where the shell `of` lies with respect to `shell`, whose triangles face outwards.
+/// Returns where the shell `of` lies with respect to `shell`, whose triangles face outwards.
 pub(crate) fn place(of: &[[Vector3<f64>; 3]], shell: &[[Vector3<f64>; 3]]) -> Place {
     let corners = || shell.iter().flatten();
     let low = corners().fold(Vector3::repeat(f64::INFINITY), |a, x| a.inf(x));

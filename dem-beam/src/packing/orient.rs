@@ -1,4 +1,5 @@
-//! Surfaces from files: triangles turned alike, outer shells outwards, cavities inwards.
+//! Orientation of surfaces from files: triangles of a shell are turned alike, outer shells face outwards,
+//! cavities inwards.
 
 use super::bonding::Components;
 use super::nesting::{Place, place};
@@ -10,13 +11,13 @@ use std::collections::BTreeMap;
 type Edges = BTreeMap<(u32, u32), Vec<(usize, bool)>>;
 
 impl Surface {
-    /// A closed surface whose triangles may be turned either way, as files bring them. Triangles
-    /// with a repeated corner are left out; each connected shell is turned alike, outer shells
-    /// outwards, shells inside an odd number of others (cavities) inwards. Shells may touch.
+    /// Makes a closed surface of triangles that may be turned either way, as in files. Triangles with a
+    /// repeated corner are left out. Each connected shell is turned alike: outer shells outwards, shells
+    /// inside an odd number of others (cavities) inwards. Shells may touch.
     ///
     /// # Errors
-    /// As [`Self::new`]; [`Error::OneSidedSurface`]; [`Error::CrossingBodies`] for shells with points on both
-    /// sides of another (64 points of each are looked at).
+    /// Errors of [`Self::new`]; [`Error::OneSidedSurface`]; [`Error::CrossingBodies`] for shells with points
+    /// on both sides of another (64 points of each are tested).
     ///
     /// ```
     /// use dem_beam::Surface;
@@ -51,7 +52,7 @@ impl Surface {
     }
 }
 
-/// Triangles of each connected shell of a closed surface, in the order of their first ones.
+/// Returns the triangles of each connected shell of a closed surface, in the order of their first ones.
 pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
     let mut owner = BTreeMap::new();
     let mut joined = Vec::new();
@@ -77,7 +78,8 @@ pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
     out
 }
 
-/// For every edge its two triangles, and whether they run from the smaller to the larger vertex.
+/// Returns for every edge its two triangles, each with true if it runs along the edge from the smaller to the
+/// larger vertex number.
 fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
     let mut edges = Edges::new();
     for (i, t) in triangles.iter().enumerate() {
@@ -118,7 +120,7 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
                 let Some(&(j, up)) = edges[&key].iter().find(|(j, _)| *j != i) else {
                     continue;
                 };
-                // Neighbours run along their edge in opposite directions.
+                // Triangles turned alike run along their common edge in opposite directions.
                 let turn = own != (up == (a < b));
                 match turned[j] {
                     None => {
@@ -152,11 +154,12 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
             let [a, b, c] = corners(t);
             a.dot(&b.cross(&c))
         };
+        // The sum is six times the signed volume of the shell.
         if shell.iter().map(|&i| volume(&triangles[i])).sum::<f64>() < 0.0 {
             shell.iter().for_each(|&i| triangles[i].swap(1, 2));
         }
     }
-    // All shells face outwards now, so their winding numbers are 0 or 1.
+    // All shells face outwards now, so that winding numbers are 0 or 1.
     let facing: Vec<Vec<_>> = shells
         .iter()
         .map(|s| s.iter().map(|&i| corners(&triangles[i])).collect())

@@ -1,4 +1,4 @@
-//! What a packing came out as.
+//! Report of a packing.
 
 use super::bonding::Bonding;
 use super::cells::{Sphere, centre, image, mean_radius};
@@ -10,23 +10,23 @@ use nalgebra::{Matrix3, Vector3};
 /// Bins of the radius histogram.
 pub const HISTOGRAM_BINS: usize = 10;
 
-/// Facts about a packing; nothing here is an input of the mechanics.
+/// Facts about a packing, for information only: the mechanics does not use them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PackingReport {
-    /// Bonds per particle times two, over all spheres made, dropped ones included.
+    /// Twice the number of bonds over the number of all spheres made, including spheres that were left out.
     pub coordination_all: f64,
-    /// The same over the retained spheres.
+    /// Twice the number of bonds over the number of retained spheres.
     pub coordination_retained: f64,
-    /// Mean number of bonds of the spheres farther than two mean diameters from any wall; 0 if
-    /// there are none.
+    /// Mean number of bonds of the spheres farther than two mean diameters from any wall; 0 if there are
+    /// none.
     pub coordination_interior: f64,
-    /// Sphere volume (all spheres) over container volume.
+    /// Volume of all spheres over the volume of the container.
     pub volume_fraction: f64,
     /// Mean radius of the retained spheres \[m\].
     pub mean_radius: f64,
     /// Smallest and largest radius of the retained spheres \[m\].
     pub radius_range: [f64; 2],
-    /// Retained spheres per equal bin of the radius range.
+    /// Number of retained spheres in each of equal bins of the radius range.
     pub radius_histogram: [usize; HISTOGRAM_BINS],
     /// Mean overlap of touching pairs over the mean diameter.
     pub mean_overlap: f64,
@@ -36,32 +36,33 @@ pub struct PackingReport {
     pub fabric: Matrix3<f64>,
     /// Largest deviation of a fabric eigenvalue from 1/3, times 3: 0 when isotropic.
     pub fabric_anisotropy: f64,
-    /// Spheres asked for.
+    /// Number of spheres wanted.
     pub asked: usize,
-    /// Spheres placed, or read from a file.
+    /// Number of spheres placed, or read from a file.
     pub placed: usize,
-    /// Of these, left out because they hang on no part of the body.
+    /// Number of placed spheres left out because they are in no connected part.
     pub dropped: usize,
-    /// Volume of those over that of all placed: by so much their body's other spheres are too heavy.
+    /// Volume of the spheres left out over that of all placed. The other spheres of their body are too heavy
+    /// by this share.
     pub dropped_share: f64,
-    /// Of these, cut off because they lie beyond the border of a part of a body ([`crate::packing::Around`]).
+    /// Number of placed spheres cut off beyond the border of a part of a body ([`crate::packing::Around`]).
     pub beyond: usize,
-    /// Bodies within the container: more than one for a surface of several shells.
+    /// Number of bodies within the container: more than one for a surface of several outer shells.
     pub bodies: usize,
-    /// Narrowest width of a body over the mean diameter of its spheres; none without walls. For surfaces
-    /// twice the largest distance of a point within from the wall.
+    /// Narrowest width of a body over the mean diameter of its spheres; `None` without walls. For surfaces
+    /// the width is twice the largest distance of an inner point from the wall.
     pub across: Option<f64>,
-    /// What cuts took away since.
+    /// Bonds, spheres and volume removed by cuts since.
     pub cut: Cut,
-    /// Relaxation steps.
+    /// Number of relaxation steps.
     pub steps: usize,
 }
 
-/// How spheres were made.
+/// Facts about the making of the spheres.
 pub(crate) struct Made {
-    /// Spheres asked for.
+    /// Number of spheres wanted.
     pub(crate) asked: usize,
-    /// Relaxation steps.
+    /// Number of relaxation steps.
     pub(crate) steps: usize,
     /// Mean overlap over the mean diameter.
     pub(crate) overlap: f64,
@@ -122,7 +123,7 @@ impl PackingReport {
     }
 }
 
-/// Fabric tensor `mean(n n^T)` of bonds.
+/// Returns the fabric tensor `mean(n n^T)` of bonds.
 fn fabric(spheres: &[Sphere], pairs: &[[u32; 2]], period: Option<[f64; 3]>) -> Matrix3<f64> {
     let mut out = Matrix3::zeros();
     for pair in pairs {
@@ -134,7 +135,8 @@ fn fabric(spheres: &[Sphere], pairs: &[[u32; 2]], period: Option<[f64; 3]>) -> M
     out
 }
 
-/// Mean number of bonds of the spheres farther than `reach` from any wall; 0 if there are none.
+/// Returns the mean number of bonds of the spheres farther than `reach` \[m\] from any wall; 0 if there are
+/// none.
 fn interior_coordination(container: &Container, spheres: &[Sphere], pairs: &[[u32; 2]], reach: f64) -> f64 {
     let mut degree = vec![0_u32; spheres.len()];
     pairs.iter().flatten().for_each(|i| degree[*i as usize] += 1);

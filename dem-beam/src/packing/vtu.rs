@@ -1,39 +1,38 @@
 //! Positions and radii from VTU files (VTK's XML format for unstructured grids).
 //!
-//! Read here: data as text, base64 or raw, in place or appended, 32- or 64-bit headers, zlib
-//! blocks or none, little-endian, any kind of number. (The crate for the format that was tried
-//! does not take raw data, which is what large files have.)
+//! Supported: data as text, base64 or raw; in place or appended; 32- or 64-bit headers; zlib blocks or none;
+//! little-endian; any kind of number. The crate for the format that was tried does not take raw data, which
+//! large files have.
 
 use crate::error::{Error, Result};
 use crate::particles::check_spheres;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node};
 
-/// Names under which radii are looked for, in this order.
+/// Names under which radii are searched, in this order.
 const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r"];
-/// Arrays by which a frame of a run tells how far its points have moved, and which of its bonds are broken.
+/// Arrays of a run's frame that hold the displacements of its points and mark its broken bonds.
 const STATE: [&str; 2] = ["displacement [m]", "broken [-]"];
 
-/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named `radius`,
-/// or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii` and `r`. Cells are not
-/// read, nor points that `vtkGhostType` calls those of another piece. A frame of a run shows its spheres at
-/// rest beside how far they have moved; one in which any has, or a bond is broken, is refused: it would be
-/// read as a body that is whole and at rest.
+/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the array `radius`, or
+/// without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii` and `r`. It ignores cells,
+/// and points that `vtkGhostType` assigns to another piece. A frame of a run has its spheres at rest and
+/// their displacements beside them. It is refused if a sphere has moved or a bond is broken, because it would
+/// be read as an unbroken body at rest.
 ///
 /// # Errors
-/// [`Error::BadFile`] if it is no such file, [`Error::MissingArray`],
-/// [`Error::LengthMismatch`], [`Error::NotAtRest`], and those of bad spheres: [`Error::NotFinite`],
-/// [`Error::BadRadius`], [`Error::RadiusRatio`].
+/// [`Error::BadFile`] if it is not VTU, [`Error::MissingArray`], [`Error::LengthMismatch`],
+/// [`Error::NotAtRest`]; for bad spheres [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     let (all, state) = spheres(bytes, radius)?;
     state.check()?;
     checked(&all)
 }
 
-/// Names of the files of a PVTU file (pieces, beside it), in its order.
+/// Reads the names of the piece files from a PVTU file, in its order. The pieces lie beside it.
 ///
 /// # Errors
-/// [`Error::BadFile`] if it is no such file, or names none.
+/// [`Error::BadFile`] if it is not PVTU, or names no pieces.
 pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     let text = std::str::from_utf8(bytes).map_err(|_| bad("it is no UTF-8 text"))?;
     let xml = Document::parse(text).map_err(|e| bad(e.to_string()))?;
@@ -50,11 +49,11 @@ pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The same as [`read_vtu`] of the contents of all pieces of a PVTU file, in the order of their numbers in
-/// the whole (`GlobalIds`) where all pieces have them: as one file would have them.
+/// Works like [`read_vtu`] on the contents of all pieces of a PVTU file. If all pieces have global numbers
+/// (`GlobalIds`), the spheres are sorted by them, as a single file would have them.
 ///
 /// # Errors
-/// Those of [`read_vtu`].
+/// Errors of [`read_vtu`].
 pub fn read_pieces<P: AsRef<[u8]>>(
     pieces: &[P],
     radius: Option<&str>,
@@ -72,15 +71,15 @@ pub fn read_pieces<P: AsRef<[u8]>>(
     checked(&all)
 }
 
-/// A point as a sphere.
+/// A sphere read from a point.
 struct Sphere {
-    /// Its number in the whole, where the file tells.
+    /// Global number, if the file has it.
     number: Option<u64>,
     centre: Vector3<f64>,
     radius: f64,
 }
 
-/// What a frame tells of the state of its spheres.
+/// Displacements and broken bonds of a frame.
 #[derive(Debug, Clone, Copy, Default)]
 struct State {
     /// Largest displacement \[m\].
@@ -112,7 +111,7 @@ fn checked(all: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
 }
 
 fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
-    // Appended data need not be XML: the head is closed by hand.
+    // Appended data need not be XML: the text before them is closed by hand and parsed alone.
     let mark = b"<AppendedData";
     let cut = bytes.windows(mark.len()).position(|w| w == mark);
     let (head, tail) = bytes.split_at(cut.unwrap_or(bytes.len()));
@@ -161,7 +160,7 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
             .transpose()?
             .flatten();
         for (k, (centre, radius)) in points.chunks_exact(3).zip(radii).enumerate() {
-            // The first bit: another piece has it.
+            // The first bit marks a point that another piece owns.
             if ghosts.as_ref().is_some_and(|g| g[k] as u8 & 1 == 1) {
                 continue;
             }
@@ -211,11 +210,11 @@ fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a
     })
 }
 
-/// Where arrays find their bytes.
+/// Source of the bytes of arrays.
 struct Source<'a> {
-    /// Appended bytes behind the mark `_`, and whether they are base64.
+    /// Appended bytes behind the mark `_`, with true if they are base64.
     appended: Option<(&'a [u8], bool)>,
-    /// Bytes of a number in the headers of arrays.
+    /// Bytes per number in the headers of arrays.
     width: usize,
     zlib: bool,
 }
@@ -253,7 +252,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// The numbers of an array.
+    /// Reads the numbers of an array.
     fn numbers(&self, array: Node<'_, '_>) -> Result<Vec<f64>> {
         let text = array.text().unwrap_or_default();
         let data = match array.attribute("format") {
@@ -279,7 +278,7 @@ impl<'a> Source<'a> {
         convert(array.attribute("type").unwrap_or_default(), &data)
     }
 
-    /// The numbers of an array of the points or the cells of a piece, if it has one of this name.
+    /// Reads the array called `name` of the points or cells of a piece, if there is one.
     fn numbers_of(&self, piece: Node<'a, 'a>, data: &str, name: &str) -> Result<Option<Vec<f64>>> {
         let data = child(piece, data);
         let mut arrays = data.iter().flat_map(|d| d.children());
@@ -287,7 +286,7 @@ impl<'a> Source<'a> {
         found.map(|array| self.numbers(array)).transpose()
     }
 
-    /// Takes away the header, and the compression.
+    /// Removes the header and decompresses the data; `None` if they are cut short or damaged.
     fn unpack(&self, data: &[u8]) -> Option<Vec<u8>> {
         let count = |k: usize| -> Option<usize> {
             let raw = data.get(k * self.width..(k + 1) * self.width)?;
@@ -297,7 +296,8 @@ impl<'a> Source<'a> {
             let end = count(0)?.checked_add(self.width)?;
             return data.get(self.width..end).map(<[u8]>::to_vec);
         }
-        // Number of blocks, their size, that of the last if it is smaller, sizes in the file.
+        // The header holds the number of blocks, their size, the size of the last one if it is smaller, then
+        // the compressed size of each.
         let (blocks, size) = (count(0)?, count(1)?);
         let mut at = blocks.checked_add(3)?.checked_mul(self.width)?;
         let mut out = Vec::new();
@@ -311,7 +311,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Little-endian numbers of a kind.
+/// Converts little-endian numbers of a VTK type.
 fn convert(kind: &str, data: &[u8]) -> Result<Vec<f64>> {
     fn all<const N: usize>(data: &[u8], one: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         let mut raw = [0; N];
@@ -336,8 +336,8 @@ fn convert(kind: &str, data: &[u8]) -> Result<Vec<f64>> {
     })
 }
 
-/// Decodes up to the first byte that is not base64. Padding may stand inside: header and data of
-/// compressed arrays are encoded one by one.
+/// Decodes base64 up to the first byte that is not base64. Padding may stand inside, because header and data
+/// of compressed arrays are encoded one by one.
 fn base64(text: &[u8]) -> Vec<u8> {
     let digit = |b: u8| match b {
         b'A'..=b'Z' => Some(b - b'A'),
