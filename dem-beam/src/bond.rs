@@ -103,6 +103,7 @@ impl BeamMaterial {
     /// [`Self::of_bulk`]. Radius ratios outside of the measured range are extrapolated.
     #[must_use]
     pub fn bulk(&self) -> [f64; 2] {
+        // Only inner rows are compared, so that ratios beyond the table use its first or last interval.
         let end = BULK[1..BULK.len() - 1].partition_point(|row| row[0] < self.radius_ratio) + 1;
         let [a, b] = [BULK[end - 1], BULK[end]];
         let share = (self.radius_ratio - a[0]) / (b[0] - a[0]);
@@ -194,6 +195,7 @@ impl LinearBond {
     pub fn new(first: Vector3<f64>, second: Vector3<f64>, weight: f64) -> Result<Self> {
         let d = second - first;
         let length = d.norm();
+        // The axis is divided by the square of the length, which must not underflow.
         if !(length > f64::MIN_POSITIVE.sqrt() && length.is_finite()) {
             return Err(Error::ZeroLengthBond {
                 bond: 0,
@@ -223,6 +225,7 @@ impl LinearBond {
         let du = j.linear - i.linear;
         let sum = i.angular + j.angular;
         let diff = j.angular - i.angular;
+        // `b = w k_b`; the transverse coefficients follow as `w k_s = 3 b/l` and `w k_t = 6 b/l^2`.
         let b = 2.0 * k.bending * s * q;
         let force = (du * (6.0 * q) + p.cross(&sum) * 3.0) * b
             + p * ((k.axial - 12.0 * k.bending * q) * s * p.dot(&du));
@@ -263,6 +266,7 @@ impl LinearBond {
     #[must_use]
     pub fn stiffness(&self, k: &BeamRigidity) -> SMatrix<f64, 12, 12> {
         let mut out = SMatrix::<f64, 12, 12>::zeros();
+        // Column c is the force against a unit displacement of component c.
         for c in 0..12 {
             let mut x = SVector::<f64, 12>::zeros();
             x[c] = 1.0;

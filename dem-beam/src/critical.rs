@@ -42,6 +42,7 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
         if m <= 0.0 || i <= 0.0 {
             continue;
         }
+        // `M^-1/2 K M^-1/2` is symmetric and has the eigenvalues of `M^-1 K`.
         let scale: [f64; 6] = std::array::from_fn(|c| if c < 3 { m } else { i }.sqrt().recip());
         for r in 0..6 {
             for c in 0..6 {

@@ -83,6 +83,7 @@ pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     // Symmetric up to the tolerance of the solves.
     let stiffness = (stiffness + stiffness.transpose()) * 0.5;
     let (young, poisson) = isotropic(&stiffness);
+    // Young's modulus along an axis is the inverse of the compliance on the diagonal.
     let compliance = stiffness.try_inverse().unwrap_or_else(Matrix6::zeros);
     Ok(Bulk {
         stiffness,

@@ -159,6 +159,7 @@ impl BondedParticles {
         for v in contents.volumes {
             positive("volume of a particle", *v)?;
         }
+        // All bonds share one beam radius, so a part uses the mean radius of the whole body.
         let here = || radii.iter().sum::<f64>() / radii.len() as f64;
         let mean = contents.whole.map_or_else(here, |w| w.mean_radius);
         let rigidity = beam.rigidity(mean)?;
@@ -293,6 +294,7 @@ impl BondedParticles {
         for (k, i) in (0..).zip(own.iter().chain(ghosts)) {
             places[*i as usize] = k;
         }
+        // A bond between two ghosts belongs to other ranks.
         let held = |b: &usize| {
             let here = |i: u32| (places[i as usize] as usize) < own.len();
             self.pairs[*b].into_iter().any(here)
@@ -427,6 +429,7 @@ impl BondedParticles {
     /// For each particle, the other end and the number of each of its bonds: sorted, except in a part of a
     /// body, where they follow the order of the pairs.
     pub(crate) fn adjacency(&self) -> Arc<Adjacency<[u32; 2]>> {
+        // Sorted, so that sums over the bonds of a particle do not depend on the order of the pairs.
         let new = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
         self.adjacency.get_or_init(new).clone()
     }
@@ -471,5 +474,6 @@ impl BondedParticles {
 }
 
 fn sphere_inertia(mass: &[f64], radii: &[f64]) -> Vec<f64> {
+    // Solid sphere: 2/5 m r^2.
     mass.iter().zip(radii).map(|(m, r)| 0.4 * m * r * r).collect()
 }

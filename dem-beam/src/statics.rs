@@ -157,6 +157,7 @@ impl<'a> System<'a> {
                 let mask = free * free.transpose();
                 let held = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
                 let k = k.component_mul(&mask) + held * k.diagonal().max();
+                // A block without stiffness cannot be inverted; the unit matrix does.
                 k.try_inverse()
                     .unwrap_or_else(Matrix6::identity)
                     .component_mul(&mask)
@@ -202,10 +203,12 @@ impl<'a> System<'a> {
         let mut r: Vec<Six> = (0..n)
             .map(|i| (loads[i] - q[i]).component_mul(&self.free[i]))
             .collect();
+        // Held components have no residual, so that iterations never change them.
         let mut z: Vec<Six> = r.iter().zip(&self.inverse).map(|(r, k)| k * r).collect();
         let mut p = z.clone();
         let mut rho = ordered_dot(&r, &z);
         let first = rho;
+        // The start is the solution.
         if first <= 0.0 {
             return (0, 0.0);
         }

@@ -61,6 +61,7 @@ impl DemModel {
     /// Makes the bonds of an overlap unbreakable if the fracture model asks for it. To be called when weights
     /// change.
     pub(super) fn spare_overlap(&mut self) {
+        // Taken out while the closure reads `self`.
         let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
         for f in [&mut fracture, &mut watched].into_iter().flatten() {
             f.spare(&self.body, |b| self.in_overlap(b));
@@ -162,6 +163,7 @@ impl DemModel {
             let here = here.filter(|i| *i < self.nodes.len());
             blocks.extend(here.map(|i| i / LANES));
         }
+        // Two bonds often share a block, which is rebuilt once.
         blocks.sort_unstable();
         blocks.dedup();
         let log = locked(&self.log);

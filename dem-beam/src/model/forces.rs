@@ -205,6 +205,7 @@ impl<W: Screened> Gather<W> {
             true => (UPRIGHT, 3 * own),
             false => (CacheLine::default(), 0),
         };
+        // Ghost rows begin behind the last block, so that no block mixes own particles and ghosts.
         let rows = vec![upright; own.next_multiple_of(LANES) + foreign];
         Self {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
@@ -243,6 +244,7 @@ impl<W: Screened> Gather<W> {
     /// Computes the forces at the rows, and energy sums if `sums` is set.
     fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> Heard<()> {
         let parallel = self.parallel();
+        // Taken out of `self`, which the pass reads meanwhile.
         let (mut all, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
         let part = Part {
             first: 0,
@@ -313,6 +315,7 @@ impl<W: Screened> Gather<W> {
 
     /// Returns the energy sums over all parts, on all ranks.
     fn total(&self) -> Sums {
+        // Exact sums do not depend on order, threads or ranks.
         let mut all = [Exact::zero(); 2];
         for of in &self.sums {
             all.iter_mut().zip(of).for_each(|(sum, x)| sum.add(*x));
@@ -432,6 +435,7 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         let first = self.layout.particles().next_multiple_of(LANES);
         let foreign = self.rows[first.min(self.rows.len())..].iter();
         out.extend(foreign.map(|CacheLine([x, y, z, a, b, c, d, _])| {
+            // The layout of [`super::poses::Reader::told`].
             let [e, f, g, h] = match W::TURNS {
                 // A turn by zero, so that the quaternion has the same bits as [`Reached::orientation`] gives
                 // on its owner.

@@ -168,6 +168,7 @@ impl DemModel {
             let [i, j] = pair.map(|i| places[i as usize]);
             *pair = [i.min(j), i.max(j)];
         }
+        // Sorted by first particle, so that the bonds of a unit are a contiguous range.
         pairs.sort_unstable();
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         drop(positions);
@@ -402,6 +403,7 @@ impl Model<f64> for DemModel {
         let (layout, halo) = (self.layout(), self.halo.clone());
         let portion = halo.as_ref().map(|h| &**h.portion());
         let space = (&root[..], layout, portion);
+        // A separate kernel of the linear law leaves the reached orientations alone.
         let top = if self.has_finite_rotations() {
             critical::largest(space, &mut Gather::<Linear>::of(&self.body, halo.clone()))
         } else {
@@ -436,6 +438,7 @@ impl Model<f64> for DemModel {
     }
 
     fn effects(&self) -> &[&'static str] {
+        // The active effects are a range of this list, because either end may be left out.
         let all = &["fracture", "finite-rotations"];
         &all[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
     }

@@ -49,8 +49,9 @@ pub struct Piece {
 /// Numbers of the bonds of a part in the whole body, and the number of all bonds of the body.
 #[derive(Debug, Clone)]
 pub(crate) struct Numbered {
-    /// Ascending.
+    /// Number of each bond of the part in the whole body, ascending.
     pub(crate) bonds: Arc<[u32]>,
+    /// Number of all bonds of the whole body.
     pub(crate) of: usize,
 }
 
@@ -104,6 +105,7 @@ impl DemModel {
             beam,
             density,
         } = piece;
+        // A search in sorted numbers needs no array over the whole body.
         let mut places: Vec<(u32, u32)> = numbers.iter().copied().zip(0..).collect();
         places.sort_unstable();
         for end in pairs.iter_mut().flatten() {
@@ -327,6 +329,7 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
 /// Checks that the ghosts of each rank equal the particles of their owners.
 fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankError> {
     let (portion, own) = (halo.portion(), halo.portion().nodes());
+    // Every rank finishes the exchange before it reports, so that no rank waits for a message.
     let mut other = None;
     halo.exchange::<TOLD>(
         &mut halo.messages(TOLD),

@@ -173,6 +173,8 @@ impl DemModel {
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
         let portion = self.halo.as_ref().map(|h| &**h.portion());
+        // Sums of units do not depend on the partition, so the energy has the same bits on any number of
+        // ranks.
         let [sum] = ranks::sum(self.nodes.len(), portion, &part);
         sum
     }

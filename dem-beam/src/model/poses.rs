@@ -29,6 +29,7 @@ impl Reader<'_> {
     /// Returns the state of particle `i` if it is a ghost.
     #[inline]
     fn ghost(&self, i: usize) -> Option<&[f64; 7]> {
+        // The unknowns are those of own particles alone, six each.
         let own = self.q.len() / 6;
         self.ghosts.get(i.checked_sub(own)?)
     }

@@ -40,6 +40,7 @@ impl DemModel {
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
         let mut all = self.bonds_at();
+        // Only own particles have blocks in the kernel.
         all.truncate(n);
         let bytes = Layout::bytes(&all, self.has_finite_rotations());
         DemReport {

@@ -139,6 +139,7 @@ impl DemModel {
         let shares = self.shares(particles, share)?;
         let at = |i: usize| self.nodes[i].coords;
         let centre: Vector3<f64> = particles.iter().zip(&shares).map(|(&i, s)| at(i) * *s).sum();
+        // Inertia tensor of the shares: the moment of the forces is `spread w`.
         let mut spread = Matrix3::zeros();
         for (&i, s) in particles.iter().zip(&shares) {
             let d = at(i) - centre;

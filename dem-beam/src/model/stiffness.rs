@@ -13,6 +13,7 @@ fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
         let k = bond.stiffness(body.rigidity());
         for (a, b, at, to) in [(i, j, 0, 6), (j, i, 6, 0)] {
             let row = &mut rows[a as usize];
+            // The diagonal block is first until rows are sorted.
             row[0].1 += k.fixed_view::<6, 6>(at, at);
             let block = k.fixed_view::<6, 6>(at, to);
             match row.iter_mut().skip(1).find(|(c, _)| *c == b) {
@@ -35,6 +36,7 @@ pub(crate) fn assemble(body: &BondedParticles) -> CsMat<f64> {
     let mut start = Vec::with_capacity(6 * n + 1);
     let (mut columns, mut values) = (Vec::with_capacity(entries), Vec::with_capacity(entries));
     start.push(0);
+    // Rows and columns go through all displacements, then through all rotations.
     for part in 0..2 {
         for row in &rows {
             for a in 0..3 {

@@ -41,6 +41,7 @@ impl DemModel {
         let mut loose: Vec<i64> = Vec::new();
         for event in log.events().iter().filter(|e| e.overlap) {
             broken += 1;
+            // The log has the bonds of all ranks; the owner of a bond's particles reads its opening.
             let Some(b) = fracture.here(event.bond) else {
                 continue;
             };

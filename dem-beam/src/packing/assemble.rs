@@ -81,6 +81,7 @@ impl Packing {
             all.kept.extend(kept.map(at));
             let old = |p: &[u32; 2]| p.map(|i| at(f.bonding.kept[i as usize]));
             all.pairs.extend(f.bonding.pairs.iter().map(old));
+            // The report has the largest gap of all bodies, and means over their spheres.
             all.tolerance = all.tolerance.max(f.bonding.tolerance);
             all.coordination_all += share * f.bonding.coordination_all;
             overlap += share * f.overlap;

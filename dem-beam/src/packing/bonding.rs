@@ -44,6 +44,8 @@ pub(crate) fn bond_and_trim(
             reach: REACH,
         });
     }
+    // Equal gaps are ordered by particle numbers, so that the choice is unique. A selection is cheaper than
+    // sorting all pairs.
     let by_gap = |a: &(f64, [u32; 2]), b: &(f64, [u32; 2])| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
     let (_, last, _) = near.select_nth_unstable_by(wanted - 1, by_gap);
     let tolerance = last.0;
@@ -111,6 +113,7 @@ pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]
     verlet_list(
         &mut CellList::new(period),
         spheres,
+        // The skin must cover `reach (r_i + r_j)` for the largest spheres.
         2.0 * largest * reach,
         &mut list,
     );

@@ -136,6 +136,7 @@ impl Bricks {
         let mut rest: Vec<Place> = Vec::new();
         for brick in &self.order {
             rest.extend(self.places(brick));
+            // Bricks at the far faces may be incomplete, so that units can span several bricks.
             let whole = rest.len() / UNIT * UNIT;
             out.extend(rest.drain(..whole).as_slice().chunks(UNIT).map(|u| self.unit(u)));
         }

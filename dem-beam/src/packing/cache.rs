@@ -21,6 +21,7 @@ fn hash(words: impl Iterator<Item = u64>) -> [u64; 2] {
     let mut h = [0xcbf2_9ce4_8422_2325_u64, 0x8422_2325_cbf2_9ce4];
     for w in words {
         for (k, h) in h.iter_mut().enumerate() {
+            // Rotated words make the second stream differ from the first.
             for byte in w.rotate_left(17 * k as u32).to_le_bytes() {
                 *h = (*h ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
             }
@@ -57,6 +58,7 @@ impl PackingSpec {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
         if let Some(packing) = std::fs::read(&path).ok().and_then(|bytes| decode(&bytes)) {
+            // The spec determines these two, so that the file does not have them.
             return Ok(Packing {
                 period: self.container.period(),
                 loose: self.loose == Loose::Keep,
@@ -160,6 +162,7 @@ fn decode(bytes: &[u8]) -> Option<Packing> {
     if head[0] != MAGIC || head[1..] != hash(body.iter().copied()) {
         return None;
     }
+    // The hash has been verified, so that the counts in the file can be trusted.
     let mut packing = Packing::default();
     let mut next = body.iter().copied();
     words(&mut packing, &mut |_| next.next())?;

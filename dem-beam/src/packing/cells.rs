@@ -132,6 +132,7 @@ impl CellList {
     pub(crate) fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
         let c = self.cell(s);
         if self.period.is_some() {
+            // With fewer than three cells along an edge, a cell would be visited twice.
             let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];
             for k in 0..27 {
                 let at = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);

@@ -185,6 +185,7 @@ fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
 fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()> {
     for (gap, [i, j]) in super::bonding::near_pairs(spheres, 0.0, period) {
         let (first, second) = (i as usize, j as usize);
+        // `gap + 1` is the distance of the centres over the sum of the radii.
         let touch = spheres[first][3] + spheres[second][3];
         if gap + 1.0 <= COINCIDENT {
             return Err(Error::CoincidentParticles {

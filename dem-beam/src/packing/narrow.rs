@@ -80,6 +80,7 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
             let reach = 0.5 * WIDE * diameter;
             let mut body = body.clone();
             body.prepare(reach);
+            // The deepest of some centres is a good start for the search of the deepest point.
             let probed = spheres.iter().step_by(spheres.len().div_ceil(PROBED));
             let gap = |x: &Vector3<f64>| body.gap(x, reach);
             let deepest = probed.map(centre).max_by(|a, b| gap(a).total_cmp(&gap(b)));

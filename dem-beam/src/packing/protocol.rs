@@ -169,6 +169,7 @@ impl PackingSpec {
             .map(|_| 1.0 + self.spread * (2.0 * rng.random::<f64>() - 1.0))
             .collect();
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
+        // Factor from relative radii to metres.
         let unit = (START_FRACTION * volume / cubes * 0.75 / std::f64::consts::PI).cbrt();
         radii.iter_mut().for_each(|r| *r *= unit);
         let (low, high) = container.bounds();

@@ -121,6 +121,7 @@ impl<'a> SoftSpheres<'a> {
     fn renew_list(&mut self, skin: f64) {
         self.skin = skin;
         self.slack = skin;
+        // Positions are wrapped only here: `advance` compares them with those of the list.
         if let Some(period) = self.container.period() {
             for s in &mut self.spheres {
                 for a in 0..3 {

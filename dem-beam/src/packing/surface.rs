@@ -213,6 +213,7 @@ impl Surface {
     /// Rebuilds the grid so that [`Self::nearest`] finds every point up to `reach` \[m\].
     pub(crate) fn prepare(&mut self, reach: f64) {
         let extent = self.bounds.1 - self.bounds.0;
+        // The bound on the cell size limits the memory of the grid.
         let size = reach.max(extent.max() / 128.0);
         // One layer of cells around the box, because centres of spheres may leave it by a little.
         let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
@@ -381,6 +382,7 @@ impl Surface {
         if self.grid.start[cell] == self.grid.start[cell + 1] {
             return self.grid.inside[cell];
         }
+        // The sign of the nearest face is cheaper than the winding number over all triangles.
         match self.nearest(x, self.grid.reach) {
             Some((gap, _)) => gap >= 0.0,
             None => self.winding(x) > 0.5,

@@ -288,6 +288,7 @@ impl<'a> Source<'a> {
 
     /// Removes the header and decompresses the data; `None` if they are cut short or damaged.
     fn unpack(&self, data: &[u8]) -> Option<Vec<u8>> {
+        // Counts come from the file and may be wrong, so that ranges are checked.
         let count = |k: usize| -> Option<usize> {
             let raw = data.get(k * self.width..(k + 1) * self.width)?;
             usize::try_from(raw.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b))).ok()
