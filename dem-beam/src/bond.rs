@@ -270,11 +270,11 @@ impl LinearBond {
         for c in 0..12 {
             let mut x = SVector::<f64, 12>::zeros();
             x[c] = 1.0;
-            let at = |o: usize| Twist {
+            let twist = |o: usize| Twist {
                 linear: Vector3::new(x[o], x[o + 1], x[o + 2]),
                 angular: Vector3::new(x[o + 3], x[o + 4], x[o + 5]),
             };
-            let (fi, fj) = self.wrenches(k, &at(0), &at(6));
+            let (fi, fj) = self.wrenches(k, &twist(0), &twist(6));
             for (o, v) in [fi.linear, fi.angular, fj.linear, fj.angular].iter().enumerate() {
                 out.fixed_view_mut::<3, 1>(3 * o, c).copy_from(&-v);
             }
@@ -289,16 +289,16 @@ impl LinearBond {
         let (p, s) = (self.axis, self.scale);
         let q = p.dot(&p);
         let ppt = p * p.transpose();
-        let one = Matrix3::identity();
+        let identity = Matrix3::identity();
         let shear = p.cross_matrix() * (6.0 * k.bending * s * q);
         let mut out = Matrix6::zeros();
         out.fixed_view_mut::<3, 3>(0, 0).copy_from(
-            &(one * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
+            &(identity * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
         );
         out.fixed_view_mut::<3, 3>(0, 3).copy_from(&-shear);
         out.fixed_view_mut::<3, 3>(3, 0).copy_from(&shear);
         out.fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(&(one * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
+            .copy_from(&(identity * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
         out
     }
 

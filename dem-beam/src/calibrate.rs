@@ -84,10 +84,10 @@ pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize
     let gap = TOUCH * body.mean_radius();
     let mut ends = [Vec::new(), Vec::new()];
     for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-        let (along, near) = (x.x - bar.start, r + gap);
-        if along < near {
+        let (along, reach) = (x.x - bar.start, r + gap);
+        if along < reach {
             ends[0].push(i);
-        } else if bar.length - along < near {
+        } else if bar.length - along < reach {
             ends[1].push(i);
         }
     }
@@ -117,8 +117,8 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
             problem.held[i].linear[0] = true;
         }
     }
-    let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
-    let pull: f64 = done
+    let solution = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    let pull: f64 = solution
         .reactions
         .iter()
         .zip(&side)
@@ -132,7 +132,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
     let slope = |axis: usize| {
         let points = chosen
             .iter()
-            .map(|&i| (body.positions()[i], done.displacements[i].linear[axis]));
+            .map(|&i| (body.positions()[i], solution.displacements[i].linear[axis]));
         gradient(points).map(|g| g[axis])
     };
     let (ex, ey, ez) = (slope(0)?, slope(1)?, slope(2)?);
@@ -140,7 +140,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         young: pull / (bar.area * STRAIN),
         young_gauge: pull / (bar.area * ex),
         poisson: -0.5 * (ey + ez) / ex,
-        iterations: done.iterations,
+        iterations: solution.iterations,
     })
 }
 
@@ -223,13 +223,13 @@ impl Statistics {
 /// # Errors
 /// [`Error::SeveralParts`]; errors of [`Packing::bonded`] and [`tension_test`].
 pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<Statistics> {
-    let mut all = Vec::with_capacity(packings.len());
+    let mut tests = Vec::with_capacity(packings.len());
     for p in packings {
         p.connected("a tension test")?;
         // Statics needs no mass, so any density does.
-        all.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
+        tests.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
     }
-    Ok(Statistics::of(&all))
+    Ok(Statistics::of(&tests))
 }
 
 /// Beams that give packings the wanted elasticity.
@@ -258,8 +258,8 @@ pub fn inverse(
     let mut tests = 0;
     let beam = beam_for(young, poisson, beam_poisson, |beam| {
         tests += packings.len();
-        let found = measure(packings, beam, bar)?;
-        Ok([found.young.mean, found.poisson.mean])
+        let measured = measure(packings, beam, bar)?;
+        Ok([measured.young.mean, measured.poisson.mean])
     })?;
     let reached = measure(packings, beam, bar)?;
     Ok(Calibration {
@@ -310,9 +310,9 @@ pub fn beam_for(
     let mut last_side = 0;
     for _ in 0..40 {
         let ratio = (low * f_high - high * f_low) / (f_high - f_low);
-        let (found, f) = test(ratio)?;
+        let (modulus, f) = test(ratio)?;
         if f.abs() < NEAR {
-            return Ok(beam(ratio, UNIT * young / found));
+            return Ok(beam(ratio, UNIT * young / modulus));
         }
         if f * f_high > 0.0 {
             (high, f_high) = (ratio, f);

@@ -51,7 +51,7 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
         }
         top = top.max(k.symmetric_eigenvalues().max());
     }
-    step_of(2.0 * top)
+    step_from_eigenvalue(2.0 * top)
 }
 
 /// Returns the critical step \[s\] by Lanczos iteration, at most 5e-5 (relative) above the exact value.
@@ -68,7 +68,7 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_of(largest((&root, layout, None), &mut bonds)?)
+    step_from_eigenvalue(largest((&root, layout, None), &mut bonds)?)
 }
 
 /// Returns an upper estimate of the largest eigenvalue of `R K R`, with `R = diag(root)` and the stiffness
@@ -80,7 +80,7 @@ pub(crate) fn largest(
     spectrum::largest_ritz(root, layout, portion, &mut |q, f| Ok(bonds.add(q, f, None)?))
 }
 
-fn step_of(lambda: f64) -> Result<f64> {
+fn step_from_eigenvalue(lambda: f64) -> Result<f64> {
     if lambda.is_finite() && lambda > 0.0 {
         Ok(2.0 / lambda.sqrt())
     } else {

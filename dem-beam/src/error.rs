@@ -304,7 +304,7 @@ pub enum Error {
         bodies: usize,
         /// Volume of the body \[m³\].
         volume: f64,
-        /// What is wrong.
+        /// Description of the problem.
         source: Box<Self>,
     },
     /// A body within a surface that contains no sphere; its mass would be missing.
@@ -424,7 +424,7 @@ pub enum Error {
     BadFile {
         /// Format expected.
         format: &'static str,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
     /// A frame of a run whose spheres have moved or whose bonds are broken.
@@ -458,7 +458,7 @@ pub enum Error {
     Parse {
         /// Line number, from 1.
         line: usize,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
     /// An error of the file system.

@@ -34,17 +34,17 @@ pub(crate) struct Deformed {
 
 impl Deformed {
     #[inline]
-    pub(crate) fn of(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
+    pub(crate) fn new(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
         let inverse = bond.axis.norm();
-        let (n0, rest) = (bond.axis / inverse, 1.0 / inverse);
+        let (n0, rest_length) = (bond.axis / inverse, 1.0 / inverse);
         let du = j.displacement - i.displacement;
-        let d = n0 * rest + du;
+        let d = n0 * rest_length + du;
         let length = d.norm();
         Self {
             inverse,
             length,
             n: d / length,
-            stretch: (n0 * rest + d).dot(&du) / (length + rest),
+            stretch: (n0 * rest_length + d).dot(&du) / (length + rest_length),
             t: [i.rotation * n0, j.rotation * n0],
             relative: j.rotation.quaternion() * i.rotation.quaternion().conjugate(),
         }
@@ -61,7 +61,7 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
         t: [ti, tj],
         relative,
         ..
-    } = Deformed::of(bond, i, j);
+    } = Deformed::new(bond, i, j);
     let scale = bond.scale * inverse * inverse;
     let twist = 2.0 * n.dot(&relative.imag());
     // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
@@ -83,7 +83,7 @@ pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twi
         stretch,
         t: [ti, tj],
         relative,
-    } = Deformed::of(bond, i, j);
+    } = Deformed::new(bond, i, j);
     let scale = bond.scale * inverse * inverse;
     let (r, r0) = (relative.imag(), relative.scalar());
     let twist = 2.0 * n.dot(&r);

@@ -72,7 +72,7 @@ pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     }
     packing.connected("bulk elasticity")?;
     // Statics needs no mass, so any density does.
-    let body = BondedParticles::of_packing(packing, beam, 1.0)?;
+    let body = BondedParticles::from_packing(packing, beam, 1.0)?;
     let mut stiffness = Matrix6::zeros();
     let mut iterations = 0;
     for c in 0..6 {
@@ -98,36 +98,36 @@ pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
 /// Returns the mean stress under a mean strain, and the iterations of the solve.
 fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result<(Matrix3<f64>, usize)> {
     let k = body.rigidity();
-    let rest = Twist::zero();
+    let zero = Twist::zero();
     let jump = |b: usize| {
         let bond = body.bond(b);
         let d = bond.span();
         let across = Twist {
             linear: strain * d,
-            ..rest
+            ..zero
         };
         (d, across)
     };
     let mut problem = StaticProblem::free(body.len());
     for (b, &[i, j]) in body.pairs().iter().enumerate() {
         // The affine displacement is applied as a load: the solver's unknowns are periodic.
-        let (fi, fj) = body.bond(b).wrenches(k, &rest, &jump(b).1);
+        let (fi, fj) = body.bond(b).wrenches(k, &zero, &jump(b).1);
         for (p, f) in [(i, fi), (j, fj)] {
             let load = &mut problem.loads[p as usize];
             load.linear += f.linear;
             load.angular += f.angular;
         }
     }
-    let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    let solution = problem.solve(body, TOLERANCE, ITERATIONS)?;
     let mut stress = Matrix3::zeros();
     for (b, &[i, j]) in body.pairs().iter().enumerate() {
         let (d, across) = jump(b);
-        let [i, mut j] = [i, j].map(|p| done.displacements[p as usize]);
+        let [i, mut j] = [i, j].map(|p| solution.displacements[p as usize]);
         j.linear += across.linear;
         let pull = body.bond(b).wrenches(k, &i, &j).0.linear;
         stress += (d * pull.transpose() + pull * d.transpose()) * (0.5 / volume);
     }
-    Ok((stress, done.iterations))
+    Ok((stress, solution.iterations))
 }
 
 /// Returns bulk and shear modulus of the isotropic part (Voigt averages).

@@ -130,7 +130,7 @@ impl BondedParticles {
     }
 
     /// Joins the spheres of a packing by beams, with its volumes and its loose spheres.
-    pub(crate) fn of_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+    pub(crate) fn from_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
         check_spheres(x, r)?;
         let volumes = packing.volumes();
@@ -160,8 +160,8 @@ impl BondedParticles {
             positive("volume of a particle", *v)?;
         }
         // All bonds share one beam radius, so a part uses the mean radius of the whole body.
-        let here = || radii.iter().sum::<f64>() / radii.len() as f64;
-        let mean = contents.whole.map_or_else(here, |w| w.mean_radius);
+        let local_mean = || radii.iter().sum::<f64>() / radii.len() as f64;
+        let mean = contents.whole.map_or_else(local_mean, |w| w.mean_radius);
         let rigidity = beam.rigidity(mean)?;
         let mut degree = vec![0_u32; positions.len()];
         let mut scales = Vec::with_capacity(pairs.len());
@@ -287,27 +287,27 @@ impl BondedParticles {
         sum.iter().enumerate().map(mean).collect()
     }
 
-    /// Returns the body of the particles `own`, then `ghosts`, with all bonds of own particles in the order
-    /// of this body, and the number of each of these bonds in this body.
-    pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
+    /// Returns the body of the particles `owned`, then `ghosts`, with all bonds of owned particles in the
+    /// order of this body, and the number of each of these bonds in this body.
+    pub(crate) fn part(&self, owned: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
         let mut places = vec![u32::MAX; self.len()];
-        for (k, i) in (0..).zip(own.iter().chain(ghosts)) {
+        for (k, i) in (0..).zip(owned.iter().chain(ghosts)) {
             places[*i as usize] = k;
         }
         // A bond between two ghosts belongs to other ranks.
-        let held = |b: &usize| {
-            let here = |i: u32| (places[i as usize] as usize) < own.len();
-            self.pairs[*b].into_iter().any(here)
+        let has_owned_end = |b: &usize| {
+            let is_owned = |i: u32| (places[i as usize] as usize) < owned.len();
+            self.pairs[*b].into_iter().any(is_owned)
         };
-        let bonds: Vec<usize> = (0..self.pairs.len()).filter(held).collect();
+        let bonds: Vec<usize> = (0..self.pairs.len()).filter(has_owned_end).collect();
         let pairs: Vec<_> = bonds
             .iter()
             .map(|b| self.pairs[*b].map(|i| places[i as usize]))
             .collect();
-        let particles = || own.iter().chain(ghosts).map(|i| *i as usize);
+        let particles = || owned.iter().chain(ghosts).map(|i| *i as usize);
         // The bonds of a particle keep the order of the whole body, so that sums over them have the same
         // bits.
-        let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(own.len() + ghosts.len(), &pairs)));
+        let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(owned.len() + ghosts.len(), &pairs)));
         let grades = if self.is_graded() { &bonds[..] } else { &[] };
         let numbers = bonds.iter().map(|b| *b as u32).collect();
         let part = Self {
@@ -430,8 +430,8 @@ impl BondedParticles {
     /// body, where they follow the order of the pairs.
     pub(crate) fn adjacency(&self) -> Arc<Adjacency<[u32; 2]>> {
         // Sorted, so that sums over the bonds of a particle do not depend on the order of the pairs.
-        let new = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
-        self.adjacency.get_or_init(new).clone()
+        let build = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
+        self.adjacency.get_or_init(build).clone()
     }
 
     /// Section rigidities, the same for all bonds.

@@ -141,11 +141,11 @@ impl<'a> System<'a> {
         let ends = |(bond, &[i, j]): (LinearBond, &[u32; 2])| [(i, (j, bond)), (j, (i, bond.reversed()))];
         let bonds = body.bonds().zip(body.pairs()).flat_map(ends);
         let bonds = Adjacency::new(body.len(), bonds);
-        let one = |h: bool| if h { 0.0 } else { 1.0 };
+        let factor = |h: bool| if h { 0.0 } else { 1.0 };
         let free: Vec<Six> = held
             .iter()
             .map(|h| {
-                let (l, a) = (h.linear.map(one), h.angular.map(one));
+                let (l, a) = (h.linear.map(factor), h.angular.map(factor));
                 Six::new(l[0], l[1], l[2], a[0], a[1], a[2])
             })
             .collect();
@@ -155,8 +155,8 @@ impl<'a> System<'a> {
             .map(|(k, free)| {
                 // Held rows and columns get a multiple of the unit matrix, so that the block can be inverted.
                 let mask = free * free.transpose();
-                let held = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
-                let k = k.component_mul(&mask) + held * k.diagonal().max();
+                let held_diagonal = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
+                let k = k.component_mul(&mask) + held_diagonal * k.diagonal().max();
                 // A block without stiffness cannot be inverted; the unit matrix does.
                 k.try_inverse()
                     .unwrap_or_else(Matrix6::identity)
@@ -177,10 +177,10 @@ impl<'a> System<'a> {
         out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, out)| {
             for (r, out) in out.iter_mut().enumerate() {
                 let p = c * CHUNK + r;
-                let own = split(&x[p]);
+                let twist = split(&x[p]);
                 let mut f = Twist::zero();
-                for (other, bond) in self.bonds.row(p) {
-                    let (g, _) = bond.wrenches(k, &own, &split(&x[*other as usize]));
+                for (neighbour, bond) in self.bonds.row(p) {
+                    let (g, _) = bond.wrenches(k, &twist, &split(&x[*neighbour as usize]));
                     f.linear += g.linear;
                     f.angular += g.angular;
                 }

@@ -82,9 +82,9 @@ pub fn strength_test(
 ) -> Result<Strength> {
     packing.connected("a strength test")?;
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
-    let rest = Rest::new(&model, bar)?;
+    let stretched = Stretched::new(&model, bar)?;
     // At this load the bar has the elongation of the static solution; the first bond breaks at a load of one.
-    let load = rest.load(&model);
+    let load = stretched.load(&model);
     if !(load.is_finite() && load > 0.0) {
         return Err(Error::out_of_range(
             "load of the bonds under tension",
@@ -104,25 +104,25 @@ pub fn strength_test(
         _ => fracture.strength,
     };
     let pull = Pull {
-        first: first * rest.elongation,
-        transit: bar.length / (rest.young / DENSITY).sqrt(),
-        damping: DAMPING * diameter / (rest.young / DENSITY).sqrt(),
+        first: first * stretched.elongation,
+        transit: bar.length / (stretched.young / DENSITY).sqrt(),
+        damping: DAMPING * diameter / (stretched.young / DENSITY).sqrt(),
     };
     let bonds = model.body().pairs().len();
-    let found = pull.run(model, &rest, bar)?;
+    let outcome = pull.run(model, &stretched, bar)?;
     Ok(Strength {
-        peak: found.peak / bar.area,
-        first: first * rest.force / bar.area,
-        strain: found.elongation / bar.length,
-        young: rest.young,
-        broken: found.broken,
+        peak: outcome.peak / bar.area,
+        first: first * stretched.force / bar.area,
+        strain: outcome.elongation / bar.length,
+        young: stretched.young,
+        broken: outcome.broken,
         bonds,
         beam: nominal,
     })
 }
 
 /// Static equilibrium of the bar under a small elongation.
-struct Rest {
+struct Stretched {
     /// Unknowns of the model: displacements \[m\], then rotations \[rad\].
     q: Vec<f64>,
     /// Particles at the two ends.
@@ -132,7 +132,7 @@ struct Rest {
     young: f64,
 }
 
-impl Rest {
+impl Stretched {
     fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
         let body = model.body();
         let ends = end_layers(body, bar)?;
@@ -147,12 +147,12 @@ impl Rest {
                 problem.start[i].linear.x = side * elongation;
             }
         }
-        let done = problem.solve(body, SOLVE.0, SOLVE.1)?;
-        let pull = |end: &[usize]| end.iter().map(|&i| done.reactions[i].linear.x).sum::<f64>();
+        let solution = problem.solve(body, SOLVE.0, SOLVE.1)?;
+        let pull = |end: &[usize]| end.iter().map(|&i| solution.reactions[i].linear.x).sum::<f64>();
         let force = 0.5 * (pull(&ends[1]) - pull(&ends[0]));
         let linear = |t: &Twist| [t.linear.x, t.linear.y, t.linear.z];
         let angular = |t: &Twist| [t.angular.x, t.angular.y, t.angular.z];
-        let u = &done.displacements;
+        let u = &solution.displacements;
         Ok(Self {
             q: u.iter()
                 .flat_map(linear)
@@ -187,18 +187,19 @@ struct Peak {
 }
 
 impl Pull {
-    fn run(&self, model: DemModel, rest: &Rest, bar: &Bar) -> Result<Peak> {
+    fn run(&self, model: DemModel, stretched: &Stretched, bar: &Bar) -> Result<Peak> {
         let rate = self.first / (LOADING * self.transit);
         let (begin, end) = (START * self.first, GIVEN_UP * self.first);
         let duration = (end - begin) / rate;
         let scaled = |x: f64| {
-            rest.q
+            stretched
+                .q
                 .iter()
-                .map(|q| q * x / rest.elongation)
+                .map(|q| q * x / stretched.elongation)
                 .collect::<Vec<f64>>()
         };
         let log = model.break_log();
-        let supports: Vec<PrescribedMotion<f64>> = rest
+        let supports: Vec<PrescribedMotion<f64>> = stretched
             .ends
             .iter()
             .zip([-0.5, 0.5])
@@ -226,13 +227,13 @@ impl Pull {
             elongation: begin,
             broken: 0,
         };
-        let mut work = supplied(&run);
+        let mut work = support_work(&run);
         while run.time() < duration {
             run.run(every, &mut Silent)?;
-            let now = supplied(&run);
+            let new_work = support_work(&run);
             // Mean force over the window: the work of the ends over their elongation.
-            let force = (now - work) / (every as f64 * run.dt() * rate);
-            work = now;
+            let force = (new_work - work) / (every as f64 * run.dt() * rate);
+            work = new_work;
             let broken = locked(&log).events().len();
             if force > best.peak {
                 best = Peak {
@@ -252,7 +253,10 @@ impl Pull {
 }
 
 /// Returns the work of the moved ends so far \[J\].
-fn supplied(run: &Coupled<f64>) -> f64 {
-    let all = run.works();
-    all.iter().find(|w| w.name == "supports").map_or(0.0, |w| w.work)
+fn support_work(run: &Coupled<f64>) -> f64 {
+    let works = run.works();
+    works
+        .iter()
+        .find(|w| w.name == "supports")
+        .map_or(0.0, |w| w.work)
 }

@@ -1,7 +1,7 @@
 //! Bonds that break: fracture of a model, its saved state and its results.
 
 use super::DemModel;
-use super::forces::Heard;
+use super::forces::RankResult;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::fracture::parts::Parts;
@@ -19,7 +19,7 @@ impl DemModel {
     /// [`crate::Error::Graded`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.alike("a strength of bonds")?;
+        self.require_one_material("a strength of bonds")?;
         self.fracture = Some(self.breaking(spec, self.log.clone()));
         Ok(self)
     }
@@ -30,7 +30,7 @@ impl DemModel {
     /// Errors of [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.alike("a strength of bonds")?;
+        self.require_one_material("a strength of bonds")?;
         self.watched = Some(self.breaking(spec, SharedLog::default()));
         Ok(self)
     }
@@ -44,7 +44,7 @@ impl DemModel {
     }
 
     /// Refuses `what` if the bonds are of several materials.
-    fn alike(&self, what: &'static str) -> Result<()> {
+    fn require_one_material(&self, what: &'static str) -> Result<()> {
         match self.body.is_graded() {
             true => Err(Error::Graded { what }),
             false => Ok(()),
@@ -85,7 +85,7 @@ impl DemModel {
         self.log.clone()
     }
 
-    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> Heard<f64> {
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> RankResult<f64> {
         let Some(mut fracture) = self.fracture.take() else {
             return Ok(0.0);
         };
@@ -96,19 +96,19 @@ impl DemModel {
                 fracture.parts = Some(parts);
                 released
             }
-            None => Ok(self.find_here(&mut fracture, &mut step)),
+            None => Ok(self.find_broken(&mut fracture, &mut step)),
         };
         if !fracture.now.is_empty() {
             let blocks = self.sever(&mut fracture);
-            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
             // The forces of this step still contain the bonds that broke in it.
-            kernel.again(&blocks, step.f);
+            kernel.recompute(&blocks, step.f);
         }
         self.fracture = Some(fracture);
         released
     }
 
-    fn find_here(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
+    fn find_broken(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
         fracture.find(&self.body, &self.reader(step.q));
         if fracture.now.is_empty() {
             return 0.0;
@@ -118,14 +118,14 @@ impl DemModel {
         fracture.release(&self.body, step, readers, |b| self.in_overlap(b))
     }
 
-    /// Like [`Self::find_here`] in a rank's part of a partitioned body; returns the energy released on all
+    /// Like [`Self::find_broken`] in a rank's part of a partitioned body; returns the energy released on all
     /// ranks.
     fn find_in_parts(
         &self,
         fracture: &mut FractureState,
         parts: &mut Parts,
         step: &mut Evolution<'_, f64>,
-    ) -> Heard<f64> {
+    ) -> RankResult<f64> {
         self.kernel.ghosts(&mut parts.ghosts);
         let (before, now) = (step.q_before, step.q);
         let readers = [&self.reader(before), &self.reader(now)];
@@ -144,7 +144,7 @@ impl DemModel {
         let Some(place) = self.halo.as_ref().zip(self.numbered.as_ref()) else {
             return;
         };
-        let part = |of: FractureState| of.part(&self.body, place);
+        let part = |state: FractureState| state.part(&self.body, place);
         self.watched = self.watched.take().map(part);
         self.fracture = self.fracture.take().map(part);
         self.spare_overlap();
@@ -159,18 +159,18 @@ impl DemModel {
         let mut blocks = Vec::new();
         for &b in &fracture.now {
             self.body.sever(b as usize);
-            let here = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
-            let here = here.filter(|i| *i < self.nodes.len());
-            blocks.extend(here.map(|i| i / LANES));
+            let owned = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
+            let owned = owned.filter(|i| *i < self.nodes.len());
+            blocks.extend(owned.map(|i| i / LANES));
         }
         // Two bonds often share a block, which is rebuilt once.
         blocks.sort_unstable();
         blocks.dedup();
         let log = locked(&self.log);
-        let (body, whole) = (&self.body, |b: usize| !log.is_broken_here(b));
-        let kernel = self.kernel.of(body, self.halo.as_ref());
-        kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
-        fracture.follow(&blocks, &whole);
+        let (body, is_unbroken) = (&self.body, |b: usize| !log.is_broken_here(b));
+        let kernel = self.kernel.get_or_build(body, self.halo.as_ref());
+        kernel.refresh(&blocks, body, &fracture.adjacency, &is_unbroken);
+        fracture.follow(&blocks, &is_unbroken);
         blocks
     }
 
@@ -193,36 +193,36 @@ impl DemModel {
     }
 
     /// Restores the state that [`Self::remember`] returned.
-    pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
+    pub(super) fn recall(&mut self, mut record: Record<f64>) -> arlequin_core::Result<()> {
         if self.has_finite_rotations() {
             let portion = self.halo.as_ref().map(|h| h.portion().clone());
-            let all = portion
+            let particles = portion
                 .as_ref()
                 .map_or(self.nodes.len(), |p| p.division().nodes());
             // Orientations are the last numbers of the record, seven per particle of the whole body.
-            let breaks = from.numbers.len().saturating_sub(7 * all);
-            let mut turns = from.numbers.split_off(breaks);
-            if let Some(p) = portion.filter(|_| turns.len() == 7 * all) {
-                let own = (0..p.nodes()).map(|i| p.global(i));
-                turns = own.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
+            let breaks = record.numbers.len().saturating_sub(7 * particles);
+            let mut turns = record.numbers.split_off(breaks);
+            if let Some(p) = portion.filter(|_| turns.len() == 7 * particles) {
+                let owned = (0..p.nodes()).map(|i| p.global(i));
+                turns = owned.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
             }
-            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
             if !kernel.restore(&turns) {
                 return Err(self.foreign("the record of orientations"));
             }
         }
-        self.restore_breaks(from)
+        self.restore_breaks(record)
     }
 
     fn foreign(&self, what: &'static str) -> arlequin_core::Error {
         arlequin_core::Error::of_model(&self.name, Error::ForeignRecord { what })
     }
 
-    fn restore_breaks(&mut self, from: Record<f64>) -> arlequin_core::Result<()> {
+    fn restore_breaks(&mut self, record: Record<f64>) -> arlequin_core::Result<()> {
         let Some(mut fracture) = self.fracture.take() else {
-            return from.expect(&self.name, 0, 0);
+            return record.expect(&self.name, 0, 0);
         };
-        let fits = fracture.restore(from, &self.body, |b| self.in_overlap(b));
+        let fits = fracture.restore(record, &self.body, |b| self.in_overlap(b));
         if fits {
             self.sever(&mut fracture);
         }
@@ -237,8 +237,8 @@ impl DemModel {
         let Some(fracture) = &self.fracture else {
             return Vec::new();
         };
-        let here = self.body.pairs().len();
-        let bonds = fracture.parts.as_ref().map_or(here, |p| p.bonds);
+        let local = self.body.pairs().len();
+        let bonds = fracture.parts.as_ref().map_or(local, |p| p.bonds);
         let log = locked(&self.log);
         vec![
             ("broken bonds".into(), log.events().len() as f64),

@@ -53,12 +53,12 @@ impl Posed for Finite {
 
 /// Orientations of the particles at the state reached last.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reached<'a> {
+pub(crate) struct Orientations<'a> {
     rows: &'a [CacheLine],
     th: &'a [f64],
 }
 
-impl Reached<'_> {
+impl Orientations<'_> {
     /// Orientations at rest, for any number of particles.
     pub(crate) fn upright() -> Self {
         Self { rows: &[], th: &[] }
@@ -67,18 +67,18 @@ impl Reached<'_> {
     /// Returns the orientation of particle `i` with rotation unknowns `th`.
     #[inline]
     pub(crate) fn orientation(&self, i: usize, th: [f64; 3]) -> UnitQuaternion<f64> {
-        let (row, from) = match self.rows.get(i) {
+        let (row, start) = match self.rows.get(i) {
             Some(row) => (row.0, &self.th[3 * i..3 * i + 3]),
             None => (UPRIGHT.0, &[0.0; 3][..]),
         };
-        let d = [th[0] - from[0], th[1] - from[1], th[2] - from[2]];
+        let d = [th[0] - start[0], th[1] - start[1], th[2] - start[2]];
         let q = turned([row[3], row[4], row[5], row[6]], d);
         UnitQuaternion::new_unchecked(Quaternion::new(q[0], q[1], q[2], q[3]))
     }
 }
 
 /// Result of an operation that needs other ranks. It never fails on a single rank.
-pub(crate) type Heard<R> = Result<R, RankError>;
+pub(crate) type RankResult<R> = Result<R, RankError>;
 
 /// Units per thread between two polls for messages: some 150 microseconds of work.
 const PIECE: usize = 16;
@@ -94,11 +94,11 @@ struct Ghosts {
 
 impl Ghosts {
     /// Numbers sent per row.
-    const TOLD: usize = 7;
+    const SENT: usize = 7;
 
     fn new(halo: Halo) -> Self {
         Self {
-            messages: halo.messages(Self::TOLD),
+            messages: halo.messages(Self::SENT),
             borders: halo.borders(),
             halo,
         }
@@ -109,13 +109,19 @@ impl Ghosts {
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     /// Adds forces and torques at `q` and makes `q` the reached state. With `marks` it also compares bonds
     /// with their strengths. Returns the elastic energy \[J\] if `energy` is set, else zero.
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
+    fn advance(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<f64>;
     /// Adds forces and torques at `q` and keeps the reached state.
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()>;
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()>;
     /// Does one step of velocity Verlet.
-    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>>;
+    fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>>;
     /// Returns the orientations reached last under the finite-rotation law, `None` under the small one.
-    fn reached(&self) -> Option<Reached<'_>>;
+    fn orientations(&self) -> Option<Orientations<'_>>;
     /// Writes the states of the ghosts at the positions reached last, as a [`super::poses::Reader`] takes
     /// them.
     fn ghosts(&self, out: &mut Vec<[f64; 7]>);
@@ -125,7 +131,7 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     /// for quaternions that are not of unit length.
     fn restore(&mut self, from: &[f64]) -> bool;
     /// Computes the forces of `blocks` again at the positions reached last, and overwrites them in `f`.
-    fn again(&self, blocks: &[usize], f: &mut [f64]);
+    fn recompute(&self, blocks: &[usize], f: &mut [f64]);
     /// Rebuilds `blocks` without their broken bonds; `whole` returns whether a bond is unbroken.
     fn refresh(
         &mut self,
@@ -150,7 +156,7 @@ impl Cut for Placing<'_> {
 
     fn cut(self, blocks: usize) -> (Self, Self) {
         let (rows, later) = self.rows.split_at_mut(LANES * blocks);
-        let (reached, rest) = cut_unknowns(self.reached, blocks);
+        let (reached, reached_later) = cut_unknowns(self.reached, blocks);
         let q = self.q.map(|q| q.split_at(3 * LANES * blocks));
         let first = Placing {
             rows,
@@ -159,7 +165,7 @@ impl Cut for Placing<'_> {
         };
         let second = Placing {
             rows: later,
-            reached: rest,
+            reached: reached_later,
             q: q.map(|q| q.1),
         };
         (first, second)
@@ -192,26 +198,26 @@ impl<W: Screened> Gather<W> {
     /// Builds the kernel of a whole body, with orientations at rest. The particles should be numbered for
     /// locality.
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        Self::of(body, None)
+        Self::with_halo(body, None)
     }
 
     /// Builds the kernel; with `halo`, that of a rank's part of a partitioned body, whose last particles are
     /// ghosts.
-    pub(crate) fn of(body: &BondedParticles, halo: Option<Halo>) -> Self {
+    pub(crate) fn with_halo(body: &BondedParticles, halo: Option<Halo>) -> Self {
         let foreign = halo.as_ref().map_or(0, |h| h.ghosts().len());
-        let own = body.len() - foreign;
-        let layout = Layout::new(body, own, W::LENGTHS);
+        let owned = body.len() - foreign;
+        let layout = Layout::new(body, owned, W::LENGTHS);
         let (upright, turns) = match W::TURNS {
-            true => (UPRIGHT, 3 * own),
+            true => (UPRIGHT, 3 * owned),
             false => (CacheLine::default(), 0),
         };
-        // Ghost rows begin behind the last block, so that no block mixes own particles and ghosts.
-        let rows = vec![upright; own.next_multiple_of(LANES) + foreign];
+        // Ghost rows begin behind the last block, so that no block mixes owned particles and ghosts.
+        let rows = vec![upright; owned.next_multiple_of(LANES) + foreign];
         Self {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
             tried_at: vec![0.0; turns],
             reached: vec![0.0; turns],
-            sums: vec![[0.0; 2]; own.div_ceil(CHUNK * LANES)],
+            sums: vec![[0.0; 2]; owned.div_ceil(CHUNK * LANES)],
             ghosts: halo.map(Ghosts::new),
             layout,
             rows,
@@ -227,9 +233,15 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Writes the rows for `q`, then computes the forces there.
-    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) -> Heard<()> {
+    fn passes(
+        &mut self,
+        q: &[f64],
+        sink: Sink<'_>,
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<()> {
         let (isa, parallel) = (self.isa, self.parallel());
-        // `q` has three displacements and three rotations per own particle; ghost rows come behind them.
+        // `q` has three displacements and three rotations per owned particle; ghost rows come behind them.
         let placing = Placing {
             rows: &mut self.rows[..q.len() / 6],
             reached: &mut self.reached,
@@ -242,25 +254,25 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Computes the forces at the rows, and energy sums if `sums` is set.
-    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> Heard<()> {
+    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> RankResult<()> {
         let parallel = self.parallel();
         // Taken out of `self`, which the pass reads meanwhile.
-        let (mut all, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
+        let (mut totals, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
         let part = Part {
             first: 0,
             finish,
             marks,
-            sums: sums.then_some(&mut all[..]),
+            sums: sums.then_some(&mut totals[..]),
         };
-        let heard = match &mut ghosts {
+        let result = match &mut ghosts {
             Some(ghosts) => self.gather_with(ghosts, part, parallel),
             None => {
                 self.pass().run(&self.rows, part, parallel, &|_| true);
                 Ok(())
             }
         };
-        (self.sums, self.ghosts) = (all, ghosts);
-        heard
+        (self.sums, self.ghosts) = (totals, ghosts);
+        result
     }
 
     /// Like [`Self::gather`] in a rank's part of a partitioned body. Units without bonds to ghosts are done
@@ -271,7 +283,7 @@ impl<W: Screened> Gather<W> {
         ghosts: &mut Ghosts,
         mut part: Part<'_, F>,
         parallel: bool,
-    ) -> Heard<()> {
+    ) -> RankResult<()> {
         let Ghosts {
             halo,
             messages,
@@ -279,8 +291,8 @@ impl<W: Screened> Gather<W> {
         } = ghosts;
         self.gather_inner((halo, messages, borders), part.lent(), parallel)?;
         let first = self.layout.particles().next_multiple_of(LANES);
-        halo.told::<{ Ghosts::TOLD }>(messages, |g, x| {
-            self.rows[first + g].0[..Ghosts::TOLD].copy_from_slice(&x);
+        halo.told::<{ Ghosts::SENT }>(messages, |g, x| {
+            self.rows[first + g].0[..Ghosts::SENT].copy_from_slice(&x);
         });
         self.pass().run(&self.rows, part, parallel, &|unit| borders[unit]);
         Ok(())
@@ -292,37 +304,37 @@ impl<W: Screened> Gather<W> {
         (halo, messages, borders): (&Halo, &mut [Message], &[bool]),
         part: Part<'_, F>,
         parallel: bool,
-    ) -> Heard<()> {
+    ) -> RankResult<()> {
         let threads = if parallel { rayon::current_num_threads() } else { 1 };
         let piece = PIECE * CHUNK * threads;
         let (rows, pass) = (&self.rows, self.pass());
-        let mut left = Some(part);
-        let told = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
-        halo.tell::<{ Ghosts::TOLD }>(messages, told, &mut || {
-            let now = match left.take() {
-                Some(all) if all.blocks() > piece => {
-                    let (now, rest) = all.cut(piece);
-                    left = Some(rest);
+        let mut remaining = Some(part);
+        let row = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
+        halo.tell::<{ Ghosts::SENT }>(messages, row, &mut || {
+            let now = match remaining.take() {
+                Some(part) if part.blocks() > piece => {
+                    let (now, later) = part.cut(piece);
+                    remaining = Some(later);
                     now
                 }
-                Some(all) => all,
+                Some(part) => part,
                 None => return false,
             };
             pass.run(rows, now, parallel, &|unit| !borders[unit]);
-            left.is_some()
+            remaining.is_some()
         })
     }
 
     /// Returns the energy sums over all parts, on all ranks.
     fn total(&self) -> Sums {
         // Exact sums do not depend on order, threads or ranks.
-        let mut all = [Exact::zero(); 2];
-        for of in &self.sums {
-            all.iter_mut().zip(of).for_each(|(sum, x)| sum.add(*x));
+        let mut sums = [Exact::zero(); 2];
+        for part in &self.sums {
+            sums.iter_mut().zip(part).for_each(|(sum, x)| sum.add(*x));
         }
         match &self.ghosts {
-            Some(g) => g.halo.portion().total(all),
-            None => all.map(Exact::value),
+            Some(g) => g.halo.portion().total(sums),
+            None => sums.map(Exact::value),
         }
     }
 
@@ -332,7 +344,7 @@ impl<W: Screened> Gather<W> {
     }
 
     /// Does both passes of a step: drift with the rows, then forces with the kick.
-    fn strides(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
+    fn strides(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {
         let Stride {
             dt,
             q,
@@ -389,7 +401,13 @@ impl<W: Screened> Gather<W> {
 }
 
 impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64> {
+    fn advance(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<f64> {
         let (linear, angular) = f.split_at_mut(q.len() / 2);
         let sink = Sink { linear, angular };
         if self.parallel() {
@@ -401,21 +419,21 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         Ok(if energy { self.total()[0] } else { 0.0 })
     }
 
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()> {
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()> {
         if W::TURNS {
             // Orientations depend on the reached state: evaluate on a copy, then swap the reached state back.
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
-            let found = self.advance(q, f, marks, false);
+            let result = self.advance(q, f, marks, false);
             self.swap();
-            found.map(|_| ())
+            result.map(|_| ())
         } else {
             self.advance(q, f, marks, false).map(|_| ())
         }
     }
 
-    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
+    fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {
         if self.parallel() {
             rayon::scope(|_| self.strides(step))
         } else {
@@ -423,8 +441,8 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         }
     }
 
-    fn reached(&self) -> Option<Reached<'_>> {
-        W::TURNS.then_some(Reached {
+    fn orientations(&self) -> Option<Orientations<'_>> {
+        W::TURNS.then_some(Orientations {
             rows: &self.rows,
             th: &self.reached,
         })
@@ -435,10 +453,10 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         let first = self.layout.particles().next_multiple_of(LANES);
         let foreign = self.rows[first.min(self.rows.len())..].iter();
         out.extend(foreign.map(|CacheLine([x, y, z, a, b, c, d, _])| {
-            // The layout of [`super::poses::Reader::told`].
+            // The layout of [`super::poses::Reader::state_to_send`].
             let [e, f, g, h] = match W::TURNS {
-                // A turn by zero, so that the quaternion has the same bits as [`Reached::orientation`] gives
-                // on its owner.
+                // A turn by zero, so that the quaternion has the same bits as [`Orientations::orientation`]
+                // gives on its owner.
                 true => turned([*a, *b, *c, *d], [0.0; 3]),
                 false => [*b, *c, *d, 0.0],
             };
@@ -452,24 +470,24 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             .collect()
     }
 
-    fn restore(&mut self, from: &[f64]) -> bool {
-        let (all, rest) = from.as_chunks::<7>();
+    fn restore(&mut self, saved: &[f64]) -> bool {
+        let (states, remainder) = saved.as_chunks::<7>();
         let unit = |x: &[f64; 7]| {
             let norm: f64 = x[..4].iter().map(|q| q * q).sum();
             (norm - 1.0).abs() < 1e-9 && x.iter().all(|x| x.is_finite())
         };
-        if all.len() * 3 != self.reached.len() || !rest.is_empty() || !all.iter().all(unit) {
+        if states.len() * 3 != self.reached.len() || !remainder.is_empty() || !states.iter().all(unit) {
             return false;
         }
         let places = self.rows.iter_mut().zip(self.reached.as_chunks_mut::<3>().0);
-        for ((row, th), x) in places.zip(all) {
+        for ((row, th), x) in places.zip(states) {
             row.0[3..7].copy_from_slice(&x[..4]);
             th.copy_from_slice(&x[4..]);
         }
         true
     }
 
-    fn again(&self, blocks: &[usize], f: &mut [f64]) {
+    fn recompute(&self, blocks: &[usize], f: &mut [f64]) {
         let n = f.len() / 6;
         let (linear, angular) = f.split_at_mut(3 * n);
         for &b in blocks {

@@ -84,9 +84,9 @@ pub struct DemModel {
     watched: Option<FractureState>,
     log: SharedLog,
     /// Bonds of every particle, built when stresses are first asked for.
-    around: OnceLock<Adjacency<[u32; 2]>>,
+    bonds_by_particle: OnceLock<Adjacency<[u32; 2]>>,
     /// Range of the bonds of each unit; a bond belongs to the unit of its first particle.
-    of_units: Vec<Range<usize>>,
+    unit_bonds: Vec<Range<usize>>,
     /// In a rank's part of a partitioned body: the ghosts, and the numbers of the bonds in the whole body.
     halo: Option<Halo>,
     numbered: Option<Numbered>,
@@ -112,7 +112,7 @@ impl DemModel {
             return Err(Error::Periodic { what: "a model" });
         }
         // In the packing's numbers first, so that errors name what the caller knows.
-        let body = BondedParticles::of_packing(packing, beam, density)?;
+        let body = BondedParticles::from_packing(packing, beam, density)?;
         let volumes = packing.volumes();
         let contents = Contents {
             volumes: &volumes,
@@ -126,7 +126,7 @@ impl DemModel {
             density,
             volume: packing.volume,
         };
-        let mut model = Self::of_body(name, body, &contents, &matter)?;
+        let mut model = Self::from_body(name, body, &contents, &matter)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
@@ -152,11 +152,16 @@ impl DemModel {
             rounded: true,
             whole: None,
         };
-        Self::of_body(name, body, &contents, matter)
+        Self::from_body(name, body, &contents, matter)
     }
 
     /// Makes a model of a body in the caller's numbers: renumbers its particles and sorts its bonds.
-    fn of_body(name: &str, body: BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
+    fn from_body(
+        name: &str,
+        body: BondedParticles,
+        contents: &Contents<'_>,
+        matter: &Matter,
+    ) -> Result<Self> {
         // Frees the body's other arrays before the renumbered body is built: lowers the peak of memory.
         let (positions, radii, mut pairs) = body.into_spheres();
         let order = block_order(&positions, &pairs);
@@ -197,30 +202,30 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
-            around: OnceLock::new(),
-            of_units: portion::bonds_of_units(body.pairs(), body.len()),
+            bonds_by_particle: OnceLock::new(),
+            unit_bonds: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
             numbered: None,
             body,
         })
     }
 
-    /// Gives the body several materials. For each place, `at` returns the Young's modulus of the beams and
-    /// the density, both over those of the packing. A bond between two moduli is half of each in series. Call
-    /// this before [`Self::with_finite_rotations`]. Fracture is refused, because bonds of several materials
-    /// have no common strength.
+    /// Gives the body several materials. For each place, `grades` returns the Young's modulus of the beams
+    /// and the density, both over those of the packing. A bond between two moduli is half of each in series.
+    /// Call this before [`Self::with_finite_rotations`]. Fracture is refused, because bonds of several
+    /// materials have no common strength.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture;
     /// [`Error::InParts`].
-    pub fn with_grades(mut self, at: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
-        self.whole("the choice of materials")?;
+    pub fn with_grades(mut self, grades: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
+        self.require_whole("the choice of materials")?;
         if self.has_finite_rotations() || self.fracture.is_some() || self.watched.is_some() {
             return Err(Error::Graded {
                 what: "materials after finite rotations or fracture",
             });
         }
-        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| at(x).into()).unzip();
+        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| grades(x).into()).unzip();
         self.body.grade(&stiffness, &density)?;
         self.mass = self.body.mass().to_vec();
         self.inertia = self.body.inertia().to_vec();
@@ -242,7 +247,7 @@ impl DemModel {
     }
 
     /// Particles and bonds in the model's numbers, with the bond weights last set. In a rank's part of a
-    /// partitioned body, the ghosts bonded with own particles follow the own particles.
+    /// partitioned body, the ghosts bonded with owned particles follow the owned particles.
     #[must_use]
     pub fn body(&self) -> &BondedParticles {
         &self.body
@@ -282,15 +287,15 @@ impl DemModel {
 
     /// Adds the forces at `q` and makes `q` the reached state; returns the energy there if `energy` is set,
     /// else zero.
-    fn go(&mut self, q: &[f64], f: &mut [f64], energy: bool) -> arlequin_core::Result<f64> {
+    fn advance_to(&mut self, q: &[f64], f: &mut [f64], energy: bool) -> arlequin_core::Result<f64> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.advance(q, f, marks, energy)?)
     }
 
-    fn named(&self, error: &Error) -> arlequin_core::Error {
+    fn named_error(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
             e => arlequin_core::Error::of_model(&self.name, e.clone()),
@@ -300,7 +305,7 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            reached: self.kernel.reached(),
+            orientations: self.kernel.orientations(),
             rigidity: *self.body.rigidity(),
             ghosts: &[],
         }
@@ -355,7 +360,7 @@ impl Model<f64> for DemModel {
     /// Also resets the orientations to those at rest.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let bonds = self.bond_means(alpha)?;
-        self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
+        self.body.set_weights(&bonds).map_err(|e| self.named_error(&e))?;
         self.spare_overlap();
         self.kernel.renew();
         Ok(())
@@ -365,16 +370,16 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.add(q, f, marks)?)
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.go(q, f, false).map(|_| ())
+        self.advance_to(q, f, false).map(|_| ())
     }
 
     fn advance_with_energy(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<f64> {
-        self.go(q, f, true)
+        self.advance_to(q, f, true)
     }
 
     fn stepping(&mut self) -> Option<&mut dyn Stepping<f64>> {
@@ -405,9 +410,9 @@ impl Model<f64> for DemModel {
         let space = (&root[..], layout, portion);
         // A separate kernel of the linear law leaves the reached orientations alone.
         let top = if self.has_finite_rotations() {
-            critical::largest(space, &mut Gather::<Linear>::of(&self.body, halo.clone()))
+            critical::largest(space, &mut Gather::<Linear>::with_halo(&self.body, halo.clone()))
         } else {
-            critical::largest(space, self.kernel.of(&self.body, halo.as_ref()))
+            critical::largest(space, self.kernel.get_or_build(&self.body, halo.as_ref()))
         };
         Ok(spectrum::step_of(top?))
     }
@@ -422,7 +427,7 @@ impl Model<f64> for DemModel {
 
     /// Keeps the weights and resets the orientations to those at rest.
     fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
-        self.bisect(communicator).map_err(|e| self.named(&e))
+        self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 
     fn portion(&self) -> Option<&Portion> {
@@ -439,8 +444,8 @@ impl Model<f64> for DemModel {
 
     fn effects(&self) -> &[&'static str] {
         // The active effects are a range of this list, because either end may be left out.
-        let all = &["fracture", "finite-rotations"];
-        &all[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
+        let names = &["fracture", "finite-rotations"];
+        &names[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
@@ -462,7 +467,7 @@ impl Model<f64> for DemModel {
 
 impl Stepping<f64> for DemModel {
     fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.stride(step)?)
     }
 }

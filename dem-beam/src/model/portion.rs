@@ -2,7 +2,7 @@
 //!
 //! A rank owns whole units of particles in their order, and all bonds of these particles, so that forces on
 //! its particles are summed in the order of the whole body. The kernel rows of ghosts are received from their
-//! owners once per force evaluation. Every rank computes the states of its own particles only.
+//! owners once per force evaluation. Every rank computes the states of its owned particles only.
 
 use super::DemModel;
 use super::piece::Numbered;
@@ -26,11 +26,11 @@ impl DemModel {
     /// overlap.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
-        let bonds = self.bonds_at();
+        let bonds = self.bond_counts();
         let mut coupled = vec![false; self.body.len()];
         for (b, pair) in self.body.pairs().iter().enumerate() {
-            let inside = self.in_overlap(b);
-            pair.iter().for_each(|i| coupled[*i as usize] |= inside);
+            let is_coupled = self.in_overlap(b);
+            pair.iter().for_each(|i| coupled[*i as usize] |= is_coupled);
         }
         Unit::all(&self.nodes, |particles| {
             let coupled = particles.clone().filter(|i| coupled[*i]).count();
@@ -40,7 +40,7 @@ impl DemModel {
 
     /// Returns the number of bonds of each particle. It counts, because a list of the bonds would stay in
     /// memory.
-    pub(super) fn bonds_at(&self) -> Vec<usize> {
+    pub(super) fn bond_counts(&self) -> Vec<usize> {
         let mut out = vec![0; self.body.len()];
         let ends = self.body.pairs().iter().flatten();
         ends.for_each(|i| out[*i as usize] += 1);
@@ -77,15 +77,15 @@ impl DemModel {
         division: &Division,
         communicator: Arc<dyn Communicator>,
     ) -> Result<Arc<Portion>> {
-        self.whole("sharing out")?;
-        let heard = |e| Error::Core(arlequin_core::Error::Rank(e));
+        self.require_whole("sharing out")?;
+        let rank_error = |e| Error::Core(arlequin_core::Error::Rank(e));
         ranks::agree(
             &*communicator,
             "the bodies of particles that they have made",
             self.digest(),
         )
-        .map_err(heard)?;
-        let portion = Portion::new(division.clone(), communicator).map_err(heard)?;
+        .map_err(rank_error)?;
+        let portion = Portion::new(division.clone(), communicator).map_err(rank_error)?;
         if division.nodes() != self.nodes.len() {
             return Err(Error::LengthMismatch {
                 what: "particles of the division",
@@ -94,25 +94,25 @@ impl DemModel {
             });
         }
         let portion = Arc::new(portion);
-        let own: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
+        let owned: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
         let halo = Halo::of_links(portion.clone(), self.body.pairs().iter().copied());
-        let numbers: Vec<u32> = own.iter().map(|i| *i as u32).collect();
+        let numbers: Vec<u32> = owned.iter().map(|i| *i as u32).collect();
         let bonds = self.body.pairs().len();
-        let (body, here) = self.body.part(&numbers, halo.ghosts());
-        self.nodes = own.iter().map(|i| self.nodes[*i]).collect();
-        self.mass = own.iter().map(|i| self.mass[*i]).collect();
-        self.inertia = own.iter().map(|i| self.inertia[*i]).collect();
-        self.order = own.iter().map(|i| self.order[*i]).collect();
+        let (body, bond_numbers) = self.body.part(&numbers, halo.ghosts());
+        self.nodes = owned.iter().map(|i| self.nodes[*i]).collect();
+        self.mass = owned.iter().map(|i| self.mass[*i]).collect();
+        self.inertia = owned.iter().map(|i| self.inertia[*i]).collect();
+        self.order = owned.iter().map(|i| self.order[*i]).collect();
         self.places = Vec::new();
         let samples = self.field_samples();
-        let volumes: Vec<f64> = own.iter().map(|i| samples[*i]).collect();
+        let volumes: Vec<f64> = owned.iter().map(|i| samples[*i]).collect();
         self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
         self.kernel.renew();
-        self.of_units = bonds_of_units(body.pairs(), own.len());
+        self.unit_bonds = bonds_of_units(body.pairs(), owned.len());
         self.body = body;
         let numbered = Numbered {
-            bonds: here.into(),
-            of: bonds,
+            bonds: bond_numbers.into(),
+            total: bonds,
         };
         self.halo = Some(halo);
         self.numbered = Some(numbered);
@@ -127,15 +127,15 @@ impl DemModel {
         samples.iter().map(|s| s.measure).collect()
     }
 
-    /// Returns the halo of this rank: ghosts that it receives, own particles that it sends, and the ranks on
-    /// the other side. `None` for a whole body.
+    /// Returns the halo of this rank: ghosts that it receives, owned particles that it sends, and the ranks
+    /// on the other side. `None` for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.halo.as_ref()
     }
 
     /// Refuses `what` unless this is a whole body.
-    pub(super) fn whole(&self, what: &'static str) -> Result<()> {
+    pub(super) fn require_whole(&self, what: &'static str) -> Result<()> {
         match self.halo {
             Some(_) => Err(Error::InParts { what }),
             None => Ok(()),
@@ -163,13 +163,13 @@ impl DemModel {
     /// Returns the weighted energy of all bonds \[J\], on all ranks. A bond counts in the unit of its first
     /// particle.
     pub(super) fn energy(&self, q: &[f64]) -> f64 {
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let part = |particles: Range<usize>| {
-            let bonds = self.of_units[particles.start / UNIT].clone();
+            let bonds = self.unit_bonds[particles.start / UNIT].clone();
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
         let portion = self.halo.as_ref().map(|h| &**h.portion());
@@ -179,28 +179,32 @@ impl DemModel {
         sum
     }
 
-    /// Receives the states of the ghosts from their owners, see [`Reader::told`]. [`Portion::failure`] keeps
-    /// an error of the exchange, after which the states are NaN.
-    pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
+    /// Receives the states of the ghosts from their owners, see [`Reader::state_to_send`].
+    /// [`Portion::failure`] keeps an error of the exchange, after which the states are NaN.
+    pub(super) fn receive_ghosts(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();
         };
         let reader = self.reader(q);
         let mut out = vec![[0.0; 7]; halo.ghosts().len()];
-        let told = halo.exchange(&mut halo.messages(7), |i| reader.told(i), |g, x| out[g] = x);
-        if told.is_err() {
+        let exchanged = halo.exchange(
+            &mut halo.messages(7),
+            |i| reader.state_to_send(i),
+            |g, x| out[g] = x,
+        );
+        if exchanged.is_err() {
             out.fill([f64::NAN; 7]);
         }
         out
     }
 }
 
-/// Returns, for each unit of the `own` particles, the range of the bonds whose first particle lies in it.
-/// Bonds must be in the order of their first particles.
-pub(super) fn bonds_of_units(pairs: &[[u32; 2]], own: usize) -> Vec<Range<usize>> {
-    let mut out = vec![0..0; own.div_ceil(UNIT)];
+/// Returns, for each unit of the first `owned` particles, the range of the bonds whose first particle lies in
+/// it. Bonds must be in the order of their first particles.
+pub(super) fn bonds_of_units(pairs: &[[u32; 2]], owned: usize) -> Vec<Range<usize>> {
+    let mut out = vec![0..0; owned.div_ceil(UNIT)];
     for (b, first) in pairs.iter().map(|p| p[0] as usize).enumerate() {
-        if first < own {
+        if first < owned {
             let range: &mut Range<usize> = &mut out[first / UNIT];
             let start = if range.end == 0 { b } else { range.start };
             *range = start..b + 1;

@@ -1,7 +1,7 @@
 //! Energy and forces of single bonds from the unknowns of a model, in plain form: for output and for bonds
 //! that break.
 
-use super::forces::Reached;
+use super::forces::Orientations;
 use crate::bond::{BeamRigidity, Twist};
 use crate::finite::{self, Pose};
 use crate::particles::BondedParticles;
@@ -13,10 +13,10 @@ pub(crate) struct Reader<'a> {
     /// Unknowns of the model.
     pub(crate) q: &'a [f64],
     /// Orientations reached last; `None` under small rotations.
-    pub(crate) reached: Option<Reached<'a>>,
+    pub(crate) orientations: Option<Orientations<'a>>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
-    /// States of the ghosts, which are numbered behind the own particles; see [`Reader::told`].
+    /// States of the ghosts, which are numbered behind the owned particles; see [`Reader::state_to_send`].
     pub(crate) ghosts: &'a [[f64; 7]],
 }
 
@@ -29,19 +29,19 @@ impl Reader<'_> {
     /// Returns the state of particle `i` if it is a ghost.
     #[inline]
     fn ghost(&self, i: usize) -> Option<&[f64; 7]> {
-        // The unknowns are those of own particles alone, six each.
-        let own = self.q.len() / 6;
-        self.ghosts.get(i.checked_sub(own)?)
+        // The unknowns are those of owned particles alone, six each.
+        let owned = self.q.len() / 6;
+        self.ghosts.get(i.checked_sub(owned)?)
     }
 
     /// Returns the state of particle `i` that is sent to other ranks: its displacement, then its rotation
     /// vector or quaternion (scalar first).
-    pub(crate) fn told(&self, i: usize) -> [f64; 7] {
+    pub(crate) fn state_to_send(&self, i: usize) -> [f64; 7] {
         let Twist { linear: u, angular } = self.twist(i);
-        match self.reached {
+        match self.orientations {
             None => [u.x, u.y, u.z, angular.x, angular.y, angular.z, 0.0],
-            Some(reached) => {
-                let q = reached.orientation(i, angular.into());
+            Some(orientations) => {
+                let q = orientations.orientation(i, angular.into());
                 [u.x, u.y, u.z, q.w, q.i, q.j, q.k]
             }
         }
@@ -50,10 +50,10 @@ impl Reader<'_> {
     /// Returns displacement and small rotation of particle `i`.
     #[inline]
     pub(crate) fn twist(&self, i: usize) -> Twist {
-        if let Some(told) = self.ghost(i) {
+        if let Some(state) = self.ghost(i) {
             return Twist {
-                linear: Vector3::from_column_slice(&told[..3]),
-                angular: Vector3::from_column_slice(&told[3..6]),
+                linear: Vector3::from_column_slice(&state[..3]),
+                angular: Vector3::from_column_slice(&state[3..6]),
             };
         }
         Twist {
@@ -65,19 +65,19 @@ impl Reader<'_> {
     /// Returns the poses of two particles under finite rotations; `None` under small ones.
     #[inline]
     pub(crate) fn poses(&self, ends: [usize; 2]) -> Option<[Pose; 2]> {
-        let reached = self.reached?;
+        let orientations = self.orientations?;
         Some(ends.map(|i| {
-            if let Some(told) = self.ghost(i) {
-                let [s, x, y, z] = [told[3], told[4], told[5], told[6]];
+            if let Some(state) = self.ghost(i) {
+                let [s, x, y, z] = [state[3], state[4], state[5], state[6]];
                 return Pose {
-                    displacement: Vector3::from_column_slice(&told[..3]),
+                    displacement: Vector3::from_column_slice(&state[..3]),
                     rotation: UnitQuaternion::new_unchecked(Quaternion::new(s, x, y, z)),
                 };
             }
             let twist = self.twist(i);
             Pose {
                 displacement: twist.linear,
-                rotation: reached.orientation(i, twist.angular.into()),
+                rotation: orientations.orientation(i, twist.angular.into()),
             }
         }))
     }

@@ -65,7 +65,7 @@ impl DemModel {
 
     /// Returns the bonds of every particle, broken ones included.
     fn bonds_of_particles(&self) -> &Adjacency<[u32; 2]> {
-        self.around
+        self.bonds_by_particle
             .get_or_init(|| Adjacency::of_pairs(self.body.len(), self.body.pairs()))
     }
 }
@@ -86,18 +86,18 @@ impl Recovery<f64> for DemModel {
             let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
             return Err(invalid("number of a particle", k, &rule));
         }
-        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let broken: &BreakLog = &log;
-        let at = |&i: &usize| {
+        let recovered = |&i: &usize| {
             let mut sum = Matrix3::zeros();
-            let whole = around.row(i).iter();
-            for &[j, b] in whole.filter(|e| !broken.is_broken_here(e[1] as usize)) {
+            let bonds = adjacency.row(i).iter();
+            for &[j, b] in bonds.filter(|e| !broken.is_broken_here(e[1] as usize)) {
                 let [span, force] = self.carried(b as usize, &reader);
                 // Seen from the second particle, span and force both change sign, so their product holds for
                 // either end.
@@ -106,7 +106,7 @@ impl Recovery<f64> for DemModel {
             let stress = SymmetricTensor::of(&(sum / volumes[i].measure));
             Recovered { strain: None, stress }
         };
-        out.par_extend(nodes.par_iter().map(at));
+        out.par_extend(nodes.par_iter().map(recovered));
         Ok(())
     }
 }
@@ -120,14 +120,14 @@ impl Links<f64> for DemModel {
     /// [`Self::body`].
     fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (log, ghosts) = (locked(&self.log), self.heard(q));
+        let (log, ghosts) = (locked(&self.log), self.receive_ghosts(q));
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let broken: &BreakLog = &log;
-        let of = |b: usize| {
+        let link_force = |b: usize| {
             let gone = broken.is_broken_here(b);
             let utilisation = strength.map(|f| {
                 if gone {
@@ -149,26 +149,26 @@ impl Links<f64> for DemModel {
                 utilisation,
             }
         };
-        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(of));
+        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(link_force));
         Ok(())
     }
 
-    /// Collective for a partitioned body; returns the densities of this rank's own particles.
+    /// Collective for a partitioned body; returns the densities of this rank's owned particles.
     fn energy_densities(&self, q: &[f64], out: &mut Vec<f64>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let broken: &BreakLog = &log;
         let density = |i: usize| {
-            let bonds = around.row(i).iter().map(|e| e.map(|k| k as usize));
-            let whole = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
+            let bonds = adjacency.row(i).iter().map(|e| e.map(|k| k as usize));
+            let unbroken = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
             let share =
-                whole.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
+                unbroken.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
             share.sum::<f64>() / volumes[i].measure
         };
         out.par_extend((0..self.nodes.len()).into_par_iter().map(density));

@@ -39,10 +39,10 @@ impl DemModel {
     #[must_use]
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
-        let mut all = self.bonds_at();
-        // Only own particles have blocks in the kernel.
-        all.truncate(n);
-        let bytes = Layout::bytes(&all, self.has_finite_rotations());
+        let mut bonds_of_particles = self.bond_counts();
+        // Only owned particles have blocks in the kernel.
+        bonds_of_particles.truncate(n);
+        let bytes = Layout::bytes(&bonds_of_particles, self.has_finite_rotations());
         DemReport {
             name: self.name.clone(),
             particles: n,

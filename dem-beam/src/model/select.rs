@@ -33,8 +33,8 @@ impl DemModel {
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
         let n = normal.normalize();
         let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
-        let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
-        (0..self.nodes.len()).filter(near).collect()
+        let touches = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
+        (0..self.nodes.len()).filter(touches).collect()
     }
 
     /// Returns the particles that touch any of the triangles (corners in m): the layer at a face of any
@@ -49,8 +49,8 @@ impl DemModel {
         let touches = |i: &usize| {
             let (x, reach) = (self.nodes[*i].coords, radii[*i] + gap);
             triangles.iter().zip(&boxes).any(|(t, (low, high))| {
-                let near = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
-                near && (closest_on_triangle(&x, t) - x).norm() < reach
+                let is_in_box = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
+                is_in_box && (closest_on_triangle(&x, t) - x).norm() < reach
             })
         };
         (0..self.nodes.len()).filter(touches).collect()
@@ -71,17 +71,17 @@ impl DemModel {
     /// Returns all six unknowns of particles, for a clamp.
     #[must_use]
     pub fn clamped(&self, particles: &[usize]) -> Vec<usize> {
-        let mut all = self.translations(particles, [true; 3]);
-        all.extend(self.rotations(particles, [true; 3]));
-        all
+        let mut unknowns = self.translations(particles, [true; 3]);
+        unknowns.extend(self.rotations(particles, [true; 3]));
+        unknowns
     }
 
     fn unknowns(&self, first: usize, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
-        let of = |i: &usize| {
-            let at = first + 3 * i;
-            (0..3).filter(move |&c| axes[c]).map(move |c| at + c)
+        let unknowns = |i: &usize| {
+            let start = first + 3 * i;
+            (0..3).filter(move |&c| axes[c]).map(move |c| start + c)
         };
-        particles.iter().flat_map(of).collect()
+        particles.iter().flat_map(unknowns).collect()
     }
 
     /// Shares a force \[N\] among particles; returns `(unknown, force)` pairs.
@@ -106,7 +106,7 @@ impl DemModel {
         force: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
-        self.whole("a force that is shared out among particles")?;
+        self.require_whole("a force that is shared out among particles")?;
         for (axis, f) in force.iter().enumerate() {
             finite("load", "component", axis, *f)?;
         }
@@ -132,17 +132,21 @@ impl DemModel {
         torque: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
-        self.whole("a torque that is shared out among particles")?;
+        self.require_whole("a torque that is shared out among particles")?;
         for (axis, m) in torque.iter().enumerate() {
             finite("torque", "component", axis, *m)?;
         }
         let shares = self.shares(particles, share)?;
-        let at = |i: usize| self.nodes[i].coords;
-        let centre: Vector3<f64> = particles.iter().zip(&shares).map(|(&i, s)| at(i) * *s).sum();
+        let position = |i: usize| self.nodes[i].coords;
+        let centre: Vector3<f64> = particles
+            .iter()
+            .zip(&shares)
+            .map(|(&i, s)| position(i) * *s)
+            .sum();
         // Inertia tensor of the shares: the moment of the forces is `spread w`.
         let mut spread = Matrix3::zeros();
         for (&i, s) in particles.iter().zip(&shares) {
-            let d = at(i) - centre;
+            let d = position(i) - centre;
             spread += (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * *s;
         }
         // The smallest eigenvalue vanishes for particles on a line, which carry no moment about it.
@@ -157,7 +161,7 @@ impl DemModel {
         let w = inverse * torque;
         let mut out = Vec::with_capacity(3 * particles.len());
         for (&i, s) in particles.iter().zip(&shares) {
-            let f = w.cross(&(at(i) - centre)) * *s;
+            let f = w.cross(&(position(i) - centre)) * *s;
             out.extend((0..3).map(|c| (3 * i + c, f[c])));
         }
         Ok(out)

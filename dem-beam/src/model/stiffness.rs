@@ -11,11 +11,11 @@ fn block_rows(body: &BondedParticles) -> Vec<Vec<(u32, Matrix6<f64>)>> {
         .collect();
     for (bond, &[i, j]) in body.bonds().zip(body.pairs()) {
         let k = bond.stiffness(body.rigidity());
-        for (a, b, at, to) in [(i, j, 0, 6), (j, i, 6, 0)] {
+        for (a, b, offset, other_offset) in [(i, j, 0, 6), (j, i, 6, 0)] {
             let row = &mut rows[a as usize];
             // The diagonal block is first until rows are sorted.
-            row[0].1 += k.fixed_view::<6, 6>(at, at);
-            let block = k.fixed_view::<6, 6>(at, to);
+            row[0].1 += k.fixed_view::<6, 6>(offset, offset);
+            let block = k.fixed_view::<6, 6>(offset, other_offset);
             match row.iter_mut().skip(1).find(|(c, _)| *c == b) {
                 Some((_, sum)) => *sum += block,
                 None => row.push((b, block.into_owned())),

@@ -24,13 +24,13 @@ impl DemModel {
     /// particle radius.
     pub(super) fn torn_in_overlap(&self, q: &[f64]) -> Option<Finding> {
         let fracture = self.fracture.as_ref()?;
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let log = locked(&self.log);
-        let at = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
+        let position = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
         let gone = |i: &usize| {
             let mut bonds = fracture.adjacency.row(*i).iter();
             *i < self.nodes.len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
@@ -47,7 +47,7 @@ impl DemModel {
             };
             let [i, j] = self.body.pairs()[b].map(|i| i as usize);
             let radius = 0.5 * (self.body.radii()[i] + self.body.radii()[j]);
-            opening = opening.max(((at(j) - at(i)).norm() - event.distance) / radius);
+            opening = opening.max(((position(j) - position(i)).norm() - event.distance) / radius);
             loose.extend([i, j].iter().filter(|i| gone(i)).map(global));
         }
         if let Some(p) = portion {

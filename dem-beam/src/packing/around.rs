@@ -42,7 +42,7 @@ impl Around {
             margin,
             volume: 0.0,
         };
-        out.volume = out.part.volume() + out.beside();
+        out.volume = out.part.volume() + out.margin_volume();
         Ok(out)
     }
 
@@ -59,24 +59,24 @@ impl Around {
     }
 
     /// Returns the volume of the margin \[m³\], by counting points of a grid.
-    fn beside(&self) -> f64 {
+    fn margin_volume(&self) -> f64 {
         let (low, high) = self.bounds();
         let step = (high - low) / COUNTED as f64;
-        let at = |k: usize| {
+        let centre = |k: usize| {
             let place = [k / (COUNTED * COUNTED), k / COUNTED % COUNTED, k % COUNTED];
             low + Vector3::from(place.map(|i| i as f64 + 0.5)).component_mul(&step)
         };
-        let beside = |x: &Vector3<f64>| {
-            let far = self.beyond(x);
-            far > 0.0 && far <= self.margin && self.body.contains(x)
+        let is_in_margin = |x: &Vector3<f64>| {
+            let distance = self.distance_from_part(x);
+            distance > 0.0 && distance <= self.margin && self.body.contains(x)
         };
-        let count = (0..COUNTED.pow(3)).map(at).filter(beside).count();
+        let count = (0..COUNTED.pow(3)).map(centre).filter(is_in_margin).count();
         step.product() * count as f64
     }
 
     /// Returns the distance from the part \[m\]: zero inside, infinite where the border is farther than the
     /// margin.
-    fn beyond(&self, x: &Vector3<f64>) -> f64 {
+    fn distance_from_part(&self, x: &Vector3<f64>) -> f64 {
         match self.border.nearest(x, self.margin) {
             Some((gap, _)) => (-gap).max(0.0),
             None if self.part.contains(x) => 0.0,
@@ -94,7 +94,7 @@ impl Around {
     }
 
     pub(crate) fn contains(&self, x: &Vector3<f64>) -> bool {
-        self.beyond(x) <= self.margin && self.body.contains(x)
+        self.distance_from_part(x) <= self.margin && self.body.contains(x)
     }
 
     /// Calls `wall` for the body's surface and for the end of the margin. The latter has the same distance
@@ -117,13 +117,18 @@ impl Around {
             return vec![self.clone()];
         }
         let parts = self.part.bodies();
-        let one = |body: Surface| {
+        let restricted = |body: Surface| {
             let mut out = Self { body, ..self.clone() };
-            let within = |p: &&Surface| p.vertices().iter().any(|x| out.body.contains(x));
-            out.volume = out.beside() + parts.iter().filter(within).map(Surface::volume).sum::<f64>();
+            let is_in_body = |p: &&Surface| p.vertices().iter().any(|x| out.body.contains(x));
+            out.volume =
+                out.margin_volume() + parts.iter().filter(is_in_body).map(Surface::volume).sum::<f64>();
             out
         };
-        bodies.into_iter().map(one).filter(|b| b.volume > 0.0).collect()
+        bodies
+            .into_iter()
+            .map(restricted)
+            .filter(|b| b.volume > 0.0)
+            .collect()
     }
 
     pub(crate) fn prepare(&mut self, reach: f64) {
@@ -141,31 +146,31 @@ impl Around {
     ///
     /// # Errors
     /// [`Error::EmptyBody`] if a body of the part holds no sphere.
-    pub(crate) fn part_of(&self, mut packing: Packing) -> Result<Packing> {
+    pub(crate) fn restrict(&self, mut packing: Packing) -> Result<Packing> {
         let bodies = self.part.bodies();
         let home = |x: &Vector3<f64>| bodies.iter().position(|b| b.contains(x));
         let homes: Vec<Option<usize>> = packing.positions.iter().map(home).collect();
-        let mut left = packing.pairs.clone();
-        left.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
-        let components = Components::new(homes.len(), &left);
+        let mut inner_pairs = packing.pairs.clone();
+        inner_pairs.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
+        let components = Components::new(homes.len(), &inner_pairs);
         let stays = |i: &u32| homes[*i as usize].is_some() && (packing.loose || components.is_part(*i));
-        let kept: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
-        let mine = |k: usize| kept.iter().any(|&i| homes[i as usize] == Some(k));
-        if let Some(k) = (0..bodies.len()).find(|k| !mine(*k)) {
-            let all: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
-            return Err(Error::EmptyBody.in_body(k, &all));
+        let retained: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
+        let has_sphere = |k: usize| retained.iter().any(|&i| homes[i as usize] == Some(k));
+        if let Some(k) = (0..bodies.len()).find(|k| !has_sphere(*k)) {
+            let containers: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
+            return Err(Error::EmptyBody.in_body(k, &containers));
         }
-        packing.retain(&kept);
-        packing.bodies = kept
+        packing.retain(&retained);
+        packing.bodies = retained
             .iter()
             .filter_map(|&i| homes[i as usize].map(|k| k as u32))
             .collect();
         packing.body_volumes = bodies.iter().map(Surface::volume).collect();
         packing.volume = self.part.volume();
         let report = &mut packing.report;
-        report.beyond = homes.len() - kept.len();
+        report.beyond = homes.len() - retained.len();
         report.bodies = bodies.len();
-        report.coordination_retained = 2.0 * packing.pairs.len() as f64 / kept.len() as f64;
+        report.coordination_retained = 2.0 * packing.pairs.len() as f64 / retained.len() as f64;
         Ok(packing)
     }
 }

@@ -3,7 +3,7 @@
 use super::bonding::{Bonding, renumber};
 use super::cells::{Sphere, centre};
 use super::container::Container;
-use super::report::{Made, PackingReport};
+use super::report::{Making, PackingReport};
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result};
 use crate::particles::BondedParticles;
@@ -62,48 +62,48 @@ impl Packing {
         let count = filled.iter().map(|f| f.spheres.len()).sum::<usize>();
         let mut spheres = vec![[0.0; 4]; count];
         let mut body = vec![0_u32; count];
-        let mut all = Bonding {
-            kept: Vec::with_capacity(count),
+        let mut bonding = Bonding {
+            retained: Vec::with_capacity(count),
             pairs: Vec::new(),
             tolerance: f64::NEG_INFINITY,
             coordination_all: 0.0,
         };
         let (mut overlap, mut steps, mut first) = (0.0, 0, 0);
         for (k, f) in filled.iter().enumerate() {
-            let at = |i: u32| f.numbers.get(i as usize).copied().unwrap_or(first + i);
+            let number = |i: u32| f.numbers.get(i as usize).copied().unwrap_or(first + i);
             let share = f.spheres.len() as f64 / count as f64;
-            let kept = f.bonding.kept.iter().copied();
+            let retained = f.bonding.retained.iter().copied();
             for i in 0..f.spheres.len() as u32 {
-                let place = at(i) as usize;
+                let place = number(i) as usize;
                 spheres[place] = f.spheres[i as usize];
                 body[place] = k as u32;
             }
-            all.kept.extend(kept.map(at));
-            let old = |p: &[u32; 2]| p.map(|i| at(f.bonding.kept[i as usize]));
-            all.pairs.extend(f.bonding.pairs.iter().map(old));
+            bonding.retained.extend(retained.map(number));
+            let renumbered = |p: &[u32; 2]| p.map(|i| number(f.bonding.retained[i as usize]));
+            bonding.pairs.extend(f.bonding.pairs.iter().map(renumbered));
             // The report has the largest gap of all bodies, and means over their spheres.
-            all.tolerance = all.tolerance.max(f.bonding.tolerance);
-            all.coordination_all += share * f.bonding.coordination_all;
+            bonding.tolerance = bonding.tolerance.max(f.bonding.tolerance);
+            bonding.coordination_all += share * f.bonding.coordination_all;
             overlap += share * f.overlap;
             steps += f.steps;
             first += f.spheres.len() as u32;
         }
-        all.kept.sort_unstable();
-        renumber(&mut all.pairs, &all.kept, count);
-        all.pairs.sort_unstable();
-        let made = Made {
+        bonding.retained.sort_unstable();
+        renumber(&mut bonding.pairs, &bonding.retained, count);
+        bonding.pairs.sort_unstable();
+        let making = Making {
             asked,
             steps,
             overlap,
         };
-        let report = PackingReport::new(container, bodies, &spheres, &body, &all, made);
-        let kept = || all.kept.iter().map(|&i| i as usize);
+        let report = PackingReport::new(container, bodies, &spheres, &body, &bonding, making);
+        let retained = || bonding.retained.iter().map(|&i| i as usize);
         Ok(Self {
-            positions: kept().map(|i| centre(&spheres[i])).collect(),
-            radii: kept().map(|i| spheres[i][3]).collect(),
-            bodies: kept().map(|i| body[i]).collect(),
+            positions: retained().map(|i| centre(&spheres[i])).collect(),
+            radii: retained().map(|i| spheres[i][3]).collect(),
+            bodies: retained().map(|i| body[i]).collect(),
             body_volumes: bodies.iter().map(Container::volume).collect(),
-            pairs: all.pairs,
+            pairs: bonding.pairs,
             loose,
             volume: container.volume(),
             period: container.period(),
@@ -122,7 +122,7 @@ impl Packing {
                 what: "a body of particles",
             });
         }
-        BondedParticles::of_packing(self, beam, density)
+        BondedParticles::from_packing(self, beam, density)
     }
 }
 
@@ -132,11 +132,11 @@ fn refuse_crossing(bodies: &[Container], filled: &[Filled]) -> Result<()> {
     for (k, f) in filled.iter().enumerate() {
         for (o, other) in bodies.iter().enumerate().filter(|(o, _)| *o != k) {
             let (low, high) = other.bounds();
-            let inside = |s: &&Sphere| {
+            let is_inside = |s: &&Sphere| {
                 let x = centre(s);
                 (0..3).all(|a| x[a] > low[a] && x[a] < high[a]) && other.contains(&x)
             };
-            if let Some(s) = f.spheres.iter().find(inside) {
+            if let Some(s) = f.spheres.iter().find(is_inside) {
                 return Err(Error::CrossingBodies {
                     first: k.min(o) + 1,
                     second: k.max(o) + 1,

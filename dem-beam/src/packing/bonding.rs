@@ -12,7 +12,7 @@ const REACH: f64 = 0.25;
 #[derive(Debug)]
 pub(crate) struct Bonding {
     /// Old numbers of the kept particles, ascending.
-    pub(crate) kept: Vec<u32>,
+    pub(crate) retained: Vec<u32>,
     /// Bonds in new numbers, ascending.
     pub(crate) pairs: Vec<[u32; 2]>,
     /// Largest relative gap `d/(r_i+r_j) - 1` that was bonded.
@@ -32,72 +32,74 @@ pub(crate) fn bond_and_trim(
 ) -> Result<Bonding> {
     let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
     // A narrow search is cheaper and finds enough pairs in a jammed packing.
-    let mut near = near_pairs(spheres, 0.08, period);
-    if near.len() < wanted {
-        near = near_pairs(spheres, REACH, period);
+    let mut candidates = near_pairs(spheres, 0.08, period);
+    if candidates.len() < wanted {
+        candidates = near_pairs(spheres, REACH, period);
     }
-    if near.len() < wanted || wanted == 0 {
+    if candidates.len() < wanted || wanted == 0 {
         return Err(Error::TooFewPairs {
             wanted: coordination,
             bonds: wanted,
-            pairs: near.len(),
+            pairs: candidates.len(),
             reach: REACH,
         });
     }
     // Equal gaps are ordered by particle numbers, so that the choice is unique. A selection is cheaper than
     // sorting all pairs.
     let by_gap = |a: &(f64, [u32; 2]), b: &(f64, [u32; 2])| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-    let (_, last, _) = near.select_nth_unstable_by(wanted - 1, by_gap);
-    let tolerance = last.0;
-    near.truncate(wanted);
-    let mut pairs: Vec<[u32; 2]> = near.into_iter().map(|p| p.1).collect();
+    let (_, widest, _) = candidates.select_nth_unstable_by(wanted - 1, by_gap);
+    let tolerance = widest.0;
+    candidates.truncate(wanted);
+    let mut pairs: Vec<[u32; 2]> = candidates.into_iter().map(|p| p.1).collect();
     pairs.sort_unstable();
     let components = Components::new(spheres.len(), &pairs);
-    let all = || 0..spheres.len() as u32;
-    let kept: Vec<u32> = match loose {
-        Loose::Keep => all().collect(),
+    let numbers = || 0..spheres.len() as u32;
+    let retained: Vec<u32> = match loose {
+        Loose::Keep => numbers().collect(),
         Loose::Drop { limit } => {
-            let kept: Vec<u32> = all().filter(|&i| components.is_part(i)).collect();
-            bound_loose(spheres, &kept, &components, limit, coordination)?;
-            kept
+            let retained: Vec<u32> = numbers().filter(|&i| components.is_part(i)).collect();
+            bound_loose(spheres, &retained, &components, limit, coordination)?;
+            retained
         }
     };
-    renumber(&mut pairs, &kept, spheres.len());
+    renumber(&mut pairs, &retained, spheres.len());
     Ok(Bonding {
-        kept,
+        retained,
         pairs,
         tolerance,
         coordination_all: 2.0 * wanted as f64 / spheres.len() as f64,
     })
 }
 
-/// Removes pairs with an end that is not in `kept` (ascending) and renumbers the others.
-pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, kept: &[u32], count: usize) {
-    let mut new = vec![u32::MAX; count];
-    for (k, &i) in kept.iter().enumerate() {
-        new[i as usize] = k as u32;
+/// Removes pairs with an end that is not in `retained` (ascending) and renumbers the others.
+pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, retained: &[u32], count: usize) {
+    let mut new_numbers = vec![u32::MAX; count];
+    for (k, &i) in retained.iter().enumerate() {
+        new_numbers[i as usize] = k as u32;
     }
-    pairs.retain(|p| p.iter().all(|&i| new[i as usize] != u32::MAX));
-    pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
+    pairs.retain(|p| p.iter().all(|&i| new_numbers[i as usize] != u32::MAX));
+    pairs
+        .iter_mut()
+        .for_each(|p| *p = p.map(|i| new_numbers[i as usize]));
 }
 
 /// Refuses to leave out more than the share `limit` of the volume of the spheres.
 fn bound_loose(
     spheres: &[Sphere],
-    kept: &[u32],
+    retained: &[u32],
     components: &Components,
     limit: f64,
     coordination: f64,
 ) -> Result<()> {
     let cube = |s: &Sphere| s[3] * s[3] * s[3];
-    let all: f64 = spheres.iter().map(cube).sum();
-    let rest: f64 = kept.iter().map(|&i| cube(&spheres[i as usize])).sum();
-    let share = 1.0 - rest / all;
-    if kept.len() == spheres.len() || share <= limit {
+    let total: f64 = spheres.iter().map(cube).sum();
+    let retained_cubes: f64 = retained.iter().map(|&i| cube(&spheres[i as usize])).sum();
+    let share = 1.0 - retained_cubes / total;
+    if retained.len() == spheres.len() || share <= limit {
         return Ok(());
     }
     Err(Error::LooseSpheres {
-        loose: spheres.len() - kept.len(),
+        loose: spheres.len() - retained.len(),
         spheres: spheres.len(),
         share,
         limit,

@@ -77,8 +77,8 @@ impl PackingSpec {
 fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()> {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     std::fs::create_dir_all(directory)?;
-    let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-    let aside = path.with_extension(format!("{own}.tmp"));
+    let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let aside = path.with_extension(format!("{unique}.tmp"));
     std::fs::write(&aside, encode(packing))
         .and_then(|()| std::fs::rename(&aside, path))
         .inspect_err(|_| {
@@ -88,7 +88,7 @@ fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()
 
 /// Passes every number of a packing through `word`, which reads or writes it, so that reading and writing
 /// share one order. Returns `None` if there are too few words, or a word does not fit.
-fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
+fn for_each_word(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
     let r = &mut p.report;
     let (mut spheres, mut bonds) = (p.radii.len(), p.pairs.len());
     let counts = [
@@ -137,34 +137,37 @@ fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()
         *b = u32::try_from(word(u64::from(*b))?).ok()?;
     }
     for pair in &mut p.pairs {
-        let both = word(u64::from(pair[0]) << 32 | u64::from(pair[1]))?;
-        *pair = [(both >> 32) as u32, both as u32];
+        let packed = word(u64::from(pair[0]) << 32 | u64::from(pair[1]))?;
+        *pair = [(packed >> 32) as u32, packed as u32];
     }
     Some(())
 }
 
 fn encode(p: &Packing) -> Vec<u8> {
-    let mut all: Vec<u64> = Vec::new();
-    let done = words(&mut p.clone(), &mut |w| {
-        all.push(w);
+    let mut numbers: Vec<u64> = Vec::new();
+    let done = for_each_word(&mut p.clone(), &mut |w| {
+        numbers.push(w);
         Some(w)
     });
     debug_assert!(done.is_some(), "numbers of a packing fit into words");
-    let check = hash(all.iter().copied());
+    let check = hash(numbers.iter().copied());
     let head = [MAGIC, check[0], check[1]];
-    head.iter().chain(&all).flat_map(|x| x.to_le_bytes()).collect()
+    head.iter()
+        .chain(&numbers)
+        .flat_map(|x| x.to_le_bytes())
+        .collect()
 }
 
 fn decode(bytes: &[u8]) -> Option<Packing> {
-    let (all, _) = bytes.as_chunks::<8>();
-    let all: Vec<u64> = all.iter().map(|c| u64::from_le_bytes(*c)).collect();
-    let (head, body) = all.split_at_checked(3)?;
+    let (chunks, _) = bytes.as_chunks::<8>();
+    let chunks: Vec<u64> = chunks.iter().map(|c| u64::from_le_bytes(*c)).collect();
+    let (head, body) = chunks.split_at_checked(3)?;
     if head[0] != MAGIC || head[1..] != hash(body.iter().copied()) {
         return None;
     }
     // The hash has been verified, so that the counts in the file can be trusted.
     let mut packing = Packing::default();
     let mut next = body.iter().copied();
-    words(&mut packing, &mut |_| next.next())?;
+    for_each_word(&mut packing, &mut |_| next.next())?;
     next.next().is_none().then_some(packing)
 }

@@ -18,8 +18,8 @@ pub(crate) fn mean_radius(spheres: &[Sphere]) -> f64 {
 
 /// Returns spheres of given centres and radii.
 pub(crate) fn spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Vec<Sphere> {
-    let both = positions.iter().zip(radii);
-    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
+    let zipped = positions.iter().zip(radii);
+    zipped.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
 }
 
 /// Returns the centre of a sphere.
@@ -129,15 +129,15 @@ impl CellList {
 
     /// Calls `near` with every particle of the 27 cells around sphere `s`.
     #[inline]
-    pub(crate) fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
+    pub(crate) fn around(&self, s: &Sphere, mut visit: impl FnMut(u32)) {
         let c = self.cell(s);
         if self.period.is_some() {
             // With fewer than three cells along an edge, a cell would be visited twice.
             let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];
             for k in 0..27 {
-                let at = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
-                let range = self.start[at] as usize..self.start[at + 1] as usize;
-                self.order[range].iter().for_each(|&n| near(n));
+                let cell = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
+                let range = self.start[cell] as usize..self.start[cell + 1] as usize;
+                self.order[range].iter().for_each(|&n| visit(n));
             }
             return;
         }
@@ -149,7 +149,7 @@ impl CellList {
                 let a = self.start[self.index([i, j, k0])] as usize;
                 let b = self.start[self.index([i, j, k1]) + 1] as usize;
                 for &n in &self.order[a..b] {
-                    near(n);
+                    visit(n);
                 }
             }
         }

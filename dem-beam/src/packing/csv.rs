@@ -141,18 +141,18 @@ impl Packing {
             let numbers: Vec<u32> = (0..spheres.len() as u32)
                 .filter(|&i| home[i as usize] == k)
                 .collect();
-            let mine: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
-            let bonding = match mine.is_empty() {
+            let members: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
+            let bonding = match members.is_empty() {
                 true => Err(Error::EmptyBody),
-                false => bond_and_trim(&mine, coordination, period, loose)
-                    .map_err(|e| narrow::blame(e, &bodies[k], &mine)),
+                false => bond_and_trim(&members, coordination, period, loose)
+                    .map_err(|e| narrow::name_width(e, &bodies[k], &members)),
             };
             filled.push(Filled {
                 numbers,
                 bonding: bonding.map_err(|e| e.in_body(k, &bodies))?,
-                overlap: mean_overlap(&mine, period),
+                overlap: mean_overlap(&members, period),
                 steps: 0,
-                spheres: mine,
+                spheres: members,
             });
         }
         Self::assemble(&container, &bodies, &filled, spheres.len(), loose == Loose::Keep)
@@ -163,17 +163,20 @@ impl Packing {
 fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
     let home = |s: &Sphere| {
         let x = centre(s);
-        let gap = |b: &Container| match b.contains(&x) {
+        let height = |b: &Container| match b.contains(&x) {
             true => f64::INFINITY,
             // Minus the depth outside of the wall; bodies without a wall within reach are excluded below.
             false => -b.gap(&x, reach).min(0.0).abs(),
         };
-        let near = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
+        let closeness = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
             true => f64::NEG_INFINITY,
-            false => gap(b),
+            false => height(b),
         };
-        let best =
-            (0..bodies.len()).max_by(|&a, &b| near(&bodies[a]).total_cmp(&near(&bodies[b])).then(b.cmp(&a)));
+        let best = (0..bodies.len()).max_by(|&a, &b| {
+            closeness(&bodies[a])
+                .total_cmp(&closeness(&bodies[b]))
+                .then(b.cmp(&a))
+        });
         best.unwrap_or_default()
     };
     match bodies.len() {

@@ -96,11 +96,11 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
     for _ in 0..6 {
         // A step is repeated as long as it leads deeper; the bound limits the search to some diameters.
         for _ in 0..16 {
-            let around = (0..27).map(|k| {
+            let candidates = (0..27).map(|k| {
                 x + Vector3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)).add_scalar(-1.0)
                     * step
             });
-            let Some(next) = around.max_by(|a, b| gap(a).total_cmp(&gap(b))) else {
+            let Some(next) = candidates.max_by(|a, b| gap(a).total_cmp(&gap(b))) else {
                 break;
             };
             let depth = gap(&next);
@@ -116,19 +116,19 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
 
 /// Returns the width of the narrowest body in mean diameters of its spheres.
 pub(crate) fn across(bodies: &[Container], spheres: &[Sphere], home: &[u32]) -> Option<f64> {
-    let one = |(k, body): (usize, &Container)| {
-        let mine = spheres.iter().zip(home).filter(|(_, b)| **b as usize == k);
-        let mine: Vec<Sphere> = mine.map(|(s, _)| *s).collect();
-        let diameter = 2.0 * mean_radius(&mine);
-        Some(width(body, &mine, diameter)? / diameter)
+    let relative_width = |(k, body): (usize, &Container)| {
+        let members = spheres.iter().zip(home).filter(|(_, b)| **b as usize == k);
+        let members: Vec<Sphere> = members.map(|(s, _)| *s).collect();
+        let diameter = 2.0 * mean_radius(&members);
+        Some(width(body, &members, diameter)? / diameter)
     };
-    let all = bodies.iter().enumerate().map(one);
-    all.reduce(|a, b| Some(a?.min(b?))).flatten()
+    let widths = bodies.iter().enumerate().map(relative_width);
+    widths.reduce(|a, b| Some(a?.min(b?))).flatten()
 }
 
 /// Replaces the error of too few neighbours by one that names the width of the body, if the body is too
 /// narrow.
-pub(crate) fn blame(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
+pub(crate) fn name_width(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
     let diameter = 2.0 * mean_radius(spheres);
     match (&error, width(body, spheres, diameter)) {
         (Error::TooFewPairs { .. }, Some(width)) if width < BLAMED * diameter => Error::TooFewAcross {

@@ -36,8 +36,8 @@ impl Surface {
         {
             finite("coordinate", "vertex", i, *c)?;
         }
-        let whole = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
-        let mut triangles: Vec<[u32; 3]> = triangles.into_iter().filter(whole).collect();
+        let has_three_corners = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+        let mut triangles: Vec<[u32; 3]> = triangles.into_iter().filter(has_three_corners).collect();
         if let Some(&a) = triangles
             .iter()
             .flatten()
@@ -113,7 +113,7 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
             let i = shell[next];
             next += 1;
             let t = triangles[i];
-            let own = turned[i] == Some(true);
+            let is_turned = turned[i] == Some(true);
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
                 let key = (a.min(b), a.max(b));
@@ -121,7 +121,7 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
                     continue;
                 };
                 // Triangles turned alike run along their common edge in opposite directions.
-                let turn = own != (up == (a < b));
+                let turn = is_turned != (up == (a < b));
                 match turned[j] {
                     None => {
                         turned[j] = Some(turn);
@@ -166,11 +166,11 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
         .collect();
     let mut cavities = Vec::new();
     for s in 0..shells.len() {
-        let mut around = 0;
+        let mut shells_around = 0;
         for o in (0..shells.len()).filter(|&o| o != s) {
             match place(&facing[s], &facing[o]) {
                 Place::Outside => {}
-                Place::Inside => around += 1,
+                Place::Inside => shells_around += 1,
                 Place::Crossing(x) => {
                     return Err(Error::CrossingBodies {
                         first: s.min(o) + 1,
@@ -180,7 +180,7 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
                 }
             }
         }
-        if around % 2 == 1 {
+        if shells_around % 2 == 1 {
             cavities.push(s);
         }
     }

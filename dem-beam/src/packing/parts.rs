@@ -71,9 +71,9 @@ impl Packing {
             }
         }
         let volume = |(r, &b): (&f64, &u32)| {
-            let whole = self.body_volumes.get(b as usize).copied().unwrap_or_default();
-            let all = cubes.get(b as usize).copied().unwrap_or(1.0);
-            whole * r * r * r / all
+            let body_volume = self.body_volumes.get(b as usize).copied().unwrap_or_default();
+            let body_cubes = cubes.get(b as usize).copied().unwrap_or(1.0);
+            body_volume * r * r * r / body_cubes
         };
         spheres().map(volume).collect()
     }
@@ -87,17 +87,17 @@ impl Packing {
         let mut place = vec![usize::MAX; self.radii.len()];
         let mut out: Vec<Part> = Vec::new();
         for i in (0..self.radii.len() as u32).filter(|&i| components.is_part(i)) {
-            let at = &mut place[components.root(i) as usize];
-            if *at == usize::MAX {
-                *at = out.len();
+            let index = &mut place[components.root(i) as usize];
+            if *index == usize::MAX {
+                *index = out.len();
                 out.push(Part {
                     body: self.bodies[i as usize] as usize,
                     spheres: 0,
                     volume: 0.0,
                 });
             }
-            out[*at].spheres += 1;
-            out[*at].volume += volumes[i as usize];
+            out[*index].spheres += 1;
+            out[*index].volume += volumes[i as usize];
         }
         out
     }
@@ -130,37 +130,37 @@ impl Packing {
         let bonds = self.pairs.len();
         let x = &self.positions;
         self.pairs.retain(|p| !cuts(&x[p[0] as usize], &x[p[1] as usize]));
-        let mut done = Cut {
+        let mut removed = Cut {
             bonds: bonds - self.pairs.len(),
             ..Cut::default()
         };
         let after = Components::new(count, &self.pairs);
         // The cut does not remove grains that were loose before.
         let stays = |i: &u32| after.is_part(*i) || !before.is_part(*i);
-        let kept: Vec<u32> = (0..count as u32).filter(stays).collect();
-        if kept.len() < count {
+        let retained: Vec<u32> = (0..count as u32).filter(stays).collect();
+        if retained.len() < count {
             let volumes = self.volumes();
             for i in (0..count as u32).filter(|i| !stays(i)).map(|i| i as usize) {
                 self.body_volumes[self.bodies[i] as usize] -= volumes[i];
-                done.volume += volumes[i];
+                removed.volume += volumes[i];
             }
-            done.spheres = count - kept.len();
-            self.retain(&kept);
+            removed.spheres = count - retained.len();
+            self.retain(&retained);
         }
         let cut = &mut self.report.cut;
-        cut.bonds += done.bonds;
-        cut.spheres += done.spheres;
-        cut.volume += done.volume;
+        cut.bonds += removed.bonds;
+        cut.spheres += removed.spheres;
+        cut.volume += removed.volume;
         self.report.coordination_retained = 2.0 * self.pairs.len() as f64 / self.radii.len() as f64;
-        done
+        removed
     }
 
-    /// Keeps only the spheres with the numbers `kept` (ascending).
-    pub(crate) fn retain(&mut self, kept: &[u32]) {
-        renumber(&mut self.pairs, kept, self.radii.len());
-        self.positions = kept.iter().map(|&i| self.positions[i as usize]).collect();
-        self.radii = kept.iter().map(|&i| self.radii[i as usize]).collect();
-        self.bodies = kept.iter().map(|&i| self.bodies[i as usize]).collect();
+    /// Keeps only the spheres with the numbers `retained` (ascending).
+    pub(crate) fn retain(&mut self, retained: &[u32]) {
+        renumber(&mut self.pairs, retained, self.radii.len());
+        self.positions = retained.iter().map(|&i| self.positions[i as usize]).collect();
+        self.radii = retained.iter().map(|&i| self.radii[i as usize]).collect();
+        self.bodies = retained.iter().map(|&i| self.bodies[i as usize]).collect();
         self.report.mean_radius = self.radii.iter().sum::<f64>() / self.radii.len() as f64;
     }
 }

@@ -109,13 +109,13 @@ impl PackingSpec {
     pub fn build(&self) -> Result<Packing> {
         self.check()?;
         let bodies = self.container.bodies();
-        let counts = share(self.count, &bodies);
+        let counts = spheres_per_body(self.count, &bodies);
         let mut filled = Vec::with_capacity(bodies.len());
         for (k, (body, count)) in bodies.iter().zip(counts).enumerate() {
             // The first body keeps the seed, so that it is packed as if it were alone.
             let seed = self.seed.wrapping_add((k as u64).wrapping_mul(BODY_SEED));
-            let one = self.fill(body, count, seed);
-            filled.push(one.map_err(|e| e.in_body(k, &bodies))?);
+            let packed = self.fill(body, count, seed);
+            filled.push(packed.map_err(|e| e.in_body(k, &bodies))?);
         }
         let packing = Packing::assemble(
             &self.container,
@@ -125,7 +125,7 @@ impl PackingSpec {
             self.loose == Loose::Keep,
         )?;
         match &self.container {
-            Container::Around(around) => around.part_of(packing),
+            Container::Around(around) => around.restrict(packing),
             _ => Ok(packing),
         }
     }
@@ -144,14 +144,14 @@ impl PackingSpec {
                 set_fraction(&mut soft, container.volume(), fraction);
                 // Forces balanced to 3 % of the mean contact force: finer balance moves E by less than its
                 // spread over seeds.
-                let done = soft.relax(self.max_steps, 1e-5, 3e-2);
+                let relaxed = soft.relax(self.max_steps, 1e-5, 3e-2);
                 soft.check_interrupt()?;
-                (done.overlap, done.steps)
+                (relaxed.overlap, relaxed.steps)
             }
         };
         let spheres = soft.spheres;
         let bonding = bond_and_trim(&spheres, self.coordination, container.period(), self.loose);
-        let bonding = bonding.map_err(|e| narrow::blame(e, body, &spheres))?;
+        let bonding = bonding.map_err(|e| narrow::name_width(e, body, &spheres))?;
         Ok(Filled {
             numbers: Vec::new(),
             spheres,
@@ -181,7 +181,7 @@ impl PackingSpec {
                 width: (high - low).min(),
             });
         }
-        few_across(container, count, unit)?;
+        refuse_few_across(container, count, unit)?;
         if let Some(period) = container.period() {
             // The neighbour search needs three cells of its widest list along each edge.
             let (shortest, limit) = (period.into_iter().fold(f64::INFINITY, f64::min), 12.0 * largest);
@@ -250,21 +250,28 @@ const BODY_SEED: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Returns the number of spheres of each body: in proportion to volume, `count` in all, by largest
 /// remainders.
-fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
-    let whole: f64 = bodies.iter().map(Container::volume).sum();
-    let wanted: Vec<f64> = bodies.iter().map(|b| count as f64 * b.volume() / whole).collect();
-    let mut out: Vec<usize> = wanted.iter().map(|w| w.floor() as usize).collect();
+fn spheres_per_body(count: usize, bodies: &[Container]) -> Vec<usize> {
+    let total_volume: f64 = bodies.iter().map(Container::volume).sum();
+    let shares: Vec<f64> = bodies
+        .iter()
+        .map(|b| count as f64 * b.volume() / total_volume)
+        .collect();
+    let mut out: Vec<usize> = shares.iter().map(|w| w.floor() as usize).collect();
     let mut order: Vec<usize> = (0..bodies.len()).collect();
-    order.sort_by(|&a, &b| (wanted[b] - wanted[b].floor()).total_cmp(&(wanted[a] - wanted[a].floor())));
-    let rest = count.saturating_sub(out.iter().sum());
-    order.into_iter().cycle().take(rest).for_each(|k| out[k] += 1);
+    order.sort_by(|&a, &b| (shares[b] - shares[b].floor()).total_cmp(&(shares[a] - shares[a].floor())));
+    let remainder = count.saturating_sub(out.iter().sum());
+    order
+        .into_iter()
+        .cycle()
+        .take(remainder)
+        .for_each(|k| out[k] += 1);
     out
 }
 
 /// Refuses spheres that, once jammed, would be nearly as wide as their body; `start` is their mean radius
 /// \[m\] at the start. The bounding box of a surface may be wider than the body, so that [`narrow`] measures
 /// it later.
-fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
+fn refuse_few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();
     let width = (high - low).min();
     let diameter = 2.0 * start * (JAMMED / START_FRACTION).cbrt();
@@ -329,9 +336,9 @@ fn glance(soft: &mut SoftSpheres<'_>, max_steps: usize, wanted: f64, growing: bo
     if second.steps < GLANCE / 2 || flowing {
         return (Relaxed { steps, ..second }, second.steps == GLANCE / 2);
     }
-    let rest = soft.relax(max_steps - steps, loose, BALANCE);
-    let steps = steps + rest.steps;
-    (Relaxed { steps, ..rest }, false)
+    let last = soft.relax(max_steps - steps, loose, BALANCE);
+    let steps = steps + last.steps;
+    (Relaxed { steps, ..last }, false)
 }
 
 /// Grows the spheres to the onset of jamming, then corrects the radii to the wanted mean overlap. Returns
@@ -415,12 +422,12 @@ impl Profile {
         let mut total = 0.0;
         for s in 0..slabs {
             for k in 0..side * side {
-                let at =
+                let middle =
                     |a: usize, i: i32| low[a] + (high[a] - low[a]) * (f64::from(i) + 0.5) / f64::from(side);
                 let mut x = Vector3::zeros();
                 x[axis] = low[axis] + slab * (f64::from(s) + 0.5);
-                x[b] = at(b, k % side);
-                x[c] = at(c, k / side);
+                x[b] = middle(b, k % side);
+                x[c] = middle(c, k / side);
                 total += f64::from(u8::from(container.contains(&x)));
             }
             cumulative.push(total);

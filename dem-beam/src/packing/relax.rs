@@ -253,8 +253,8 @@ impl<'a> SoftSpheres<'a> {
             .zip(self.listed.par_chunks(CHUNK))
             .zip(&mut self.sums);
         let arch = pulp::Arch::new();
-        work.for_each(|((((x, v), f), old), sums)| {
-            let mut far = 0.0;
+        work.for_each(|((((x, v), f), listed), sums)| {
+            let mut largest = 0.0;
             arch.dispatch(Advance {
                 dt,
                 keep: steer.keep,
@@ -263,10 +263,10 @@ impl<'a> SoftSpheres<'a> {
                 x,
                 v,
                 f,
-                old,
-                far: &mut far,
+                listed,
+                moved2: &mut largest,
             });
-            sums.moved2 = far;
+            sums.moved2 = largest;
         });
         self.sums.iter().fold(0.0_f64, |m, s| m.max(s.moved2)).sqrt()
     }
@@ -284,8 +284,8 @@ struct Advance<'a> {
     x: &'a mut [Sphere],
     v: &'a mut [[f64; 4]],
     f: &'a [[f64; 4]],
-    old: &'a [Sphere],
-    far: &'a mut f64,
+    listed: &'a [Sphere],
+    moved2: &'a mut f64,
 }
 
 impl pulp::NullaryFnOnce for Advance<'_> {
@@ -296,9 +296,9 @@ impl pulp::NullaryFnOnce for Advance<'_> {
         let Self {
             dt, keep, push, cap, ..
         } = self;
-        let mut far = 0.0;
-        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.old);
-        for (((x, v), f), old) in spheres {
+        let mut largest = 0.0;
+        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.listed);
+        for (((x, v), f), listed) in spheres {
             let mut d = [0.0; 4];
             for a in 0..4 {
                 v[a] = keep * v[a] + push * f[a];
@@ -308,12 +308,12 @@ impl pulp::NullaryFnOnce for Advance<'_> {
                 let step = if step < cap { step } else { cap };
                 let step = if step > -cap { step } else { -cap };
                 x[a] += step;
-                d[a] = x[a] - old[a];
+                d[a] = x[a] - listed[a];
             }
             let moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-            far = if moved > far { moved } else { far };
+            largest = if moved > largest { moved } else { largest };
         }
-        *self.far = far;
+        *self.moved2 = largest;
     }
 }
 

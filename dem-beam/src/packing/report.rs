@@ -59,7 +59,7 @@ pub struct PackingReport {
 }
 
 /// Facts about the making of the spheres.
-pub(crate) struct Made {
+pub(crate) struct Making {
     /// Number of spheres wanted.
     pub(crate) asked: usize,
     /// Number of relaxation steps.
@@ -75,50 +75,55 @@ impl PackingReport {
         spheres: &[Sphere],
         body: &[u32],
         bonding: &Bonding,
-        made: Made,
+        making: Making,
     ) -> Self {
-        let kept: Vec<Sphere> = bonding.kept.iter().map(|&i| spheres[i as usize]).collect();
-        let count = kept.len() as f64;
-        let mean_radius = mean_radius(&kept);
-        let low = kept.iter().fold(f64::INFINITY, |m, s| m.min(s[3]));
-        let high = kept.iter().fold(0.0_f64, |m, s| m.max(s[3]));
+        let retained: Vec<Sphere> = bonding.retained.iter().map(|&i| spheres[i as usize]).collect();
+        let count = retained.len() as f64;
+        let mean_radius = mean_radius(&retained);
+        let low = retained.iter().fold(f64::INFINITY, |m, s| m.min(s[3]));
+        let high = retained.iter().fold(0.0_f64, |m, s| m.max(s[3]));
         let mut radius_histogram = [0; HISTOGRAM_BINS];
-        for s in &kept {
+        for s in &retained {
             let t = (s[3] - low) / (high - low).max(f64::MIN_POSITIVE);
             radius_histogram[((t * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += 1;
         }
-        let fabric = fabric(&kept, &bonding.pairs, container.period());
+        let fabric = fabric(&retained, &bonding.pairs, container.period());
         let spread = fabric
             .symmetric_eigenvalues()
             .map(|e| (3.0 * e - 1.0).abs())
             .max();
         let cube = |s: &Sphere| s[3] * s[3] * s[3];
         let cubes: f64 = spheres.iter().map(cube).sum();
-        let dropped = spheres.len() - kept.len();
+        let dropped = spheres.len() - retained.len();
         Self {
             coordination_all: bonding.coordination_all,
             coordination_retained: 2.0 * bonding.pairs.len() as f64 / count,
-            coordination_interior: interior_coordination(container, &kept, &bonding.pairs, 4.0 * mean_radius),
+            coordination_interior: interior_coordination(
+                container,
+                &retained,
+                &bonding.pairs,
+                4.0 * mean_radius,
+            ),
             volume_fraction: 4.0 / 3.0 * std::f64::consts::PI * cubes / container.volume(),
             mean_radius,
             radius_range: [low, high],
             radius_histogram,
-            mean_overlap: made.overlap,
+            mean_overlap: making.overlap,
             bond_tolerance: bonding.tolerance,
             fabric,
             fabric_anisotropy: spread,
-            asked: made.asked,
+            asked: making.asked,
             placed: spheres.len(),
             dropped,
             dropped_share: match dropped {
                 0 => 0.0,
-                _ => 1.0 - kept.iter().map(cube).sum::<f64>() / cubes,
+                _ => 1.0 - retained.iter().map(cube).sum::<f64>() / cubes,
             },
             beyond: 0,
             bodies: bodies.len(),
             across: narrow::across(bodies, spheres, body),
             cut: Cut::default(),
-            steps: made.steps,
+            steps: making.steps,
         }
     }
 }
@@ -142,11 +147,11 @@ fn interior_coordination(container: &Container, spheres: &[Sphere], pairs: &[[u3
     pairs.iter().flatten().for_each(|i| degree[*i as usize] += 1);
     let mut container = container.clone();
     container.prepare(reach);
-    let inside = |(s, _): &(&Sphere, &u32)| container.gap(&centre(s), reach) >= reach;
+    let is_interior = |(s, _): &(&Sphere, &u32)| container.gap(&centre(s), reach) >= reach;
     let interior: Vec<f64> = spheres
         .iter()
         .zip(&degree)
-        .filter(inside)
+        .filter(is_interior)
         .map(|(_, d)| f64::from(*d))
         .collect();
     interior.iter().sum::<f64>() / interior.len().max(1) as f64

@@ -20,8 +20,8 @@ pub fn read_facets(bytes: &[u8]) -> Result<Vec<[Vector3<f64>; 3]>> {
             finite("coordinate", "vertex", i, f64::from(v[k]))?;
         }
     }
-    let at = |i: usize| Vector3::from([0, 1, 2].map(|k| f64::from(mesh.vertices[i][k])));
-    Ok(mesh.faces.iter().map(|f| f.vertices.map(at)).collect())
+    let corner = |i: usize| Vector3::from([0, 1, 2].map(|k| f64::from(mesh.vertices[i][k])));
+    Ok(mesh.faces.iter().map(|f| f.vertices.map(corner)).collect())
 }
 
 fn read(bytes: &[u8]) -> Result<stl_io::IndexedMesh> {

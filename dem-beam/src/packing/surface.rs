@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 /// Largest number of walls that push a sphere at once.
 const WALLS: usize = 4;
 /// Two walls count as one if the cosine between their normals is above this value.
-const LIKE: f64 = 0.97;
+const SAME_WALL: f64 = 0.97;
 
 /// A closed, outward oriented triangle surface \[m\].
 #[derive(Debug, Clone)]
@@ -69,13 +69,13 @@ impl Surface {
                 count,
             });
         }
-        let at = |i: u32| vertices[i as usize];
+        let vertex = |i: u32| vertices[i as usize];
         let volume = triangles
             .iter()
-            .map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c))) / 6.0)
+            .map(|&[a, b, c]| vertex(a).dot(&vertex(b).cross(&vertex(c))) / 6.0)
             .sum::<f64>();
         // Vertices of no triangle may lie anywhere and do not count.
-        let used = || triangles.iter().flatten().map(|&i| at(i));
+        let used = || triangles.iter().flatten().map(|&i| vertex(i));
         let low = used().fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(&v));
         let high = used().fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(&v));
         if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
@@ -163,11 +163,11 @@ impl Surface {
         }
         let corners = |t: &[u32; 3]| t.map(|i| self.vertices[i as usize]);
         let volume = |shell: &[[u32; 3]]| -> f64 {
-            let of = |t| {
+            let tetrahedron = |t| {
                 let [a, b, c]: [Vector3<f64>; 3] = corners(t);
                 a.dot(&b.cross(&c)) / 6.0
             };
-            shell.iter().map(of).sum()
+            shell.iter().map(tetrahedron).sum()
         };
         let (mut outer, cavities): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| volume(s) > 0.0);
         let sizes: Vec<f64> = outer.iter().map(|s| volume(s)).collect();
@@ -187,12 +187,15 @@ impl Surface {
                 None => return vec![self.clone()],
             }
         }
-        let bodies: Result<Vec<Self>> = outer.into_iter().map(|triangles| self.only(triangles)).collect();
+        let bodies: Result<Vec<Self>> = outer
+            .into_iter()
+            .map(|triangles| self.restrict(triangles))
+            .collect();
         bodies.unwrap_or_else(|_| vec![self.clone()])
     }
 
     /// Returns the surface of some of the triangles, with only their vertices.
-    fn only(&self, mut triangles: Vec<[u32; 3]>) -> Result<Self> {
+    fn restrict(&self, mut triangles: Vec<[u32; 3]>) -> Result<Self> {
         let mut place = BTreeMap::new();
         let mut vertices = Vec::new();
         for i in triangles.iter_mut().flatten() {
@@ -218,7 +221,7 @@ impl Surface {
         // One layer of cells around the box, because centres of spheres may leave it by a little.
         let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
         let cells = dims[0] * dims[1] * dims[2];
-        let mut near: Vec<Vec<(f64, u32)>> = vec![Vec::new(); cells];
+        let mut per_cell: Vec<Vec<(f64, u32)>> = vec![Vec::new(); cells];
         let grid = Grid {
             size,
             dims,
@@ -231,26 +234,26 @@ impl Surface {
             let high = grid.cell(&(c[0].sup(&c[1]).sup(&c[2]).add_scalar(reach)), &self.bounds.0);
             for (i, centre) in grid.cells_between(low, high, &self.bounds.0) {
                 // The farthest point of a cell is half a diagonal (0.8660 sizes) from its centre.
-                let far = (closest_on_triangle(&centre, &c) - centre).norm();
-                if far <= reach + 0.8661 * size {
-                    near[i].push((far, t as u32));
+                let distance = (closest_on_triangle(&centre, &c) - centre).norm();
+                if distance <= reach + 0.8661 * size {
+                    per_cell[i].push((distance, t as u32));
                 }
             }
         }
         let mut start = Vec::with_capacity(cells + 1);
         let mut flat = Vec::new();
         start.push(0);
-        for n in &mut near {
+        for n in &mut per_cell {
             n.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             flat.extend_from_slice(n);
             start.push(flat.len() as u32);
         }
         let mut inside = vec![false; cells];
-        let all = grid.cells_between([0; 3], dims.map(|d| d - 1), &self.bounds.0);
-        for (i, centre) in all {
+        let all_cells = grid.cells_between([0; 3], dims.map(|d| d - 1), &self.bounds.0);
+        for (i, centre) in all_cells {
             // No surface passes between two neighbouring cells without a near triangle.
-            let follows = i % dims[2] > 0 && near[i - 1].is_empty();
-            if near[i].is_empty() {
+            let follows = i % dims[2] > 0 && per_cell[i - 1].is_empty();
+            if per_cell[i].is_empty() {
                 inside[i] = if follows {
                     inside[i - 1]
                 } else {
@@ -275,21 +278,21 @@ impl Surface {
     /// point, if it is within `reach` (at most the reach prepared for).
     #[must_use]
     pub fn nearest(&self, x: &Vector3<f64>, reach: f64) -> Option<(f64, Vector3<f64>)> {
-        let (range, off) = self.near(x);
+        let (range, off) = self.triangles_near(x);
         if range.is_empty() {
             return None;
         }
         let limit = reach.min(self.grid.reach);
         let (mut best, mut sign, mut steep) = (f64::INFINITY, 0.0, 0.0);
         let (mut foot, mut face) = (Vector3::zeros(), Vector3::zeros());
-        for &(far, t) in &self.grid.triangles[range] {
+        for &(distance, t) in &self.grid.triangles[range] {
             // Equally near triangles must be compared below, hence a little more.
-            let reached = best * (1.0 + 1e-6);
-            if far - off > reached {
+            let limit_of_ties = best * (1.0 + 1e-6);
+            if distance - off > limit_of_ties {
                 break;
             }
             let [a, b, c, radius] = self.balls[t as usize];
-            let clear = reached + radius;
+            let clear = limit_of_ties + radius;
             if (x - Vector3::new(a, b, c)).norm_squared() > clear * clear {
                 continue;
             }
@@ -334,9 +337,9 @@ impl Surface {
             return;
         }
         let (mut seen, mut count) = ([n; WALLS], 1);
-        let (range, off) = self.near(x);
-        for &(far, t) in &self.grid.triangles[range] {
-            if far - off > reach || count == WALLS {
+        let (range, off) = self.triangles_near(x);
+        for &(distance, t) in &self.grid.triangles[range] {
+            if distance - off > reach || count == WALLS {
                 break;
             }
             let [a, b, c, radius] = self.balls[t as usize];
@@ -349,8 +352,8 @@ impl Surface {
                 continue;
             };
             let height = (x - c[0]).dot(&inwards);
-            let looks_like = |s: &Vector3<f64>| s.dot(&inwards) > LIKE;
-            if height <= 0.0 || height >= reach || seen[..count].iter().any(looks_like) {
+            let is_seen = |s: &Vector3<f64>| s.dot(&inwards) > SAME_WALL;
+            if height <= 0.0 || height >= reach || seen[..count].iter().any(is_seen) {
                 continue;
             }
             if (closest_on_triangle(x, &c) - x).norm() <= height * (1.0 + 1e-9) {
@@ -363,7 +366,7 @@ impl Surface {
 
     /// Returns the range of the triangles near a point, and its distance from the centre of its cell \[m\].
     #[inline]
-    fn near(&self, x: &Vector3<f64>) -> (std::ops::Range<usize>, f64) {
+    fn triangles_near(&self, x: &Vector3<f64>) -> (std::ops::Range<usize>, f64) {
         let place = self.grid.cell(x, &self.bounds.0);
         let cell = self.grid.index(place);
         let middle = Vector3::from(place.map(|i| i as f64 - 0.5)) * self.grid.size + self.bounds.0;

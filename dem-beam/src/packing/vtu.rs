@@ -24,9 +24,9 @@ const STATE: [&str; 2] = ["displacement [m]", "broken [-]"];
 /// [`Error::BadFile`] if it is not VTU, [`Error::MissingArray`], [`Error::LengthMismatch`],
 /// [`Error::NotAtRest`]; for bad spheres [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (all, state) = spheres(bytes, radius)?;
+    let (spheres, state) = spheres(bytes, radius)?;
     state.check()?;
-    checked(&all)
+    checked(&spheres)
 }
 
 /// Reads the names of the piece files from a PVTU file, in its order. The pieces lie beside it.
@@ -39,8 +39,8 @@ pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     if xml.root_element().attribute("type") != Some("PUnstructuredGrid") {
         return Err(bad("it is not a VTKFile of the type PUnstructuredGrid"));
     }
-    let all = xml.descendants().filter(|n| n.has_tag_name("Piece"));
-    let names: Vec<String> = all
+    let pieces = xml.descendants().filter(|n| n.has_tag_name("Piece"));
+    let names: Vec<String> = pieces
         .filter_map(|n| n.attribute("Source").map(str::to_owned))
         .collect();
     if names.is_empty() {
@@ -58,17 +58,17 @@ pub fn read_pieces<P: AsRef<[u8]>>(
     pieces: &[P],
     radius: Option<&str>,
 ) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (mut all, mut state) = (Vec::new(), State::default());
+    let (mut collected, mut state) = (Vec::new(), State::default());
     for piece in pieces {
-        let (spheres, found) = spheres(piece.as_ref(), radius)?;
-        all.extend(spheres);
-        state.add(found);
+        let (spheres, piece_state) = spheres(piece.as_ref(), radius)?;
+        collected.extend(spheres);
+        state.add(piece_state);
     }
     state.check()?;
-    if all.iter().all(|s| s.number.is_some()) {
-        all.sort_by_key(|s| s.number);
+    if collected.iter().all(|s| s.number.is_some()) {
+        collected.sort_by_key(|s| s.number);
     }
-    checked(&all)
+    checked(&collected)
 }
 
 /// A sphere read from a point.
@@ -104,8 +104,8 @@ impl State {
     }
 }
 
-fn checked(all: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (positions, radii): (Vec<_>, Vec<_>) = all.iter().map(|s| (s.centre, s.radius)).unzip();
+fn checked(spheres: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    let (positions, radii): (Vec<_>, Vec<_>) = spheres.iter().map(|s| (s.centre, s.radius)).unzip();
     check_spheres(&positions, &radii)?;
     Ok((positions, radii))
 }
@@ -129,15 +129,15 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
         let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
         let radii = file.numbers(radius_array(piece, radius)?)?;
         let count = points.len() / 3;
-        let beside = |name: &str, what: &'static str| {
-            let found = file.numbers_of(piece, "PointData", name)?;
-            match found.as_ref().map(Vec::len) {
+        let point_numbers = |name: &str, what: &'static str| {
+            let values = file.numbers_of(piece, "PointData", name)?;
+            match values.as_ref().map(Vec::len) {
                 Some(found) if found != count => Err(Error::LengthMismatch {
                     what,
                     found,
                     expected: count,
                 }),
-                _ => Ok(found),
+                _ => Ok(values),
             }
         };
         if points.len() != 3 * radii.len() {
@@ -153,10 +153,10 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
             farthest: moved.iter().fold(0.0, |m, x| x.abs().max(m)),
             broken: broken.iter().filter(|b| **b > 0.0).count(),
         });
-        let ghosts = beside("vtkGhostType", "ghost types")?;
+        let ghosts = point_numbers("vtkGhostType", "ghost types")?;
         let ids = child(piece, "PointData").and_then(|d| d.attribute("GlobalIds"));
         let numbers = ids
-            .map(|name| beside(name, "global numbers"))
+            .map(|name| point_numbers(name, "global numbers"))
             .transpose()?
             .flatten();
         for (k, (centre, radius)) in points.chunks_exact(3).zip(radii).enumerate() {
@@ -188,16 +188,16 @@ fn child<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
 fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a, 'a>> {
     let data = child(piece, "PointData");
     let arrays = || {
-        let all = data.iter().flat_map(|d| d.children());
-        all.filter(|n| n.has_tag_name("DataArray"))
+        let children = data.iter().flat_map(|d| d.children());
+        children.filter(|n| n.has_tag_name("DataArray"))
     };
     let scalar = |n: &Node<'_, '_>| n.attribute("NumberOfComponents").is_none_or(|c| c == "1");
     let named = |name: &str| arrays().find(|n| n.attribute("Name") == Some(name) && scalar(n));
-    let found = match wanted {
+    let array = match wanted {
         Some(name) => named(name),
         None => NAMES.iter().find_map(|n| named(n)),
     };
-    found.ok_or_else(|| {
+    array.ok_or_else(|| {
         let have: Vec<&str> = arrays().filter_map(|n| n.attribute("Name")).collect();
         Error::MissingArray {
             wanted: wanted.map_or_else(|| NAMES.join(", "), ToOwned::to_owned),
@@ -264,11 +264,11 @@ impl<'a> Source<'a> {
             }
             Some("binary") => base64(text.trim().as_bytes()),
             Some("appended") => {
-                let at = array.attribute("offset").and_then(|o| o.parse::<usize>().ok());
-                let (all, encoded) = self.appended.ok_or_else(|| bad("there is no appended data"))?;
-                let rest = at.and_then(|at| all.get(at..));
-                let rest = rest.ok_or_else(|| bad("an offset is outside the appended data"))?;
-                if encoded { base64(rest) } else { rest.to_vec() }
+                let offset = array.attribute("offset").and_then(|o| o.parse::<usize>().ok());
+                let (appended, encoded) = self.appended.ok_or_else(|| bad("there is no appended data"))?;
+                let bytes = offset.and_then(|offset| appended.get(offset..));
+                let bytes = bytes.ok_or_else(|| bad("an offset is outside the appended data"))?;
+                if encoded { base64(bytes) } else { bytes.to_vec() }
             }
             Some(other) => return Err(bad(format!("the format {other} of an array is not known"))),
         };
@@ -282,8 +282,8 @@ impl<'a> Source<'a> {
     fn numbers_of(&self, piece: Node<'a, 'a>, data: &str, name: &str) -> Result<Option<Vec<f64>>> {
         let data = child(piece, data);
         let mut arrays = data.iter().flat_map(|d| d.children());
-        let found = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
-        found.map(|array| self.numbers(array)).transpose()
+        let array = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
+        array.map(|array| self.numbers(array)).transpose()
     }
 
     /// Removes the header and decompresses the data; `None` if they are cut short or damaged.
@@ -300,13 +300,13 @@ impl<'a> Source<'a> {
         // The header holds the number of blocks, their size, the size of the last one if it is smaller, then
         // the compressed size of each.
         let (blocks, size) = (count(0)?, count(1)?);
-        let mut at = blocks.checked_add(3)?.checked_mul(self.width)?;
+        let mut start = blocks.checked_add(3)?.checked_mul(self.width)?;
         let mut out = Vec::new();
         for k in 0..blocks {
-            let end = at.checked_add(count(3 + k)?)?;
-            let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(at..end)?, size);
+            let end = start.checked_add(count(3 + k)?)?;
+            let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(start..end)?, size);
             out.extend(block.ok()?);
-            at = end;
+            start = end;
         }
         Some(out)
     }
@@ -314,25 +314,25 @@ impl<'a> Source<'a> {
 
 /// Converts little-endian numbers of a VTK type.
 fn convert(kind: &str, data: &[u8]) -> Result<Vec<f64>> {
-    fn all<const N: usize>(data: &[u8], one: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+    fn decode<const N: usize>(data: &[u8], number_of: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         let mut raw = [0; N];
         let number = |c: &[u8]| {
             raw.copy_from_slice(c);
-            one(raw)
+            number_of(raw)
         };
         data.chunks_exact(N).map(number).collect()
     }
     Ok(match kind {
-        "Float64" => all(data, f64::from_le_bytes),
-        "Float32" => all(data, |b| f64::from(f32::from_le_bytes(b))),
-        "Int64" => all(data, |b| i64::from_le_bytes(b) as f64),
-        "UInt64" => all(data, |b| u64::from_le_bytes(b) as f64),
-        "Int32" => all(data, |b| f64::from(i32::from_le_bytes(b))),
-        "UInt32" => all(data, |b| f64::from(u32::from_le_bytes(b))),
-        "Int16" => all(data, |b| f64::from(i16::from_le_bytes(b))),
-        "UInt16" => all(data, |b| f64::from(u16::from_le_bytes(b))),
-        "Int8" => all(data, |b: [u8; 1]| f64::from(b[0] as i8)),
-        "UInt8" => all(data, |b: [u8; 1]| f64::from(b[0])),
+        "Float64" => decode(data, f64::from_le_bytes),
+        "Float32" => decode(data, |b| f64::from(f32::from_le_bytes(b))),
+        "Int64" => decode(data, |b| i64::from_le_bytes(b) as f64),
+        "UInt64" => decode(data, |b| u64::from_le_bytes(b) as f64),
+        "Int32" => decode(data, |b| f64::from(i32::from_le_bytes(b))),
+        "UInt32" => decode(data, |b| f64::from(u32::from_le_bytes(b))),
+        "Int16" => decode(data, |b| f64::from(i16::from_le_bytes(b))),
+        "UInt16" => decode(data, |b| f64::from(u16::from_le_bytes(b))),
+        "Int8" => decode(data, |b: [u8; 1]| f64::from(b[0] as i8)),
+        "UInt8" => decode(data, |b: [u8; 1]| f64::from(b[0])),
         other => return Err(bad(format!("arrays of type '{other}' are not known"))),
     })
 }
