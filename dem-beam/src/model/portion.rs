@@ -16,8 +16,8 @@ use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Number of half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25
-/// ns, against 38 ns for all else (decision 0046).
+/// Work of coupling a particle of an overlap once per macro step, in half-bonds: 25 ns, against 38 ns for all
+/// else (decision 0046). A half-bond is a bond as the kernel stores it with one of its ends.
 const COUPLING: usize = 7;
 
 impl DemModel {
