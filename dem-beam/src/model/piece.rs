@@ -170,10 +170,10 @@ impl Piece {
         let owned = portion.nodes();
         let is_owned = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(portion.global(k));
         if !(0..owned).all(is_owned) {
-            let found = (0..owned).take_while(|k| is_owned(*k)).count();
+            let matching = (0..owned).take_while(|k| is_owned(*k)).count();
             return Err(Error::LengthMismatch {
                 what: "own particles of a part, in the order of its units",
-                found,
+                found: matching,
                 expected: owned,
             });
         }

@@ -90,7 +90,7 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
 }
 
 /// Returns the largest distance from the wall near `x` \[m\], by steps that shrink from `step` \[m\]. The
-/// search is needed because no sphere centre lies exactly in the middle of a body.
+/// search is needed because sphere centres need not lie in the middle of a body.
 fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut best = gap(&x);
     for _ in 0..6 {
