@@ -10,8 +10,8 @@
 //! c_j = -k_phi (n.Dth) n + k_s n x Du - k_b (2 th_j + th_i)_p
 //! ```
 //!
-//! Four numbers per bond hold everything, a weight `w` included: `axis = n/l` and `scale = w l`.
-//! Then every coefficient is a polynomial, `q = axis.axis = 1/l^2`, and no division is left:
+//! Four numbers describe a bond, its weight `w` included: `axis = n/l` and `scale = w l`. Every coefficient
+//! is then a polynomial in `q = axis.axis = 1/l^2`, without a division:
 //!
 //! ```text
 //! f_i = scale [12 EI q^2 Du + 6 EI q axis x (th_i+th_j) + (ES - 12 EI q)(axis.Du) axis]
@@ -27,15 +27,16 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 pub struct BeamMaterial {
     /// Young's modulus `E_mu` of a beam \[Pa\].
     pub young: f64,
-    /// Poisson's ratio `nu_mu` of a beam; enters through `G = E/2(1+nu)`.
+    /// Poisson's ratio `nu_mu` of a beam; it enters through `G = E/(2 (1+nu))`.
     pub poisson: f64,
     /// Beam radius over mean particle radius.
     pub radius_ratio: f64,
 }
 
-/// Beam radius over mean particle radius, Poisson's ratio of the packing, its modulus over that of the
-/// beams (`arlequin calibrate --periodic --count 4000 --seeds 2 --young 1e9 --radius-ratio …`). Between two
-/// samples moduli differ by up to 0.4 %, Poisson's ratios by 5e-4.
+/// Measured rows for [`BeamMaterial::of_bulk`]: beam radius over mean particle radius, Poisson's ratio of the
+/// packing, Young's modulus of the packing over that of the beams. Source: `arlequin calibrate --periodic
+/// --count 4000 --seeds 2 --young 1e9 --radius-ratio …`. Between two samples moduli differ by up to 0.4 %,
+/// Poisson's ratios by 5e-4.
 const BULK: [[f64; 3]; 8] = [
     [0.2, 0.35678, 8.2988e-3],
     [0.3, 0.31421, 25.313e-3],
@@ -55,10 +56,10 @@ impl BeamMaterial {
         radius_ratio: 0.71,
     };
 
-    /// Beams of a packing with the Young's modulus `young` \[Pa\] and Poisson's ratio `poisson`: what
-    /// periodic samples of 6.2 bonds per particle showed (onset of jamming, 4000 spheres of radii within 25
-    /// %, beams of Poisson's ratio 0.3), interpolated. Walls and few spheres across make a body softer:
-    /// [`crate::calibrate`] tests one of its own.
+    /// Returns the beams that give a packing the Young's modulus `young` \[Pa\] and Poisson's ratio
+    /// `poisson`. It interpolates measurements on periodic samples with 6.2 bonds per particle (onset of
+    /// jamming, 4000 spheres of radii within 25 %, beams of Poisson's ratio 0.3). A body with walls or with
+    /// few spheres across is softer; [`crate::calibrate`] measures a given one.
     ///
     /// ```
     /// use dem_beam::BeamMaterial;
@@ -95,23 +96,25 @@ impl BeamMaterial {
         })
     }
 
-    /// Poisson's ratios that packings can have by [`Self::of_bulk`].
+    /// Range of Poisson's ratios that [`Self::of_bulk`] accepts.
     pub const BULK_POISSON: [f64; 2] = [BULK[BULK.len() - 1][1], BULK[0][1]];
 
-    /// The inverse of [`Self::of_bulk`]: Young's modulus \[Pa\] and Poisson's ratio of packings of these
-    /// beams, beyond the measured radius ratios by continuation.
+    /// Returns Young's modulus \[Pa\] and Poisson's ratio of packings with these beams: the inverse of
+    /// [`Self::of_bulk`]. Radius ratios outside of the measured range are extrapolated.
     #[must_use]
     pub fn bulk(&self) -> [f64; 2] {
+        // Only inner rows are compared, so that ratios beyond the table use its first or last interval.
         let end = BULK[1..BULK.len() - 1].partition_point(|row| row[0] < self.radius_ratio) + 1;
         let [a, b] = [BULK[end - 1], BULK[end]];
         let share = (self.radius_ratio - a[0]) / (b[0] - a[0]);
-        // Nearly a power of the ratio.
+        // The modulus is nearly a power of the radius ratio, so interpolation is linear in logarithms.
         let power = (b[2] / a[2]).ln() / (b[0] / a[0]).ln();
         let young = a[2] * (self.radius_ratio / a[0]).powf(power);
         [young * self.young, a[1] + share * (b[1] - a[1])]
     }
 
-    /// Rigidities of all beams of a packing with mean particle radius `mean_radius` \[m\].
+    /// Returns the section rigidities of all beams of a packing with mean particle radius `mean_radius`
+    /// \[m\].
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a modulus, ratio or radius that is not positive, or a
@@ -144,7 +147,7 @@ impl BeamMaterial {
     }
 }
 
-/// What a beam section resists with; the same for all bonds of a packing.
+/// Rigidities of a beam section, the same for all bonds of a packing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamRigidity {
     /// `E S` \[N\].
@@ -174,7 +177,7 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// Nothing moves, nothing pushes.
+    /// Returns zero translation and rotation.
     #[must_use]
     pub fn zero() -> Self {
         Self {
@@ -185,13 +188,14 @@ impl Twist {
 }
 
 impl LinearBond {
-    /// The bond between two centres \[m\] with weight `weight` (1 for a bond on its own).
+    /// Returns the bond between two centres \[m\] with weight `weight` (1 for an unweighted bond).
     ///
     /// # Errors
     /// [`Error::ZeroLengthBond`] (as bond 0) if the centres coincide or are not finite.
     pub fn new(first: Vector3<f64>, second: Vector3<f64>, weight: f64) -> Result<Self> {
         let d = second - first;
         let length = d.norm();
+        // The axis is divided by the square of the length, which must not underflow.
         if !(length > f64::MIN_POSITIVE.sqrt() && length.is_finite()) {
             return Err(Error::ZeroLengthBond {
                 bond: 0,
@@ -207,13 +211,13 @@ impl LinearBond {
         })
     }
 
-    /// From the first centre to the second \[m\].
+    /// Vector from the first centre to the second \[m\].
     #[must_use]
     pub fn span(&self) -> Vector3<f64> {
         self.axis / self.axis.norm_squared()
     }
 
-    /// Forces and torques the beam puts on its two particles.
+    /// Returns the forces and torques of the beam on its first and on its second particle.
     #[must_use]
     pub fn wrenches(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> (Twist, Twist) {
         let (p, s) = (self.axis, self.scale);
@@ -221,6 +225,7 @@ impl LinearBond {
         let du = j.linear - i.linear;
         let sum = i.angular + j.angular;
         let diff = j.angular - i.angular;
+        // `b = w k_b`; the transverse coefficients follow as `w k_s = 3 b/l` and `w k_t = 6 b/l^2`.
         let b = 2.0 * k.bending * s * q;
         let force = (du * (6.0 * q) + p.cross(&sum) * 3.0) * b
             + p * ((k.axial - 12.0 * k.bending * q) * s * p.dot(&du));
@@ -239,7 +244,7 @@ impl LinearBond {
         )
     }
 
-    /// Elastic energy \[J\], never negative for a weight >= 0.
+    /// Returns the elastic energy \[J\], never negative for a weight >= 0.
     #[must_use]
     pub fn energy(&self, k: &BeamRigidity, i: &Twist, j: &Twist) -> f64 {
         let (p, s) = (self.axis, self.scale);
@@ -247,7 +252,8 @@ impl LinearBond {
         let du = j.linear - i.linear;
         let stretch = p.dot(&du);
         let twist = p.dot(&(j.angular - i.angular));
-        // End rotations against the chord, perpendicular part: phi = th_p - n x Du / l.
+        // End rotations relative to the chord, perpendicular part: phi = th_p - n x Du / l. As a sum of
+        // squares the energy cannot become negative by cancellation.
         let chord = p.cross(&du);
         let across = |t: Vector3<f64>| t - p * (p.dot(&t) / q) - chord;
         let (a, b) = (across(i.angular), across(j.angular));
@@ -256,18 +262,19 @@ impl LinearBond {
             + 2.0 * k.bending * s * q * (a.dot(&a) + a.dot(&b) + b.dot(&b))
     }
 
-    /// The 12 x 12 stiffness, order `(u_i, th_i, u_j, th_j)`: `f = -K x`.
+    /// Returns the 12 x 12 stiffness in the order `(u_i, th_i, u_j, th_j)`: `f = -K x`.
     #[must_use]
     pub fn stiffness(&self, k: &BeamRigidity) -> SMatrix<f64, 12, 12> {
         let mut out = SMatrix::<f64, 12, 12>::zeros();
+        // Column c is the force against a unit displacement of component c.
         for c in 0..12 {
             let mut x = SVector::<f64, 12>::zeros();
             x[c] = 1.0;
-            let at = |o: usize| Twist {
+            let twist = |o: usize| Twist {
                 linear: Vector3::new(x[o], x[o + 1], x[o + 2]),
                 angular: Vector3::new(x[o + 3], x[o + 4], x[o + 5]),
             };
-            let (fi, fj) = self.wrenches(k, &at(0), &at(6));
+            let (fi, fj) = self.wrenches(k, &twist(0), &twist(6));
             for (o, v) in [fi.linear, fi.angular, fj.linear, fj.angular].iter().enumerate() {
                 out.fixed_view_mut::<3, 1>(3 * o, c).copy_from(&-v);
             }
@@ -275,27 +282,27 @@ impl LinearBond {
         out
     }
 
-    /// The 6 x 6 block `K_ii` of the first particle with itself; that of the second is the
-    /// block of [`Self::reversed`].
+    /// Returns the 6 x 6 block `K_ii` of the first particle. The block of the second particle is that of
+    /// [`Self::reversed`].
     #[must_use]
     pub fn own_block(&self, k: &BeamRigidity) -> Matrix6<f64> {
         let (p, s) = (self.axis, self.scale);
         let q = p.dot(&p);
         let ppt = p * p.transpose();
-        let one = Matrix3::identity();
+        let identity = Matrix3::identity();
         let shear = p.cross_matrix() * (6.0 * k.bending * s * q);
         let mut out = Matrix6::zeros();
         out.fixed_view_mut::<3, 3>(0, 0).copy_from(
-            &(one * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
+            &(identity * (12.0 * k.bending * s * q * q) + ppt * ((k.axial - 12.0 * k.bending * q) * s)),
         );
         out.fixed_view_mut::<3, 3>(0, 3).copy_from(&-shear);
         out.fixed_view_mut::<3, 3>(3, 0).copy_from(&shear);
         out.fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(&(one * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
+            .copy_from(&(identity * (4.0 * k.bending * s * q) + ppt * ((k.torsion - 4.0 * k.bending) * s)));
         out
     }
 
-    /// Same bond seen from its second particle.
+    /// Returns the bond as seen from its second particle.
     #[must_use]
     pub fn reversed(&self) -> Self {
         Self {

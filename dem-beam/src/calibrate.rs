@@ -1,10 +1,9 @@
-//! Macroscopic elasticity of a packing by a tension test, and the inverse.
+//! Elasticity of a packing by a tension test, and beams for a wanted elasticity.
 //!
-//! The bar lies along x. The particles that touch the two end faces are moved by `u_x = strain x`
-//! and are free otherwise; `E = F/(S strain)`, with F the mean of the two reactions. The gauge
-//! section is the middle half of the bar: there strains are fitted by least squares, which gives
-//! Poisson's ratio and a second modulus free of end effects. The two moduli of a good packing
-//! agree within 3 %.
+//! The bar lies along x. The particles that touch the two end faces are moved by `u_x = strain x` and are
+//! free otherwise; `E = F/(S strain)`, with F the mean of the two reactions. The gauge section is the middle
+//! half of the bar. A least-squares fit of strains there gives Poisson's ratio and a second modulus, free of
+//! end effects. The two moduli of a good packing agree within 3 %.
 
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result, finite, positive};
@@ -14,18 +13,18 @@ use crate::particles::BondedParticles;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Vector3};
 
-/// A bar along x from `start` to `start + length`, m.
+/// A bar along x from `start` to `start + length` \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bar {
-    /// Position of the first end face.
+    /// Coordinate x of the first end face \[m\].
     pub start: f64,
-    /// Length.
+    /// Length \[m\].
     pub length: f64,
     /// Area of the section \[m²\].
     pub area: f64,
 }
 
-/// What a tension test shows.
+/// Result of a tension test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Elasticity {
     /// Young's modulus over the whole bar \[Pa\].
@@ -38,12 +37,12 @@ pub struct Elasticity {
     pub iterations: usize,
 }
 
-/// Largest accepted difference between the two moduli, relative. Beyond it the packing has an axial density
-/// wave, as starts that are not stratified along the bar make them.
+/// Largest accepted relative difference between the two moduli. Beyond it the packing has an axial density
+/// wave, as starts that are not stratified along the bar produce it.
 pub const UNIFORM: f64 = 0.03;
 
 impl Elasticity {
-    /// Refuses a bar whose gauge section differs from the whole.
+    /// Refuses a bar whose gauge section differs too much from the whole bar.
     ///
     /// # Errors
     /// [`Error::AxialWave`] if the moduli differ by more than [`UNIFORM`].
@@ -72,10 +71,10 @@ const STRAIN: f64 = 1e-3;
 /// Relative residual of the solve: three digits beyond the spread over seeds.
 const TOLERANCE: f64 = 1e-6;
 
-/// Most iterations: twenty times what a bar of 200 000 particles takes.
+/// Largest number of iterations: twenty times the iterations of a bar of 200 000 particles.
 const ITERATIONS: usize = 50_000;
 
-/// Particles that touch the two end faces of a bar.
+/// Returns the particles that touch the first and the second end face of a bar.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] for the bar, or if no particle touches an end.
@@ -85,10 +84,10 @@ pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize
     let gap = TOUCH * body.mean_radius();
     let mut ends = [Vec::new(), Vec::new()];
     for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
-        let (along, near) = (x.x - bar.start, r + gap);
-        if along < near {
+        let (along, reach) = (x.x - bar.start, r + gap);
+        if along < reach {
             ends[0].push(i);
-        } else if bar.length - along < near {
+        } else if bar.length - along < reach {
             ends[1].push(i);
         }
     }
@@ -99,15 +98,15 @@ pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize
     }
 }
 
-/// Measures E and nu of a bar.
+/// Measures E and nu of a bar in a static tension test.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] for the bar, or if no particle touches an end;
-/// [`Error::NoConvergence`] of the solve.
+/// [`Error::OutOfRange`] for the bar, or if no particle touches an end; [`Error::NoConvergence`] of the
+/// solve.
 pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
     let ends = end_layers(body, bar)?;
     let mut problem = StaticProblem::free(body.len());
-    // An affine start: nearly the solution.
+    // The affine displacement is nearly the solution, which saves iterations.
     for (start, x) in problem.start.iter_mut().zip(body.positions()) {
         start.linear.x = STRAIN * (x.x - bar.start);
     }
@@ -118,8 +117,8 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
             problem.held[i].linear[0] = true;
         }
     }
-    let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
-    let pull: f64 = done
+    let solution = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    let pull: f64 = solution
         .reactions
         .iter()
         .zip(&side)
@@ -133,7 +132,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
     let slope = |axis: usize| {
         let points = chosen
             .iter()
-            .map(|&i| (body.positions()[i], done.displacements[i].linear[axis]));
+            .map(|&i| (body.positions()[i], solution.displacements[i].linear[axis]));
         gradient(points).map(|g| g[axis])
     };
     let (ex, ey, ez) = (slope(0)?, slope(1)?, slope(2)?);
@@ -141,11 +140,11 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         young: pull / (bar.area * STRAIN),
         young_gauge: pull / (bar.area * ex),
         poisson: -0.5 * (ey + ez) / ex,
-        iterations: done.iterations,
+        iterations: solution.iterations,
     })
 }
 
-/// Least-squares gradient of a scalar over points.
+/// Returns the least-squares gradient of a scalar given at points.
 fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result<Vector3<f64>> {
     let count = points.clone().count() as f64;
     let centre = points.clone().map(|p| p.0).sum::<Vector3<f64>>() / count;
@@ -173,7 +172,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of a few numbers.
+    /// Computes mean and deviation of several numbers.
     #[must_use]
     pub fn of(x: &[f64]) -> Self {
         let n = x.len().max(1) as f64;
@@ -198,7 +197,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Of a few tests.
+    /// Computes means and deviations of several tests.
     #[must_use]
     pub fn of(tests: &[Elasticity]) -> Self {
         let spread = |f: fn(&Elasticity) -> f64| Spread::of(&tests.iter().map(f).collect::<Vec<_>>());
@@ -209,7 +208,8 @@ impl Statistics {
         }
     }
 
-    /// As [`Elasticity::check_uniform`], for the means: the ends of one small sample may differ by chance.
+    /// Works like [`Elasticity::check_uniform`] on the means over the tests, because the gauge section of one
+    /// small sample may differ by chance.
     ///
     /// # Errors
     /// [`Error::AxialWave`].
@@ -218,35 +218,35 @@ impl Statistics {
     }
 }
 
-/// Tension tests on packings that differ by their seed.
+/// Runs tension tests on packings that differ by their seed.
 ///
 /// # Errors
-/// [`Error::SeveralParts`]; those of [`Packing::bonded`] and [`tension_test`].
+/// [`Error::SeveralParts`]; errors of [`Packing::bonded`] and [`tension_test`].
 pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<Statistics> {
-    let mut all = Vec::with_capacity(packings.len());
+    let mut tests = Vec::with_capacity(packings.len());
     for p in packings {
         p.connected("a tension test")?;
-        // Statics does not ask for a density.
-        all.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
+        // Statics needs no mass, so any density does.
+        tests.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
     }
-    Ok(Statistics::of(&all))
+    Ok(Statistics::of(&tests))
 }
 
-/// The inverse: beams that give the packings the wanted elasticity.
+/// Beams that give packings the wanted elasticity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
-    /// Beams found.
+    /// Beams that were found.
     pub beam: BeamMaterial,
-    /// What they give.
+    /// Elasticity of the packings with these beams.
     pub reached: Statistics,
-    /// Tension tests done, all seeds together.
+    /// Number of tension tests done, all seeds together.
     pub tests: usize,
 }
 
 /// Finds `E_mu` and the beam radius ratio for a wanted E \[Pa\] and nu of bars, by [`beam_for`].
 ///
 /// # Errors
-/// Those of [`beam_for`] and [`measure`].
+/// Errors of [`beam_for`] and [`measure`].
 pub fn inverse(
     packings: &[Packing],
     bar: &Bar,
@@ -254,11 +254,12 @@ pub fn inverse(
     poisson: f64,
     beam_poisson: f64,
 ) -> Result<Calibration> {
+    // Each evaluation tests all packings; the last one measures the beams that were found.
     let mut tests = 0;
     let beam = beam_for(young, poisson, beam_poisson, |beam| {
         tests += packings.len();
-        let found = measure(packings, beam, bar)?;
-        Ok([found.young.mean, found.poisson.mean])
+        let measured = measure(packings, beam, bar)?;
+        Ok([measured.young.mean, measured.poisson.mean])
     })?;
     let reached = measure(packings, beam, bar)?;
     Ok(Calibration {
@@ -270,16 +271,16 @@ pub fn inverse(
 
 /// Beam radius ratios between which [`beam_for`] searches.
 pub const RATIOS: [f64; 2] = [0.2, 1.5];
-/// How near the wanted Poisson's ratio is met: below any seed spread.
+/// Tolerance of the wanted Poisson's ratio: below any spread over seeds.
 const NEAR: f64 = 1e-4;
 
-/// Finds the beams for a wanted E \[Pa\] and nu, whatever `test` measures them by: it gives E \[Pa\] and nu
-/// that beams lead to. nu depends on the radius ratio alone and falls with it; E is proportional to that of
-/// the beams.
+/// Finds the beams for a wanted E \[Pa\] and nu. `test` returns E \[Pa\] and nu of a sample with given beams,
+/// by any method. The search relies on nu depending on the radius ratio alone and falling with it, and on E
+/// being proportional to the modulus of the beams.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] if E is not positive; [`Error::PoissonOutOfReach`] if nu is not between what the
-/// ends of [`RATIOS`] give; [`Error::NoConvergence`]; those of `test`.
+/// [`Error::OutOfRange`] if E is not positive; [`Error::PoissonOutOfReach`] if nu is not between the values
+/// at the ends of [`RATIOS`]; [`Error::NoConvergence`]; errors of `test`.
 pub fn beam_for(
     young: f64,
     poisson: f64,
@@ -305,13 +306,13 @@ pub fn beam_for(
             ratios: RATIOS,
         });
     }
-    // Regula falsi, Illinois variant.
+    // Regula falsi, Illinois variant: halving the value of an end that stays twice avoids slow convergence.
     let mut last_side = 0;
     for _ in 0..40 {
         let ratio = (low * f_high - high * f_low) / (f_high - f_low);
-        let (found, f) = test(ratio)?;
+        let (modulus, f) = test(ratio)?;
         if f.abs() < NEAR {
-            return Ok(beam(ratio, UNIT * young / found));
+            return Ok(beam(ratio, UNIT * young / modulus));
         }
         if f * f_high > 0.0 {
             (high, f_high) = (ratio, f);
@@ -335,5 +336,6 @@ pub fn beam_for(
     })
 }
 
-/// Modulus of the beams while their radius is sought \[Pa\]; the law is linear, so any value does.
+/// Young's modulus of the beams during the search for their radius \[Pa\]; the law is linear, so any value
+/// does.
 const UNIT: f64 = 1e9;

@@ -1,16 +1,16 @@
 //! The critical time step `2/omega_max`.
 //!
-//! The fastest mode of a cohesive-beam packing is a rotation of the smallest spheres. Three
-//! estimates, from cheap to exact:
+//! The fastest mode of a cohesive-beam packing is a rotation of the smallest spheres. Estimates, from cheap
+//! to exact:
 //!
-//! - [`block_bound`]: `lambda_max <= 2 max_i lambda_max(M_i^-1 K_ii)`, always safe, 0.7 to 0.8 of
-//!   the critical step. The default.
+//! - [`block_bound`]: `lambda_max <= 2 max_i lambda_max(M_i^-1 K_ii)` gives 0.7 to 0.8 of the critical step.
+//!   It is always safe.
 //! - [`lanczos`]: the largest Ritz value plus its residual, in memory of a few vectors.
-//! - `min sqrt(m/k_n)`, found in the literature, looks at translations only: 1.8 times the critical
-//!   step, hence not offered.
+//! - `min sqrt(m/k_n)` from the literature considers translations only. It gives 1.8 times the critical step
+//!   and is not offered.
 //!
-//! Why the block bound holds: a bond's energy obeys `U(x_i, x_j) <= 2 (U(x_i, 0) + U(0, x_j))`
-//! because it is a nonnegative quadratic form; summed over bonds, `K <= 2 diag(K_ii)`.
+//! The block bound holds because a bond's energy is a nonnegative quadratic form: it obeys `U(x_i, x_j) <= 2
+//! (U(x_i, 0) + U(0, x_j))`, and the sum over bonds is `K <= 2 diag(K_ii)`.
 
 use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
@@ -20,7 +20,7 @@ use arlequin_core::ranks::Portion;
 use arlequin_core::{DofLayout, spectrum};
 use nalgebra::Matrix6;
 
-/// Diagonal blocks of the stiffness.
+/// Returns the diagonal 6 x 6 block of the stiffness of each particle.
 pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
     let mut out = vec![Matrix6::zeros(); body.len()];
     for (bond, &[i, j]) in body.bonds().zip(body.pairs()) {
@@ -30,7 +30,7 @@ pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
     out
 }
 
-/// A step \[s\] that is safe for velocity Verlet, whatever the packing.
+/// Returns a time step \[s\] that is stable with velocity Verlet for any packing.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] if no particle has both mass and stiffness.
@@ -38,10 +38,11 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
     let mut top = 0.0_f64;
     for (p, mut k) in diagonal_blocks(body).into_iter().enumerate() {
         let (m, i) = (body.mass()[p], body.inertia()[p]);
-        // Weighted out of existence: the kernel holds such a particle still.
+        // Particles of weight zero have no mass; the kernel does not move them.
         if m <= 0.0 || i <= 0.0 {
             continue;
         }
+        // `M^-1/2 K M^-1/2` is symmetric and has the eigenvalues of `M^-1 K`.
         let scale: [f64; 6] = std::array::from_fn(|c| if c < 3 { m } else { i }.sqrt().recip());
         for r in 0..6 {
             for c in 0..6 {
@@ -50,10 +51,10 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
         }
         top = top.max(k.symmetric_eigenvalues().max());
     }
-    step_of(2.0 * top)
+    step_from_eigenvalue(2.0 * top)
 }
 
-/// The critical step \[s\] by Lanczos iteration: never above it by more than 5e-5 of it.
+/// Returns the critical step \[s\] by Lanczos iteration, at most 5e-5 (relative) above the exact value.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] if no particle has both mass and stiffness.
@@ -67,10 +68,11 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_of(largest((&root, layout, None), &mut bonds)?)
+    step_from_eigenvalue(largest((&root, layout, None), &mut bonds)?)
 }
 
-/// Upper estimate of the largest eigenvalue of `R K R`, `R = diag(root)`, for the bonds' stiffness `K`.
+/// Returns an upper estimate of the largest eigenvalue of `R K R`, with `R = diag(root)` and the stiffness
+/// `K` of the bonds.
 pub(crate) fn largest(
     (root, layout, portion): (&[f64], DofLayout, Option<&Portion>),
     bonds: &mut dyn BondForces,
@@ -78,7 +80,7 @@ pub(crate) fn largest(
     spectrum::largest_ritz(root, layout, portion, &mut |q, f| Ok(bonds.add(q, f, None)?))
 }
 
-fn step_of(lambda: f64) -> Result<f64> {
+fn step_from_eigenvalue(lambda: f64) -> Result<f64> {
     if lambda.is_finite() && lambda > 0.0 {
         Ok(2.0 / lambda.sqrt())
     } else {

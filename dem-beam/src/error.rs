@@ -1,6 +1,6 @@
-//! What can go wrong, with the object, its value, the limit and the way out.
+//! Errors of this crate. Each names the object, its value, the limit and the remedy.
 
-/// Every failure of this crate.
+/// An error of this crate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -30,16 +30,16 @@ pub enum Error {
     /// A coordinate, weight or load is NaN or infinite.
     #[error("{what} of {object} {index} is {value}: it must be finite")]
     NotFinite {
-        /// The quantity.
+        /// Name of the quantity.
         what: &'static str,
         /// Kind of object, "particle" or "bond".
         object: &'static str,
-        /// Its number.
+        /// Number of the object.
         index: usize,
         /// The value found.
         value: f64,
     },
-    /// A bond whose two ends coincide, or that joins a particle with itself.
+    /// A bond whose ends coincide, or that joins a particle with itself.
     #[error(
         "bond {bond} between particles {first} and {second} has length {length:e} m, below \
          {limit:e} m: remove the bond"
@@ -56,15 +56,15 @@ pub enum Error {
         /// Smallest accepted length \[m\].
         limit: f64,
     },
-    /// A particle no bond holds: it would fly away at the first push.
+    /// A particle without bonds: nothing would hold it.
     #[error(
         "particle {particle} has no bond ({isolated} such particles): raise the coordination \
          number, or keep the largest connected component only"
     )]
     IsolatedParticle {
-        /// First such particle.
+        /// First particle without bonds.
         particle: usize,
-        /// How many there are.
+        /// Number of particles without bonds.
         isolated: usize,
     },
     /// A bond names a particle that does not exist.
@@ -72,23 +72,23 @@ pub enum Error {
     NoSuchParticle {
         /// Bond number.
         bond: usize,
-        /// Particle number it names.
+        /// Particle number that the bond names.
         particle: usize,
         /// Number of particles.
         count: usize,
     },
-    /// Two arrays that must run in parallel do not.
+    /// An array that does not have the expected length.
     #[error("{what} has {found} entries where {expected} are needed")]
     LengthMismatch {
-        /// The array.
+        /// Name of the array.
         what: &'static str,
-        /// Its length.
+        /// Length of the array.
         found: usize,
-        /// The length needed.
+        /// Expected length.
         expected: usize,
     },
-    /// Particles that start inside an obstacle or inside those of another body: contact would hold them
-    /// there, or throw them out.
+    /// Particles that start inside an obstacle or inside particles of another body. Contact would hold them
+    /// there or throw them out.
     #[error(
         "{count} particles start inside {object}: the deepest is {depth:.3e} m behind its surface at ({:.3e}, {:.3e}, {:.3e}) m, \
          above the limit of {limit:.3e} m, one radius, beyond which a centre lies inside; move one of the two, and turn the \
@@ -96,28 +96,28 @@ pub enum Error {
         place[0], place[1], place[2]
     )]
     StartsInside {
-        /// What they are inside of.
+        /// Name of the obstacle or body that they are inside of.
         object: String,
-        /// How many.
+        /// Number of particles inside.
         count: usize,
-        /// Centre of the deepest \[m\].
+        /// Centre of the deepest particle \[m\].
         place: [f64; 3],
-        /// How far it reaches behind the surface \[m\].
+        /// Depth of this particle behind the surface \[m\].
         depth: f64,
-        /// Largest depth that is no more than touching \[m\]: its radius, the smaller one of two particles.
+        /// Largest depth that counts as touching \[m\]: the radius, of two particles the smaller one.
         limit: f64,
     },
     /// A parameter outside its range.
     #[error("{name} = {value} is outside {range}")]
     OutOfRange {
-        /// Parameter.
+        /// Name of the parameter.
         name: &'static str,
-        /// Value found.
+        /// Value of the parameter.
         value: f64,
-        /// Accepted range, in words.
+        /// Description of the accepted range.
         range: &'static str,
     },
-    /// The radii span a range the neighbour search and the contact law are not made for.
+    /// The ratio of radii is too large for the neighbour search and the contact law.
     #[error(
         "largest radius {largest:e} m is {ratio:.1} times the smallest {smallest:e} m, above \
          {limit}: narrow the radius distribution"
@@ -132,21 +132,21 @@ pub enum Error {
         /// Largest accepted ratio.
         limit: f64,
     },
-    /// Even one particle of the wanted size does not fit.
+    /// The container is narrower than one particle of the wanted size.
     #[error(
         "a packing of {count} particles needs a largest diameter of {diameter:e} m but the \
          container is only {width:e} m wide: not one fits across; ask for more particles or a wider container \
          (packings need three across), and check that lengths are in m"
     )]
     ContainerTooSmall {
-        /// Number of particles asked for.
+        /// Number of particles wanted.
         count: usize,
-        /// Largest diameter they would have \[m\].
+        /// Largest diameter of these particles \[m\].
         diameter: f64,
         /// Smallest width of the container \[m\].
         width: f64,
     },
-    /// Spheres nearly as wide as the body: no packing of them has bonds in all directions.
+    /// Spheres nearly as wide as the body, which cannot have bonds in all directions.
     #[error(
         "the body is {width:.3e} m wide at its narrowest, the {count} spheres in it have a mean diameter of {diameter:.3e} m: \
          only {across:.1} fit across; packings need three, and ten or more for the elasticity of the bulk: take smaller \
@@ -155,11 +155,11 @@ pub enum Error {
     TooFewAcross {
         /// Number of spheres.
         count: usize,
-        /// Their mean diameter \[m\].
+        /// Mean diameter of the spheres \[m\].
         diameter: f64,
         /// Narrowest width of the body \[m\].
         width: f64,
-        /// Width over diameter.
+        /// Width of the body over the mean diameter.
         across: f64,
     },
     /// A particle lies outside the container it should fill.
@@ -170,12 +170,12 @@ pub enum Error {
     OutsideContainer {
         /// Particle number.
         particle: usize,
-        /// Depth by which the sphere passes the wall \[m\].
+        /// Depth of the sphere behind the wall \[m\].
         excess: f64,
         /// Largest accepted depth \[m\].
         limit: f64,
     },
-    /// A periodic box in which a sphere would meet its own image.
+    /// A periodic box so short that a sphere could meet its own image.
     #[error(
         "the periodic box has an edge of {shortest:e} m, below {limit:e} m (twelve largest radii): ask for more \
          particles"
@@ -191,45 +191,45 @@ pub enum Error {
         "{what} cannot be made of a periodic packing, whose bonds join images: pack a container with walls"
     )]
     Periodic {
-        /// What was wanted.
+        /// Object that was wanted.
         what: &'static str,
     },
-    /// Something that particles of several materials cannot have.
+    /// A request that needs particles of a single material.
     #[error(
         "{what} cannot be had by particles of several materials: give the model one material, or a model to each"
     )]
     Graded {
-        /// What was wanted.
+        /// Request that was refused.
         what: &'static str,
     },
-    /// Something that needs all of a body.
+    /// A request that needs the whole body, made on a rank's part of it.
     #[error(
         "{what} needs the whole body, and this rank holds a part of it: do it before the body is shared out, or on one rank"
     )]
     InParts {
-        /// What was wanted.
+        /// Request that was refused.
         what: &'static str,
     },
     /// A packing with walls where a periodic one is needed.
     #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
     NotPeriodic,
-    /// A triangle surface that does not enclose a volume.
+    /// A triangle surface that is not closed, or whose triangles are not oriented alike.
     #[error("the surface is not closed: edge {first}-{second} belongs to {count} triangles")]
     OpenSurface {
         /// First vertex of the edge.
         first: usize,
         /// Second vertex of the edge.
         second: usize,
-        /// How many triangles share it (2 expected, once in each direction).
+        /// Number of triangles at the edge; two are expected, one in each direction.
         count: usize,
     },
-    /// A closed surface with (almost) nothing inside, or turned inside out.
+    /// A closed surface that encloses (almost) no volume, or is turned inside out.
     #[error("the surface encloses {volume:e} m3: orient its triangles outwards")]
     NoVolume {
         /// Signed volume \[m³\].
         volume: f64,
     },
-    /// The packing did not jam at the wanted overlap.
+    /// The packing did not reach the wanted overlap.
     #[error(
         "packing not at the wanted overlap after {steps} relaxation steps: mean overlap \
          {overlap:e} of the diameter, wanted {wanted:e}; raise `max_steps` or the overlap"
@@ -242,7 +242,7 @@ pub enum Error {
         /// Mean overlap wanted.
         wanted: f64,
     },
-    /// There are not as many neighbouring pairs as bonds wanted.
+    /// Fewer neighbouring pairs than wanted bonds.
     #[error(
         "coordination number {wanted} asks for {bonds} bonds, only {pairs} pairs are within \
          {reach} of touching: lower the coordination number"
@@ -250,14 +250,15 @@ pub enum Error {
     TooFewPairs {
         /// Coordination number wanted.
         wanted: f64,
-        /// Bonds it asks for.
+        /// Number of bonds wanted.
         bonds: usize,
-        /// Pairs found.
+        /// Number of pairs found.
         pairs: usize,
-        /// Search reach, relative gap.
+        /// Largest relative gap that was searched.
         reach: f64,
     },
-    /// So many spheres hang on no part of the body that leaving them out would change its density.
+    /// Too many spheres without a bond to a connected part: leaving them out would change the density of the
+    /// rest.
     #[error(
         "{loose} of {spheres} spheres ({:.2} % of the volume, above {:.2} %) have no bond to a part of at least four \
          spheres; leaving them out would put their mass on the rest ({}): raise the coordination number from \
@@ -267,31 +268,31 @@ pub enum Error {
         crate::packing::parts::sizes(parts)
     )]
     LooseSpheres {
-        /// Spheres without a bond to any part.
+        /// Number of spheres without a bond to a connected part.
         loose: usize,
-        /// All spheres.
+        /// Number of all spheres.
         spheres: usize,
-        /// Their share of the volume of all spheres.
+        /// Share of the loose spheres in the volume of all spheres.
         share: f64,
         /// Largest accepted share.
         limit: f64,
-        /// Spheres of each part, largest first.
+        /// Number of spheres of each connected part, largest first.
         parts: Vec<usize>,
-        /// Coordination number asked for.
+        /// Coordination number wanted.
         coordination: f64,
     },
-    /// A packing that falls into several parts where one is needed.
+    /// A packing of several connected parts where a single one is needed.
     #[error(
         "{what} needs one connected part, the packing falls into {} and {loose} loose spheres: raise the coordination \
          number, leave loose spheres out, or test the parts one by one",
         crate::packing::parts::sizes(parts)
     )]
     SeveralParts {
-        /// What was wanted.
+        /// Test that was refused.
         what: &'static str,
-        /// Spheres of each part, largest first.
+        /// Number of spheres of each connected part, largest first.
         parts: Vec<usize>,
-        /// Spheres that hang on none.
+        /// Number of spheres in no connected part.
         loose: usize,
     },
     /// One of several bodies within a surface cannot be filled.
@@ -299,17 +300,17 @@ pub enum Error {
     InBody {
         /// Number of the body, from 1.
         body: usize,
-        /// Bodies within the surface.
+        /// Number of bodies within the surface.
         bodies: usize,
         /// Volume of the body \[m³\].
         volume: f64,
-        /// What is wrong.
+        /// Description of the problem.
         source: Box<Self>,
     },
-    /// A body within a surface without a single sphere: its mass would be nowhere.
+    /// A body within a surface that contains no sphere; its mass would be missing.
     #[error("none of the spheres lies in it: give it spheres, or remove it from the surface")]
     EmptyBody,
-    /// Two bodies within one surface share space.
+    /// Two bodies within one surface that overlap.
     #[error(
         "bodies {first} and {second} within the surface cross: the point {point:?} m lies in both; join them into one \
          closed surface, or move one"
@@ -319,36 +320,36 @@ pub enum Error {
         first: usize,
         /// Number of the second body, from 1.
         second: usize,
-        /// A point in both \[m\].
+        /// A point inside of both bodies \[m\].
         point: [f64; 3],
     },
-    /// A bar that stretches without breaking apart.
+    /// A bar in a strength test that stretches without breaking.
     #[error(
         "the bar did not break up to a strain of {strain:e} (highest stress {stress:e} Pa): its broken bonds leave a path \
          that still carries; take a narrower scatter of strengths, or more spheres"
     )]
     NotBroken {
-        /// Strain reached.
+        /// Largest strain of the test.
         strain: f64,
         /// Highest stress \[Pa\].
         stress: f64,
     },
-    /// An iterative solver stopped short.
+    /// An iterative solver that did not converge.
     #[error(
         "{what} stopped after {iterations} iterations at residual {residual:e}, wanted \
          {tolerance:e}: allow more iterations, or check that the supports hold every rigid motion"
     )]
     NoConvergence {
-        /// Solver.
+        /// Name of the solver.
         what: &'static str,
-        /// Iterations done.
+        /// Number of iterations done.
         iterations: usize,
-        /// Residual reached, relative.
+        /// Relative residual reached.
         residual: f64,
-        /// Residual wanted.
+        /// Relative residual wanted.
         tolerance: f64,
     },
-    /// A bar whose middle is stiffer or softer than the whole of it.
+    /// A bar whose gauge section is stiffer or softer than the whole bar.
     #[error(
         "the gauge section has E = {gauge:.4e} Pa, {:+.1} % from the {whole:.4e} Pa of the whole bar, above {:.0} %: \
          the packing has an axial density wave; take more particles, another seed, or the onset protocol",
@@ -360,12 +361,12 @@ pub enum Error {
         whole: f64,
         /// Young's modulus of the gauge section \[Pa\].
         gauge: f64,
-        /// Relative difference.
+        /// Relative difference of the two moduli.
         difference: f64,
         /// Largest accepted difference.
         limit: f64,
     },
-    /// No beams of sensible thickness give the wanted Poisson's ratio.
+    /// No beams within the searched radius ratios give the wanted Poisson's ratio.
     #[error(
         "wanted Poisson's ratio {wanted}: beams of {} to {} mean radii give {thin:.4} to {thick:.4} on this packing; \
          change the target or the coordination number",
@@ -373,24 +374,24 @@ pub enum Error {
         ratios[1]
     )]
     PoissonOutOfReach {
-        /// Ratio wanted.
+        /// Poisson's ratio wanted.
         wanted: f64,
-        /// What the thickest beams give.
+        /// Poisson's ratio with the thickest beams.
         thick: f64,
-        /// What the thinnest beams give.
+        /// Poisson's ratio with the thinnest beams.
         thin: f64,
         /// Radius ratios tried.
         ratios: [f64; 2],
     },
-    /// Selected particles cannot carry a load.
+    /// A selection of particles that cannot carry a load.
     #[error("load on {count} particles: {reason}")]
     BadSelection {
-        /// How many particles were selected.
+        /// Number of selected particles.
         count: usize,
-        /// Why they do not do, and what would.
+        /// Reason of the refusal, and the remedy.
         reason: &'static str,
     },
-    /// A refusal of the coupling core.
+    /// An error of the coupling core.
     #[error(transparent)]
     Core(#[from] arlequin_core::Error),
     /// A closed surface without an inside, such as a Klein bottle.
@@ -403,7 +404,7 @@ pub enum Error {
         /// Second vertex of the edge.
         second: usize,
     },
-    /// Two spheres of an imported packing of which one holds the centre of the other.
+    /// Two spheres of an imported packing, one of which contains the centre of the other.
     #[error(
         "particles {first} and {second} are {distance:e} m apart, but one has a radius of {limit:e} m: spheres of a \
          packing touch, they do not hold each other's centres; check the unit of the radii"
@@ -418,15 +419,15 @@ pub enum Error {
         /// Smallest accepted distance: the larger radius \[m\].
         limit: f64,
     },
-    /// The bytes of a file are not what its format asks for.
+    /// A file that does not follow its format.
     #[error("this is no {format} file that can be read: {reason}")]
     BadFile {
         /// Format expected.
         format: &'static str,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
-    /// A frame of a run whose spheres have moved, or whose bonds are broken.
+    /// A frame of a run whose spheres have moved or whose bonds are broken.
     #[error(
         "it is a later frame of a run: spheres have moved by up to {farthest:.3e} m, {broken} bonds are broken; spheres are read where \
          they were at rest and bonded anew, so that this state would be lost: take the run's first frame (its number is 00000000), go \
@@ -435,32 +436,32 @@ pub enum Error {
     NotAtRest {
         /// Largest component of a displacement \[m\].
         farthest: f64,
-        /// Broken bonds.
+        /// Number of broken bonds.
         broken: usize,
     },
-    /// What a run remembered of another body.
+    /// A saved state that belongs to another body.
     #[error("{what} is of another body; restore into the run that was saved")]
     ForeignRecord {
-        /// Which record.
+        /// Name of the record.
         what: &'static str,
     },
-    /// A file without the values needed.
+    /// A file without a needed array.
     #[error("no point array named {wanted}; the file has: {found}")]
     MissingArray {
-        /// Names that were looked for.
+        /// Names that were searched for.
         wanted: String,
-        /// Names of the arrays there are.
+        /// Names of the arrays in the file.
         found: String,
     },
-    /// A text file that does not read.
+    /// A line of a text file that cannot be read.
     #[error("line {line}: {reason}")]
     Parse {
         /// Line number, from 1.
         line: usize,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
-    /// The file system refused.
+    /// An error of the file system.
     #[error("{path}: {reason}")]
     Io {
         /// File or directory.
@@ -470,7 +471,7 @@ pub enum Error {
     },
 }
 
-/// Shorthand of this crate.
+/// Result with the [`Error`] of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
@@ -478,7 +479,7 @@ impl Error {
         Self::OutOfRange { name, value, range }
     }
 
-    /// A triangle that names a vertex that does not exist.
+    /// Returns the error for a triangle with a vertex number that does not exist.
     pub(crate) fn no_vertex(vertex: u32) -> Self {
         Self::out_of_range(
             "vertex number of a triangle",

@@ -1,5 +1,5 @@
-//! The finite-rotation law of one bond, in plain form: the reference the fast kernel is tested
-//! against. Potential, gradient and meaning: see the kernel's law.
+//! The finite-rotation law of one bond in plain form: the reference that the fast kernel is tested against.
+//! The kernel's law explains potential and gradient.
 //!
 //! ```text
 //! U = w [ k_n (l-l0)^2/2 + k_t s^2/2 + 2 k_b ((1-c_i^2) + (t_i.t_j - c_i c_j) + (1-c_j^2)) ]
@@ -8,7 +8,7 @@
 use crate::bond::{BeamRigidity, LinearBond, Twist};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// Where a particle is relative to its place at rest.
+/// Displacement and rotation of a particle since rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Displacement of the centre \[m\].
@@ -17,16 +17,16 @@ pub struct Pose {
     pub rotation: UnitQuaternion<f64>,
 }
 
-/// A bond between two particles that moved.
+/// Geometry of a bond between two displaced and rotated particles.
 pub(crate) struct Deformed {
-    /// One over the length at rest.
+    /// Inverse of the length at rest \[1/m\].
     pub(crate) inverse: f64,
-    /// Distance of the centres and its direction.
+    /// Distance of the centres \[m\], and the unit vector from the first to the second.
     pub(crate) length: f64,
     pub(crate) n: Vector3<f64>,
     /// `l - l0 = (d + d0).du/(l + l0)`, without cancellation for small strains.
     pub(crate) stretch: f64,
-    /// The axis at rest, turned with either particle.
+    /// Unit axis at rest, rotated with the first and with the second particle.
     pub(crate) t: [Vector3<f64>; 2],
     /// Rotation of the second particle relative to the first.
     pub(crate) relative: Quaternion<f64>,
@@ -34,24 +34,24 @@ pub(crate) struct Deformed {
 
 impl Deformed {
     #[inline]
-    pub(crate) fn of(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
+    pub(crate) fn new(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
         let inverse = bond.axis.norm();
-        let (n0, rest) = (bond.axis / inverse, 1.0 / inverse);
+        let (n0, rest_length) = (bond.axis / inverse, 1.0 / inverse);
         let du = j.displacement - i.displacement;
-        let d = n0 * rest + du;
+        let d = n0 * rest_length + du;
         let length = d.norm();
         Self {
             inverse,
             length,
             n: d / length,
-            stretch: (n0 * rest + d).dot(&du) / (length + rest),
+            stretch: (n0 * rest_length + d).dot(&du) / (length + rest_length),
             t: [i.rotation * n0, j.rotation * n0],
             relative: j.rotation.quaternion() * i.rotation.quaternion().conjugate(),
         }
     }
 }
 
-/// Elastic energy of a bond between two particles \[J\].
+/// Returns the elastic energy of a bond between two particles \[J\].
 #[must_use]
 pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
     let Deformed {
@@ -61,7 +61,7 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
         t: [ti, tj],
         relative,
         ..
-    } = Deformed::of(bond, i, j);
+    } = Deformed::new(bond, i, j);
     let scale = bond.scale * inverse * inverse;
     let twist = 2.0 * n.dot(&relative.imag());
     // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
@@ -72,8 +72,8 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
             + 2.0 * k.bending * (ei.dot(&ei) + ei.dot(&ej) + ej.dot(&ej)))
 }
 
-/// Forces and torques of a bond on its two particles: the gradient of [`energy`] with respect to
-/// displacements and spins.
+/// Returns the forces and torques of a bond on its two particles: minus the gradient of [`energy`] with
+/// respect to displacements and spins.
 #[must_use]
 pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twist, Twist) {
     let Deformed {
@@ -83,7 +83,7 @@ pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twi
         stretch,
         t: [ti, tj],
         relative,
-    } = Deformed::of(bond, i, j);
+    } = Deformed::new(bond, i, j);
     let scale = bond.scale * inverse * inverse;
     let (r, r0) = (relative.imag(), relative.scalar());
     let twist = 2.0 * n.dot(&r);

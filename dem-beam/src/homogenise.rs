@@ -1,9 +1,9 @@
 //! Elasticity of the bulk: a periodic packing under the six unit strains.
 //!
-//! With a mean strain `E`, the jump of a bond from `x_i` to the image `x_i + d` of `x_j` is
-//! `u_j - u_i + E d`, where `u` is periodic. The affine part loads the particles, `u` and the
-//! rotations answer it in equilibrium, and the mean stress is `1/V sum_bonds sym(d f_i)` with
-//! `f_i` the force of the bond on its first particle. No wall, no surface layer, no support.
+//! With a mean strain `E`, the relative displacement across a bond from `x_i` to the image `x_i + d` of `x_j`
+//! is `u_j - u_i + E d`, where `u` is periodic. The affine part `E d` loads the particles, and `u` and the
+//! rotations bring them to equilibrium. The mean stress is `1/V sum_bonds sym(d f_i)`, with `f_i` the force
+//! of the bond on its first particle. There are no walls, surface layers or supports.
 //!
 //! Order of components: `xx yy zz yz zx xy`, shear strains as engineering strains `2 E_ij`.
 
@@ -15,12 +15,12 @@ use crate::particles::BondedParticles;
 use crate::statics::StaticProblem;
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
-/// Relative residual of each solve: errors of the moduli go with its square.
+/// Relative residual of each solve; errors of the moduli go with its square.
 const TOLERANCE: f64 = 1e-6;
-/// Most iterations of each solve.
+/// Largest number of iterations of each solve.
 const ITERATIONS: usize = 50_000;
 
-/// Effective stiffness of a periodic sample and what it says.
+/// Effective stiffness of a periodic sample, and moduli computed from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bulk {
     /// Stiffness in Voigt's order \[Pa\].
@@ -38,7 +38,7 @@ pub struct Bulk {
     pub iterations: usize,
 }
 
-/// Unit strain of component `c` as a tensor.
+/// Returns the unit strain of component `c` as a tensor.
 fn unit(c: usize) -> Matrix3<f64> {
     const PLACE: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
     let [i, j] = PLACE[c];
@@ -52,7 +52,7 @@ fn voigt(s: &Matrix3<f64>) -> Vector6<f64> {
     Vector6::new(s.m11, s.m22, s.m33, s.m23, s.m31, s.m12)
 }
 
-/// Effective stiffness of a packing made in [`crate::Container::Periodic`].
+/// Computes the effective stiffness of a packing in [`crate::Container::Periodic`].
 ///
 /// ```
 /// use dem_beam::homogenise::bulk;
@@ -64,15 +64,15 @@ fn voigt(s: &Matrix3<f64>) -> Vector6<f64> {
 /// ```
 ///
 /// # Errors
-/// [`Error::NotPeriodic`], [`Error::SeveralParts`], those of [`BondedParticles::new`],
+/// [`Error::NotPeriodic`], [`Error::SeveralParts`], errors of [`BondedParticles::new`],
 /// [`Error::NoConvergence`].
 pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     if packing.period.is_none() {
         return Err(Error::NotPeriodic);
     }
     packing.connected("bulk elasticity")?;
-    // Statics does not ask for a density.
-    let body = BondedParticles::of_packing(packing, beam, 1.0)?;
+    // Statics needs no mass, so any density does.
+    let body = BondedParticles::from_packing(packing, beam, 1.0)?;
     let mut stiffness = Matrix6::zeros();
     let mut iterations = 0;
     for c in 0..6 {
@@ -83,6 +83,7 @@ pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     // Symmetric up to the tolerance of the solves.
     let stiffness = (stiffness + stiffness.transpose()) * 0.5;
     let (young, poisson) = isotropic(&stiffness);
+    // Young's modulus along an axis is the inverse of the compliance on the diagonal.
     let compliance = stiffness.try_inverse().unwrap_or_else(Matrix6::zeros);
     Ok(Bulk {
         stiffness,
@@ -94,41 +95,42 @@ pub fn bulk(packing: &Packing, beam: BeamMaterial) -> Result<Bulk> {
     })
 }
 
-/// Mean stress under a mean strain, and the iterations it took.
+/// Returns the mean stress under a mean strain, and the iterations of the solve.
 fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result<(Matrix3<f64>, usize)> {
     let k = body.rigidity();
-    let rest = Twist::zero();
+    let zero = Twist::zero();
     let jump = |b: usize| {
         let bond = body.bond(b);
         let d = bond.span();
         let across = Twist {
             linear: strain * d,
-            ..rest
+            ..zero
         };
         (d, across)
     };
     let mut problem = StaticProblem::free(body.len());
     for (b, &[i, j]) in body.pairs().iter().enumerate() {
-        let (fi, fj) = body.bond(b).wrenches(k, &rest, &jump(b).1);
+        // The affine displacement is applied as a load: the solver's unknowns are periodic.
+        let (fi, fj) = body.bond(b).wrenches(k, &zero, &jump(b).1);
         for (p, f) in [(i, fi), (j, fj)] {
             let load = &mut problem.loads[p as usize];
             load.linear += f.linear;
             load.angular += f.angular;
         }
     }
-    let done = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    let solution = problem.solve(body, TOLERANCE, ITERATIONS)?;
     let mut stress = Matrix3::zeros();
     for (b, &[i, j]) in body.pairs().iter().enumerate() {
         let (d, across) = jump(b);
-        let [i, mut j] = [i, j].map(|p| done.displacements[p as usize]);
+        let [i, mut j] = [i, j].map(|p| solution.displacements[p as usize]);
         j.linear += across.linear;
         let pull = body.bond(b).wrenches(k, &i, &j).0.linear;
         stress += (d * pull.transpose() + pull * d.transpose()) * (0.5 / volume);
     }
-    Ok((stress, done.iterations))
+    Ok((stress, solution.iterations))
 }
 
-/// Bulk and shear modulus of the isotropic part (Voigt averages).
+/// Returns bulk and shear modulus of the isotropic part (Voigt averages).
 fn moduli(c: &Matrix6<f64>) -> (f64, f64) {
     let direct = c.m11 + c.m22 + c.m33;
     let cross = c.m12 + c.m13 + c.m23;
@@ -154,7 +156,7 @@ fn anisotropy(c: &Matrix6<f64>) -> f64 {
         }
         part[(i + 3, i + 3)] = shear;
     }
-    // As a tensor, an entry with a shear component appears twice per such component.
+    // A shear component of Voigt's notation stands for two entries of the tensor.
     let times = |i: usize| if i < 3 { 1.0 } else { 2.0 };
     let norm = |m: &Matrix6<f64>| {
         let mut sum = 0.0;
@@ -180,7 +182,7 @@ pub struct BulkStatistics {
 }
 
 impl BulkStatistics {
-    /// Of a few samples.
+    /// Computes means and deviations of several samples.
     #[must_use]
     pub fn of(samples: &[Bulk]) -> Self {
         let spread = |f: fn(&Bulk) -> f64| Spread::of(&samples.iter().map(f).collect::<Vec<_>>());

@@ -1,9 +1,9 @@
 //! Cohesive-beam discrete elements: spheres with mass and rotational inertia, joined to their
 //! neighbours by elastic Euler-Bernoulli beams of circular section.
 //!
-//! A packing made here has the elasticity of the material by itself: beams of 265e9 Pa, Poisson's
-//! ratio 0.3 and radius 0.71 of the mean particle radius in a jammed packing with 6.2 bonds per
-//! particle give E = 75e9 Pa and nu = 0.17, with nothing fitted.
+//! The elasticity of a packing follows from its beams, with nothing fitted: beams of 265e9 Pa, Poisson's
+//! ratio 0.3 and radius 0.71 of the mean particle radius, in a jammed packing with 6.2 bonds per particle,
+//! give E = 75e9 Pa and nu = 0.17.
 //!
 //! ```
 //! use arlequin_core::{Coupled, Subdomain, TimeStep, Weights, Silent};
@@ -25,21 +25,20 @@
 //! | module | what |
 //! |---|---|
 //! | [`packing`] | random jammed packings in bodies and periodic boxes, lattices, files, disk cache |
-//! | [`bond`], [`finite`] | the two laws of one bond, in plain form |
+//! | [`bond`], [`finite`] | the linear and the finite-rotation law of one bond, as plain reference code |
 //! | [`particles`] | flat arrays: bonds, stiffness, masses, weights |
 //! | [`kernel`] | the forces of the bonds, SIMD chosen at run time, any number of threads |
-//! | [`model`] | the body behind the coupling traits: weights, supports, loads |
+//! | [`model`] | [`DemModel`], which implements the coupling traits: weights, supports, loads |
 //! | [`fracture`] | bonds that break |
 //! | [`contact`], [`obstacle`] | contact between unbonded particles, and with rigid bodies |
 //! | [`critical`] | the critical time step |
-//! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium, E and nu of bars and of the bulk, the inverse |
+//! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium; E and nu of bars and the bulk; calibrated beams |
 //! | [`strength`] | bars pulled until they break |
 //!
-//! Left out: contact between two bodies, and the motion of periodic bodies. Gravity and dampings
-//! are effects of the core. Results are bit-identical for any number of threads on one machine;
-//! between instruction sets the last bits may differ.
+//! Left out: the motion of periodic bodies. Gravity and dampings are effects of the core. Results are
+//! bit-identical for any number of threads on one machine; between instruction sets the last bits may differ.
 //!
-//! Features, both on by default: `stl` reads surfaces from STL, `vtu` spheres from VTU files.
+//! Features, both on by default: `stl` reads surfaces from STL files, `vtu` reads spheres from VTU files.
 
 pub mod bond;
 pub mod calibrate;

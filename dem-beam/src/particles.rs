@@ -1,11 +1,13 @@
-//! Particles joined by beams: the flat arrays every solver of this crate reads.
+//! Particles joined by beams, stored in the flat arrays that every solver of this crate reads.
 //!
-//! Masses: `m_i = rho V r_i^3 / sum r^3` for a body of volume `V` (the spheres fill only part of it, so
-//! sphere volume times density would be far too light), for each body of a packing with several on its own
-//! ([`crate::packing::parts`]), and `I_i = 2/5 m_i r_i^2`. Weights follow the energy-consistent rule: bond
-//! b carries the factor `w_b`, and the mass and inertia of a particle are multiplied by the mean of `w`
-//! over its bonds. Then the weighted critical step is never below the smallest one of the single weighted
-//! bonds.
+//! The mass of a particle in a body of volume `V` is `m_i = rho V r_i^3 / sum r^3`, its rotational inertia
+//! `I_i = 2/5 m_i r_i^2`. The spheres fill only part of the body, so that sphere volume times density would
+//! be far too light. In a packing of several bodies the sum runs over the spheres of one body
+//! ([`crate::packing::parts`]).
+//!
+//! Weights follow the energy-consistent rule: the stiffness of bond b is multiplied by its weight `w_b`, mass
+//! and inertia of a particle by the mean of `w` over its bonds. The critical step of the weighted body is
+//! then at least the smallest critical step of a single weighted bond.
 
 mod check;
 
@@ -21,22 +23,22 @@ use check::make_bond;
 use nalgebra::Vector3;
 use std::sync::{Arc, OnceLock};
 
-/// Largest ratio of radii accepted (the neighbour search and the beam law lose their meaning).
+/// Largest accepted ratio of radii. Beyond it the neighbour search and the beam law lose their meaning.
 pub const MAX_RADIUS_RATIO: f64 = 20.0;
 
-/// Closest two centres may be, as a fraction of the sum of their radii.
+/// Smallest accepted distance of two centres, as a fraction of the sum of their radii.
 pub(crate) const COINCIDENT: f64 = 1e-9;
 
-/// Spheres, their bonds, stiffness and masses. Reference configuration; SI units.
+/// Spheres, their bonds, stiffness and masses in the reference configuration, in SI units.
 #[derive(Debug, Clone)]
 pub struct BondedParticles {
     positions: Vec<Vector3<f64>>,
     radii: Vec<f64>,
     pairs: Vec<[u32; 2]>,
-    /// [`LinearBond::scale`] of every bond; its axis follows from the centres, at a fraction of the memory.
+    /// [`LinearBond::scale`] of each bond \[m\]. Its axis is computed from the centres, which saves memory.
     scales: Vec<f64>,
     weights: Vec<f64>,
-    /// Stiffness of every bond over that of a beam of the packing's material; empty where all are alike.
+    /// Stiffness of each bond over that of a beam of the packing's material; empty for a single material.
     grades: Vec<f64>,
     full_mass: Vec<f64>,
     mass: Vec<f64>,
@@ -44,41 +46,41 @@ pub struct BondedParticles {
     rigidity: BeamRigidity,
     mean_radius: f64,
     grid: Grid,
-    /// Whether centres and stiffnesses are those that the kernel sees.
+    /// True if centres and stiffnesses are rounded as the kernel stores them.
     rounded: bool,
     /// Edges of the periodic box \[m\].
     period: Option<[f64; 3]>,
     adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
-/// What has to be known besides geometry.
+/// Material and volume of a body of particles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Matter {
-    /// Beams.
+    /// Material of the beams.
     pub beam: BeamMaterial,
     /// Mass density of the body \[kg/m³\].
     pub density: f64,
-    /// Volume of the body the particles stand for \[m³\]; their masses sum to `density * volume`.
+    /// Volume of the body that the particles stand for \[m³\]; their masses sum to `density * volume`.
     pub volume: f64,
 }
 
-/// What spheres have besides centres, radii and bonds.
+/// Volumes and options for spheres with known centres, radii and bonds.
 #[derive(Debug)]
 pub(crate) struct Contents<'a> {
-    /// Volume each stands for \[m³\].
+    /// Volume that each particle stands for \[m³\].
     pub(crate) volumes: &'a [f64],
-    /// Whether some may have no bond.
+    /// True if particles without a bond are accepted.
     pub(crate) loose: bool,
     /// Edges of the periodic box \[m\].
     pub(crate) period: Option<[f64; 3]>,
-    /// Whether centres move to the kernel's grid and stiffnesses to its 24 bits, so that all of a model is
-    /// one law.
+    /// True if centres move to the kernel's grid and stiffnesses to its 24 bits, so that forces, energies and
+    /// matrices of a model follow one law.
     pub(crate) rounded: bool,
-    /// Of a part: what only the whole body knows.
+    /// For a rank's part of a partitioned body: the values that belong to the whole body.
     pub(crate) whole: Option<Extents>,
 }
 
-/// What all particles of a body have in common.
+/// Values of a whole body that each of its parts needs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Extents {
     /// Mean radius \[m\].
@@ -104,8 +106,8 @@ impl BondedParticles {
         Self::with_period(positions, radii, pairs, matter, None)
     }
 
-    /// As [`Self::new`]; with a period, each beam joins the first particle to the nearest image of the
-    /// second.
+    /// Works like [`Self::new`]; with a period, each beam joins the first particle to the nearest image of
+    /// the second.
     pub(crate) fn with_period(
         positions: Vec<Vector3<f64>>,
         radii: Vec<f64>,
@@ -127,8 +129,8 @@ impl BondedParticles {
         Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &contents)
     }
 
-    /// A packing with the volumes and loose spheres it has.
-    pub(crate) fn of_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
+    /// Joins the spheres of a packing by beams, with its volumes and its loose spheres.
+    pub(crate) fn from_packing(packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         let (x, r, pairs) = (&packing.positions, &packing.radii, &packing.pairs);
         check_spheres(x, r)?;
         let volumes = packing.volumes();
@@ -136,14 +138,14 @@ impl BondedParticles {
             volumes: &volumes,
             loose: packing.loose,
             period: packing.period,
-            // Images of a periodic box lie off any grid; no model is made of one.
+            // Images of a periodic box lie off the grid, and a periodic packing never becomes a model.
             rounded: packing.period.is_none(),
             whole: None,
         };
         Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &contents)
     }
 
-    /// Spheres that were checked, with the volume each stands for.
+    /// Joins spheres that [`check_spheres`] has accepted; `contents` has the volume of each.
     pub(crate) fn with_volumes(
         mut positions: Vec<Vector3<f64>>,
         radii: Vec<f64>,
@@ -157,8 +159,9 @@ impl BondedParticles {
         for v in contents.volumes {
             positive("volume of a particle", *v)?;
         }
-        let here = || radii.iter().sum::<f64>() / radii.len() as f64;
-        let mean = contents.whole.map_or_else(here, |w| w.mean_radius);
+        // All bonds share one beam radius, so a part uses the mean radius of the whole body.
+        let local_mean = || radii.iter().sum::<f64>() / radii.len() as f64;
+        let mean = contents.whole.map_or_else(local_mean, |w| w.mean_radius);
         let rigidity = beam.rigidity(mean)?;
         let mut degree = vec![0_u32; positions.len()];
         let mut scales = Vec::with_capacity(pairs.len());
@@ -171,6 +174,7 @@ impl BondedParticles {
             degree[j as usize] += 1;
         }
         let grid = Grid::for_bonds(contents.whole.map_or(longest, |w| w.longest));
+        // The grid follows from the longest bond, so bonds are computed once before and once after rounding.
         if contents.rounded {
             positions.iter_mut().for_each(|x| *x = grid.snap(x));
             for (b, (scale, pair)) in scales.iter_mut().zip(&pairs).enumerate() {
@@ -203,7 +207,7 @@ impl BondedParticles {
         })
     }
 
-    /// Replaces all bond weights (1 everywhere at the start); masses and inertias follow.
+    /// Replaces all bond weights (1 at the start) and updates masses and inertias.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] and [`Error::NotFinite`]; [`Error::OutOfRange`] for a
@@ -233,8 +237,8 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Gives every particle its own stiffness and density, over those of the packing's material. A bond
-    /// between two stiffnesses `a` and `b` is half of each in a row, `2 a b/(a + b)`.
+    /// Sets stiffness and density of each particle, relative to the packing's material. A bond between
+    /// stiffnesses `a` and `b` is two half-beams in series: `2 a b/(a + b)`.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`]; [`Error::OutOfRange`] unless all are positive.
@@ -254,17 +258,19 @@ impl BondedParticles {
         };
         self.grades = self.pairs.iter().map(series).collect();
         self.full_mass.iter_mut().zip(density).for_each(|(m, d)| *m *= d);
+        // `set_weights` copies into `self.weights`, which must keep its length.
         let weights = std::mem::take(&mut self.weights);
         self.weights = vec![1.0; weights.len()];
         self.set_weights(&weights)
     }
 
-    /// Whether bonds are of several materials.
+    /// Returns whether the bonds are of several materials.
     pub(crate) fn is_graded(&self) -> bool {
         !self.grades.is_empty()
     }
 
-    /// Mean of bond values over the bonds of each particle; `alone` for a loose one without any.
+    /// Returns the mean of bond values over the bonds of each particle; `alone` gives the value of a particle
+    /// without bonds.
     pub(crate) fn mean_over_bonds(&self, values: &[f64], alone: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut sum = vec![0.0; self.positions.len()];
         let mut degree = vec![0_u32; self.positions.len()];
@@ -281,25 +287,27 @@ impl BondedParticles {
         sum.iter().enumerate().map(mean).collect()
     }
 
-    /// The particles `own` and then `ghosts`, with all bonds of the own ones in the order that they have
-    /// here; and the numbers of these bonds here.
-    pub(crate) fn part(&self, own: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
+    /// Returns the body of the particles `owned`, then `ghosts`, with all bonds of owned particles in the
+    /// order of this body, and the number of each of these bonds in this body.
+    pub(crate) fn part(&self, owned: &[u32], ghosts: &[u32]) -> (Self, Vec<u32>) {
         let mut places = vec![u32::MAX; self.len()];
-        for (k, i) in (0..).zip(own.iter().chain(ghosts)) {
+        for (k, i) in (0..).zip(owned.iter().chain(ghosts)) {
             places[*i as usize] = k;
         }
-        let held = |b: &usize| {
-            let here = |i: u32| (places[i as usize] as usize) < own.len();
-            self.pairs[*b].into_iter().any(here)
+        // A bond between two ghosts belongs to other ranks.
+        let has_owned_end = |b: &usize| {
+            let is_owned = |i: u32| (places[i as usize] as usize) < owned.len();
+            self.pairs[*b].into_iter().any(is_owned)
         };
-        let bonds: Vec<usize> = (0..self.pairs.len()).filter(held).collect();
+        let bonds: Vec<usize> = (0..self.pairs.len()).filter(has_owned_end).collect();
         let pairs: Vec<_> = bonds
             .iter()
             .map(|b| self.pairs[*b].map(|i| places[i as usize]))
             .collect();
-        let particles = || own.iter().chain(ghosts).map(|i| *i as usize);
-        // Bonds of a particle in the order they have in the whole: sums over them have its bits.
-        let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(own.len() + ghosts.len(), &pairs)));
+        let particles = || owned.iter().chain(ghosts).map(|i| *i as usize);
+        // The bonds of a particle keep the order of the whole body, so that sums over them have the same
+        // bits.
+        let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(owned.len() + ghosts.len(), &pairs)));
         let grades = if self.is_graded() { &bonds[..] } else { &[] };
         let numbers = bonds.iter().map(|b| *b as u32).collect();
         let part = Self {
@@ -322,18 +330,18 @@ impl BondedParticles {
         (part, numbers)
     }
 
-    /// Centres, radii and pairs; all else is given back.
+    /// Returns centres, radii and pairs; frees all other arrays.
     pub(crate) fn into_spheres(self) -> (Vec<Vector3<f64>>, Vec<f64>, Vec<[u32; 2]>) {
         (self.positions, self.radii, self.pairs)
     }
 
-    /// The same, whose sums over the bonds of a particle go in the order of the pairs, as in [`Self::part`].
+    /// Makes sums over the bonds of a particle follow the order of the pairs, as in [`Self::part`].
     pub(crate) fn in_order_of_pairs(mut self) -> Self {
         self.adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(self.len(), &self.pairs)));
         self
     }
 
-    /// Takes the stiffness of a bond away; masses stay.
+    /// Sets the stiffness of a bond to zero; masses stay.
     pub(crate) fn sever(&mut self, bond: usize) {
         self.scales[bond] = 0.0;
     }
@@ -344,7 +352,7 @@ impl BondedParticles {
         self.positions.len()
     }
 
-    /// Whether there is no particle (never, after [`Self::new`]).
+    /// Returns whether there is no particle (never true after [`Self::new`]).
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
@@ -362,22 +370,22 @@ impl BondedParticles {
         &self.radii
     }
 
-    /// Mean radius \[m\], in a part of a body that of all of it.
+    /// Mean radius \[m\]; in a rank's part of a partitioned body, the mean over the whole body.
     #[must_use]
     pub fn mean_radius(&self) -> f64 {
         self.mean_radius
     }
 
-    /// Ends of each bond.
+    /// Particle numbers of the two ends of each bond.
     #[must_use]
     pub fn pairs(&self) -> &[[u32; 2]] {
         &self.pairs
     }
 
-    /// Bond `b`, weight included.
+    /// Returns bond `b`, weight included.
     ///
     /// # Panics
-    /// For a bond that is not there.
+    /// If there is no bond `b`.
     #[must_use]
     pub fn bond(&self, b: usize) -> LinearBond {
         let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
@@ -390,7 +398,7 @@ impl BondedParticles {
         }
     }
 
-    /// Bonds, weights included.
+    /// Iterates over all bonds, weights included.
     pub fn bonds(&self) -> impl ExactSizeIterator<Item = LinearBond> + Clone {
         (0..self.pairs.len()).map(|b| self.bond(b))
     }
@@ -413,15 +421,17 @@ impl BondedParticles {
         &self.inertia
     }
 
-    /// Where the kernel sees centres.
+    /// Grid of the centres in the kernel.
     pub(crate) fn grid(&self) -> Grid {
         self.grid
     }
 
-    /// Other end and bond of each bond of a particle, sorted.
+    /// For each particle, the other end and the number of each of its bonds: sorted, except in a part of a
+    /// body, where they follow the order of the pairs.
     pub(crate) fn adjacency(&self) -> Arc<Adjacency<[u32; 2]>> {
-        let new = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
-        self.adjacency.get_or_init(new).clone()
+        // Sorted, so that sums over the bonds of a particle do not depend on the order of the pairs.
+        let build = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
+        self.adjacency.get_or_init(build).clone()
     }
 
     /// Section rigidities, the same for all bonds.
@@ -430,8 +440,8 @@ impl BondedParticles {
         &self.rigidity
     }
 
-    /// Internal forces and torques *on* the particles, `-K x`, added up bond after bond: the
-    /// plain reference the fast kernel is tested against.
+    /// Adds the internal forces and torques *on* the particles, `-K x`, bond by bond. This is the plain
+    /// reference that the fast kernel is tested against.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`].
@@ -464,5 +474,6 @@ impl BondedParticles {
 }
 
 fn sphere_inertia(mass: &[f64], radii: &[f64]) -> Vec<f64> {
+    // Solid sphere: 2/5 m r^2.
     mass.iter().zip(radii).map(|(m, r)| 0.4 * m * r * r).collect()
 }

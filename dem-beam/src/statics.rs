@@ -1,9 +1,9 @@
 //! Static equilibrium of the linear law by preconditioned conjugate gradients.
 //!
-//! `K x = f` with components held at given values; the preconditioner inverts the 6 x 6 block of
-//! each particle. Each particle gathers its own forces and dot products are summed in chunks of
-//! fixed order: the result is bit-identical for any number of threads. Rigid motions that the
-//! supports leave free are harmless as long as the loads do no work on them.
+//! Solves `K x = f` with components held at given values; the preconditioner inverts the 6 x 6 block of each
+//! particle. Each particle gathers its own forces, and dot products are summed in chunks of fixed order, so
+//! that the result is bit-identical for any number of threads. The supports may leave rigid motions free as
+//! long as the loads do no work on them.
 
 use crate::bond::{LinearBond, Twist};
 use crate::critical::diagonal_blocks;
@@ -19,7 +19,7 @@ const CHUNK: usize = 512;
 
 type Six = Vector6<f64>;
 
-/// An equilibrium.
+/// Solution of a static problem.
 #[derive(Debug, Clone)]
 pub struct Equilibrium {
     /// Displacements \[m\] and rotations \[rad\].
@@ -28,11 +28,11 @@ pub struct Equilibrium {
     pub reactions: Vec<Twist>,
     /// Iterations of the solver.
     pub iterations: usize,
-    /// Residual over the first residual, in the energy of the preconditioner.
+    /// Residual over the first residual, in the norm of the preconditioner.
     pub residual: f64,
 }
 
-/// Which components of a particle's motion are held.
+/// Components of a particle's motion that are held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Held {
     /// Translations along x, y, z.
@@ -42,7 +42,7 @@ pub struct Held {
 }
 
 impl Held {
-    /// All six.
+    /// Holds all six components.
     pub const ALL: Self = Self {
         linear: [true; 3],
         angular: [true; 3],
@@ -61,7 +61,7 @@ pub struct StaticProblem {
 }
 
 impl StaticProblem {
-    /// Nothing held, nothing loaded.
+    /// Returns a problem of `count` particles without supports and loads.
     #[must_use]
     pub fn free(count: usize) -> Self {
         Self {
@@ -130,7 +130,7 @@ fn split(x: &Six) -> Twist {
 
 struct System<'a> {
     body: &'a BondedParticles,
-    /// Other end and bond, seen from the particle.
+    /// For each particle, the other end and the bond as seen from the particle.
     bonds: Adjacency<(u32, LinearBond)>,
     free: Vec<Six>,
     inverse: Vec<Matrix6<f64>>,
@@ -141,11 +141,11 @@ impl<'a> System<'a> {
         let ends = |(bond, &[i, j]): (LinearBond, &[u32; 2])| [(i, (j, bond)), (j, (i, bond.reversed()))];
         let bonds = body.bonds().zip(body.pairs()).flat_map(ends);
         let bonds = Adjacency::new(body.len(), bonds);
-        let one = |h: bool| if h { 0.0 } else { 1.0 };
+        let factor = |h: bool| if h { 0.0 } else { 1.0 };
         let free: Vec<Six> = held
             .iter()
             .map(|h| {
-                let (l, a) = (h.linear.map(one), h.angular.map(one));
+                let (l, a) = (h.linear.map(factor), h.angular.map(factor));
                 Six::new(l[0], l[1], l[2], a[0], a[1], a[2])
             })
             .collect();
@@ -153,10 +153,11 @@ impl<'a> System<'a> {
             .into_iter()
             .zip(&free)
             .map(|(k, free)| {
-                // Held rows and columns become those of the unit matrix.
+                // Held rows and columns get a multiple of the unit matrix, so that the block can be inverted.
                 let mask = free * free.transpose();
-                let held = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
-                let k = k.component_mul(&mask) + held * k.diagonal().max();
+                let held_diagonal = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
+                let k = k.component_mul(&mask) + held_diagonal * k.diagonal().max();
+                // A block without stiffness cannot be inverted; the unit matrix does.
                 k.try_inverse()
                     .unwrap_or_else(Matrix6::identity)
                     .component_mul(&mask)
@@ -170,16 +171,16 @@ impl<'a> System<'a> {
         }
     }
 
-    /// `out = K x`, all components.
+    /// Computes `out = K x` for all components, held ones included.
     fn stiffness(&self, x: &[Six], out: &mut [Six]) {
         let k = self.body.rigidity();
         out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, out)| {
             for (r, out) in out.iter_mut().enumerate() {
                 let p = c * CHUNK + r;
-                let own = split(&x[p]);
+                let twist = split(&x[p]);
                 let mut f = Twist::zero();
-                for (other, bond) in self.bonds.row(p) {
-                    let (g, _) = bond.wrenches(k, &own, &split(&x[*other as usize]));
+                for (neighbour, bond) in self.bonds.row(p) {
+                    let (g, _) = bond.wrenches(k, &twist, &split(&x[*neighbour as usize]));
                     f.linear += g.linear;
                     f.angular += g.angular;
                 }
@@ -188,7 +189,7 @@ impl<'a> System<'a> {
         });
     }
 
-    /// Solves in place; returns iterations and relative residual.
+    /// Solves for the free components of `x` in place; returns the iterations and the relative residual.
     fn conjugate_gradients(
         &self,
         loads: &[Six],
@@ -202,10 +203,12 @@ impl<'a> System<'a> {
         let mut r: Vec<Six> = (0..n)
             .map(|i| (loads[i] - q[i]).component_mul(&self.free[i]))
             .collect();
+        // Held components have no residual, so that iterations never change them.
         let mut z: Vec<Six> = r.iter().zip(&self.inverse).map(|(r, k)| k * r).collect();
         let mut p = z.clone();
         let mut rho = ordered_dot(&r, &z);
         let first = rho;
+        // The start is the solution.
         if first <= 0.0 {
             return (0, 0.0);
         }
@@ -242,7 +245,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// Dot product whose order of summation does not depend on the threads.
+/// Returns the dot product, summed in an order that does not depend on the threads.
 fn ordered_dot(a: &[Six], b: &[Six]) -> f64 {
     let parts: Vec<f64> = a
         .par_chunks(CHUNK)

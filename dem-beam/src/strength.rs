@@ -1,16 +1,17 @@
 //! Strength of a packing in direct tension: a bar is pulled until it breaks.
 //!
-//! The bar lies along x; the spheres that touch its two end faces are held along x and moved apart, free to
-//! the sides. The law is linear up to the first broken bond, so the static solution says at which
-//! elongation `u_1` that one breaks. The bar starts at `0.9 u_1` in that solution, moving in that shape: no
-//! wave runs through it. It is pulled at the constant rate that takes [`LOADING`] transits of a wave along
-//! the bar to `u_1`, with a stiffness damping of [`DAMPING`] transits of a mean diameter, until its force
-//! has fallen to half of the highest.
+//! The bar lies along x. The spheres that touch its two end faces are held along x, moved apart, and free to
+//! the sides. The law is linear up to the first broken bond, so that the static solution gives the elongation
+//! `u_1` at which that bond breaks. The run starts at `0.9 u_1` with displacements and velocities in the
+//! shape of this solution, so that no wave runs through the bar. The ends move apart at a constant rate that
+//! would take an unloaded bar to `u_1` in [`LOADING`] wave transits along the bar. A stiffness damping of
+//! [`DAMPING`] wave transits across a mean diameter acts. The run ends when the force has fallen to half of
+//! its peak.
 //!
-//! Forces are means over a fifth of a transit: the work of the ends over the elongation. The strength is
-//! the highest. Time scales with the root of the density and loads with the strength of the beams, so that
-//! the ratio of beam strength over body strength is a number of the packing, of the criterion and of the
-//! scatter alone.
+//! A force is the work of the ends over their elongation, averaged over a fifth of a transit; the strength is
+//! the largest of these forces over the section. Times scale with the root of the density and loads with the
+//! strength of the beams. The ratio of beam strength to body strength therefore depends on the packing, the
+//! criterion and the scatter alone.
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::{Bar, end_layers};
@@ -22,24 +23,24 @@ use crate::statics::StaticProblem;
 use arlequin_core::effect::StiffnessDamping;
 use arlequin_core::{Coupled, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 
-/// Transits of a wave along the bar in which an unloaded bar would reach the first broken bond.
+/// Wave transits along the bar in which an unloaded bar would reach the first broken bond.
 pub const LOADING: f64 = 10.0;
-/// Time of the stiffness damping in transits of a wave across a mean diameter.
+/// Time of the stiffness damping, in wave transits across a mean diameter.
 pub const DAMPING: f64 = 0.04;
-/// Elongation at which the run starts, over that of the first broken bond.
+/// Elongation at the start of the run, over that at the first broken bond.
 const START: f64 = 0.9;
-/// Elongation at which a bar that has not broken is given up, likewise.
+/// Elongation at which the run gives up on an unbroken bar, over that at the first broken bond.
 const GIVEN_UP: f64 = 12.0;
-/// Transits over which a force is a mean.
+/// Wave transits along the bar over which a force is averaged.
 const WINDOW: f64 = 0.2;
-/// A bar has broken when its force has fallen to this part of the highest.
+/// The bar counts as broken when its force has fallen to this fraction of its peak.
 const FALLEN: f64 = 0.5;
 /// Density \[kg/m³\]: results do not depend on it.
 const DENSITY: f64 = 1000.0;
-/// Residual and most iterations of the static solution.
+/// Largest residual and number of iterations of the static solution.
 const SOLVE: (f64, usize) = (1e-6, 50_000);
 
-/// What a bar showed.
+/// Result of a strength test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
     /// Highest mean stress over the section \[Pa\].
@@ -50,17 +51,17 @@ pub struct Strength {
     pub strain: f64,
     /// Young's modulus before anything breaks \[Pa\].
     pub young: f64,
-    /// Bonds broken up to the peak.
+    /// Number of bonds broken up to the peak.
     pub broken: usize,
-    /// Bonds in all.
+    /// Number of all bonds.
     pub bonds: usize,
-    /// Nominal stress of the beams \[Pa\]: their strength; for [`Criterion::Energy`] the axial stress `√(2
-    /// E_b G/d)` at which a beam of a mean diameter `d` holds the energy per section `G`.
+    /// Nominal strength of the beams \[Pa\]. For [`Criterion::Energy`], the axial stress `√(2 E_b G/d)` at
+    /// which a beam of a mean diameter `d` holds the energy per section `G`.
     pub beam: f64,
 }
 
 impl Strength {
-    /// Beam strength over body strength.
+    /// Returns the beam strength over the body strength.
     #[must_use]
     pub fn ratio(&self) -> f64 {
         self.beam / self.peak
@@ -70,9 +71,9 @@ impl Strength {
 /// Pulls a bar until it breaks.
 ///
 /// # Errors
-/// [`Error::SeveralParts`]; [`Error::OutOfRange`] for the bar, the strength or no sphere at an end; those
-/// of [`DemModel::new`] and of the static solution; [`Error::NotBroken`] if it stretches without end; those
-/// of the run.
+/// [`Error::SeveralParts`]; [`Error::OutOfRange`] for the bar, the strength or no sphere at an end; errors of
+/// [`DemModel::new`], of the static solution and of the run; [`Error::NotBroken`] if the bar stretches
+/// without breaking.
 pub fn strength_test(
     packing: &Packing,
     beam: BeamMaterial,
@@ -81,8 +82,9 @@ pub fn strength_test(
 ) -> Result<Strength> {
     packing.connected("a strength test")?;
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
-    let rest = Rest::new(&model, bar)?;
-    let load = rest.load(&model);
+    let stretched = Stretched::new(&model, bar)?;
+    // At this load the bar has the elongation of the static solution; the first bond breaks at a load of one.
+    let load = stretched.load(&model);
     if !(load.is_finite() && load > 0.0) {
         return Err(Error::out_of_range(
             "load of the bonds under tension",
@@ -91,6 +93,7 @@ pub fn strength_test(
         ));
     }
     // The energy per section grows with the square of the elongation.
+    // Elongation at the first break over the elongation of the static solution: stresses are linear in it.
     let first = match fracture.criterion {
         Criterion::Energy => load.sqrt().recip(),
         _ => load.recip(),
@@ -101,26 +104,26 @@ pub fn strength_test(
         _ => fracture.strength,
     };
     let pull = Pull {
-        first: first * rest.elongation,
-        transit: bar.length / (rest.young / DENSITY).sqrt(),
-        damping: DAMPING * diameter / (rest.young / DENSITY).sqrt(),
+        first: first * stretched.elongation,
+        transit: bar.length / (stretched.young / DENSITY).sqrt(),
+        damping: DAMPING * diameter / (stretched.young / DENSITY).sqrt(),
     };
     let bonds = model.body().pairs().len();
-    let found = pull.run(model, &rest, bar)?;
+    let outcome = pull.run(model, &stretched, bar)?;
     Ok(Strength {
-        peak: found.peak / bar.area,
-        first: first * rest.force / bar.area,
-        strain: found.elongation / bar.length,
-        young: rest.young,
-        broken: found.broken,
+        peak: outcome.peak / bar.area,
+        first: first * stretched.force / bar.area,
+        strain: outcome.elongation / bar.length,
+        young: stretched.young,
+        broken: outcome.broken,
         bonds,
         beam: nominal,
     })
 }
 
-/// The bar in equilibrium under a small elongation.
-struct Rest {
-    /// Unknowns of the model: displacements \[m\], then rotations.
+/// Static equilibrium of the bar under a small elongation.
+struct Stretched {
+    /// Unknowns of the model: displacements \[m\], then rotations \[rad\].
     q: Vec<f64>,
     /// Particles at the two ends.
     ends: [Vec<usize>; 2],
@@ -129,7 +132,7 @@ struct Rest {
     young: f64,
 }
 
-impl Rest {
+impl Stretched {
     fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
         let body = model.body();
         let ends = end_layers(body, bar)?;
@@ -144,12 +147,12 @@ impl Rest {
                 problem.start[i].linear.x = side * elongation;
             }
         }
-        let done = problem.solve(body, SOLVE.0, SOLVE.1)?;
-        let pull = |end: &[usize]| end.iter().map(|&i| done.reactions[i].linear.x).sum::<f64>();
+        let solution = problem.solve(body, SOLVE.0, SOLVE.1)?;
+        let pull = |end: &[usize]| end.iter().map(|&i| solution.reactions[i].linear.x).sum::<f64>();
         let force = 0.5 * (pull(&ends[1]) - pull(&ends[0]));
         let linear = |t: &Twist| [t.linear.x, t.linear.y, t.linear.z];
         let angular = |t: &Twist| [t.angular.x, t.angular.y, t.angular.z];
-        let u = &done.displacements;
+        let u = &solution.displacements;
         Ok(Self {
             q: u.iter()
                 .flat_map(linear)
@@ -162,16 +165,16 @@ impl Rest {
         })
     }
 
-    /// Largest value of the criterion over the strength of its bond.
+    /// Returns the largest ratio of criterion to strength among the bonds.
     fn load(&self, model: &DemModel) -> f64 {
         model.load(&self.q)
     }
 }
 
 struct Pull {
-    /// Elongation at the first broken bond \[m\].
+    /// Elongation at which the first bond breaks \[m\].
     first: f64,
-    /// Of a wave along the bar \[s\].
+    /// Transit time of a wave along the bar \[s\].
     transit: f64,
     /// Time of the stiffness damping \[s\].
     damping: f64,
@@ -184,25 +187,27 @@ struct Peak {
 }
 
 impl Pull {
-    fn run(&self, model: DemModel, rest: &Rest, bar: &Bar) -> Result<Peak> {
+    fn run(&self, model: DemModel, stretched: &Stretched, bar: &Bar) -> Result<Peak> {
         let rate = self.first / (LOADING * self.transit);
         let (begin, end) = (START * self.first, GIVEN_UP * self.first);
         let duration = (end - begin) / rate;
         let scaled = |x: f64| {
-            rest.q
+            stretched
+                .q
                 .iter()
-                .map(|q| q * x / rest.elongation)
+                .map(|q| q * x / stretched.elongation)
                 .collect::<Vec<f64>>()
         };
         let log = model.break_log();
-        let supports: Vec<PrescribedMotion<f64>> = rest
+        let supports: Vec<PrescribedMotion<f64>> = stretched
             .ends
             .iter()
             .zip([-0.5, 0.5])
             .map(|(end, side)| PrescribedMotion {
                 dofs: model.translations(end, [true, false, false]),
                 amplitude: side,
-                // From before the start on, so that velocities are those of a steady motion.
+                // The table begins before the start of the run, so that the ends already move at the constant
+                // rate.
                 time: TimeFunction::Table(vec![
                     (-duration, begin - rate * duration),
                     (2.0 * duration, begin + 2.0 * rate * duration),
@@ -222,12 +227,13 @@ impl Pull {
             elongation: begin,
             broken: 0,
         };
-        let mut work = supplied(&run);
+        let mut work = support_work(&run);
         while run.time() < duration {
             run.run(every, &mut Silent)?;
-            let now = supplied(&run);
-            let force = (now - work) / (every as f64 * run.dt() * rate);
-            work = now;
+            let new_work = support_work(&run);
+            // Mean force over the window: the work of the ends over their elongation.
+            let force = (new_work - work) / (every as f64 * run.dt() * rate);
+            work = new_work;
             let broken = locked(&log).events().len();
             if force > best.peak {
                 best = Peak {
@@ -246,8 +252,11 @@ impl Pull {
     }
 }
 
-/// Work of the ends so far \[J\].
-fn supplied(run: &Coupled<f64>) -> f64 {
-    let all = run.works();
-    all.iter().find(|w| w.name == "supports").map_or(0.0, |w| w.work)
+/// Returns the work of the moved ends so far \[J\].
+fn support_work(run: &Coupled<f64>) -> f64 {
+    let works = run.works();
+    works
+        .iter()
+        .find(|w| w.name == "supports")
+        .map_or(0.0, |w| w.work)
 }

@@ -109,7 +109,7 @@ impl Strain {
             t: [ti, tj],
             relative,
             ..
-        } = Deformed::of(bond, i, j);
+        } = Deformed::new(bond, i, j);
         Self {
             length: 1.0 / inverse,
             axial: stretch * inverse,

@@ -49,7 +49,7 @@ impl FractureState {
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
-        writing(&log).begin(numbered.of);
+        writing(&log).begin(numbered.total);
         Self::of_part(spec, body, log, (halo, numbered))
     }
 
@@ -86,7 +86,7 @@ impl FractureState {
             cross: cross.map(|(b, _)| b).collect(),
             messages: halo.messages(TOLD),
             numbers: numbered.bonds.clone(),
-            bonds: numbered.of,
+            bonds: numbered.total,
             ghosts: Vec::with_capacity(halo.ghosts().len()),
             halo: halo.clone(),
         });
@@ -171,7 +171,7 @@ impl Parts {
         let count = self.halo.ghosts().len();
         let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
         let told = |i: usize| {
-            let (state, change) = (before.told(i), change(step, i));
+            let (state, change) = (before.state_to_send(i), change(step, i));
             std::array::from_fn(|k| if k < 7 { state[k] } else { change[k - 7] })
         };
         self.halo.exchange::<TOLD>(&mut self.messages, told, |g, x| {

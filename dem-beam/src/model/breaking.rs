@@ -1,7 +1,7 @@
-//! A model whose bonds break, and what a state would need.
+//! Bonds that break: fracture of a model, its saved state and its results.
 
 use super::DemModel;
-use super::forces::Heard;
+use super::forces::RankResult;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::fracture::parts::Parts;
@@ -12,31 +12,30 @@ use arlequin_core::Evolution;
 use arlequin_core::snapshot::Record;
 
 impl DemModel {
-    /// The same body with bonds that break.
+    /// Lets the bonds of the body break.
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] for a strength, scatter or interval that makes no sense;
     /// [`crate::Error::Graded`].
     pub fn with_fracture(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.alike("a strength of bonds")?;
+        self.require_one_material("a strength of bonds")?;
         self.fracture = Some(self.breaking(spec, self.log.clone()));
         Ok(self)
     }
 
-    /// The same body; strengths are compared only when [`arlequin_core::Watching::watch`] is called, and
-    /// nothing breaks.
+    /// Compares bonds with their strengths when [`arlequin_core::Watching::watch`] is called; nothing breaks.
     ///
     /// # Errors
-    /// As [`Self::with_fracture`].
+    /// Errors of [`Self::with_fracture`].
     pub fn with_watched_strength(mut self, spec: Fracture) -> Result<Self> {
         spec.check()?;
-        self.alike("a strength of bonds")?;
+        self.require_one_material("a strength of bonds")?;
         self.watched = Some(self.breaking(spec, SharedLog::default()));
         Ok(self)
     }
 
-    /// Whole bonds that may break, of all of the body or of a part.
+    /// Returns the fracture state of the body, or of a rank's part of it, with all bonds unbroken.
     fn breaking(&self, spec: Fracture, log: SharedLog) -> FractureState {
         match self.halo.as_ref().zip(self.numbered.as_ref()) {
             Some(part) => FractureState::new_in_part(spec, &self.body, log, part),
@@ -44,22 +43,25 @@ impl DemModel {
         }
     }
 
-    /// Refuses what bonds of several materials cannot have.
-    fn alike(&self, what: &'static str) -> Result<()> {
+    /// Refuses `what` if the bonds are of several materials.
+    fn require_one_material(&self, what: &'static str) -> Result<()> {
         match self.body.is_graded() {
             true => Err(Error::Graded { what }),
             false => Ok(()),
         }
     }
 
-    /// Largest criterion over strength among the bonds in the state `q`; zero without fracture.
+    /// Returns the largest ratio of criterion to strength among the bonds in the state `q`; zero without
+    /// fracture.
     pub(crate) fn load(&self, q: &[f64]) -> f64 {
         let peak = |f: &FractureState| f.peak(&self.body, &self.reader(q)).0;
         self.fracture.as_ref().map_or(0.0, peak)
     }
 
-    /// Makes the bonds of an overlap unbreakable where that is wanted; to be called when weights change.
+    /// Makes the bonds of an overlap unbreakable if the fracture model asks for it. To be called when weights
+    /// change.
     pub(super) fn spare_overlap(&mut self) {
+        // Taken out while the closure reads `self`.
         let (mut fracture, mut watched) = (self.fracture.take(), self.watched.take());
         for f in [&mut fracture, &mut watched].into_iter().flatten() {
             f.spare(&self.body, |b| self.in_overlap(b));
@@ -67,8 +69,8 @@ impl DemModel {
         (self.fracture, self.watched) = (fracture, watched);
     }
 
-    /// The same body, whose bonds are compared with their strengths one by one: the reference for tests of
-    /// the look that rides in the force kernel. Slower, same breaks.
+    /// Compares bonds with their strengths one by one instead of in the force kernel: the slower reference
+    /// for tests, with the same breaks.
     #[must_use]
     pub fn with_plain_checks(mut self) -> Self {
         if let Some(f) = &mut self.fracture {
@@ -77,13 +79,13 @@ impl DemModel {
         self
     }
 
-    /// What broke so far; stays up to date during a run.
+    /// Returns the log of broken bonds, which stays up to date during a run.
     #[must_use]
     pub fn break_log(&self) -> SharedLog {
         self.log.clone()
     }
 
-    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> Heard<f64> {
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> RankResult<f64> {
         let Some(mut fracture) = self.fracture.take() else {
             return Ok(0.0);
         };
@@ -94,18 +96,19 @@ impl DemModel {
                 fracture.parts = Some(parts);
                 released
             }
-            None => Ok(self.find_here(&mut fracture, &mut step)),
+            None => Ok(self.find_broken(&mut fracture, &mut step)),
         };
         if !fracture.now.is_empty() {
             let blocks = self.sever(&mut fracture);
-            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
-            kernel.again(&blocks, step.f);
+            let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
+            // The forces of this step still contain the bonds that broke in it.
+            kernel.recompute(&blocks, step.f);
         }
         self.fracture = Some(fracture);
         released
     }
 
-    fn find_here(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
+    fn find_broken(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
         fracture.find(&self.body, &self.reader(step.q));
         if fracture.now.is_empty() {
             return 0.0;
@@ -115,13 +118,14 @@ impl DemModel {
         fracture.release(&self.body, step, readers, |b| self.in_overlap(b))
     }
 
-    /// The same for a part of a body: the energy of all bonds that break on any rank.
+    /// Like [`Self::find_broken`] in a rank's part of a partitioned body; returns the energy released on all
+    /// ranks.
     fn find_in_parts(
         &self,
         fracture: &mut FractureState,
         parts: &mut Parts,
         step: &mut Evolution<'_, f64>,
-    ) -> Heard<f64> {
+    ) -> RankResult<f64> {
         self.kernel.ghosts(&mut parts.ghosts);
         let (before, now) = (step.q_before, step.q);
         let readers = [&self.reader(before), &self.reader(now)];
@@ -135,12 +139,12 @@ impl DemModel {
         fracture.release_in_parts(&self.body, step, readers, parts, |b| self.in_overlap(b))
     }
 
-    /// Lets a part of a body break like the whole.
+    /// Restricts the fracture state to a rank's part of the body and removes the bonds already broken.
     pub(super) fn break_apart(&mut self) {
         let Some(place) = self.halo.as_ref().zip(self.numbered.as_ref()) else {
             return;
         };
-        let part = |of: FractureState| of.part(&self.body, place);
+        let part = |state: FractureState| state.part(&self.body, place);
         self.watched = self.watched.take().map(part);
         self.fracture = self.fracture.take().map(part);
         self.spare_overlap();
@@ -150,26 +154,27 @@ impl DemModel {
         }
     }
 
-    /// Takes the bonds that break now out of the kernel; the blocks that held them, ascending.
+    /// Removes the bonds that break now from body and kernel. Returns the blocks that held them, ascending.
     fn sever(&mut self, fracture: &mut FractureState) -> Vec<usize> {
         let mut blocks = Vec::new();
         for &b in &fracture.now {
             self.body.sever(b as usize);
-            let here = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
-            let here = here.filter(|i| *i < self.nodes.len());
-            blocks.extend(here.map(|i| i / LANES));
+            let owned = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
+            let owned = owned.filter(|i| *i < self.nodes.len());
+            blocks.extend(owned.map(|i| i / LANES));
         }
+        // Two bonds often share a block, which is rebuilt once.
         blocks.sort_unstable();
         blocks.dedup();
         let log = locked(&self.log);
-        let (body, whole) = (&self.body, |b: usize| !log.is_broken_here(b));
-        let kernel = self.kernel.of(body, self.halo.as_ref());
-        kernel.refresh(&blocks, body, &fracture.adjacency, &whole);
-        fracture.follow(&blocks, &whole);
+        let (body, is_unbroken) = (&self.body, |b: usize| !log.is_broken_here(b));
+        let kernel = self.kernel.get_or_build(body, self.halo.as_ref());
+        kernel.refresh(&blocks, body, &fracture.adjacency, &is_unbroken);
+        fracture.follow(&blocks, &is_unbroken);
         blocks
     }
 
-    /// What broke, then the orientations under finite rotations.
+    /// Returns the record of broken bonds, then the orientations under finite rotations.
     pub(super) fn remember(&self) -> Record<f64> {
         let mut out = self
             .fracture
@@ -177,7 +182,7 @@ impl DemModel {
             .map(FractureState::save)
             .unwrap_or_default();
         let turns = self.kernel.save(self.nodes.len());
-        // Of the whole body, on the first rank; what goes wrong is kept for
+        // Rank 0 saves the orientations of the whole body. An error between ranks is kept for
         // [`arlequin_core::ranks::Portion::failure`].
         let turns = match (&self.halo, self.has_finite_rotations()) {
             (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
@@ -187,36 +192,37 @@ impl DemModel {
         out
     }
 
-    /// Undoes [`Self::remember`].
-    pub(super) fn recall(&mut self, mut from: Record<f64>) -> arlequin_core::Result<()> {
+    /// Restores the state that [`Self::remember`] returned.
+    pub(super) fn recall(&mut self, mut record: Record<f64>) -> arlequin_core::Result<()> {
         if self.has_finite_rotations() {
             let portion = self.halo.as_ref().map(|h| h.portion().clone());
-            let all = portion
+            let particles = portion
                 .as_ref()
                 .map_or(self.nodes.len(), |p| p.division().nodes());
-            let breaks = from.numbers.len().saturating_sub(7 * all);
-            let mut turns = from.numbers.split_off(breaks);
-            if let Some(p) = portion.filter(|_| turns.len() == 7 * all) {
-                let own = (0..p.nodes()).map(|i| p.global(i));
-                turns = own.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
+            // Orientations are the last numbers of the record, seven per particle of the whole body.
+            let breaks = record.numbers.len().saturating_sub(7 * particles);
+            let mut turns = record.numbers.split_off(breaks);
+            if let Some(p) = portion.filter(|_| turns.len() == 7 * particles) {
+                let owned = (0..p.nodes()).map(|i| p.global(i));
+                turns = owned.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
             }
-            let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+            let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
             if !kernel.restore(&turns) {
                 return Err(self.foreign("the record of orientations"));
             }
         }
-        self.restore_breaks(from)
+        self.restore_breaks(record)
     }
 
     fn foreign(&self, what: &'static str) -> arlequin_core::Error {
         arlequin_core::Error::of_model(&self.name, Error::ForeignRecord { what })
     }
 
-    fn restore_breaks(&mut self, from: Record<f64>) -> arlequin_core::Result<()> {
+    fn restore_breaks(&mut self, record: Record<f64>) -> arlequin_core::Result<()> {
         let Some(mut fracture) = self.fracture.take() else {
-            return from.expect(&self.name, 0, 0);
+            return record.expect(&self.name, 0, 0);
         };
-        let fits = fracture.restore(from, &self.body, |b| self.in_overlap(b));
+        let fits = fracture.restore(record, &self.body, |b| self.in_overlap(b));
         if fits {
             self.sever(&mut fracture);
         }
@@ -231,8 +237,8 @@ impl DemModel {
         let Some(fracture) = &self.fracture else {
             return Vec::new();
         };
-        let here = self.body.pairs().len();
-        let bonds = fracture.parts.as_ref().map_or(here, |p| p.bonds);
+        let local = self.body.pairs().len();
+        let bonds = fracture.parts.as_ref().map_or(local, |p| p.bonds);
         let log = locked(&self.log);
         vec![
             ("broken bonds".into(), log.events().len() as f64),

@@ -1,4 +1,5 @@
-//! The block kernel in the numbering of a model: rows from the unknowns, forces into flat arrays.
+//! Applies the block kernel to a model: writes its unknowns into kernel rows, and bond forces into flat
+//! arrays in the model's numbering.
 
 use crate::bond::BeamRigidity;
 use crate::kernel::engine::{
@@ -17,10 +18,10 @@ use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
 
-/// A particle that has not turned.
+/// Row of a particle that has neither moved nor turned: the quaternion is (1, 0, 0, 0).
 const UPRIGHT: CacheLine = CacheLine([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
 
-/// Particles above which a second thread pays for its wake-up.
+/// Number of particles above which a second thread gains more than its wake-up costs.
 const LARGE: usize = 4_000;
 
 impl Posed for Linear {
@@ -29,7 +30,8 @@ impl Posed for Linear {
         let Some((last, rows)) = rows.split_last_mut() else {
             return;
         };
-        // Four numbers at a time: the fourth lands in a free place of the row.
+        // Four numbers are copied at a time; the fourth lands in an unused place of the row. The last
+        // particle has no fourth number to read, so three are copied.
         let sources = u.windows(4).step_by(3).zip(th.windows(4).step_by(3));
         for (row, (u, th)) in rows.iter_mut().zip(sources) {
             row.0[..4].copy_from_slice(u);
@@ -49,81 +51,88 @@ impl Posed for Finite {
     }
 }
 
-/// Orientations of the particles as they were reached last.
+/// Orientations of the particles at the state reached last.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Reached<'a> {
+pub(crate) struct Orientations<'a> {
     rows: &'a [CacheLine],
     th: &'a [f64],
 }
 
-impl Reached<'_> {
-    /// Nothing has turned yet.
+impl Orientations<'_> {
+    /// Orientations at rest, for any number of particles.
     pub(crate) fn upright() -> Self {
         Self { rows: &[], th: &[] }
     }
 
-    /// Orientation of particle `i` with rotation unknowns `th`.
+    /// Returns the orientation of particle `i` with rotation unknowns `th`.
     #[inline]
     pub(crate) fn orientation(&self, i: usize, th: [f64; 3]) -> UnitQuaternion<f64> {
-        let (row, from) = match self.rows.get(i) {
+        let (row, start) = match self.rows.get(i) {
             Some(row) => (row.0, &self.th[3 * i..3 * i + 3]),
             None => (UPRIGHT.0, &[0.0; 3][..]),
         };
-        let d = [th[0] - from[0], th[1] - from[1], th[2] - from[2]];
+        let d = [th[0] - start[0], th[1] - start[1], th[2] - start[2]];
         let q = turned([row[3], row[4], row[5], row[6]], d);
         UnitQuaternion::new_unchecked(Quaternion::new(q[0], q[1], q[2], q[3]))
     }
 }
 
-/// What needs other ranks; nothing fails on one.
-pub(crate) type Heard<R> = Result<R, RankError>;
+/// Result of an operation that needs other ranks. It never fails on a single rank.
+pub(crate) type RankResult<R> = Result<R, RankError>;
 
-/// Units per thread between two looks at messages that are on their way: some 150 microseconds.
+/// Units per thread between two polls for messages: some 150 microseconds of work.
 const PIECE: usize = 16;
 
-/// Particles of other ranks: their rows come from there.
+/// Ghosts, whose rows are received from their owners, and the working buffers for this.
 #[derive(Debug)]
 struct Ghosts {
     halo: Halo,
     messages: Vec<Message>,
-    /// Units with bonds to them.
+    /// True for units with bonds to ghosts.
     borders: Vec<bool>,
 }
 
 impl Ghosts {
-    /// Numbers of a row that are told.
-    const TOLD: usize = 7;
+    /// Numbers sent per row.
+    const SENT: usize = 7;
 
     fn new(halo: Halo) -> Self {
         Self {
-            messages: halo.messages(Self::TOLD),
+            messages: halo.messages(Self::SENT),
             borders: halo.borders(),
             halo,
         }
     }
 }
 
-/// Forces of the bonds of a body under one of the two laws.
+/// Forces of the bonds of a body under one of the two laws, in the layout of the model.
 pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
-    /// Adds forces and torques at positions that become the reached ones; all in the layout of the model.
-    /// With `marks` it looks at strengths on the way; returns the elastic energy \[J\] if asked for, else
-    /// zero.
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64>;
-    /// Adds forces and torques at any positions, without going there.
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()>;
-    /// One step of velocity Verlet.
-    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>>;
-    /// What was reached last, under a law that turns.
-    fn reached(&self) -> Option<Reached<'_>>;
-    /// Writes what readers know of the particles of other ranks, at the positions reached last.
+    /// Adds forces and torques at `q` and makes `q` the reached state. With `marks` it also compares bonds
+    /// with their strengths. Returns the elastic energy \[J\] if `energy` is set, else zero.
+    fn advance(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<f64>;
+    /// Adds forces and torques at `q` and keeps the reached state.
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()>;
+    /// Does one step of velocity Verlet.
+    fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>>;
+    /// Returns the orientations reached last under the finite-rotation law, `None` under the small one.
+    fn orientations(&self) -> Option<Orientations<'_>>;
+    /// Writes the states of the ghosts at the positions reached last, as a [`super::poses::Reader`] takes
+    /// them.
     fn ghosts(&self, out: &mut Vec<[f64; 7]>);
-    /// Quaternions (scalar first) and rotation unknowns of what was reached last: seven numbers per particle.
+    /// Returns quaternions (scalar first) and rotation unknowns reached last: seven numbers per particle.
     fn save(&self) -> Vec<f64>;
-    /// Undoes [`Self::save`]; `false` for numbers that are no orientations of as many particles.
+    /// Restores the state that [`Self::save`] returned. Returns `false` for another number of particles or
+    /// for quaternions that are not of unit length.
     fn restore(&mut self, from: &[f64]) -> bool;
-    /// Writes the forces of single blocks again, at the positions reached last.
-    fn again(&self, blocks: &[usize], f: &mut [f64]);
-    /// Leaves the bonds of blocks out that are not `whole`.
+    /// Computes the forces of `blocks` again at the positions reached last, and overwrites them in `f`.
+    fn recompute(&self, blocks: &[usize], f: &mut [f64]);
+    /// Rebuilds `blocks` without their broken bonds; `whole` returns whether a bond is unbroken.
     fn refresh(
         &mut self,
         blocks: &[usize],
@@ -133,7 +142,7 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     );
 }
 
-/// Rows of a range of blocks on their way to given positions.
+/// Data that is needed to write the rows of a range of blocks.
 struct Placing<'a> {
     rows: &'a mut [CacheLine],
     reached: &'a mut [f64],
@@ -147,7 +156,7 @@ impl Cut for Placing<'_> {
 
     fn cut(self, blocks: usize) -> (Self, Self) {
         let (rows, later) = self.rows.split_at_mut(LANES * blocks);
-        let (reached, rest) = cut_unknowns(self.reached, blocks);
+        let (reached, reached_later) = cut_unknowns(self.reached, blocks);
         let q = self.q.map(|q| q.split_at(3 * LANES * blocks));
         let first = Placing {
             rows,
@@ -156,24 +165,25 @@ impl Cut for Placing<'_> {
         };
         let second = Placing {
             rows: later,
-            reached: rest,
+            reached: reached_later,
             q: q.map(|q| q.1),
         };
         (first, second)
     }
 }
 
-/// One body, one law.
+/// Kernel of one body under one law. Each particle gathers the forces of its own bonds.
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
     layout: Layout,
-    /// Particles at the positions reached last, and their rotation unknowns there.
+    /// Rows of the particles at the positions reached last, and their rotation unknowns there.
     rows: Vec<CacheLine>,
     reached: Vec<f64>,
-    /// The same for positions that are only tried; empty for a law whose rows follow from its unknowns alone.
+    /// Rows and rotation unknowns for forces at positions that are not to be reached. Empty for a law whose
+    /// rows depend on the unknowns alone.
     tried: Vec<CacheLine>,
     tried_at: Vec<f64>,
-    /// Sums over the parts of a pass.
+    /// Energy sums of the parts of a pass.
     sums: Vec<Sums>,
     ghosts: Option<Ghosts>,
     rigidity: BeamRigidity,
@@ -181,30 +191,33 @@ pub(crate) struct Gather<W: Posed> {
     law: PhantomData<W>,
 }
 
-/// Parts are units: sums do not depend on which rank makes them.
+/// Parts of a pass are units, so that sums do not depend on the partition.
 const _: () = assert!(CHUNK * LANES == UNIT);
 
 impl<W: Screened> Gather<W> {
-    /// `body` must be numbered for locality already. Nothing has turned yet.
+    /// Builds the kernel of a whole body, with orientations at rest. The particles should be numbered for
+    /// locality.
     pub(crate) fn new(body: &BondedParticles) -> Self {
-        Self::of(body, None)
+        Self::with_halo(body, None)
     }
 
-    /// The same for a part of a body, with the particles of other ranks behind its own.
-    pub(crate) fn of(body: &BondedParticles, halo: Option<Halo>) -> Self {
+    /// Builds the kernel; with `halo`, that of a rank's part of a partitioned body, whose last particles are
+    /// ghosts.
+    pub(crate) fn with_halo(body: &BondedParticles, halo: Option<Halo>) -> Self {
         let foreign = halo.as_ref().map_or(0, |h| h.ghosts().len());
-        let own = body.len() - foreign;
-        let layout = Layout::new(body, own, W::LENGTHS);
+        let owned = body.len() - foreign;
+        let layout = Layout::new(body, owned, W::LENGTHS);
         let (upright, turns) = match W::TURNS {
-            true => (UPRIGHT, 3 * own),
+            true => (UPRIGHT, 3 * owned),
             false => (CacheLine::default(), 0),
         };
-        let rows = vec![upright; own.next_multiple_of(LANES) + foreign];
+        // Ghost rows begin behind the last block, so that no block mixes owned particles and ghosts.
+        let rows = vec![upright; owned.next_multiple_of(LANES) + foreign];
         Self {
             tried: if W::TURNS { rows.clone() } else { Vec::new() },
             tried_at: vec![0.0; turns],
             reached: vec![0.0; turns],
-            sums: vec![[0.0; 2]; own.div_ceil(CHUNK * LANES)],
+            sums: vec![[0.0; 2]; owned.div_ceil(CHUNK * LANES)],
             ghosts: halo.map(Ghosts::new),
             layout,
             rows,
@@ -219,9 +232,16 @@ impl<W: Screened> Gather<W> {
         std::mem::swap(&mut self.reached, &mut self.tried_at);
     }
 
-    /// Writes the rows of positions, then finds the forces there.
-    fn passes(&mut self, q: &[f64], sink: Sink<'_>, marks: Option<Marks<'_>>, energy: bool) -> Heard<()> {
+    /// Writes the rows for `q`, then computes the forces there.
+    fn passes(
+        &mut self,
+        q: &[f64],
+        sink: Sink<'_>,
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<()> {
         let (isa, parallel) = (self.isa, self.parallel());
+        // `q` has three displacements and three rotations per owned particle; ghost rows come behind them.
         let placing = Placing {
             rows: &mut self.rows[..q.len() / 6],
             reached: &mut self.reached,
@@ -233,35 +253,37 @@ impl<W: Screened> Gather<W> {
         self.gather(sink, marks, energy)
     }
 
-    /// Forces at the rows, and sums if wanted.
-    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> Heard<()> {
+    /// Computes the forces at the rows, and energy sums if `sums` is set.
+    fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> RankResult<()> {
         let parallel = self.parallel();
-        let (mut all, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
+        // Taken out of `self`, which the pass reads meanwhile.
+        let (mut totals, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
         let part = Part {
             first: 0,
             finish,
             marks,
-            sums: sums.then_some(&mut all[..]),
+            sums: sums.then_some(&mut totals[..]),
         };
-        let heard = match &mut ghosts {
+        let result = match &mut ghosts {
             Some(ghosts) => self.gather_with(ghosts, part, parallel),
             None => {
                 self.pass().run(&self.rows, part, parallel, &|_| true);
                 Ok(())
             }
         };
-        (self.sums, self.ghosts) = (all, ghosts);
-        heard
+        (self.sums, self.ghosts) = (totals, ghosts);
+        result
     }
 
-    /// The same in a part of a body: units without bonds to ghosts while the rows of these are on their
-    /// way, then the others. Every block by itself: the order of units changes no bit.
+    /// Like [`Self::gather`] in a rank's part of a partitioned body. Units without bonds to ghosts are done
+    /// while the ghost rows are exchanged, then the others. Blocks are independent, so the order of units
+    /// changes no bit.
     fn gather_with<F: Finish>(
         &mut self,
         ghosts: &mut Ghosts,
         mut part: Part<'_, F>,
         parallel: bool,
-    ) -> Heard<()> {
+    ) -> RankResult<()> {
         let Ghosts {
             halo,
             messages,
@@ -269,59 +291,60 @@ impl<W: Screened> Gather<W> {
         } = ghosts;
         self.gather_inner((halo, messages, borders), part.lent(), parallel)?;
         let first = self.layout.particles().next_multiple_of(LANES);
-        halo.told::<{ Ghosts::TOLD }>(messages, |g, x| {
-            self.rows[first + g].0[..Ghosts::TOLD].copy_from_slice(&x);
+        halo.told::<{ Ghosts::SENT }>(messages, |g, x| {
+            self.rows[first + g].0[..Ghosts::SENT].copy_from_slice(&x);
         });
         self.pass().run(&self.rows, part, parallel, &|unit| borders[unit]);
         Ok(())
     }
 
-    /// The first half of [`Self::gather_with`], at the end of which messages hold the rows of ghosts.
+    /// First half of [`Self::gather_with`]; at its end the messages hold the rows of the ghosts.
     fn gather_inner<F: Finish>(
         &self,
         (halo, messages, borders): (&Halo, &mut [Message], &[bool]),
         part: Part<'_, F>,
         parallel: bool,
-    ) -> Heard<()> {
+    ) -> RankResult<()> {
         let threads = if parallel { rayon::current_num_threads() } else { 1 };
         let piece = PIECE * CHUNK * threads;
         let (rows, pass) = (&self.rows, self.pass());
-        let mut left = Some(part);
-        let told = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
-        halo.tell::<{ Ghosts::TOLD }>(messages, told, &mut || {
-            let now = match left.take() {
-                Some(all) if all.blocks() > piece => {
-                    let (now, rest) = all.cut(piece);
-                    left = Some(rest);
+        let mut remaining = Some(part);
+        let row = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
+        halo.tell::<{ Ghosts::SENT }>(messages, row, &mut || {
+            let now = match remaining.take() {
+                Some(part) if part.blocks() > piece => {
+                    let (now, later) = part.cut(piece);
+                    remaining = Some(later);
                     now
                 }
-                Some(all) => all,
+                Some(part) => part,
                 None => return false,
             };
             pass.run(rows, now, parallel, &|unit| !borders[unit]);
-            left.is_some()
+            remaining.is_some()
         })
     }
 
-    /// Sums over all parts, on all ranks.
+    /// Returns the energy sums over all parts, on all ranks.
     fn total(&self) -> Sums {
-        let mut all = [Exact::zero(); 2];
-        for of in &self.sums {
-            all.iter_mut().zip(of).for_each(|(sum, x)| sum.add(*x));
+        // Exact sums do not depend on order, threads or ranks.
+        let mut sums = [Exact::zero(); 2];
+        for part in &self.sums {
+            sums.iter_mut().zip(part).for_each(|(sum, x)| sum.add(*x));
         }
         match &self.ghosts {
-            Some(g) => g.halo.portion().total(all),
-            None => all.map(Exact::value),
+            Some(g) => g.halo.portion().total(sums),
+            None => sums.map(Exact::value),
         }
     }
 
-    /// Whether more than one thread pays.
+    /// Returns whether several threads are faster than one.
     fn parallel(&self) -> bool {
         self.rows.len() > LARGE && rayon::current_num_threads() > 1
     }
 
-    /// Both passes of a step.
-    fn strides(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
+    /// Does both passes of a step: drift with the rows, then forces with the kick.
+    fn strides(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {
         let Stride {
             dt,
             q,
@@ -378,7 +401,13 @@ impl<W: Screened> Gather<W> {
 }
 
 impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
-    fn advance(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>, energy: bool) -> Heard<f64> {
+    fn advance(
+        &mut self,
+        q: &[f64],
+        f: &mut [f64],
+        marks: Option<Marks<'_>>,
+        energy: bool,
+    ) -> RankResult<f64> {
         let (linear, angular) = f.split_at_mut(q.len() / 2);
         let sink = Sink { linear, angular };
         if self.parallel() {
@@ -390,20 +419,21 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         Ok(if energy { self.total()[0] } else { 0.0 })
     }
 
-    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> Heard<()> {
+    fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()> {
         if W::TURNS {
+            // Orientations depend on the reached state: evaluate on a copy, then swap the reached state back.
             self.tried.copy_from_slice(&self.rows);
             self.tried_at.copy_from_slice(&self.reached);
             self.swap();
-            let found = self.advance(q, f, marks, false);
+            let result = self.advance(q, f, marks, false);
             self.swap();
-            found.map(|_| ())
+            result.map(|_| ())
         } else {
             self.advance(q, f, marks, false).map(|_| ())
         }
     }
 
-    fn stride(&mut self, step: Stride<'_, f64>) -> Heard<Option<Drawn<f64>>> {
+    fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {
         if self.parallel() {
             rayon::scope(|_| self.strides(step))
         } else {
@@ -411,8 +441,8 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         }
     }
 
-    fn reached(&self) -> Option<Reached<'_>> {
-        W::TURNS.then_some(Reached {
+    fn orientations(&self) -> Option<Orientations<'_>> {
+        W::TURNS.then_some(Orientations {
             rows: &self.rows,
             th: &self.reached,
         })
@@ -423,8 +453,10 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         let first = self.layout.particles().next_multiple_of(LANES);
         let foreign = self.rows[first.min(self.rows.len())..].iter();
         out.extend(foreign.map(|CacheLine([x, y, z, a, b, c, d, _])| {
+            // The layout of [`super::poses::Reader::state_to_send`].
             let [e, f, g, h] = match W::TURNS {
-                // With the bits of who asks for the orientation of a particle of its own.
+                // A turn by zero, so that the quaternion has the same bits as [`Orientations::orientation`]
+                // gives on its owner.
                 true => turned([*a, *b, *c, *d], [0.0; 3]),
                 false => [*b, *c, *d, 0.0],
             };
@@ -438,24 +470,24 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
             .collect()
     }
 
-    fn restore(&mut self, from: &[f64]) -> bool {
-        let (all, rest) = from.as_chunks::<7>();
+    fn restore(&mut self, saved: &[f64]) -> bool {
+        let (states, remainder) = saved.as_chunks::<7>();
         let unit = |x: &[f64; 7]| {
             let norm: f64 = x[..4].iter().map(|q| q * q).sum();
             (norm - 1.0).abs() < 1e-9 && x.iter().all(|x| x.is_finite())
         };
-        if all.len() * 3 != self.reached.len() || !rest.is_empty() || !all.iter().all(unit) {
+        if states.len() * 3 != self.reached.len() || !remainder.is_empty() || !states.iter().all(unit) {
             return false;
         }
         let places = self.rows.iter_mut().zip(self.reached.as_chunks_mut::<3>().0);
-        for ((row, th), x) in places.zip(all) {
+        for ((row, th), x) in places.zip(states) {
             row.0[3..7].copy_from_slice(&x[..4]);
             th.copy_from_slice(&x[4..]);
         }
         true
     }
 
-    fn again(&self, blocks: &[usize], f: &mut [f64]) {
+    fn recompute(&self, blocks: &[usize], f: &mut [f64]) {
         let n = f.len() / 6;
         let (linear, angular) = f.split_at_mut(3 * n);
         for &b in blocks {

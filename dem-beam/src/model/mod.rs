@@ -1,22 +1,21 @@
 //! The cohesive-beam packing as a model that can be coupled.
 //!
-//! Unknowns: three displacements per particle (`x0 y0 z0 x1 ...`), then three rotations per
-//! particle in the same order, which the coupling never touches. Particles are renumbered for
-//! locality at construction, so that no call permutes anything; [`DemModel::places`] maps the
-//! packing's numbers to the model's.
+//! The unknowns are three displacements per particle (`x0 y0 z0 x1 ...`), then three rotations per particle
+//! in the same order. The coupling never touches the rotations. Particles are renumbered for locality at
+//! construction, so that no call permutes anything; [`DemModel::places`] maps the packing's numbers to the
+//! model's.
 //!
-//! Weights. Energy-consistent: bond `b` carries the mean `w_b` of the weight over the segment
-//! between its two centres, in stiffness; the mass and inertia of a particle are multiplied by the
-//! mean of `w_b` over its bonds. Nodal, for comparison with the literature: force and torque of
-//! particle i are multiplied by `alpha(x_i)`, mass and inertia by `beta(x_i)`; such a model has no
-//! symmetric stiffness and is not offered as a linear one.
+//! Weights are energy-consistent: the stiffness of bond `b` is multiplied by `w_b`, the mean of the weight
+//! over the segment between its two centres. Mass and inertia of a particle are multiplied by the mean of
+//! `w_b` over its bonds. Forces therefore derive from a potential, and the stiffness is symmetric.
+//! [`arlequin_core::NodallyWeighted`] offers nodal weights instead, for comparison with the literature.
 //!
 //! Finite rotations ([`DemModel::with_finite_rotations`]): the velocities of the rotations are spins `w`
-//! about fixed axes and their accelerations torques over inertias, which is exact for spheres. The model
-//! keeps a unit quaternion per particle that turns with `exp(dt w)` in every step ([`Model::advance`]); the
-//! rotation unknowns are the spin added up over time, from the rotation vector that the initial state
-//! gives. Torques and forces balance about the present centres, so the scheme keeps angular momentum to
-//! round-off and the energy as well as for translations, however far a particle turns.
+//! about fixed axes, and their accelerations are torques over inertias, which is exact for spheres. The model
+//! keeps a unit quaternion per particle, which turns by `exp(dt w)` in every step ([`Model::advance`]). The
+//! rotation unknowns are the time integral of the spin, beginning at the rotation vector of the initial
+//! state. Torques and forces balance about the present centres. The scheme therefore keeps angular momentum
+//! to round-off, and energy as well as for translations, however far a particle turns.
 
 mod breaking;
 pub(crate) mod forces;
@@ -64,7 +63,7 @@ use poses::Reader;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-/// Spheres joined by cohesive beams, ready to be coupled.
+/// Spheres joined by cohesive beams, a model that can be coupled.
 #[derive(Debug)]
 pub struct DemModel {
     name: String,
@@ -73,7 +72,7 @@ pub struct DemModel {
     /// Unweighted mass \[kg\] and rotational inertia \[kg m²\].
     mass: Vec<f64>,
     inertia: Vec<f64>,
-    /// Packing number of each particle, and the inverse.
+    /// Packing number of each of the model's particles, and the inverse map.
     order: Vec<u32>,
     places: Vec<u32>,
     volume: f64,
@@ -81,21 +80,21 @@ pub struct DemModel {
     kernel: Kernel,
     packing: Option<PackingReport>,
     fracture: Option<FractureState>,
-    /// Strengths that are compared at the end only, in a run without fracture.
+    /// Strengths that [`Watching::watch`] compares in a run without fracture; nothing breaks.
     watched: Option<FractureState>,
     log: SharedLog,
-    /// Bonds of every particle, once stresses are asked for.
-    around: OnceLock<Adjacency<[u32; 2]>>,
-    /// Bonds of every unit, by their first particles.
-    of_units: Vec<Range<usize>>,
-    /// Particles of other ranks, in a part of a body, and numbers that its bonds have in the whole.
+    /// Bonds of every particle, built when stresses are first asked for.
+    bonds_by_particle: OnceLock<Adjacency<[u32; 2]>>,
+    /// Range of the bonds of each unit; a bond belongs to the unit of its first particle.
+    unit_bonds: Vec<Range<usize>>,
+    /// In a rank's part of a partitioned body: the ghosts, and the numbers of the bonds in the whole body.
     halo: Option<Halo>,
     numbered: Option<Numbered>,
 }
 
 impl DemModel {
-    /// A packing of beams `beam` and density `density` \[kg/m³\], which times the volume each sphere stands
-    /// for is its mass.
+    /// Makes a model of a packing with beams `beam` and density `density` \[kg/m³\]. The mass of a sphere is
+    /// the density times the volume that the sphere stands for.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -107,13 +106,13 @@ impl DemModel {
     /// ```
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the packing's particle numbers; [`Error::Periodic`].
+    /// Errors of [`BondedParticles::new`], with the packing's particle numbers; [`Error::Periodic`].
     pub fn new(name: &str, packing: &Packing, beam: BeamMaterial, density: f64) -> Result<Self> {
         if packing.period.is_some() {
             return Err(Error::Periodic { what: "a model" });
         }
         // In the packing's numbers first, so that errors name what the caller knows.
-        let body = BondedParticles::of_packing(packing, beam, density)?;
+        let body = BondedParticles::from_packing(packing, beam, density)?;
         let volumes = packing.volumes();
         let contents = Contents {
             volumes: &volumes,
@@ -127,15 +126,15 @@ impl DemModel {
             density,
             volume: packing.volume,
         };
-        let mut model = Self::of_body(name, body, &contents, &matter)?;
+        let mut model = Self::from_body(name, body, &contents, &matter)?;
         model.packing = Some(packing.report.clone());
         Ok(model)
     }
 
-    /// Any spheres \[m\] with given bonds.
+    /// Makes a model of any spheres \[m\] with given bonds.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with the numbers given.
+    /// Errors of [`BondedParticles::new`], with the caller's particle numbers.
     pub fn from_spheres(
         name: &str,
         positions: &[Vector3<f64>],
@@ -153,12 +152,17 @@ impl DemModel {
             rounded: true,
             whole: None,
         };
-        Self::of_body(name, body, &contents, matter)
+        Self::from_body(name, body, &contents, matter)
     }
 
-    /// A body in the caller's numbers.
-    fn of_body(name: &str, body: BondedParticles, contents: &Contents<'_>, matter: &Matter) -> Result<Self> {
-        // What is not needed any more goes before the body is made again.
+    /// Makes a model of a body in the caller's numbers: renumbers its particles and sorts its bonds.
+    fn from_body(
+        name: &str,
+        body: BondedParticles,
+        contents: &Contents<'_>,
+        matter: &Matter,
+    ) -> Result<Self> {
+        // Frees the body's other arrays before the renumbered body is built: lowers the peak of memory.
         let (positions, radii, mut pairs) = body.into_spheres();
         let order = block_order(&positions, &pairs);
         let mut places = vec![0_u32; order.len()];
@@ -169,6 +173,7 @@ impl DemModel {
             let [i, j] = pair.map(|i| places[i as usize]);
             *pair = [i.min(j), i.max(j)];
         }
+        // Sorted by first particle, so that the bonds of a unit are a contiguous range.
         pairs.sort_unstable();
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
         drop(positions);
@@ -180,7 +185,7 @@ impl DemModel {
         };
         let body =
             BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
-        // Where the bonds see them: moments balance about these.
+        // Nodes are the centres on the kernel's grid, about which the moments of bond forces balance.
         let nodes: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
         let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
@@ -197,30 +202,30 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
-            around: OnceLock::new(),
-            of_units: portion::bonds_of_units(body.pairs(), body.len()),
+            bonds_by_particle: OnceLock::new(),
+            unit_bonds: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
             numbered: None,
             body,
         })
     }
 
-    /// The same body of several materials: what a particle's place gives are the Young's modulus of its
-    /// beams and its density, over those of the packing. The bond between two of different moduli is half
-    /// of each in a row. Goes before finite rotations; bonds of several materials have no common strength,
-    /// so fracture is refused.
+    /// Gives the body several materials. For each place, `grades` returns the Young's modulus of the beams
+    /// and the density, both over those of the packing. A bond between two moduli is half of each in series.
+    /// Call this before [`Self::with_finite_rotations`]. Fracture is refused, because bonds of several
+    /// materials have no common strength.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] unless all are positive; [`Error::Graded`] after finite rotations or fracture;
     /// [`Error::InParts`].
-    pub fn with_grades(mut self, at: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
-        self.whole("the choice of materials")?;
+    pub fn with_grades(mut self, grades: impl Fn(&Point3<f64>) -> [f64; 2]) -> Result<Self> {
+        self.require_whole("the choice of materials")?;
         if self.has_finite_rotations() || self.fracture.is_some() || self.watched.is_some() {
             return Err(Error::Graded {
                 what: "materials after finite rotations or fracture",
             });
         }
-        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| at(x).into()).unzip();
+        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| grades(x).into()).unzip();
         self.body.grade(&stiffness, &density)?;
         self.mass = self.body.mass().to_vec();
         self.inertia = self.body.inertia().to_vec();
@@ -228,33 +233,34 @@ impl DemModel {
         Ok(self)
     }
 
-    /// The same body under the finite-rotation law; see the module text.
+    /// Switches to the finite-rotation law; see the module text.
     #[must_use]
     pub fn with_finite_rotations(mut self) -> Self {
         self.kernel = Kernel::new(true);
         self
     }
 
-    /// Whether rotations may be large.
+    /// Returns whether rotations may be large.
     #[must_use]
     pub fn has_finite_rotations(&self) -> bool {
         self.kernel.is_finite()
     }
 
-    /// Particles and bonds in the model's numbers; bond weights as last set. In a part of a body, particles
-    /// of other ranks come behind its own, as far as these are bonded with them.
+    /// Particles and bonds in the model's numbers, with the bond weights last set. In a rank's part of a
+    /// partitioned body, the ghosts bonded with owned particles follow the owned particles.
     #[must_use]
     pub fn body(&self) -> &BondedParticles {
         &self.body
     }
 
-    /// Packing number of each of the model's particles (new to old).
+    /// Packing number of each of the model's particles (new to old numbers).
     #[must_use]
     pub fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Model number of each of the packing's particles (old to new); none in a part of a body.
+    /// Model number of each of the packing's particles (old to new numbers); empty in a rank's part of a
+    /// partitioned body.
     #[must_use]
     pub fn places(&self) -> &[u32] {
         &self.places
@@ -272,22 +278,24 @@ impl DemModel {
         &self.inertia
     }
 
-    /// The particle field: `V_i = V r_i^3 / sum r^3` at the centres, gradients from the bonded neighbours.
+    /// Returns the particle field: volumes `V_i = V r_i^3 / sum r^3` at the centres, gradients from the
+    /// bonded neighbours.
     #[must_use]
     pub fn particle_field(&self) -> Arc<ParticleField<f64>> {
         self.field.clone()
     }
 
-    /// Forces at displacements that are reached; the energy there if asked for, else zero.
-    fn go(&mut self, q: &[f64], f: &mut [f64], energy: bool) -> arlequin_core::Result<f64> {
+    /// Adds the forces at `q` and makes `q` the reached state; returns the energy there if `energy` is set,
+    /// else zero.
+    fn advance_to(&mut self, q: &[f64], f: &mut [f64], energy: bool) -> arlequin_core::Result<f64> {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.advance(q, f, marks, energy)?)
     }
 
-    fn named(&self, error: &Error) -> arlequin_core::Error {
+    fn named_error(&self, error: &Error) -> arlequin_core::Error {
         match error {
             Error::Core(e) => e.clone(),
             e => arlequin_core::Error::of_model(&self.name, e.clone()),
@@ -297,7 +305,7 @@ impl DemModel {
     fn reader<'a>(&'a self, q: &'a [f64]) -> Reader<'a> {
         Reader {
             q,
-            reached: self.kernel.reached(),
+            orientations: self.kernel.orientations(),
             rigidity: *self.body.rigidity(),
             ghosts: &[],
         }
@@ -349,10 +357,10 @@ impl Model<f64> for DemModel {
         Ok(())
     }
 
-    /// Orientations begin anew from rest.
+    /// Also resets the orientations to those at rest.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let bonds = self.bond_means(alpha)?;
-        self.body.set_weights(&bonds).map_err(|e| self.named(&e))?;
+        self.body.set_weights(&bonds).map_err(|e| self.named_error(&e))?;
         self.spare_overlap();
         self.kernel.renew();
         Ok(())
@@ -362,16 +370,16 @@ impl Model<f64> for DemModel {
         check_size(self, "displacements", q.len())?;
         check_size(self, "forces", f.len())?;
         let marks = self.fracture.as_mut().and_then(FractureState::marks);
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.add(q, f, marks)?)
     }
 
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.go(q, f, false).map(|_| ())
+        self.advance_to(q, f, false).map(|_| ())
     }
 
     fn advance_with_energy(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<f64> {
-        self.go(q, f, true)
+        self.advance_to(q, f, true)
     }
 
     fn stepping(&mut self) -> Option<&mut dyn Stepping<f64>> {
@@ -386,24 +394,25 @@ impl Model<f64> for DemModel {
         }
     }
 
-    /// Sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
+    /// Returns the sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         self.energy(q)
     }
 
-    /// `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value
-    /// plus its residual: never above the critical step by more than 5e-5 of it, in memory of a few
-    /// vectors. Under the finite-rotation law this is the step of the undeformed body.
+    /// Returns `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value
+    /// plus its residual, in memory of a few vectors. It exceeds the critical step by at most 5e-5 of it.
+    /// Under the finite-rotation law this is the step of the undeformed body.
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
         let (layout, halo) = (self.layout(), self.halo.clone());
         let portion = halo.as_ref().map(|h| &**h.portion());
         let space = (&root[..], layout, portion);
+        // A separate kernel of the linear law leaves the reached orientations alone.
         let top = if self.has_finite_rotations() {
-            critical::largest(space, &mut Gather::<Linear>::of(&self.body, halo.clone()))
+            critical::largest(space, &mut Gather::<Linear>::with_halo(&self.body, halo.clone()))
         } else {
-            critical::largest(space, self.kernel.of(&self.body, halo.as_ref()))
+            critical::largest(space, self.kernel.get_or_build(&self.body, halo.as_ref()))
         };
         Ok(spectrum::step_of(top?))
     }
@@ -416,9 +425,9 @@ impl Model<f64> for DemModel {
         Some(self)
     }
 
-    /// Weights stay; orientations begin from rest.
+    /// Keeps the weights and resets the orientations to those at rest.
     fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
-        self.bisect(communicator).map_err(|e| self.named(&e))
+        self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 
     fn portion(&self) -> Option<&Portion> {
@@ -434,8 +443,9 @@ impl Model<f64> for DemModel {
     }
 
     fn effects(&self) -> &[&'static str] {
-        let all = &["fracture", "finite-rotations"];
-        &all[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
+        // The active effects are a range of this list, because either end may be left out.
+        let names = &["fracture", "finite-rotations"];
+        &names[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
@@ -457,7 +467,7 @@ impl Model<f64> for DemModel {
 
 impl Stepping<f64> for DemModel {
     fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
-        let kernel = self.kernel.of(&self.body, self.halo.as_ref());
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
         Ok(kernel.stride(step)?)
     }
 }
@@ -473,14 +483,14 @@ impl Evolving<f64> for DemModel {
 }
 
 impl Watching<f64> for DemModel {
-    /// Of a part of a body all ranks must ask.
+    /// Collective for a partitioned body.
     fn watch(&self, state: &State<f64>) -> Vec<Finding> {
         self.findings(&state.q)
     }
 }
 
 impl LinearModel<f64> for DemModel {
-    /// The weighted stiffness of the small-rotation law, displacements and rotations.
+    /// Returns the weighted stiffness of the small-rotation law, displacements and rotations.
     fn stiffness(&self) -> CsMat<f64> {
         stiffness::assemble(&self.body)
     }

@@ -1,9 +1,9 @@
-//! A part of a body that no rank ever has the whole of.
+//! A rank's part of a body that no rank ever holds as a whole.
 //!
-//! A rank is given its own particles and those that their bonds reach, with the numbers of the whole body,
-//! and makes what [`DemModel::share_out`] would have left it with: the same bits. What only the whole
-//! knows, ranks find together: the longest bond, which chooses the grid of centres, and the numbers of
-//! bonds.
+//! A rank is given its owned particles and the ghosts that their bonds reach, in numbers of the whole body.
+//! It makes the same part, bit for bit, as [`DemModel::share_out`] of the whole body. The ranks compute
+//! together what depends on the whole body: the longest bond, which determines the grid of centres, and the
+//! numbers of the bonds.
 
 use super::DemModel;
 use super::lazy::Kernel;
@@ -20,15 +20,15 @@ use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// What one rank knows of a body: its own particles, then those of other ranks that are bonded with them.
+/// One rank's description of its part of a body: its owned particles, then the ghosts bonded with them.
 ///
-/// Particles are numbered from zero over the whole body, such that [`UNIT`] consecutive ones lie close
-/// together: forces and halos are as good as this numbering is. [`crate::packing::Bricks`] does it for
-/// lattices.
+/// Particles are numbered from zero over the whole body. [`UNIT`] consecutive particles should lie close
+/// together, because the cost of forces and halo exchanges depends on it. [`crate::packing::Bricks`] makes
+/// such a numbering for lattices.
 #[derive(Debug, Clone)]
 pub struct Piece {
-    /// Numbers in the whole body: of the own particles, ascending, all units of this rank, and then of the
-    /// others, in any order.
+    /// Numbers of the particles in the whole body: first the owned particles, ascending, all units of this
+    /// rank; then the ghosts in any order.
     pub numbers: Vec<u32>,
     /// Centres \[m\], in the order of `numbers`.
     pub positions: Vec<Vector3<f64>>,
@@ -36,65 +36,65 @@ pub struct Piece {
     pub radii: Vec<f64>,
     /// Volume that each particle stands for \[m³\].
     pub volumes: Vec<f64>,
-    /// All bonds of the own particles, in numbers of the whole body, each once.
+    /// All bonds of the owned particles, in numbers of the whole body.
     pub pairs: Vec<[u32; 2]>,
     /// Mean radius of all particles of the body \[m\], the same on every rank.
     pub mean_radius: f64,
-    /// Beams.
+    /// Material of the beams.
     pub beam: BeamMaterial,
     /// Mass density \[kg/m³\].
     pub density: f64,
 }
 
-/// Numbers that the bonds of a part have in the whole body, and how many there are of these.
+/// Numbers of the bonds of a part in the whole body, and the number of all bonds of the body.
 #[derive(Debug, Clone)]
 pub(crate) struct Numbered {
-    /// Ascending.
+    /// Number of each bond of the part in the whole body, ascending.
     pub(crate) bonds: Arc<[u32]>,
-    pub(crate) of: usize,
+    /// Number of all bonds of the whole body.
+    pub(crate) total: usize,
 }
 
-/// Numbers that tell of a particle: its centre, radius and volume.
-const TOLD: usize = 5;
+/// Numbers sent per particle: centre, radius and volume.
+const SENT: usize = 5;
 
 impl DemModel {
-    /// The part of a body that the rank of `communicator` holds, by `division`, from what this rank alone
-    /// knows of the body. All ranks must make theirs, and the same calls of it. It is what
-    /// [`Self::share_out`] makes of the whole, and all that holds for that holds here; interfaces need the
-    /// whole body and are refused by name.
+    /// Makes this rank's part of a partitioned body from `piece`, the description of that part alone. The
+    /// result equals that of [`Self::share_out`] of the whole body and obeys the same rules; interfaces need
+    /// the whole body and are refused. Collective.
     ///
     /// # Errors
-    /// As [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
-    /// [`Error::OutOfRange`] for particles that are not those of the division;
-    /// [`arlequin_core::ranks::RankError`], as an error of the core, for ranks that differ in the body or
-    /// in what they say of each other's particles and bonds, and what the transport says.
+    /// Errors of [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
+    /// [`Error::OutOfRange`] for particles other than those of the division.
+    /// [`arlequin_core::ranks::RankError`], as an error of the core, if ranks disagree about the body or
+    /// about each other's particles and bonds, and for errors of the transport.
     pub fn of_piece(
         name: &str,
         piece: Piece,
         division: &Division,
         communicator: Arc<dyn Communicator>,
     ) -> Result<Self> {
-        let heard = |e: RankError| Error::Core(arlequin_core::Error::Rank(e));
+        let rank_error = |e: RankError| Error::Core(arlequin_core::Error::Rank(e));
         let communicator: &Arc<dyn Communicator> = &communicator;
-        let portion = Portion::new(division.clone(), communicator.clone()).map_err(heard)?;
+        let portion = Portion::new(division.clone(), communicator.clone()).map_err(rank_error)?;
         let portion = Arc::new(portion);
         let piece = piece.checked(&portion)?;
         let what = "the body of particles that they make parts of";
-        ranks::agree(&**communicator, what, piece.digest(division)).map_err(heard)?;
+        ranks::agree(&**communicator, what, piece.digest(division)).map_err(rank_error)?;
         let halo = Halo::of_links(portion.clone(), piece.pairs.iter().copied());
-        agree_on_bonds(&halo, &piece.pairs).map_err(heard)?;
-        let piece = piece.in_order_of(&halo);
-        agree_on_ghosts(&halo, &piece).map_err(heard)?;
-        let bonds = number_bonds(&halo, &piece.pairs).map_err(heard)?;
-        let model = Self::of_ordered(name, piece, &halo, bonds);
-        // What went wrong between ranks while sums were formed.
-        portion.failure().map_or(model, |e| Err(heard(e.clone())))
+        agree_on_bonds(&halo, &piece.pairs).map_err(rank_error)?;
+        let piece = piece.with_ghosts_like(&halo);
+        agree_on_ghosts(&halo, &piece).map_err(rank_error)?;
+        let bonds = number_bonds(&halo, &piece.pairs).map_err(rank_error)?;
+        let model = Self::from_ordered(name, piece, &halo, bonds);
+        // Sums between ranks keep their first error in the portion.
+        portion.failure().map_or(model, |e| Err(rank_error(e.clone())))
     }
 
-    /// From particles in the order of a part, their bonds in that of the body.
-    fn of_ordered(name: &str, piece: Piece, halo: &Halo, numbered: Numbered) -> Result<Self> {
+    /// Makes the model from particles in the order of the part and bonds in the order of the body.
+    fn from_ordered(name: &str, piece: Piece, halo: &Halo, numbered: Numbered) -> Result<Self> {
         let portion = halo.portion();
-        let own = portion.nodes();
+        let owned = portion.nodes();
         let Piece {
             numbers,
             positions,
@@ -105,39 +105,43 @@ impl DemModel {
             beam,
             density,
         } = piece;
+        // A search in sorted numbers needs no array over the whole body.
         let mut places: Vec<(u32, u32)> = numbers.iter().copied().zip(0..).collect();
         places.sort_unstable();
         for end in pairs.iter_mut().flatten() {
-            let at = places.binary_search_by_key(end, |p| p.0);
-            *end = at.map_or(u32::MAX, |at| places[at].1);
+            let place = places.binary_search_by_key(end, |p| p.0);
+            *end = place.map_or(u32::MAX, |place| places[place].1);
         }
         drop(places);
-        let all = |e: Error| in_numbers(e, &numbers, &numbered.bonds);
-        let longest = portion.largest(longest(&positions, &radii, &pairs).map_err(all)?);
+        let in_body = |e: Error| in_numbers(e, &numbers, &numbered.bonds);
+        let longest = portion.largest(longest(&positions, &radii, &pairs).map_err(in_body)?);
         let contents = Contents {
             volumes: &volumes,
-            // Ghosts have a bond each, and own particles were looked at.
+            // Every ghost has a bond, and `checked` has refused owned particles without bonds.
             loose: true,
             period: None,
             rounded: true,
             whole: Some(Extents { mean_radius, longest }),
         };
-        let body =
-            BondedParticles::with_volumes(positions, radii, pairs, density, beam, &contents).map_err(all)?;
+        let body = BondedParticles::with_volumes(positions, radii, pairs, density, beam, &contents)
+            .map_err(in_body)?;
         let body = body.in_order_of_pairs();
-        let nodes: Vec<Point3<f64>> = body.positions()[..own].iter().map(|x| Point3::from(*x)).collect();
+        let nodes: Vec<Point3<f64>> = body.positions()[..owned]
+            .iter()
+            .map(|x| Point3::from(*x))
+            .collect();
         let mut volume = Exact::zero();
-        volumes[..own].iter().for_each(|v| volume.add(*v));
+        volumes[..owned].iter().for_each(|v| volume.add(*v));
         let [volume] = portion.total([volume]);
         let mut order = numbers;
-        order.truncate(own);
+        order.truncate(owned);
         order.shrink_to_fit();
         Ok(Self {
             name: name.to_owned(),
-            field: Arc::new(ParticleField::new(nodes.clone(), &volumes[..own])?),
+            field: Arc::new(ParticleField::new(nodes.clone(), &volumes[..owned])?),
             nodes,
-            mass: body.mass()[..own].to_vec(),
-            inertia: body.inertia()[..own].to_vec(),
+            mass: body.mass()[..owned].to_vec(),
+            inertia: body.inertia()[..owned].to_vec(),
             order,
             places: Vec::new(),
             volume,
@@ -146,8 +150,8 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
-            around: OnceLock::new(),
-            of_units: bonds_of_units(body.pairs(), own),
+            bonds_by_particle: OnceLock::new(),
+            unit_bonds: bonds_of_units(body.pairs(), owned),
             halo: Some(halo.clone()),
             numbered: Some(numbered),
             body,
@@ -156,47 +160,48 @@ impl DemModel {
 }
 
 impl Piece {
-    /// The same with bonds in the order of the whole body, each with its smaller number first.
+    /// Checks the part and sorts its bonds in the order of the whole body, each with its smaller number
+    /// first.
     fn checked(mut self, portion: &Portion) -> Result<Self> {
         let count = self.numbers.len();
-        let whole = portion.division().nodes();
+        let particles = portion.division().nodes();
         expect_len("centres of a part", self.positions.len(), count)?;
         expect_len("volumes of a part", self.volumes.len(), count)?;
-        let own = portion.nodes();
-        let mine = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(portion.global(k));
-        if !(0..own).all(mine) {
-            let found = (0..own).take_while(|k| mine(*k)).count();
+        let owned = portion.nodes();
+        let is_owned = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(portion.global(k));
+        if !(0..owned).all(is_owned) {
+            let matching = (0..owned).take_while(|k| is_owned(*k)).count();
             return Err(Error::LengthMismatch {
                 what: "own particles of a part, in the order of its units",
-                found,
-                expected: own,
+                found: matching,
+                expected: owned,
             });
         }
         if count > 0 {
-            let all = |e: Error| in_numbers(e, &self.numbers, &[]);
-            check_spheres(&self.positions, &self.radii).map_err(all)?;
+            let in_body = |e: Error| in_numbers(e, &self.numbers, &[]);
+            check_spheres(&self.positions, &self.radii).map_err(in_body)?;
         }
         positive("mean radius of a body", self.mean_radius)?;
-        let mut known = self.numbers.clone();
-        known.sort_unstable();
-        if let Some(twice) = known.windows(2).find(|k| k[0] == k[1]) {
+        let mut sorted = self.numbers.clone();
+        sorted.sort_unstable();
+        if let Some(twice) = sorted.windows(2).find(|k| k[0] == k[1]) {
             return Err(Error::out_of_range(
                 "number of a particle of a part",
                 f64::from(twice[0]),
                 "once in a part",
             ));
         }
-        if let Some(beyond) = known.last().filter(|k| **k as usize >= whole) {
+        if let Some(beyond) = sorted.last().filter(|k| **k as usize >= particles) {
             return Err(Error::out_of_range(
                 "number of a particle of a part",
                 f64::from(*beyond),
                 "numbers of the division",
             ));
         }
-        let mut bonded = vec![false; own];
+        let mut bonded = vec![false; owned];
         for (bond, pair) in self.pairs.iter_mut().enumerate() {
             pair.sort_unstable();
-            let unknown = pair.iter().find(|i| known.binary_search(i).is_err());
+            let unknown = pair.iter().find(|i| sorted.binary_search(i).is_err());
             if let Some(i) = unknown {
                 return Err(Error::NoSuchParticle {
                     bond,
@@ -204,15 +209,15 @@ impl Piece {
                     count,
                 });
             }
-            let here = pair.map(|i| portion.local(i as usize));
-            if here == [None, None] {
+            let ends = pair.map(|i| portion.local(i as usize));
+            if ends == [None, None] {
                 return Err(Error::out_of_range(
                     "bond of a part",
                     bond as f64,
                     "bonds with a particle of this rank",
                 ));
             }
-            here.into_iter().flatten().for_each(|k| bonded[k] = true);
+            ends.into_iter().flatten().for_each(|k| bonded[k] = true);
         }
         self.pairs.sort_unstable();
         self.pairs.dedup();
@@ -226,31 +231,31 @@ impl Piece {
         Ok(self)
     }
 
-    /// Own particles, then the ghosts of a halo in its order.
-    fn in_order_of(mut self, halo: &Halo) -> Self {
-        let own = halo.portion().nodes();
-        let mut places: Vec<(u32, usize)> = self.numbers[own..].iter().copied().zip(own..).collect();
+    /// Sorts the ghosts in the order of `halo`, behind the owned particles.
+    fn with_ghosts_like(mut self, halo: &Halo) -> Self {
+        let owned = halo.portion().nodes();
+        let mut places: Vec<(u32, usize)> = self.numbers[owned..].iter().copied().zip(owned..).collect();
         places.sort_unstable();
         let find = |g: &u32| {
             places
                 .binary_search_by_key(g, |p| p.0)
-                .map_or(own, |k| places[k].1)
+                .map_or(owned, |k| places[k].1)
         };
-        let from: Vec<usize> = halo.ghosts().iter().map(find).collect();
-        fn arrange<X: Copy>(x: &mut Vec<X>, own: usize, from: &[usize]) {
-            let behind: Vec<X> = from.iter().map(|k| x[*k]).collect();
-            x.truncate(own);
+        let sources: Vec<usize> = halo.ghosts().iter().map(find).collect();
+        fn arrange<X: Copy>(x: &mut Vec<X>, owned: usize, sources: &[usize]) {
+            let behind: Vec<X> = sources.iter().map(|k| x[*k]).collect();
+            x.truncate(owned);
             x.extend(behind);
             x.shrink_to_fit();
         }
-        arrange(&mut self.numbers, own, &from);
-        arrange(&mut self.positions, own, &from);
-        arrange(&mut self.radii, own, &from);
-        arrange(&mut self.volumes, own, &from);
+        arrange(&mut self.numbers, owned, &sources);
+        arrange(&mut self.positions, owned, &sources);
+        arrange(&mut self.radii, owned, &sources);
+        arrange(&mut self.volumes, owned, &sources);
         self
     }
 
-    /// What must be the same on all ranks.
+    /// Hash of the values that must be the same on all ranks.
     fn digest(&self, division: &Division) -> u64 {
         let BeamMaterial {
             young,
@@ -268,15 +273,15 @@ impl Piece {
         hasher.finish()
     }
 
-    fn told(&self, k: usize) -> [f64; TOLD] {
+    fn values_to_send(&self, k: usize) -> [f64; SENT] {
         let x = self.positions[k];
         [x.x, x.y, x.z, self.radii[k], self.volumes[k]]
     }
 }
 
-/// An error about particles and bonds of a part in numbers of the whole body.
+/// Returns the error with the particle and bond numbers of the whole body instead of the part's.
 fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
-    let name = |of: &[u32], k: &mut usize| *k = of.get(*k).map_or(*k, |n| *n as usize);
+    let name = |numbers: &[u32], k: &mut usize| *k = numbers.get(*k).map_or(*k, |n| *n as usize);
     match &mut error {
         Error::BadRadius { particle, .. } => name(particles, particle),
         Error::NotFinite { index, .. } => name(particles, index),
@@ -296,19 +301,19 @@ fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
     error
 }
 
-/// Whether all ranks say the same of bonds between them: each bond adds a number on one side and takes it
-/// away on the other.
+/// Checks that ranks agree about the bonds between them: one side adds a hash of each bond, the other
+/// subtracts it.
 fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), RankError> {
     let portion = halo.portion();
     let mut sums = [0_i64; 2];
     for pair in pairs {
-        let here = pair.map(|i| portion.local(i as usize).is_some());
-        if here[0] != here[1] {
+        let is_owned = pair.map(|i| portion.local(i as usize).is_some());
+        if is_owned[0] != is_owned[1] {
             let mut hasher = DefaultHasher::new();
             pair.iter().for_each(|i| hasher.write_u32(*i));
-            // Halves, so that sums stay far from the limits of a word.
+            // Sums of half words stay far from the limits of a 64-bit integer.
             let words = hasher.finish();
-            let sign = if here[0] { 1 } else { -1 };
+            let sign = if is_owned[0] { 1 } else { -1 };
             sums[0] += sign * (words >> 32).cast_signed();
             sums[1] += sign * (words & u64::from(u32::MAX)).cast_signed();
         }
@@ -324,20 +329,21 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
     }
 }
 
-/// Whether ranks see each other's particles where they are.
+/// Checks that the ghosts of each rank equal the particles of their owners.
 fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankError> {
-    let (portion, own) = (halo.portion(), halo.portion().nodes());
-    let mut other = None;
-    halo.exchange::<TOLD>(
-        &mut halo.messages(TOLD),
-        |k| piece.told(k),
+    let (portion, owned) = (halo.portion(), halo.portion().nodes());
+    // Every rank finishes the exchange before it reports, so that no rank waits for a message.
+    let mut differing = None;
+    halo.exchange::<SENT>(
+        &mut halo.messages(SENT),
+        |k| piece.values_to_send(k),
         |g, x| {
-            if piece.told(own + g).map(f64::to_bits) != x.map(f64::to_bits) {
-                other.get_or_insert(halo.ghosts()[g]);
+            if piece.values_to_send(owned + g).map(f64::to_bits) != x.map(f64::to_bits) {
+                differing.get_or_insert(halo.ghosts()[g]);
             }
         },
     )?;
-    let mut words = [other.map_or(0, |g| i64::from(g) + 1)];
+    let mut words = [differing.map_or(0, |g| i64::from(g) + 1)];
     let communicator = portion.communicator();
     communicator.reduce(&mut words, Reduction::Largest)?;
     match words[0] {
@@ -349,55 +355,56 @@ fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankEr
     }
 }
 
-/// Numbers of the bonds in the whole body, where they are in the order of their particles.
+/// Returns the numbers of the bonds in the whole body, counted in the order of their first particles.
 fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered, RankError> {
     let portion = halo.portion();
     let division = portion.division();
     let communicator = portion.communicator();
-    let own = |i: u32| portion.local(i as usize).is_some();
-    // Bonds of every unit, each with its first particle; then those before it.
+    let is_owned = |i: u32| portion.local(i as usize).is_some();
+    // Counts the bonds of each unit by their first particle, then the bonds of all units before it.
     let mut before = vec![0_i64; division.nodes().div_ceil(UNIT)];
-    let firsts = pairs.iter().map(|p| p[0]).filter(|i| own(*i));
+    let firsts = pairs.iter().map(|p| p[0]).filter(|i| is_owned(*i));
     firsts.for_each(|i| before[i as usize / UNIT] += 1);
     communicator.reduce(&mut before, Reduction::Sum)?;
-    let mut of = 0;
+    let mut total = 0;
     for count in &mut before {
-        of += *count;
-        *count = of - *count;
+        total += *count;
+        *count = total - *count;
     }
     let mut numbers = vec![0_u32; pairs.len()];
-    for (number, [first, _]) in numbers.iter_mut().zip(pairs).filter(|(_, p)| own(p[0])) {
+    for (number, [first, _]) in numbers.iter_mut().zip(pairs).filter(|(_, p)| is_owned(p[0])) {
         let next = &mut before[*first as usize / UNIT];
         *number = *next as u32;
         *next += 1;
     }
-    // Bonds whose first particle is elsewhere: both ranks know them, in the same order.
-    let mut between: Vec<(usize, usize)> = Vec::new();
+    // The owner of its first particle numbers a bond. Both ranks of a bond list it in the same order, so that
+    // numbers can be sent without keys.
+    let mut shared: Vec<(usize, usize)> = Vec::new();
     for (b, pair) in pairs.iter().enumerate() {
-        let far = pair.iter().find(|i| !own(**i));
-        between.extend(far.map(|i| (division.owner(*i as usize), b)));
+        let foreign = pair.iter().find(|i| !is_owned(**i));
+        shared.extend(foreign.map(|i| (division.owner(*i as usize), b)));
     }
-    between.sort_unstable();
+    shared.sort_unstable();
     let mut messages: Vec<Message> = Vec::new();
-    for with in between.chunk_by(|a, b| a.0 == b.0) {
-        let here = with.iter().filter(|(_, b)| own(pairs[*b][0]));
-        let out: Vec<f64> = here.map(|(_, b)| f64::from(numbers[*b])).collect();
-        let into = vec![0.0; with.len() - out.len()];
+    for group in shared.chunk_by(|a, b| a.0 == b.0) {
+        let numbered_here = group.iter().filter(|(_, b)| is_owned(pairs[*b][0]));
+        let out: Vec<f64> = numbered_here.map(|(_, b)| f64::from(numbers[*b])).collect();
+        let into = vec![0.0; group.len() - out.len()];
         messages.push(Message {
-            peer: with[0].0,
+            peer: group[0].0,
             out,
             into,
         });
     }
     communicator.exchange(&mut messages, &mut || false)?;
-    for (with, message) in between.chunk_by(|a, b| a.0 == b.0).zip(&messages) {
-        let there = with.iter().filter(|(_, b)| !own(pairs[*b][0]));
-        there
+    for (group, message) in shared.chunk_by(|a, b| a.0 == b.0).zip(&messages) {
+        let numbered_by_peer = group.iter().filter(|(_, b)| !is_owned(pairs[*b][0]));
+        numbered_by_peer
             .zip(&message.into)
             .for_each(|((_, b), n)| numbers[*b] = *n as u32);
     }
     Ok(Numbered {
         bonds: numbers.into(),
-        of: of as usize,
+        total: total as usize,
     })
 }

@@ -1,8 +1,8 @@
-//! A body in parts on several ranks.
+//! A body partitioned among several ranks.
 //!
-//! A rank has whole units of particles in their order, and whole rows of bonds: forces on its particles are
-//! summed as in the whole body. Rows of the kernel that belong to particles of other ranks come from there,
-//! once per evaluation, so that no rank finds the state of a particle that is not its own.
+//! A rank owns whole units of particles in their order, and all bonds of these particles, so that forces on
+//! its particles are summed in the order of the whole body. The kernel rows of ghosts are received from their
+//! owners once per force evaluation. Every rank computes the states of its owned particles only.
 
 use super::DemModel;
 use super::piece::Numbered;
@@ -16,20 +16,21 @@ use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Half-bonds that take as long as coupling a particle of an overlap, once per step of a run: 25 ns beside
-/// 38 ns for all else (decision 0046).
+/// Work of coupling a particle of an overlap once per macro step, in half-bonds: 25 ns, against 38 ns for all
+/// else (decision 0046). A half-bond is a bond as the kernel stores it with one of its ends.
 const COUPLING: usize = 7;
 
 impl DemModel {
-    /// The units of the body: middle \[m\], and half-bonds that the kernel passes over, empty lanes, the
-    /// motion of particles and what couples those of an overlap included.
+    /// Returns the units of the body for [`Division::bisect`]: their centres \[m\] and their work in
+    /// half-bonds. The work includes empty lanes, the motion of particles and the coupling of particles in an
+    /// overlap.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
-        let bonds = self.bonds_at();
+        let bonds = self.bond_counts();
         let mut coupled = vec![false; self.body.len()];
         for (b, pair) in self.body.pairs().iter().enumerate() {
-            let inside = self.in_overlap(b);
-            pair.iter().for_each(|i| coupled[*i as usize] |= inside);
+            let is_coupled = self.in_overlap(b);
+            pair.iter().for_each(|i| coupled[*i as usize] |= is_coupled);
         }
         Unit::all(&self.nodes, |particles| {
             let coupled = particles.clone().filter(|i| coupled[*i]).count();
@@ -37,31 +38,32 @@ impl DemModel {
         })
     }
 
-    /// How many bonds every particle has; counted, as a list of them would stay in memory.
-    pub(super) fn bonds_at(&self) -> Vec<usize> {
+    /// Returns the number of bonds of each particle. It counts, because a list of the bonds would stay in
+    /// memory.
+    pub(super) fn bond_counts(&self) -> Vec<usize> {
         let mut out = vec![0; self.body.len()];
         let ends = self.body.pairs().iter().flatten();
         ends.for_each(|i| out[*i as usize] += 1);
         out
     }
 
-    /// The part of the body that the rank of `communicator` holds: its units of `division`, with all their
-    /// bonds. All ranks must have made the same body, and make the same calls of the part.
+    /// Returns this rank's part of the body: its units of `division`, with all their bonds. Collective: all
+    /// ranks must have made the same body and make the same calls of the part.
     ///
-    /// Supports, initial states and weights are those of the part ([`Portion::local`] finds a particle of
-    /// the whole body); what needs the whole body is refused by name. Sums of a part are those of the body:
-    /// energies, the critical step.
+    /// Supports, initial states and weights refer to the part ([`Portion::local`] finds a particle of the
+    /// whole body). Requests that need the whole body are refused with an error that names them. Energies and
+    /// the critical step are those of the whole body.
     ///
     /// # Errors
-    /// [`Error::InParts`] for a body that is a part already; [`arlequin_core::ranks::RankError`], as an
-    /// error of the core, for bodies that differ, a division of another body or for another number of
-    /// ranks, and what the transport says.
+    /// [`Error::InParts`] for a body that is a part already. [`arlequin_core::ranks::RankError`], as an error
+    /// of the core, for bodies that differ, a division of another body or for another number of ranks, and
+    /// errors of the transport.
     pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
         self.keep_part(division, communicator)?;
         Ok(self)
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Partitions the body by the work of its units and keeps this rank's part.
     pub(super) fn bisect(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
         let division = Division::bisect(self.nodes.len(), &self.units(), communicator.ranks());
         let division = division.map_err(|e| Error::Core(arlequin_core::Error::Rank(e)))?;
@@ -75,15 +77,15 @@ impl DemModel {
         division: &Division,
         communicator: Arc<dyn Communicator>,
     ) -> Result<Arc<Portion>> {
-        self.whole("sharing out")?;
-        let heard = |e| Error::Core(arlequin_core::Error::Rank(e));
+        self.require_whole("sharing out")?;
+        let rank_error = |e| Error::Core(arlequin_core::Error::Rank(e));
         ranks::agree(
             &*communicator,
             "the bodies of particles that they have made",
             self.digest(),
         )
-        .map_err(heard)?;
-        let portion = Portion::new(division.clone(), communicator).map_err(heard)?;
+        .map_err(rank_error)?;
+        let portion = Portion::new(division.clone(), communicator).map_err(rank_error)?;
         if division.nodes() != self.nodes.len() {
             return Err(Error::LengthMismatch {
                 what: "particles of the division",
@@ -92,25 +94,25 @@ impl DemModel {
             });
         }
         let portion = Arc::new(portion);
-        let own: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
+        let owned: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
         let halo = Halo::of_links(portion.clone(), self.body.pairs().iter().copied());
-        let numbers: Vec<u32> = own.iter().map(|i| *i as u32).collect();
+        let numbers: Vec<u32> = owned.iter().map(|i| *i as u32).collect();
         let bonds = self.body.pairs().len();
-        let (body, here) = self.body.part(&numbers, halo.ghosts());
-        self.nodes = own.iter().map(|i| self.nodes[*i]).collect();
-        self.mass = own.iter().map(|i| self.mass[*i]).collect();
-        self.inertia = own.iter().map(|i| self.inertia[*i]).collect();
-        self.order = own.iter().map(|i| self.order[*i]).collect();
+        let (body, bond_numbers) = self.body.part(&numbers, halo.ghosts());
+        self.nodes = owned.iter().map(|i| self.nodes[*i]).collect();
+        self.mass = owned.iter().map(|i| self.mass[*i]).collect();
+        self.inertia = owned.iter().map(|i| self.inertia[*i]).collect();
+        self.order = owned.iter().map(|i| self.order[*i]).collect();
         self.places = Vec::new();
         let samples = self.field_samples();
-        let volumes: Vec<f64> = own.iter().map(|i| samples[*i]).collect();
+        let volumes: Vec<f64> = owned.iter().map(|i| samples[*i]).collect();
         self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
         self.kernel.renew();
-        self.of_units = bonds_of_units(body.pairs(), own.len());
+        self.unit_bonds = bonds_of_units(body.pairs(), owned.len());
         self.body = body;
         let numbered = Numbered {
-            bonds: here.into(),
-            of: bonds,
+            bonds: bond_numbers.into(),
+            total: bonds,
         };
         self.halo = Some(halo);
         self.numbered = Some(numbered);
@@ -118,29 +120,29 @@ impl DemModel {
         Ok(portion)
     }
 
-    /// Volumes that the particles stand for \[m³\].
+    /// Returns the volume that each particle stands for \[m³\].
     fn field_samples(&self) -> Vec<f64> {
         use arlequin_core::Interpolation;
         let samples = self.field.samples().unwrap_or_default();
         samples.iter().map(|s| s.measure).collect()
     }
 
-    /// What a rank exchanges: particles of others that it hears of, own ones that it tells of, and ranks on
-    /// the other side. None for a whole body.
+    /// Returns the halo of this rank: ghosts that it receives, owned particles that it sends, and the ranks
+    /// on the other side. `None` for a whole body.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.halo.as_ref()
     }
 
-    /// Refuses what needs the whole body.
-    pub(super) fn whole(&self, what: &'static str) -> Result<()> {
+    /// Refuses `what` unless this is a whole body.
+    pub(super) fn require_whole(&self, what: &'static str) -> Result<()> {
         match self.halo {
             Some(_) => Err(Error::InParts { what }),
             None => Ok(()),
         }
     }
 
-    /// A number that tells bodies apart.
+    /// Returns a hash of the body, for checking that all ranks hold the same.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let body = &self.body;
@@ -158,43 +160,51 @@ impl DemModel {
         hasher.finish()
     }
 
-    /// Weighted energy of all bonds \[J\], on all ranks: each bond with the unit of its first particle.
+    /// Returns the weighted energy of all bonds \[J\], on all ranks. A bond counts in the unit of its first
+    /// particle.
     pub(super) fn energy(&self, q: &[f64]) -> f64 {
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let part = |particles: Range<usize>| {
-            let bonds = self.of_units[particles.start / UNIT].clone();
+            let bonds = self.unit_bonds[particles.start / UNIT].clone();
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
         let portion = self.halo.as_ref().map(|h| &**h.portion());
+        // Sums of units do not depend on the partition, so the energy has the same bits on any number of
+        // ranks.
         let [sum] = ranks::sum(self.nodes.len(), portion, &part);
         sum
     }
 
-    /// What other ranks tell of their particles; a failure is kept for [`Portion::failure`], and no energy
-    /// is then a number.
-    pub(super) fn heard(&self, q: &[f64]) -> Vec<[f64; 7]> {
+    /// Receives the states of the ghosts from their owners, see [`Reader::state_to_send`].
+    /// [`Portion::failure`] keeps an error of the exchange, after which the states are NaN.
+    pub(super) fn receive_ghosts(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();
         };
         let reader = self.reader(q);
         let mut out = vec![[0.0; 7]; halo.ghosts().len()];
-        let told = halo.exchange(&mut halo.messages(7), |i| reader.told(i), |g, x| out[g] = x);
-        if told.is_err() {
+        let exchanged = halo.exchange(
+            &mut halo.messages(7),
+            |i| reader.state_to_send(i),
+            |g, x| out[g] = x,
+        );
+        if exchanged.is_err() {
             out.fill([f64::NAN; 7]);
         }
         out
     }
 }
 
-/// Bonds whose first particle is in a unit of `own` particles: bonds are in the order of these.
-pub(super) fn bonds_of_units(pairs: &[[u32; 2]], own: usize) -> Vec<Range<usize>> {
-    let mut out = vec![0..0; own.div_ceil(UNIT)];
+/// Returns, for each unit of the first `owned` particles, the range of the bonds whose first particle lies in
+/// it. Bonds must be in the order of their first particles.
+pub(super) fn bonds_of_units(pairs: &[[u32; 2]], owned: usize) -> Vec<Range<usize>> {
+    let mut out = vec![0..0; owned.div_ceil(UNIT)];
     for (b, first) in pairs.iter().map(|p| p[0] as usize).enumerate() {
-        if first < own {
+        if first < owned {
             let range: &mut Range<usize> = &mut out[first / UNIT];
             let start = if range.end == 0 { b } else { range.start };
             *range = start..b + 1;

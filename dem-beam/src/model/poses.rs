@@ -1,7 +1,7 @@
-//! Single bonds of a model read from the unknowns: energy and forces in plain form, for output and for
-//! bonds that break.
+//! Energy and forces of single bonds from the unknowns of a model, in plain form: for output and for bonds
+//! that break.
 
-use super::forces::Reached;
+use super::forces::Orientations;
 use crate::bond::{BeamRigidity, Twist};
 use crate::finite::{self, Pose};
 use crate::particles::BondedParticles;
@@ -10,14 +10,13 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// Reads the state of particles from the unknowns of a model.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reader<'a> {
-    /// Unknowns.
+    /// Unknowns of the model.
     pub(crate) q: &'a [f64],
-    /// Where orientations start from, if rotations are finite.
-    pub(crate) reached: Option<Reached<'a>>,
+    /// Orientations reached last; `None` under small rotations.
+    pub(crate) orientations: Option<Orientations<'a>>,
     /// Section rigidities.
     pub(crate) rigidity: BeamRigidity,
-    /// What other ranks tell of their particles, which are numbered behind the own ones, see
-    /// [`Reader::told`].
+    /// States of the ghosts, which are numbered behind the owned particles; see [`Reader::state_to_send`].
     pub(crate) ghosts: &'a [[f64; 7]],
 }
 
@@ -27,33 +26,34 @@ impl Reader<'_> {
         Vector3::new(self.q[at], self.q[at + 1], self.q[at + 2])
     }
 
-    /// What another rank tells of particle `i`, if it is not here.
+    /// Returns the state of particle `i` if it is a ghost.
     #[inline]
     fn ghost(&self, i: usize) -> Option<&[f64; 7]> {
-        let own = self.q.len() / 6;
-        self.ghosts.get(i.checked_sub(own)?)
+        // The unknowns are those of owned particles alone, six each.
+        let owned = self.q.len() / 6;
+        self.ghosts.get(i.checked_sub(owned)?)
     }
 
-    /// What other ranks are told of particle `i`: its displacement, and its rotation vector or quaternion
-    /// (scalar first).
-    pub(crate) fn told(&self, i: usize) -> [f64; 7] {
+    /// Returns the state of particle `i` that is sent to other ranks: its displacement, then its rotation
+    /// vector or quaternion (scalar first).
+    pub(crate) fn state_to_send(&self, i: usize) -> [f64; 7] {
         let Twist { linear: u, angular } = self.twist(i);
-        match self.reached {
+        match self.orientations {
             None => [u.x, u.y, u.z, angular.x, angular.y, angular.z, 0.0],
-            Some(reached) => {
-                let q = reached.orientation(i, angular.into());
+            Some(orientations) => {
+                let q = orientations.orientation(i, angular.into());
                 [u.x, u.y, u.z, q.w, q.i, q.j, q.k]
             }
         }
     }
 
-    /// Displacement and small rotation.
+    /// Returns displacement and small rotation of particle `i`.
     #[inline]
     pub(crate) fn twist(&self, i: usize) -> Twist {
-        if let Some(told) = self.ghost(i) {
+        if let Some(state) = self.ghost(i) {
             return Twist {
-                linear: Vector3::from_column_slice(&told[..3]),
-                angular: Vector3::from_column_slice(&told[3..6]),
+                linear: Vector3::from_column_slice(&state[..3]),
+                angular: Vector3::from_column_slice(&state[3..6]),
             };
         }
         Twist {
@@ -62,27 +62,27 @@ impl Reader<'_> {
         }
     }
 
-    /// Two particles under finite rotations; `None` under small ones.
+    /// Returns the poses of two particles under finite rotations; `None` under small ones.
     #[inline]
     pub(crate) fn poses(&self, ends: [usize; 2]) -> Option<[Pose; 2]> {
-        let reached = self.reached?;
+        let orientations = self.orientations?;
         Some(ends.map(|i| {
-            if let Some(told) = self.ghost(i) {
-                let [s, x, y, z] = [told[3], told[4], told[5], told[6]];
+            if let Some(state) = self.ghost(i) {
+                let [s, x, y, z] = [state[3], state[4], state[5], state[6]];
                 return Pose {
-                    displacement: Vector3::from_column_slice(&told[..3]),
+                    displacement: Vector3::from_column_slice(&state[..3]),
                     rotation: UnitQuaternion::new_unchecked(Quaternion::new(s, x, y, z)),
                 };
             }
             let twist = self.twist(i);
             Pose {
                 displacement: twist.linear,
-                rotation: reached.orientation(i, twist.angular.into()),
+                rotation: orientations.orientation(i, twist.angular.into()),
             }
         }))
     }
 
-    /// Weighted energy of bond `b` \[J\].
+    /// Returns the weighted energy of bond `b` \[J\].
     pub(crate) fn energy(&self, body: &BondedParticles, b: usize) -> f64 {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = body.bond(b);
@@ -92,7 +92,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Weighted energy of bond `b` \[J\] and the forces and torques on its two ends \[N, N m\].
+    /// Returns the weighted energy of bond `b` \[J\], and the forces and torques on its two ends \[N, N m\].
     pub(crate) fn bond(&self, body: &BondedParticles, b: usize) -> (f64, [Twist; 2]) {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = body.bond(b);

@@ -1,24 +1,24 @@
 //! Stress of the particles and forces of the bonds.
 //!
-//! The stress of particle `i` is the average over its volume of what its bonds carry (Love 1927, Weber
-//! 1966; Bagi 1996):
+//! The stress of particle `i` is the average over its volume of the stress that its bonds carry (Love 1927,
+//! Weber 1966; Bagi 1996):
 //!
 //! ```text
 //! σ_i = sym 1/V_i Σ_b (x_b − x_i) ⊗ f_b,     x_b − x_i = r_i/(r_i + r_j) (x_j − x_i)
 //! ```
 //!
-//! with the forces `f_b` of its bonds on it and the volume `V_i` it stands for. Summed over all particles
-//! with their volumes this is the mean stress of the body, `Σ_b l_b ⊗ f_b / V`, which in equilibrium is
-//! that of its boundary forces. Contacts are no bonds and not in it.
+//! with the forces `f_b` of its bonds on it and the volume `V_i` that it stands for. The sum of volumes times
+//! stresses over the volume of the body is its mean stress `Σ_b l_b ⊗ f_b / V`, which in equilibrium is the
+//! mean stress of its boundary forces. Contact forces are not included.
 //!
-//! The strain energy density of particle `i` shares the energies `e_b` of the bonds likewise:
+//! The strain energy density of particle `i` shares the energies `e_b` of the bonds in the same way:
 //!
 //! ```text
 //! w_i = 1/V_i Σ_b r_i/(r_i + r_j) e_b,     Σ_i V_i w_i = Σ_b e_b
 //! ```
 //!
-//! It is that of the material, without weights. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the
-//! weight over the bond: the same where no weight is below one.
+//! These energies are unweighted. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the weight over the
+//! bond. Both are equal where no weight is below one.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -32,8 +32,8 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 impl DemModel {
-    /// Vector between the centres of a bond where its law sees them, and its force on the first particle;
-    /// without weight.
+    /// Returns the unweighted force of bond `b` on its first particle and, before it, the vector between the
+    /// centres: deformed under finite rotations, at rest under small ones.
     fn carried(&self, b: usize, reader: &Reader<'_>) -> [Vector3<f64>; 2] {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bond(b);
@@ -53,18 +53,19 @@ impl DemModel {
         }
     }
 
-    /// Energy of bond `b` without its weight \[J\].
+    /// Returns the energy of bond `b` without its weight \[J\].
     fn unweighted_energy(&self, b: usize, reader: &Reader<'_>) -> f64 {
         match self.body.weights()[b] {
-            // Over the weight that the ledger counts, so that both are the same numbers where it is one.
+            // Divides the energy that the ledger counts, so that both numbers are equal where the weight is
+            // one.
             weight if weight > 0.0 => reader.energy(&self.body, b) / weight,
             _ => 0.0,
         }
     }
 
-    /// Bonds of every particle, broken ones included.
+    /// Returns the bonds of every particle, broken ones included.
     fn bonds_of_particles(&self) -> &Adjacency<[u32; 2]> {
-        self.around
+        self.bonds_by_particle
             .get_or_init(|| Adjacency::of_pairs(self.body.len(), self.body.pairs()))
     }
 }
@@ -78,33 +79,34 @@ impl Recovery<f64> for DemModel {
         false
     }
 
-    /// Of a part of a body all ranks must ask; `nodes` are numbers here.
+    /// Collective for a partitioned body; `nodes` are numbers of this rank's part.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
         if let Some(k) = nodes.iter().find(|k| **k >= self.nodes.len()) {
             let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
             return Err(invalid("number of a particle", k, &rule));
         }
-        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let broken: &BreakLog = &log;
-        let at = |&i: &usize| {
+        let recovered = |&i: &usize| {
             let mut sum = Matrix3::zeros();
-            let whole = around.row(i).iter();
-            for &[j, b] in whole.filter(|e| !broken.is_broken_here(e[1] as usize)) {
+            let bonds = adjacency.row(i).iter();
+            for &[j, b] in bonds.filter(|e| !broken.is_broken_here(e[1] as usize)) {
                 let [span, force] = self.carried(b as usize, &reader);
-                // Seen from the second particle both change their sign.
+                // Seen from the second particle, span and force both change sign, so their product holds for
+                // either end.
                 sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
             }
             let stress = SymmetricTensor::of(&(sum / volumes[i].measure));
             Recovered { strain: None, stress }
         };
-        out.par_extend(nodes.par_iter().map(at));
+        out.par_extend(nodes.par_iter().map(recovered));
         Ok(())
     }
 }
@@ -114,17 +116,18 @@ impl Links<f64> for DemModel {
         self.body.pairs()
     }
 
-    /// Of a part of a body all ranks must ask: of the bonds here, numbered as in [`Self::body`].
+    /// Collective for a partitioned body; returns the bonds of this rank's part, numbered as in
+    /// [`Self::body`].
     fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (log, ghosts) = (locked(&self.log), self.heard(q));
+        let (log, ghosts) = (locked(&self.log), self.receive_ghosts(q));
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let broken: &BreakLog = &log;
-        let of = |b: usize| {
+        let link_force = |b: usize| {
             let gone = broken.is_broken_here(b);
             let utilisation = strength.map(|f| {
                 if gone {
@@ -146,26 +149,26 @@ impl Links<f64> for DemModel {
                 utilisation,
             }
         };
-        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(of));
+        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(link_force));
         Ok(())
     }
 
-    /// Of a part of a body all ranks must ask: of the particles here.
+    /// Collective for a partitioned body; returns the densities of this rank's owned particles.
     fn energy_densities(&self, q: &[f64], out: &mut Vec<f64>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        let (around, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let broken: &BreakLog = &log;
         let density = |i: usize| {
-            let bonds = around.row(i).iter().map(|e| e.map(|k| k as usize));
-            let whole = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
+            let bonds = adjacency.row(i).iter().map(|e| e.map(|k| k as usize));
+            let unbroken = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
             let share =
-                whole.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
+                unbroken.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
             share.sum::<f64>() / volumes[i].measure
         };
         out.par_extend((0..self.nodes.len()).into_par_iter().map(density));

@@ -1,4 +1,4 @@
-//! What a model is, for people.
+//! Report of a model in readable form.
 
 use super::DemModel;
 use crate::kernel::engine::Isa;
@@ -11,11 +11,11 @@ use std::fmt;
 pub struct DemReport {
     /// Name of the model.
     pub name: String,
-    /// Particles.
+    /// Number of particles.
     pub particles: usize,
-    /// Bonds.
+    /// Number of bonds.
     pub bonds: usize,
-    /// Twice the bonds over the particles.
+    /// Twice the number of bonds over the number of particles.
     pub coordination: f64,
     /// Unweighted mass \[kg\].
     pub mass: f64,
@@ -23,24 +23,26 @@ pub struct DemReport {
     pub volume: f64,
     /// Mean particle radius \[m\].
     pub mean_radius: f64,
-    /// Whether rotations may be large.
+    /// True if rotations may be large.
     pub finite_rotations: bool,
     /// Instruction set of the kernel.
     pub instruction_set: &'static str,
     /// Bytes of bond data per bond.
     pub bytes_per_bond: f64,
-    /// How the packing came out, where it came from one.
+    /// Report of the packing, if the model was made of one.
     pub packing: Option<PackingReport>,
 }
 
 impl DemModel {
-    /// Facts about the model; of a part of a body, about that part and all bonds of its particles.
+    /// Returns facts about the model; in a rank's part of a partitioned body, about that part and all bonds
+    /// of its particles.
     #[must_use]
     pub fn report(&self) -> DemReport {
         let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
-        let mut all = self.bonds_at();
-        all.truncate(n);
-        let bytes = Layout::bytes(&all, self.has_finite_rotations());
+        let mut bonds_of_particles = self.bond_counts();
+        // Only owned particles have blocks in the kernel.
+        bonds_of_particles.truncate(n);
+        let bytes = Layout::bytes(&bonds_of_particles, self.has_finite_rotations());
         DemReport {
             name: self.name.clone(),
             particles: n,

@@ -1,25 +1,25 @@
-//! Which particles carry supports and loads, and how a load is shared among them.
+//! Selection of particles for supports and loads, and the distribution of a load among them.
 
 use super::DemModel;
 use crate::error::{Error, Result, finite};
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// By what a load is shared among particles.
+/// Rule by which a load is shared among particles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LoadShare {
-    /// In proportion to unweighted mass, like a body force.
+    /// In proportion to the unweighted mass, like a body force.
     #[default]
     Mass,
     /// In proportion to `r_i^2`, like a pressure on the particles' sections.
     Area,
 }
 
-/// A gap of this part of the mean radius counts as touching: bonds bridge such gaps as well.
+/// Largest gap that counts as touching, as a fraction of the mean radius. Bonds bridge such gaps as well.
 pub(crate) const TOUCH: f64 = 0.05;
 
 impl DemModel {
-    /// Particles whose centres fulfil a condition, ascending.
+    /// Returns the particles whose centres fulfil a condition, ascending.
     #[must_use]
     pub fn select(&self, condition: impl Fn(&Point3<f64>) -> bool) -> Vec<usize> {
         (0..self.nodes.len())
@@ -27,17 +27,18 @@ impl DemModel {
             .collect()
     }
 
-    /// Particles that touch the plane through `wall` \[m\] with the given normal (any length, either
-    /// side): the layer to clamp. A thicker layer would shorten the body.
+    /// Returns the particles that touch the plane through `wall` \[m\] with the given normal (of any length
+    /// and sign): the layer to clamp. A thicker layer would shorten the body.
     #[must_use]
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
         let n = normal.normalize();
         let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
-        let near = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
-        (0..self.nodes.len()).filter(near).collect()
+        let touches = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
+        (0..self.nodes.len()).filter(touches).collect()
     }
 
-    /// Particles that touch any of the triangles (corners in m): the layer at a face of any form.
+    /// Returns the particles that touch any of the triangles (corners in m): the layer at a face of any
+    /// shape.
     #[must_use]
     pub fn touching(&self, triangles: &[[Vector3<f64>; 3]]) -> Vec<usize> {
         let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
@@ -48,42 +49,42 @@ impl DemModel {
         let touches = |i: &usize| {
             let (x, reach) = (self.nodes[*i].coords, radii[*i] + gap);
             triangles.iter().zip(&boxes).any(|(t, (low, high))| {
-                let near = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
-                near && (closest_on_triangle(&x, t) - x).norm() < reach
+                let is_in_box = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
+                is_in_box && (closest_on_triangle(&x, t) - x).norm() < reach
             })
         };
         (0..self.nodes.len()).filter(touches).collect()
     }
 
-    /// Displacement unknowns of particles along the axes marked.
+    /// Returns the displacement unknowns of particles along the marked axes.
     #[must_use]
     pub fn translations(&self, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
         self.unknowns(0, particles, axes)
     }
 
-    /// Rotation unknowns of particles about the axes marked.
+    /// Returns the rotation unknowns of particles about the marked axes.
     #[must_use]
     pub fn rotations(&self, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
         self.unknowns(3 * self.nodes.len(), particles, axes)
     }
 
-    /// All six unknowns of particles: a clamp.
+    /// Returns all six unknowns of particles, for a clamp.
     #[must_use]
     pub fn clamped(&self, particles: &[usize]) -> Vec<usize> {
-        let mut all = self.translations(particles, [true; 3]);
-        all.extend(self.rotations(particles, [true; 3]));
-        all
+        let mut unknowns = self.translations(particles, [true; 3]);
+        unknowns.extend(self.rotations(particles, [true; 3]));
+        unknowns
     }
 
     fn unknowns(&self, first: usize, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
-        let of = |i: &usize| {
-            let at = first + 3 * i;
-            (0..3).filter(move |&c| axes[c]).map(move |c| at + c)
+        let unknowns = |i: &usize| {
+            let start = first + 3 * i;
+            (0..3).filter(move |&c| axes[c]).map(move |c| start + c)
         };
-        particles.iter().flat_map(of).collect()
+        particles.iter().flat_map(unknowns).collect()
     }
 
-    /// A force \[N\] shared among particles, as `(unknown, force)`.
+    /// Shares a force \[N\] among particles; returns `(unknown, force)` pairs.
     ///
     /// ```
     /// use dem_beam::packing::{Lattice, lattice};
@@ -98,14 +99,14 @@ impl DemModel {
     /// ```
     ///
     /// # Errors
-    /// [`Error::BadSelection`] for no particles or unknown ones, [`Error::NotFinite`].
+    /// [`Error::BadSelection`] for no particles or unknown ones, [`Error::NotFinite`], [`Error::InParts`].
     pub fn force(
         &self,
         particles: &[usize],
         force: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
-        self.whole("a force that is shared out among particles")?;
+        self.require_whole("a force that is shared out among particles")?;
         for (axis, f) in force.iter().enumerate() {
             finite("load", "component", axis, *f)?;
         }
@@ -119,30 +120,36 @@ impl DemModel {
         Ok(out)
     }
 
-    /// A torque \[N m\] as forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
-    /// `x_s` of the shares, with `w` such that the moment of all is `torque`.
+    /// Applies a torque \[N m\] by forces without resultant, `f_i = s_i w x (x_i - x_s)` about the centroid
+    /// `x_s` of the shares `s_i`. The vector `w` is such that the moments of all forces sum to `torque`.
     ///
     /// # Errors
-    /// [`Error::BadSelection`] for no particles, unknown ones, or ones on a line;
-    /// [`Error::NotFinite`].
+    /// [`Error::BadSelection`] for no particles, unknown ones, or particles on a line; [`Error::NotFinite`];
+    /// [`Error::InParts`].
     pub fn torque(
         &self,
         particles: &[usize],
         torque: Vector3<f64>,
         share: LoadShare,
     ) -> Result<Vec<(usize, f64)>> {
-        self.whole("a torque that is shared out among particles")?;
+        self.require_whole("a torque that is shared out among particles")?;
         for (axis, m) in torque.iter().enumerate() {
             finite("torque", "component", axis, *m)?;
         }
         let shares = self.shares(particles, share)?;
-        let at = |i: usize| self.nodes[i].coords;
-        let centre: Vector3<f64> = particles.iter().zip(&shares).map(|(&i, s)| at(i) * *s).sum();
+        let position = |i: usize| self.nodes[i].coords;
+        let centre: Vector3<f64> = particles
+            .iter()
+            .zip(&shares)
+            .map(|(&i, s)| position(i) * *s)
+            .sum();
+        // Inertia tensor of the shares: the moment of the forces is `spread w`.
         let mut spread = Matrix3::zeros();
         for (&i, s) in particles.iter().zip(&shares) {
-            let d = at(i) - centre;
+            let d = position(i) - centre;
             spread += (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * *s;
         }
+        // The smallest eigenvalue vanishes for particles on a line, which carry no moment about it.
         let flat = spread.symmetric_eigenvalues();
         let inverse = spread.try_inverse().filter(|_| flat.min() > 1e-9 * flat.max());
         let Some(inverse) = inverse else {
@@ -154,13 +161,13 @@ impl DemModel {
         let w = inverse * torque;
         let mut out = Vec::with_capacity(3 * particles.len());
         for (&i, s) in particles.iter().zip(&shares) {
-            let f = w.cross(&(at(i) - centre)) * *s;
+            let f = w.cross(&(position(i) - centre)) * *s;
             out.extend((0..3).map(|c| (3 * i + c, f[c])));
         }
         Ok(out)
     }
 
-    /// Shares that sum to one.
+    /// Returns the share of each particle in a load; shares sum to one.
     fn shares(&self, particles: &[usize], share: LoadShare) -> Result<Vec<f64>> {
         let refuse = |reason| {
             Err(Error::BadSelection {

@@ -1,4 +1,4 @@
-//! Bonds that broke inside an overlap: the multipliers know nothing of it.
+//! Warnings about bonds that broke inside an overlap: multipliers go on tying their particles.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -6,29 +6,31 @@ use crate::fracture::locked;
 use arlequin_core::Model;
 use arlequin_core::effect::Finding;
 
-/// Particles a message names before it says that there are more.
+/// Number of particles that a message names before it ends in "...".
 const NAMED: usize = 8;
 
-/// A bond whose weight is this close to one lies outside of every overlap: means of weights are rounded.
+/// Bonds of at least this weight lie outside of every overlap. It is not exactly one, because means of
+/// weights are rounded.
 const WHOLE: f64 = 1.0 - 1e-9;
 
 impl DemModel {
-    /// Whether bond `b` lies in an overlap, wholly or in part: it carries a share of the energy only.
+    /// Returns whether bond `b` lies in an overlap, wholly or in part, and so carries only a share of the
+    /// energy.
     pub(super) fn in_overlap(&self, b: usize) -> bool {
         self.body.weights()[b] < WHOLE
     }
 
-    /// Particles that lost all bonds in an overlap, and pieces that parted there by more than a particle
-    /// radius.
+    /// Finds particles that lost all bonds in an overlap, and broken bonds there that opened by more than a
+    /// particle radius.
     pub(super) fn torn_in_overlap(&self, q: &[f64]) -> Option<Finding> {
         let fracture = self.fracture.as_ref()?;
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
         let log = locked(&self.log);
-        let at = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
+        let position = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
         let gone = |i: &usize| {
             let mut bonds = fracture.adjacency.row(*i).iter();
             *i < self.nodes.len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
@@ -39,16 +41,17 @@ impl DemModel {
         let mut loose: Vec<i64> = Vec::new();
         for event in log.events().iter().filter(|e| e.overlap) {
             broken += 1;
+            // The log has the bonds of all ranks; the owner of a bond's particles reads its opening.
             let Some(b) = fracture.here(event.bond) else {
                 continue;
             };
             let [i, j] = self.body.pairs()[b].map(|i| i as usize);
             let radius = 0.5 * (self.body.radii()[i] + self.body.radii()[j]);
-            opening = opening.max(((at(j) - at(i)).norm() - event.distance) / radius);
+            opening = opening.max(((position(j) - position(i)).norm() - event.distance) / radius);
             loose.extend([i, j].iter().filter(|i| gone(i)).map(global));
         }
         if let Some(p) = portion {
-            // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
             loose = p.listed(&loose).unwrap_or_default();
             opening = p.largest(opening);
         }

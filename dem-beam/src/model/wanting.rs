@@ -1,4 +1,5 @@
-//! What a state would need that is not on: of a body in parts, found on all ranks together.
+//! Warnings about effects that a state would need and that are off. In a partitioned body all ranks find them
+//! together.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -9,10 +10,11 @@ use arlequin_core::Model;
 use arlequin_core::effect::Finding;
 use arlequin_core::ranks::{Exact, Halo, RankError};
 
-/// Rotation \[rad\] up to which the small-rotation law is good to half a per cent of its forces.
+/// Largest rotation \[rad\] for which the small-rotation law errs by at most half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
 
-/// Overlap of unbonded particles beyond that at rest that is worth a word, over the sum of their radii.
+/// Overlap of unbonded particles, beyond their overlap at rest and over the sum of their radii, above which a
+/// warning is given.
 const TOLERATED_OVERLAP: f64 = 0.01;
 
 impl DemModel {
@@ -27,7 +29,8 @@ impl DemModel {
         out
     }
 
-    /// How many on all ranks, and the largest of a number there that is not negative; all ranks must ask.
+    /// Returns the global sum of `count` and the global maximum of `top`, which must not be negative.
+    /// Collective.
     fn on_all_ranks(&self, count: usize, top: f64) -> (usize, f64) {
         let Some(portion) = self.portion() else {
             return (count, top);
@@ -35,22 +38,22 @@ impl DemModel {
         let mut sum = Exact::zero();
         sum.add(count as f64);
         let [count] = portion.total([sum]);
-        // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+        // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
         (count as usize, portion.largest(top))
     }
 
     fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
         let log = locked(&self.log);
-        // A free particle may turn: no bond feels it.
-        let mut held = vec![false; self.body.len()];
+        // A particle without unbroken bonds may turn freely, because no bond feels it.
+        let mut is_bonded = vec![false; self.body.len()];
         for (b, pair) in self.body.pairs().iter().enumerate() {
             if !log.is_broken_here(b) {
-                pair.iter().for_each(|i| held[*i as usize] = true);
+                pair.iter().for_each(|i| is_bonded[*i as usize] = true);
             }
         }
-        let th = q[q.len() / 2..].chunks_exact(3).zip(&held);
+        let th = q[q.len() / 2..].chunks_exact(3).zip(&is_bonded);
         let angles = th
-            .filter(|(_, held)| **held)
+            .filter(|(_, is_bonded)| **is_bonded)
             .map(|(t, _)| (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]).sqrt());
         let (top, count) = angles.fold((0.0_f64, 0), |(top, n), a| {
             (top.max(a), n + usize::from(a > SMALL_ROTATION))
@@ -65,10 +68,10 @@ impl DemModel {
         })
     }
 
-    /// Bonds above a strength that nothing enforces.
+    /// Finds bonds loaded above a strength in a run without fracture.
     fn overloaded(&self, q: &[f64]) -> Option<Finding> {
         let watched = self.watched.as_ref()?;
-        let ghosts = self.heard(q);
+        let ghosts = self.receive_ghosts(q);
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
@@ -85,12 +88,12 @@ impl DemModel {
 
     fn overlapping(&self, q: &[f64]) -> Option<Finding> {
         let log = locked(&self.log);
-        let found = match &self.halo {
+        let overlaps = match &self.halo {
             None => neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b)),
-            // What goes wrong between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
             Some(halo) => self.overlaps_in_parts(halo, q, &log).unwrap_or_default(),
         };
-        let (count, worst) = found.unwrap_or_default();
+        let (count, worst) = overlaps.unwrap_or_default();
         let (count, worst) = self.on_all_ranks(count, worst);
         (count > 0).then(|| Finding {
             effect: "contact",
@@ -101,50 +104,52 @@ impl DemModel {
         })
     }
 
-    /// The overlaps of particles here with those of higher numbers, on whatever rank.
+    /// Returns the number of overlaps of owned particles with particles of higher numbers on any rank, and
+    /// the largest of them.
     fn overlaps_in_parts(
         &self,
         halo: &Halo,
         q: &[f64],
         log: &BreakLog,
     ) -> Result<Option<(usize, f64)>, RankError> {
-        let (own, portion) = (self.nodes.len(), halo.portion());
-        let mut rest = spheres(&self.body.positions()[..own], &self.body.radii()[..own]);
-        let mut now = neighbours::displaced(&rest, q);
-        let centres: Vec<[f64; 3]> = now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
-        let reach = portion.largest(2.0 * rest.iter().fold(0.0_f64, |m, s| m.max(s[3])));
-        let near = Halo::near(portion.clone(), &centres, reach)?;
-        let mut told: Vec<[Sphere; 2]> = vec![[[0.0; 4]; 2]; near.ghosts().len()];
+        let (owned, portion) = (self.nodes.len(), halo.portion());
+        let mut at_rest = spheres(&self.body.positions()[..owned], &self.body.radii()[..owned]);
+        let mut displaced = neighbours::displaced(&at_rest, q);
+        let centres: Vec<[f64; 3]> = displaced.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
+        let reach = portion.largest(2.0 * at_rest.iter().fold(0.0_f64, |m, s| m.max(s[3])));
+        let near_halo = Halo::near(portion.clone(), &centres, reach)?;
+        let mut ghosts: Vec<[Sphere; 2]> = vec![[[0.0; 4]; 2]; near_halo.ghosts().len()];
         let read = |i: usize| {
-            let both = [rest[i], now[i]];
-            std::array::from_fn::<f64, 8, _>(|k| both[k / 4][k % 4])
+            let states = [at_rest[i], displaced[i]];
+            std::array::from_fn::<f64, 8, _>(|k| states[k / 4][k % 4])
         };
-        near.exchange(&mut near.messages(8), read, |ghost, x| {
-            told[ghost] = std::array::from_fn(|k| std::array::from_fn(|c| x[4 * k + c]));
+        near_halo.exchange(&mut near_halo.messages(8), read, |ghost, x| {
+            ghosts[ghost] = std::array::from_fn(|k| std::array::from_fn(|c| x[4 * k + c]));
         })?;
-        rest.extend(told.iter().map(|t| t[0]));
-        now.extend(told.iter().map(|t| t[1]));
-        let of_near = |k: usize| match k.checked_sub(own) {
+        at_rest.extend(ghosts.iter().map(|t| t[0]));
+        displaced.extend(ghosts.iter().map(|t| t[1]));
+        let number_near = |k: usize| match k.checked_sub(owned) {
             None => portion.global(k),
-            Some(ghost) => near.ghosts()[ghost] as usize,
+            Some(ghost) => near_halo.ghosts()[ghost] as usize,
         };
-        let of_body = |k: u32| match (k as usize).checked_sub(own) {
+        let number_in_body = |k: u32| match (k as usize).checked_sub(owned) {
             None => portion.global(k as usize),
             Some(ghost) => halo.ghosts()[ghost] as usize,
         };
         let bonds = self.body.adjacency();
         let may_touch = |i: usize, k: usize| {
-            let k = of_near(k);
+            let k = number_near(k);
             let mut bonds = bonds.row(i).iter();
+            // Each pair is counted once, by the owner of its smaller number.
             k > portion.global(i)
                 && bonds
-                    .find(|e| of_body(e[0]) == k)
+                    .find(|e| number_in_body(e[0]) == k)
                     .is_none_or(|e| log.is_broken_here(e[1] as usize))
         };
-        let first = [&rest[..own], &rest[..]];
+        let first = [&at_rest[..owned], &at_rest[..]];
         Ok(neighbours::count_overlaps(
             first,
-            [&now[..own], &now[..]],
+            [&displaced[..owned], &displaced[..]],
             TOLERATED_OVERLAP,
             may_touch,
         ))

@@ -1,15 +1,15 @@
-//! What a weight is to bonds and particles.
+//! Weights of bonds and particles.
 
 use super::DemModel;
 use arlequin_core::Weight;
 use arlequin_core::geometry::Cell;
 use rayon::prelude::*;
 
-/// Round-off below zero that a weight `1 - sum` may have.
+/// A weight `1 - sum` may be negative by this much through round-off.
 const ROUND_OFF: f64 = 1e-9;
 
 impl DemModel {
-    /// Mean of a weight over every bond.
+    /// Returns the mean of a weight over each bond, from centre to centre.
     pub(super) fn bond_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
         let mean = |&[i, j]: &[u32; 2]| {
             let w = weight.mean(&Cell::Segment {
@@ -23,7 +23,8 @@ impl DemModel {
         Ok(means)
     }
 
-    /// Means over the bonds of each particle; a loose one takes the weight of its place.
+    /// Returns the mean of the bond weights of each particle. A particle without bonds gets the weight at its
+    /// centre.
     pub(super) fn particle_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
         let alone = |i: usize| weight.at(&self.nodes[i]).max(0.0);
         Ok(self.body.mean_over_bonds(&self.bond_means(weight)?, alone))

@@ -1,8 +1,9 @@
-//! A part of a larger body, packed with what is around it there and cut off at its border.
+//! A part of a larger body, packed with a margin of the body around it and cut off at its border.
 //!
-//! A border within a body is no wall. Packed up to it alone, spheres there would have few neighbours, so
-//! that those inside got more bonds than in the bulk (bonds are counted over all) and more mass. So the
-//! body around the part is filled as well, up to a margin; a part's share is what lies in it.
+//! A border within a body is no wall. If the part were packed alone, spheres at the border would have few
+//! neighbours. The spheres inside would then get more bonds than in the bulk, because bonds are counted over
+//! all spheres, and more mass. The body around the part is therefore filled as well, up to a margin, and the
+//! spheres in the part are kept.
 
 use super::assemble::Packing;
 use super::bonding::Components;
@@ -11,24 +12,24 @@ use super::surface::Surface;
 use crate::error::{Error, Result, positive};
 use nalgebra::Vector3;
 
-/// Points along every axis by which the volume around a part is counted.
+/// Grid points along every axis for the volume of the margin.
 const COUNTED: usize = 48;
 
-/// What is filled for a part of a body: the part, and the body around it up to a margin.
+/// A part of a body, and the margin of the body around it that is filled as well.
 #[derive(Debug, Clone)]
 pub struct Around {
     part: Surface,
     body: Surface,
-    /// Faces of the part within the body.
+    /// Faces of the part that lie within the body.
     border: Surface,
     margin: f64,
     volume: f64,
 }
 
 impl Around {
-    /// For the inside of `part`, which lies in `body`; this needs to reach beyond the margin \[m\] only.
-    /// `border` are the faces of the part that lie within the body, counter-clockwise from outside of the
-    /// part.
+    /// Makes the container for the inside of `part`, which lies in `body`. The surface `body` need only be
+    /// complete up to the margin \[m\] around the part. `border` are the faces of the part that lie within
+    /// the body, counter-clockwise from outside of the part.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a margin that is not positive.
@@ -41,40 +42,41 @@ impl Around {
             margin,
             volume: 0.0,
         };
-        out.volume = out.part.volume() + out.beside();
+        out.volume = out.part.volume() + out.margin_volume();
         Ok(out)
     }
 
-    /// The part.
+    /// Surface of the part.
     #[must_use]
     pub fn part(&self) -> &Surface {
         &self.part
     }
 
-    /// Volume of part and margin \[m³\].
+    /// Volume of the part and the margin \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         self.volume
     }
 
-    /// Volume of the margin \[m³\], by points of a grid.
-    fn beside(&self) -> f64 {
+    /// Returns the volume of the margin \[m³\], by counting points of a grid.
+    fn margin_volume(&self) -> f64 {
         let (low, high) = self.bounds();
         let step = (high - low) / COUNTED as f64;
-        let at = |k: usize| {
+        let centre = |k: usize| {
             let place = [k / (COUNTED * COUNTED), k / COUNTED % COUNTED, k % COUNTED];
             low + Vector3::from(place.map(|i| i as f64 + 0.5)).component_mul(&step)
         };
-        let beside = |x: &Vector3<f64>| {
-            let far = self.beyond(x);
-            far > 0.0 && far <= self.margin && self.body.contains(x)
+        let is_in_margin = |x: &Vector3<f64>| {
+            let distance = self.distance_from_part(x);
+            distance > 0.0 && distance <= self.margin && self.body.contains(x)
         };
-        let count = (0..COUNTED.pow(3)).map(at).filter(beside).count();
+        let count = (0..COUNTED.pow(3)).map(centre).filter(is_in_margin).count();
         step.product() * count as f64
     }
 
-    /// Distance from the part \[m\]: zero inside, infinite somewhere beyond the margin.
-    fn beyond(&self, x: &Vector3<f64>) -> f64 {
+    /// Returns the distance from the part \[m\]: zero inside, infinite where the border is farther than the
+    /// margin.
+    fn distance_from_part(&self, x: &Vector3<f64>) -> f64 {
         match self.border.nearest(x, self.margin) {
             Some((gap, _)) => (-gap).max(0.0),
             None if self.part.contains(x) => 0.0,
@@ -92,11 +94,11 @@ impl Around {
     }
 
     pub(crate) fn contains(&self, x: &Vector3<f64>) -> bool {
-        self.beyond(x) <= self.margin && self.body.contains(x)
+        self.distance_from_part(x) <= self.margin && self.body.contains(x)
     }
 
-    /// The body's surface, and the end of the margin: equally far from the part everywhere, so that it has
-    /// no corners.
+    /// Calls `wall` for the body's surface and for the end of the margin. The latter has the same distance
+    /// from the part everywhere, so it has no corners.
     #[inline]
     pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         self.body.walls(x, reach, &mut wall);
@@ -108,20 +110,25 @@ impl Around {
         }
     }
 
-    /// One for each body within; those that the margin does not reach are left out.
+    /// Returns one container per body within, except bodies that the margin does not reach.
     pub(crate) fn bodies(&self) -> Vec<Self> {
         let bodies = self.body.bodies();
         if bodies.len() == 1 {
             return vec![self.clone()];
         }
         let parts = self.part.bodies();
-        let one = |body: Surface| {
+        let restricted = |body: Surface| {
             let mut out = Self { body, ..self.clone() };
-            let within = |p: &&Surface| p.vertices().iter().any(|x| out.body.contains(x));
-            out.volume = out.beside() + parts.iter().filter(within).map(Surface::volume).sum::<f64>();
+            let is_in_body = |p: &&Surface| p.vertices().iter().any(|x| out.body.contains(x));
+            out.volume =
+                out.margin_volume() + parts.iter().filter(is_in_body).map(Surface::volume).sum::<f64>();
             out
         };
-        bodies.into_iter().map(one).filter(|b| b.volume > 0.0).collect()
+        bodies
+            .into_iter()
+            .map(restricted)
+            .filter(|b| b.volume > 0.0)
+            .collect()
     }
 
     pub(crate) fn prepare(&mut self, reach: f64) {
@@ -135,35 +142,35 @@ impl Around {
         out.push(self.margin);
     }
 
-    /// What of a packing of part and margin lies in the part, which stands for the part's volume.
+    /// Restricts a packing of part and margin to the part, whose volume it then stands for.
     ///
     /// # Errors
-    /// [`Error::EmptyBody`] where a body of the part holds no sphere.
-    pub(crate) fn part_of(&self, mut packing: Packing) -> Result<Packing> {
+    /// [`Error::EmptyBody`] if a body of the part holds no sphere.
+    pub(crate) fn restrict(&self, mut packing: Packing) -> Result<Packing> {
         let bodies = self.part.bodies();
         let home = |x: &Vector3<f64>| bodies.iter().position(|b| b.contains(x));
         let homes: Vec<Option<usize>> = packing.positions.iter().map(home).collect();
-        let mut left = packing.pairs.clone();
-        left.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
-        let components = Components::new(homes.len(), &left);
+        let mut inner_pairs = packing.pairs.clone();
+        inner_pairs.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
+        let components = Components::new(homes.len(), &inner_pairs);
         let stays = |i: &u32| homes[*i as usize].is_some() && (packing.loose || components.is_part(*i));
-        let kept: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
-        let mine = |k: usize| kept.iter().any(|&i| homes[i as usize] == Some(k));
-        if let Some(k) = (0..bodies.len()).find(|k| !mine(*k)) {
-            let all: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
-            return Err(Error::EmptyBody.in_body(k, &all));
+        let retained: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
+        let has_sphere = |k: usize| retained.iter().any(|&i| homes[i as usize] == Some(k));
+        if let Some(k) = (0..bodies.len()).find(|k| !has_sphere(*k)) {
+            let containers: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
+            return Err(Error::EmptyBody.in_body(k, &containers));
         }
-        packing.retain(&kept);
-        packing.bodies = kept
+        packing.retain(&retained);
+        packing.bodies = retained
             .iter()
             .filter_map(|&i| homes[i as usize].map(|k| k as u32))
             .collect();
         packing.body_volumes = bodies.iter().map(Surface::volume).collect();
         packing.volume = self.part.volume();
         let report = &mut packing.report;
-        report.beyond = homes.len() - kept.len();
+        report.beyond = homes.len() - retained.len();
         report.bodies = bodies.len();
-        report.coordination_retained = 2.0 * packing.pairs.len() as f64 / kept.len() as f64;
+        report.coordination_retained = 2.0 * packing.pairs.len() as f64 / retained.len() as f64;
         Ok(packing)
     }
 }

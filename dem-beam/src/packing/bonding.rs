@@ -1,28 +1,29 @@
-//! Which pairs become bonds, and which particles stay.
+//! Choice of the pairs that become bonds and of the particles that stay.
 
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
 use super::parts::Loose;
 use crate::error::{Error, Result};
 use arlequin_core::adjacency::lowest_connected;
 
-/// Widest relative gap searched for bonds.
+/// Largest relative gap searched for bonds.
 const REACH: f64 = 0.25;
 
 /// Bonds among the kept particles.
 #[derive(Debug)]
 pub(crate) struct Bonding {
     /// Old numbers of the kept particles, ascending.
-    pub(crate) kept: Vec<u32>,
+    pub(crate) retained: Vec<u32>,
     /// Bonds in new numbers, ascending.
     pub(crate) pairs: Vec<[u32; 2]>,
     /// Largest relative gap `d/(r_i+r_j) - 1` that was bonded.
     pub(crate) tolerance: f64,
-    /// Coordination number over all particles.
+    /// Coordination number over all particles, kept or not.
     pub(crate) coordination_all: f64,
 }
 
-/// Bonds the pairs nearest to touching until the coordination number is reached, then keeps the parts: the
-/// largest connected set of spheres and every other of at least [`SPAN`] spheres.
+/// Bonds the pairs nearest to touching until the coordination number is reached. With [`Loose::Drop`] it then
+/// keeps the connected parts only: the largest connected set of spheres and every other of at least [`SPAN`]
+/// spheres.
 pub(crate) fn bond_and_trim(
     spheres: &[Sphere],
     coordination: f64,
@@ -30,70 +31,75 @@ pub(crate) fn bond_and_trim(
     loose: Loose,
 ) -> Result<Bonding> {
     let wanted = (0.5 * coordination * spheres.len() as f64).round() as usize;
-    let mut near = near_pairs(spheres, 0.08, period);
-    if near.len() < wanted {
-        near = near_pairs(spheres, REACH, period);
+    // A narrow search is cheaper and finds enough pairs in a jammed packing.
+    let mut candidates = near_pairs(spheres, 0.08, period);
+    if candidates.len() < wanted {
+        candidates = near_pairs(spheres, REACH, period);
     }
-    if near.len() < wanted || wanted == 0 {
+    if candidates.len() < wanted || wanted == 0 {
         return Err(Error::TooFewPairs {
             wanted: coordination,
             bonds: wanted,
-            pairs: near.len(),
+            pairs: candidates.len(),
             reach: REACH,
         });
     }
+    // Equal gaps are ordered by particle numbers, so that the choice is unique. A selection is cheaper than
+    // sorting all pairs.
     let by_gap = |a: &(f64, [u32; 2]), b: &(f64, [u32; 2])| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-    let (_, last, _) = near.select_nth_unstable_by(wanted - 1, by_gap);
-    let tolerance = last.0;
-    near.truncate(wanted);
-    let mut pairs: Vec<[u32; 2]> = near.into_iter().map(|p| p.1).collect();
+    let (_, widest, _) = candidates.select_nth_unstable_by(wanted - 1, by_gap);
+    let tolerance = widest.0;
+    candidates.truncate(wanted);
+    let mut pairs: Vec<[u32; 2]> = candidates.into_iter().map(|p| p.1).collect();
     pairs.sort_unstable();
     let components = Components::new(spheres.len(), &pairs);
-    let all = || 0..spheres.len() as u32;
-    let kept: Vec<u32> = match loose {
-        Loose::Keep => all().collect(),
+    let numbers = || 0..spheres.len() as u32;
+    let retained: Vec<u32> = match loose {
+        Loose::Keep => numbers().collect(),
         Loose::Drop { limit } => {
-            let kept: Vec<u32> = all().filter(|&i| components.is_part(i)).collect();
-            bound_loose(spheres, &kept, &components, limit, coordination)?;
-            kept
+            let retained: Vec<u32> = numbers().filter(|&i| components.is_part(i)).collect();
+            bound_loose(spheres, &retained, &components, limit, coordination)?;
+            retained
         }
     };
-    renumber(&mut pairs, &kept, spheres.len());
+    renumber(&mut pairs, &retained, spheres.len());
     Ok(Bonding {
-        kept,
+        retained,
         pairs,
         tolerance,
         coordination_all: 2.0 * wanted as f64 / spheres.len() as f64,
     })
 }
 
-/// Leaves out pairs with an end that is not in `kept` (ascending) and renumbers the rest.
-pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, kept: &[u32], count: usize) {
-    let mut new = vec![u32::MAX; count];
-    for (k, &i) in kept.iter().enumerate() {
-        new[i as usize] = k as u32;
+/// Removes pairs with an end that is not in `retained` (ascending) and renumbers the others.
+pub(crate) fn renumber(pairs: &mut Vec<[u32; 2]>, retained: &[u32], count: usize) {
+    let mut new_numbers = vec![u32::MAX; count];
+    for (k, &i) in retained.iter().enumerate() {
+        new_numbers[i as usize] = k as u32;
     }
-    pairs.retain(|p| p.iter().all(|&i| new[i as usize] != u32::MAX));
-    pairs.iter_mut().for_each(|p| *p = p.map(|i| new[i as usize]));
+    pairs.retain(|p| p.iter().all(|&i| new_numbers[i as usize] != u32::MAX));
+    pairs
+        .iter_mut()
+        .for_each(|p| *p = p.map(|i| new_numbers[i as usize]));
 }
 
-/// Refuses to leave out more than a share of the volume of the spheres.
+/// Refuses to leave out more than the share `limit` of the volume of the spheres.
 fn bound_loose(
     spheres: &[Sphere],
-    kept: &[u32],
+    retained: &[u32],
     components: &Components,
     limit: f64,
     coordination: f64,
 ) -> Result<()> {
     let cube = |s: &Sphere| s[3] * s[3] * s[3];
-    let all: f64 = spheres.iter().map(cube).sum();
-    let rest: f64 = kept.iter().map(|&i| cube(&spheres[i as usize])).sum();
-    let share = 1.0 - rest / all;
-    if kept.len() == spheres.len() || share <= limit {
+    let total: f64 = spheres.iter().map(cube).sum();
+    let retained_cubes: f64 = retained.iter().map(|&i| cube(&spheres[i as usize])).sum();
+    let share = 1.0 - retained_cubes / total;
+    if retained.len() == spheres.len() || share <= limit {
         return Ok(());
     }
     Err(Error::LooseSpheres {
-        loose: spheres.len() - kept.len(),
+        loose: spheres.len() - retained.len(),
         spheres: spheres.len(),
         share,
         limit,
@@ -102,13 +108,14 @@ fn bound_loose(
     })
 }
 
-/// All pairs with relative gap below `reach`.
+/// Returns all pairs with relative gap `d/(r_i+r_j) - 1` below `reach`, each with its gap.
 pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]>) -> Vec<(f64, [u32; 2])> {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     let mut list = Vec::new();
     verlet_list(
         &mut CellList::new(period),
         spheres,
+        // The skin must cover `reach (r_i + r_j)` for the largest spheres.
         2.0 * largest * reach,
         &mut list,
     );
@@ -131,17 +138,17 @@ pub(crate) fn near_pairs(spheres: &[Sphere], reach: f64, period: Option<[f64; 3]
     out
 }
 
-/// Fewest spheres of a part: the centres of four span a volume, those of fewer do not.
+/// Smallest number of spheres of a connected part: four centres span a volume, fewer do not.
 const SPAN: u32 = 4;
 
-/// Sets of spheres that bonds connect.
+/// Connected sets of spheres.
 #[derive(Debug)]
 pub(crate) struct Components {
-    /// Smallest number in the set of each sphere.
+    /// Smallest sphere number in the set of each sphere.
     root: Vec<u32>,
-    /// Spheres of the set, at its smallest number.
+    /// Number of spheres of each set, stored at its smallest sphere number.
     size: Vec<u32>,
-    /// Root of the largest set (of the first, if several are equal).
+    /// Smallest sphere number of the largest set (of the first one, if several are equal).
     largest: u32,
 }
 
@@ -163,18 +170,19 @@ impl Components {
         }
     }
 
-    /// Whether a sphere belongs to a part: the largest set, and every other of at least [`SPAN`] spheres.
+    /// Returns whether a sphere belongs to a part: to the largest set, or to another of at least [`SPAN`]
+    /// spheres.
     pub(crate) fn is_part(&self, i: u32) -> bool {
         let root = self.root[i as usize];
         root == self.largest || self.size[root as usize] >= SPAN
     }
 
-    /// Smallest number in the set of a sphere.
+    /// Returns the smallest sphere number in the set of a sphere.
     pub(crate) fn root(&self, i: u32) -> u32 {
         self.root[i as usize]
     }
 
-    /// Spheres of each part, largest first.
+    /// Returns the number of spheres of each part, largest first.
     pub(crate) fn parts(&self) -> Vec<usize> {
         let is_root = |i: &u32| self.root[*i as usize] == *i && self.is_part(*i);
         let roots = (0..self.root.len() as u32).filter(is_root);

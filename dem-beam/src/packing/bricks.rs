@@ -1,11 +1,11 @@
-//! Lattices that come to ranks in parts: numbered such that any rank knows its particles without the rest.
+//! Lattices for partitioned models, numbered such that a rank can make its owned particles without the rest.
 //!
-//! Cells stand in bricks of as many as make a unit of 256 particles, bricks along a Morton curve, and in a
-//! brick particles by their number of bonds, so that the blocks of the kernel are full. A rank holds the
-//! list of bricks and its own particles.
+//! The cells are grouped in bricks of one unit (256 particles). Bricks are ordered along a Morton curve.
+//! Particles in a brick are ordered by their number of bonds, so that the blocks of the kernel are full. A
+//! rank holds the list of bricks and its owned particles.
 //!
-//! Places are counted in halves of a cell: corners, faces and middles of cells are whole numbers, below
-//! twice the cells.
+//! A place is counted in halves of a cell, so that corners, faces and middles of cells are whole numbers from
+//! zero to twice the cells, exclusive.
 
 use super::lattice::Lattice;
 use crate::bond::BeamMaterial;
@@ -17,10 +17,10 @@ use arlequin_core::ranks::{Division, UNIT, Unit};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// A particle, in halves of a cell.
+/// Place of a particle in halves of a cell.
 type Place = [i32; 3];
 
-/// A lattice of touching spheres in bricks, the same body as [`super::lattice()`] with another numbering.
+/// A lattice of touching spheres in bricks: the body of [`super::lattice()`] with another numbering.
 ///
 /// ```
 /// use arlequin_core::ranks::Division;
@@ -39,22 +39,23 @@ pub struct Bricks {
     kind: Lattice,
     cells: [i32; 3],
     radius: f64,
-    /// Bricks along each axis.
+    /// Number of bricks along each axis.
     grid: [i32; 3],
-    /// Bricks in their order, and the first particle of each; one more than there are.
+    /// Bricks in their order, and the first particle number of each; `first` has one more entry, the number
+    /// of particles.
     order: Vec<[i32; 3]>,
     first: Vec<u32>,
-    /// Place in the order of each brick of the grid.
-    at: Vec<u32>,
+    /// Position in `order` of each brick of the grid.
+    order_index: Vec<u32>,
 }
 
 impl Bricks {
-    /// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their nearest
-    /// neighbours.
+    /// Makes a lattice of touching spheres of radius `radius` \[m\], with `cells` cells along each axis,
+    /// bonded to their nearest neighbours.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than numbers of
-    /// 32 bits.
+    /// [`Error::OutOfRange`] for no cells, a radius that is not positive, or more particles than 32 bits can
+    /// number.
     pub fn new(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Self> {
         positive("sphere radius", radius)?;
         let per_cell = kind.basis().len();
@@ -73,9 +74,9 @@ impl Bricks {
         let mut order: Vec<[i32; 3]> = along(0)
             .flat_map(|i| along(1).flat_map(move |j| (0..grid[2]).map(move |k| [i, j, k])))
             .collect();
-        let far = Vector3::from(grid.map(|g| f64::from(g * edges.iter().max().unwrap_or(&1))));
+        let extent = Vector3::from(grid.map(|g| f64::from(g * edges.iter().max().unwrap_or(&1))));
         let middle = |b: &[i32; 3]| Vector3::from_fn(|a, _| (f64::from(b[a]) + 0.5) * f64::from(edges[a]));
-        order.sort_by_cached_key(|b| morton_key(&middle(b), &Vector3::zeros(), &far));
+        order.sort_by_cached_key(|b| morton_key(&middle(b), &Vector3::zeros(), &extent));
         let mut out = Self {
             kind,
             cells,
@@ -83,21 +84,21 @@ impl Bricks {
             grid,
             order,
             first: vec![0],
-            at: Vec::new(),
+            order_index: Vec::new(),
         };
-        out.at = vec![0; out.order.len()];
+        out.order_index = vec![0; out.order.len()];
         let mut next = 0;
         for (k, brick) in out.order.iter().enumerate() {
             let [low, high] = out.corners(brick);
             next += (0..3).map(|a| (high[a] - low[a]) as u32 / 2).product::<u32>() * per_cell as u32;
             out.first.push(next);
-            let at = out.index(brick);
-            out.at[at] = k as u32;
+            let cell = out.index(brick);
+            out.order_index[cell] = k as u32;
         }
         Ok(out)
     }
 
-    /// Cells along the edges of a brick of 256 particles.
+    /// Returns the cells along the edges of a brick of 256 particles.
     fn edges(kind: Lattice) -> [i32; 3] {
         match kind {
             Lattice::Cubic => [8, 8, 4],
@@ -106,13 +107,13 @@ impl Bricks {
         }
     }
 
-    /// Particles of the whole body.
+    /// Number of particles of the whole body.
     #[must_use]
     pub fn particles(&self) -> usize {
         self.first.last().map_or(0, |n| *n as usize)
     }
 
-    /// Edge of a cell \[m\].
+    /// Returns the edge of a cell \[m\].
     fn edge(&self) -> f64 {
         2.0 * self.radius / self.kind.spacing()
     }
@@ -123,7 +124,7 @@ impl Bricks {
         self.cells.iter().map(|c| f64::from(*c) * self.edge()).product()
     }
 
-    /// Centre of a particle \[m\].
+    /// Returns the centre of a particle \[m\].
     fn centre(&self, place: &Place) -> Vector3<f64> {
         Vector3::from(place.map(|c| self.edge() * (0.5 * f64::from(c))))
     }
@@ -132,13 +133,20 @@ impl Bricks {
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let mut out = Vec::with_capacity(self.particles().div_ceil(UNIT));
-        let mut rest: Vec<Place> = Vec::new();
+        let mut pending: Vec<Place> = Vec::new();
         for brick in &self.order {
-            rest.extend(self.places(brick));
-            let whole = rest.len() / UNIT * UNIT;
-            out.extend(rest.drain(..whole).as_slice().chunks(UNIT).map(|u| self.unit(u)));
+            pending.extend(self.places(brick));
+            // Bricks at the far faces may be incomplete, so that units can span several bricks.
+            let complete = pending.len() / UNIT * UNIT;
+            out.extend(
+                pending
+                    .drain(..complete)
+                    .as_slice()
+                    .chunks(UNIT)
+                    .map(|u| self.unit(u)),
+            );
         }
-        out.extend(rest.chunks(UNIT).map(|u| self.unit(u)));
+        out.extend(pending.chunks(UNIT).map(|u| self.unit(u)));
         out
     }
 
@@ -151,7 +159,7 @@ impl Bricks {
         }
     }
 
-    /// What a rank of a division needs to know of the body, see [`crate::DemModel::of_piece`].
+    /// Returns the description of a rank's part of the body for [`crate::DemModel::of_piece`].
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] for a division of another body; [`Error::OutOfRange`] for a density that
@@ -165,9 +173,9 @@ impl Bricks {
                 expected: self.particles(),
             });
         }
-        let mine = |i: u32| division.owner(i as usize) == rank;
-        let (mut numbers, mut positions, mut others) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut pairs, mut numbering) = (Vec::new(), Numbering::of(self));
+        let is_owned = |i: u32| division.owner(i as usize) == rank;
+        let (mut numbers, mut positions, mut ghosts) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut pairs, mut numbering) = (Vec::new(), Numbering::new(self));
         for unit in division.units_of(rank) {
             let first = unit * UNIT as u32;
             let last = (first + UNIT as u32).min(self.particles() as u32);
@@ -175,11 +183,11 @@ impl Bricks {
                 let place = numbering.place(i);
                 numbers.push(i);
                 positions.push(self.centre(&place));
-                for near in self.neighbours(&place) {
-                    let j = numbering.number(&near);
-                    // Between own particles once.
-                    if !mine(j) {
-                        others.push((j, near));
+                for neighbour in self.neighbours(&place) {
+                    let j = numbering.number(&neighbour);
+                    // A bond between two owned particles is listed once, by the smaller number.
+                    if !is_owned(j) {
+                        ghosts.push((j, neighbour));
                     } else if j < i {
                         continue;
                     }
@@ -187,16 +195,16 @@ impl Bricks {
                 }
             }
         }
-        others.sort_unstable();
-        others.dedup();
-        for (j, place) in &others {
+        ghosts.sort_unstable();
+        ghosts.dedup();
+        for (j, place) in &ghosts {
             numbers.push(*j);
             positions.push(self.centre(place));
         }
-        let one = self.volume() / self.particles() as f64;
+        let volume = self.volume() / self.particles() as f64;
         Ok(Piece {
             radii: vec![self.radius; numbers.len()],
-            volumes: vec![one; numbers.len()],
+            volumes: vec![volume; numbers.len()],
             numbers,
             positions,
             pairs,
@@ -206,7 +214,7 @@ impl Bricks {
         })
     }
 
-    /// Lowest places of a brick, and those behind the last.
+    /// Returns the lowest place of a brick, and the place behind its last one along each axis.
     fn corners(&self, brick: &[i32; 3]) -> [Place; 2] {
         let edges = Self::edges(self.kind);
         let low = std::array::from_fn(|a| 2 * brick[a] * edges[a]);
@@ -226,7 +234,7 @@ impl Bricks {
         }
     }
 
-    /// Particles bonded with one.
+    /// Returns the particles bonded with the particle at `place`.
     fn neighbours(&self, place: &Place) -> impl Iterator<Item = Place> {
         let (cells, [x, y, z]) = (self.cells, *place);
         let shifts = match self.kind {
@@ -234,21 +242,21 @@ impl Bricks {
             Lattice::BodyCentred => &BODY_CENTRED[..],
             Lattice::FaceCentred => &FACE_CENTRED[..],
         };
-        let near = shifts.iter().map(move |[i, j, k]| [x + i, y + j, z + k]);
-        near.filter(move |p| (0..3).all(|a| (0..2 * cells[a]).contains(&p[a])))
+        let neighbours = shifts.iter().map(move |[i, j, k]| [x + i, y + j, z + k]);
+        neighbours.filter(move |p| (0..3).all(|a| (0..2 * cells[a]).contains(&p[a])))
     }
 
-    /// Particles of a brick in their order: by bonds, and each next to the last.
+    /// Returns the particles of a brick in their order: by number of bonds, then along a Morton curve.
     fn places(&self, brick: &[i32; 3]) -> Vec<Place> {
         let [low, high] = self.corners(brick);
         let along = |a: usize| low[a]..high[a];
-        let all =
+        let candidates =
             along(0).flat_map(|x| along(1).flat_map(move |y| (low[2]..high[2]).map(move |z| [x, y, z])));
-        let mut out: Vec<Place> = all.filter(|p| self.is_particle(p)).collect();
+        let mut out: Vec<Place> = candidates.filter(|p| self.is_particle(p)).collect();
         let key = |p: &Place| {
             let x = Vector3::from(p.map(f64::from));
-            let [from, to] = [low, high].map(|c| Vector3::from(c.map(f64::from)));
-            (self.neighbours(p).count(), morton_key(&x, &from, &to))
+            let [lowest, highest] = [low, high].map(|c| Vector3::from(c.map(f64::from)));
+            (self.neighbours(p).count(), morton_key(&x, &lowest, &highest))
         };
         out.sort_by_cached_key(key);
         out
@@ -290,13 +298,13 @@ const FACE_CENTRED: [Place; 12] = [
     [0, 1, 1],
 ];
 
-/// Numbers and places of the particles of bricks, of those that were asked for.
+/// Numbers and places of particles; a brick is worked out when it is first asked for.
 struct Numbering<'a> {
-    of: &'a Bricks,
+    lattice: &'a Bricks,
     bricks: HashMap<u32, Ordered>,
 }
 
-/// The particles of a brick in their order, and the place in it of each, by its place in the box of the
+/// The particles of a brick in their order, and the position in this order of each place in the box of the
 /// brick.
 struct Ordered {
     places: Vec<Place>,
@@ -304,44 +312,44 @@ struct Ordered {
 }
 
 impl<'a> Numbering<'a> {
-    fn of(of: &'a Bricks) -> Self {
+    fn new(lattice: &'a Bricks) -> Self {
         Self {
-            of,
+            lattice,
             bricks: HashMap::new(),
         }
     }
 
     fn brick(&mut self, k: u32) -> &Ordered {
-        let of = self.of;
+        let lattice = self.lattice;
         self.bricks.entry(k).or_insert_with(|| {
-            let corners = of.corners(&of.order[k as usize]);
-            let places = of.places(&of.order[k as usize]);
+            let corners = lattice.corners(&lattice.order[k as usize]);
+            let places = lattice.places(&lattice.order[k as usize]);
             let volume: i32 = (0..3).map(|a| corners[1][a] - corners[0][a]).product();
             let mut ranks = vec![0; volume as usize];
             (0..)
                 .zip(&places)
-                .for_each(|(rank, p)| ranks[inside(&corners, p)] = rank);
+                .for_each(|(rank, p)| ranks[index_in_box(&corners, p)] = rank);
             Ordered { places, ranks }
         })
     }
 
     fn place(&mut self, number: u32) -> Place {
-        let k = self.of.first.partition_point(|first| *first <= number) - 1;
-        let first = self.of.first[k];
+        let k = self.lattice.first.partition_point(|first| *first <= number) - 1;
+        let first = self.lattice.first[k];
         self.brick(k as u32).places[(number - first) as usize]
     }
 
     fn number(&mut self, place: &Place) -> u32 {
-        let edges = Bricks::edges(self.of.kind);
+        let edges = Bricks::edges(self.lattice.kind);
         let brick = std::array::from_fn(|a| place[a] / (2 * edges[a]));
-        let k = self.of.at[self.of.index(&brick)];
-        let corners = self.of.corners(&brick);
-        self.of.first[k as usize] + u32::from(self.brick(k).ranks[inside(&corners, place)])
+        let k = self.lattice.order_index[self.lattice.index(&brick)];
+        let corners = self.lattice.corners(&brick);
+        self.lattice.first[k as usize] + u32::from(self.brick(k).ranks[index_in_box(&corners, place)])
     }
 }
 
-/// Number of a place in the box of its brick.
-fn inside([low, high]: &[Place; 2], p: &Place) -> usize {
+/// Returns the index of a place in the box of its brick.
+fn index_in_box([low, high]: &[Place; 2], p: &Place) -> usize {
     let d = |a: usize| high[a] - low[a];
     (((p[0] - low[0]) * d(1) + p[1] - low[1]) * d(2) + p[2] - low[2]) as usize
 }

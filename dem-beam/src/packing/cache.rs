@@ -1,8 +1,8 @@
-//! Packings on disk, found again by a hash of everything that decides them.
+//! Cache of packings on disk, by a hash of everything that determines them.
 //!
-//! One file per packing, little-endian: magic, hash of the spec, hash of the content, counts,
-//! numbers. A file that does not verify is made anew, so a torn write costs time, never a wrong
-//! result. Files are written aside and renamed.
+//! There is one little-endian file per packing: magic number, hash of the content, counts, numbers. Its name
+//! has the hash of the spec. A file that does not verify is made anew, so that an incomplete write costs time
+//! but never gives a wrong result. Files are written under another name and then renamed.
 
 use super::assemble::Packing;
 use super::parts::Loose;
@@ -12,15 +12,16 @@ use nalgebra::Vector3;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Changes whenever the protocol gives other packings for the same spec.
+/// Version of the protocol, to be raised whenever it gives other packings for the same spec.
 const VERSION: f64 = 4.0;
 const MAGIC: u64 = 0x414c_5144_454d_5032;
 
-/// FNV-1a over 64-bit words, two streams for 128 bits.
+/// Returns the FNV-1a hash of 64-bit words, in two streams for 128 bits.
 fn hash(words: impl Iterator<Item = u64>) -> [u64; 2] {
     let mut h = [0xcbf2_9ce4_8422_2325_u64, 0x8422_2325_cbf2_9ce4];
     for w in words {
         for (k, h) in h.iter_mut().enumerate() {
+            // Rotated words make the second stream differ from the first.
             for byte in w.rotate_left(17 * k as u32).to_le_bytes() {
                 *h = (*h ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
             }
@@ -30,7 +31,7 @@ fn hash(words: impl Iterator<Item = u64>) -> [u64; 2] {
 }
 
 impl PackingSpec {
-    /// Hash of everything that decides the packing, 32 hexadecimal digits.
+    /// Returns the hash of everything that determines the packing, as 32 hexadecimal digits.
     #[must_use]
     pub fn content_hash(&self) -> String {
         let mut x = vec![VERSION, self.count as f64, self.spread, self.coordination];
@@ -49,14 +50,15 @@ impl PackingSpec {
         format!("{:016x}{:016x}", h[0], h[1])
     }
 
-    /// The packing from `directory` if it was made before, else made, and stored there if that can be done.
+    /// Reads the packing from `directory`, or makes it and stores it there if the directory can be written.
     ///
     /// # Errors
-    /// Those of [`Self::build`].
+    /// Errors of [`Self::build`].
     pub fn build_cached(&self, directory: &Path) -> Result<Packing> {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
         if let Some(packing) = std::fs::read(&path).ok().and_then(|bytes| decode(&bytes)) {
+            // The spec determines these two, so that the file does not have them.
             return Ok(Packing {
                 period: self.container.period(),
                 loose: self.loose == Loose::Keep,
@@ -64,18 +66,19 @@ impl PackingSpec {
             });
         }
         let packing = self.build()?;
-        // A folder that cannot be written costs time on the next run, nothing else: the packing is right.
+        // If the folder cannot be written the packing is still right; the next run makes it again.
         let _ = store(&packing, directory, &path);
         Ok(packing)
     }
 }
 
-/// Writes a packing whole or not at all; processes and threads that make the same one do not meet.
+/// Writes a packing completely or not at all. Processes and threads that make the same packing write to
+/// different temporary files.
 fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()> {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     std::fs::create_dir_all(directory)?;
-    let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-    let aside = path.with_extension(format!("{own}.tmp"));
+    let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let aside = path.with_extension(format!("{unique}.tmp"));
     std::fs::write(&aside, encode(packing))
         .and_then(|()| std::fs::rename(&aside, path))
         .inspect_err(|_| {
@@ -83,9 +86,9 @@ fn store(packing: &Packing, directory: &Path, path: &Path) -> std::io::Result<()
         })
 }
 
-/// Passes every number of a packing through `word`, which reads or writes it: one order serves both.
-/// Nothing where there are fewer words than numbers, or one that does not fit.
-fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
+/// Passes every number of a packing through `word`, which reads or writes it, so that reading and writing
+/// share one order. Returns `None` if there are too few words, or a word does not fit.
+fn for_each_word(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()> {
     let r = &mut p.report;
     let (mut spheres, mut bonds) = (p.radii.len(), p.pairs.len());
     let counts = [
@@ -106,7 +109,7 @@ fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()
     p.bodies.resize(spheres, 0);
     p.body_volumes.resize(r.bodies, 0.0);
     p.pairs.resize(bonds, [0; 2]);
-    // No width is that of a periodic box.
+    // A periodic box has no width; -1 stands for it.
     let mut across = r.across.unwrap_or(-1.0);
     let [smallest, largest] = &mut r.radius_range;
     let scalars = [
@@ -134,33 +137,37 @@ fn words(p: &mut Packing, word: &mut dyn FnMut(u64) -> Option<u64>) -> Option<()
         *b = u32::try_from(word(u64::from(*b))?).ok()?;
     }
     for pair in &mut p.pairs {
-        let both = word(u64::from(pair[0]) << 32 | u64::from(pair[1]))?;
-        *pair = [(both >> 32) as u32, both as u32];
+        let packed = word(u64::from(pair[0]) << 32 | u64::from(pair[1]))?;
+        *pair = [(packed >> 32) as u32, packed as u32];
     }
     Some(())
 }
 
 fn encode(p: &Packing) -> Vec<u8> {
-    let mut all: Vec<u64> = Vec::new();
-    let done = words(&mut p.clone(), &mut |w| {
-        all.push(w);
+    let mut numbers: Vec<u64> = Vec::new();
+    let done = for_each_word(&mut p.clone(), &mut |w| {
+        numbers.push(w);
         Some(w)
     });
     debug_assert!(done.is_some(), "numbers of a packing fit into words");
-    let check = hash(all.iter().copied());
+    let check = hash(numbers.iter().copied());
     let head = [MAGIC, check[0], check[1]];
-    head.iter().chain(&all).flat_map(|x| x.to_le_bytes()).collect()
+    head.iter()
+        .chain(&numbers)
+        .flat_map(|x| x.to_le_bytes())
+        .collect()
 }
 
 fn decode(bytes: &[u8]) -> Option<Packing> {
-    let (all, _) = bytes.as_chunks::<8>();
-    let all: Vec<u64> = all.iter().map(|c| u64::from_le_bytes(*c)).collect();
-    let (head, body) = all.split_at_checked(3)?;
+    let (chunks, _) = bytes.as_chunks::<8>();
+    let chunks: Vec<u64> = chunks.iter().map(|c| u64::from_le_bytes(*c)).collect();
+    let (head, body) = chunks.split_at_checked(3)?;
     if head[0] != MAGIC || head[1..] != hash(body.iter().copied()) {
         return None;
     }
+    // The hash has been verified, so that the counts in the file can be trusted.
     let mut packing = Packing::default();
     let mut next = body.iter().copied();
-    words(&mut packing, &mut |_| next.next())?;
+    for_each_word(&mut packing, &mut |_| next.next())?;
     next.next().is_none().then_some(packing)
 }

@@ -1,39 +1,38 @@
 //! Fixed-radius neighbour search: particles sorted into cells, compressed rows.
 //!
-//! Everything is in the order of the particle numbers, so the lists are the same whatever the
-//! number of threads.
+//! Lists follow the order of the particle numbers, so that they do not depend on the number of threads.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Particles per unit of parallel work.
+/// Number of particles per parallel task.
 pub(crate) const CHUNK: usize = 512;
 
-/// A sphere as the hot loops want it: `x, y, z, r`.
+/// A sphere as the hot loops read it: `x, y, z, r` \[m\].
 pub(crate) type Sphere = [f64; 4];
 
-/// Mean radius.
+/// Returns the mean radius of spheres.
 pub(crate) fn mean_radius(spheres: &[Sphere]) -> f64 {
     spheres.iter().map(|s| s[3]).sum::<f64>() / spheres.len() as f64
 }
 
-/// Spheres as the hot loops want them.
+/// Returns spheres of given centres and radii.
 pub(crate) fn spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Vec<Sphere> {
-    let both = positions.iter().zip(radii);
-    both.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
+    let zipped = positions.iter().zip(radii);
+    zipped.map(|(x, r)| [x.x, x.y, x.z, *r]).collect()
 }
 
-/// Centre of a sphere.
+/// Returns the centre of a sphere.
 pub(crate) fn centre(s: &Sphere) -> Vector3<f64> {
     Vector3::new(s[0], s[1], s[2])
 }
 
-/// The difference of two points, or of the first to the nearest periodic image of the second.
+/// Returns the difference `d` of two points, shifted by periods to that between nearest periodic images.
 #[inline]
 pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
     for a in 0..3 {
         let half = 0.5 * period[a];
-        // Positions leave the period by a little only: one turn is enough.
+        // Positions leave the box by a little only, so that one shift is enough.
         if d[a] > half {
             d[a] -= period[a];
         } else if d[a] < -half {
@@ -43,10 +42,10 @@ pub(crate) fn image(mut d: [f64; 3], period: &[f64; 3]) -> [f64; 3] {
     d
 }
 
-/// Cells of equal size with the particles in each.
+/// Cells of equal size and the particles in each.
 #[derive(Debug, Default)]
 pub(crate) struct CellList {
-    /// Edges of the periodic box at the origin, if it is one \[m\].
+    /// Edges of the periodic box at the origin \[m\]; `None` without a period.
     period: Option<[f64; 3]>,
     low: Vector3<f64>,
     inverse: [f64; 3],
@@ -56,7 +55,7 @@ pub(crate) struct CellList {
 }
 
 impl CellList {
-    /// Empty cells of a body, or of a periodic box of at least three cells along each edge.
+    /// Returns empty cells of a body, or of a periodic box, which needs at least three cells along each edge.
     pub(crate) fn new(period: Option<[f64; 3]>) -> Self {
         Self {
             period,
@@ -67,7 +66,7 @@ impl CellList {
     /// Sorts `spheres` into cells at least `size` wide.
     pub(crate) fn build(&mut self, spheres: &[Sphere], size: f64) {
         let (low, extent) = self.extent(spheres);
-        // Never many more cells than particles, however small `size` is.
+        // Bounds the number of cells by some four per particle, however small `size` is.
         let fair = (extent.map(|e| e.max(size)).product() / (4 * spheres.len()) as f64).cbrt();
         let size = size.max(fair);
         self.low = low;
@@ -89,6 +88,7 @@ impl CellList {
             self.start[c + 1] += self.start[c];
         }
         self.order.resize(spheres.len(), 0);
+        // Counting sort: within a cell, particles keep the order of their numbers.
         let mut next = self.start.clone();
         for (i, s) in spheres.iter().enumerate() {
             let c = self.index(self.cell(s));
@@ -97,7 +97,7 @@ impl CellList {
         }
     }
 
-    /// Lowest corner and edges of what the cells cover.
+    /// Returns the lowest corner and the edges of the box that the cells cover.
     fn extent(&self, spheres: &[Sphere]) -> (Vector3<f64>, Vector3<f64>) {
         if let Some(period) = self.period {
             return (Vector3::zeros(), Vector3::from(period));
@@ -129,14 +129,15 @@ impl CellList {
 
     /// Calls `near` with every particle of the 27 cells around sphere `s`.
     #[inline]
-    pub(crate) fn around(&self, s: &Sphere, mut near: impl FnMut(u32)) {
+    pub(crate) fn around(&self, s: &Sphere, mut visit: impl FnMut(u32)) {
         let c = self.cell(s);
         if self.period.is_some() {
+            // With fewer than three cells along an edge, a cell would be visited twice.
             let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];
             for k in 0..27 {
-                let at = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
-                let range = self.start[at] as usize..self.start[at + 1] as usize;
-                self.order[range].iter().for_each(|&n| near(n));
+                let cell = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
+                let range = self.start[cell] as usize..self.start[cell + 1] as usize;
+                self.order[range].iter().for_each(|&n| visit(n));
             }
             return;
         }
@@ -148,23 +149,23 @@ impl CellList {
                 let a = self.start[self.index([i, j, k0])] as usize;
                 let b = self.start[self.index([i, j, k1]) + 1] as usize;
                 for &n in &self.order[a..b] {
-                    near(n);
+                    visit(n);
                 }
             }
         }
     }
 }
 
-/// Neighbours of [`CHUNK`] consecutive particles, compressed rows.
+/// Neighbours of [`CHUNK`] consecutive particles, in compressed rows.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct ListChunk {
     pub(crate) start: Vec<u32>,
     pub(crate) neighbours: Vec<u32>,
 }
 
-/// For each particle all others closer than `r_i + r_j + skin` (both directions stored), the
-/// touching ones first: the branch "do they touch" is then foreseen by the processor, which
-/// halves the time of a force evaluation.
+/// Lists for each particle all others closer than `r_i + r_j + skin` (both directions stored), the touching
+/// ones first. The processor then predicts the branch "do they touch" well, which halves the time of a force
+/// evaluation.
 pub(crate) fn verlet_list(cells: &mut CellList, spheres: &[Sphere], skin: f64, out: &mut Vec<ListChunk>) {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     cells.build(spheres, 2.0 * largest + skin);

@@ -1,11 +1,12 @@
-//! What a packing fills: a box, a cylinder, any closed triangle surface, or all space periodically.
+//! The volume that a packing fills: a box, a cylinder, a closed triangle surface, a part of a body, or a
+//! periodic box.
 
 use super::around::Around;
 use super::surface::Surface;
 use crate::error::{Result, positive};
 use nalgebra::Vector3;
 
-/// A volume to fill. Lengths in m.
+/// Volume to fill; lengths in m.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Container {
@@ -18,24 +19,24 @@ pub enum Container {
     },
     /// Round bar along +x from the origin: `0 <= x <= length`, `y^2 + z^2 <= radius^2`.
     Cylinder {
-        /// Length.
+        /// Length \[m\].
         length: f64,
-        /// Radius of the section.
+        /// Radius of the section \[m\].
         radius: f64,
     },
-    /// Inside of a closed surface.
+    /// The inside of a closed surface.
     Surface(Surface),
-    /// A part of a body, with what is around it: the packing is that of the part.
+    /// A part of a body. The body around it is filled too, but the packing keeps only the part.
     Around(Box<Around>),
-    /// A box at the origin that repeats along all axes: a sample of the bulk, without walls.
+    /// A box at the origin that repeats along all axes, as a sample of the bulk without walls.
     Periodic {
-        /// Edges.
+        /// Edges \[m\].
         size: Vector3<f64>,
     },
 }
 
 impl Container {
-    /// A cylinder of length `length` and radius `radius` along x.
+    /// Makes a cylinder of length `length` \[m\] and radius `radius` \[m\] along x.
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] unless both are positive.
@@ -45,7 +46,7 @@ impl Container {
         Ok(Self::Cylinder { length, radius })
     }
 
-    /// A box from `min` to `max`.
+    /// Makes a box from `min` to `max` \[m\].
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] unless every edge is positive.
@@ -56,7 +57,7 @@ impl Container {
         Ok(Self::Box { min, max })
     }
 
-    /// A periodic cube of edge `edge`.
+    /// Makes a periodic cube of edge `edge` \[m\].
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] unless the edge is positive.
@@ -67,7 +68,7 @@ impl Container {
         })
     }
 
-    /// Edges of the periodic box \[m\], if it is one.
+    /// Edges of the periodic box \[m\]; `None` for other containers.
     #[must_use]
     pub fn period(&self) -> Option<[f64; 3]> {
         match self {
@@ -76,7 +77,7 @@ impl Container {
         }
     }
 
-    /// The bodies within: those of a surface ([`Surface::bodies`]), else the container itself.
+    /// Returns the bodies within: the bodies of a surface ([`Surface::bodies`]), else the container itself.
     #[must_use]
     pub fn bodies(&self) -> Vec<Self> {
         match self {
@@ -90,7 +91,7 @@ impl Container {
         }
     }
 
-    /// Volume that is filled \[m³\].
+    /// Returns the volume that is filled \[m³\].
     #[must_use]
     pub fn volume(&self) -> f64 {
         match self {
@@ -102,7 +103,7 @@ impl Container {
         }
     }
 
-    /// Axis-parallel bounding box, smallest and largest corner.
+    /// Returns the smallest and the largest corner of the axis-parallel bounding box \[m\].
     #[must_use]
     pub fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
         match self {
@@ -117,8 +118,8 @@ impl Container {
         }
     }
 
-    /// Calls `wall(gap, inward normal)` for each wall nearer than `reach` to `x`; a negative gap
-    /// means outside. A surface reports its nearest point only.
+    /// Calls `wall(gap, inward normal)` for each wall nearer than `reach` to `x`; a negative gap means
+    /// outside. A surface reports its nearest point and, in edges, the other faces near `x`.
     #[inline]
     pub fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         match self {
@@ -155,7 +156,7 @@ impl Container {
         }
     }
 
-    /// Distance to the nearest wall within `reach`, else `reach`; negative outside.
+    /// Returns the distance \[m\] to the nearest wall within `reach`, else `reach`; negative outside.
     #[must_use]
     pub fn gap(&self, x: &Vector3<f64>, reach: f64) -> f64 {
         let mut g = reach;
@@ -163,7 +164,7 @@ impl Container {
         g
     }
 
-    /// Whether `x` is inside.
+    /// Returns whether `x` is inside.
     #[must_use]
     pub fn contains(&self, x: &Vector3<f64>) -> bool {
         match self {
@@ -173,7 +174,7 @@ impl Container {
         }
     }
 
-    /// Prepares wall queries up to `reach` \[m\]; only surfaces need it.
+    /// Prepares queries of walls up to `reach` \[m\]; only surfaces need it.
     pub(crate) fn prepare(&mut self, reach: f64) {
         match self {
             Self::Surface(s) => s.prepare(reach),
@@ -182,7 +183,7 @@ impl Container {
         }
     }
 
-    /// Bytes that identify the container, for the cache.
+    /// Appends numbers that identify the container in the cache.
     pub(crate) fn identity(&self, out: &mut Vec<f64>) {
         match self {
             Self::Box { min, max } => {

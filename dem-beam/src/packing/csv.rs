@@ -1,6 +1,6 @@
-//! Positions and radii as text: one line `x,y,z,r` per sphere, m, after an optional header.
+//! Positions and radii as text: one line `x,y,z,r` per sphere \[m\], after an optional header.
 //!
-//! Numbers are written with as many digits as they need to come back bit for bit.
+//! Numbers are written with as many digits as they need to be read back bit for bit.
 
 use super::assemble::{Filled, Packing};
 use super::bonding::bond_and_trim;
@@ -13,7 +13,7 @@ use crate::particles::{COINCIDENT, check_spheres};
 use nalgebra::Vector3;
 use std::io::{BufRead, Write};
 
-/// Writes the spheres of a packing.
+/// Writes spheres as text.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -29,18 +29,18 @@ pub fn write_csv(out: &mut impl Write, positions: &[Vector3<f64>], radii: &[f64]
     Ok(())
 }
 
-/// Reads spheres; commas, semicolons, tabs or spaces separate the four numbers.
+/// Reads spheres from text; commas, semicolons, tabs or spaces separate the four numbers.
 ///
 /// # Errors
-/// [`Error::Parse`] with the line, [`Error::Io`], and those of bad spheres:
-/// [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
+/// [`Error::Parse`] with the line, [`Error::Io`]; for bad spheres [`Error::NotFinite`], [`Error::BadRadius`],
+/// [`Error::RadiusRatio`].
 pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
     let mut text = String::new();
     input.read_to_string(&mut text).map_err(|e| Error::Io {
         path: "csv input".into(),
         reason: e.to_string(),
     })?;
-    // One separator for the reader; two beside each other leave an empty field, which is none.
+    // The reader takes one separator. Two in a row leave an empty field, which is skipped below.
     let text = text.replace([';', '\t', ' '], ",");
     let mut lines = csv::ReaderBuilder::new();
     lines.has_headers(false).flexible(true).quoting(false);
@@ -63,7 +63,7 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
                 continue;
             }
             Ok(v) => format!("{} numbers found, 4 needed: x,y,z,r", v.len()),
-            // Words are allowed once, as a header.
+            // The first line may be a header.
             Err(_) if number() == 1 => continue,
             Err(e) => format!("{:?}: {e}", fields.join(",")),
         };
@@ -76,8 +76,8 @@ pub fn read_csv(input: &mut impl BufRead) -> Result<(Vec<Vector3<f64>>, Vec<f64>
     Ok((positions, radii))
 }
 
-/// Number of the line, from 1, of what follows byte `start`; the reader counts a record from the blank
-/// lines before it.
+/// Returns the number of the line, from 1, of the record after byte `start`. The reader counts a record from
+/// the blank lines before it.
 fn line_number(text: &str, start: usize) -> usize {
     let is_blank = |b: &u8| matches!(b, b'\r' | b'\n');
     let bytes = text.as_bytes();
@@ -86,14 +86,15 @@ fn line_number(text: &str, start: usize) -> usize {
 }
 
 impl Packing {
-    /// Bonds given spheres as the protocol does: in every body the pairs nearest to touching up to the wanted
-    /// coordination number; loose spheres are left out within [`super::parts::LOOSE_LIMIT`].
+    /// Bonds given spheres as the packing protocol does: in every body the pairs nearest to touching become
+    /// bonds, up to the wanted coordination number. Loose spheres are left out within
+    /// [`super::parts::LOOSE_LIMIT`].
     ///
     /// # Errors
-    /// Those of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere holds the
-    /// centre of another, [`Error::OutsideContainer`] if a sphere passes a wall by more than half its
-    /// radius, [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one of several bodies within
-    /// [`Error::InBody`]; [`Error::EmptyBody`], [`Error::CrossingBodies`].
+    /// Errors of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere contains the
+    /// centre of another, [`Error::OutsideContainer`] if a sphere passes a wall by more than half its radius,
+    /// [`Error::TooFewPairs`], [`Error::LooseSpheres`]; for one of several bodies within [`Error::InBody`];
+    /// [`Error::EmptyBody`], [`Error::CrossingBodies`].
     pub fn from_spheres(
         container: &Container,
         positions: &[Vector3<f64>],
@@ -103,10 +104,10 @@ impl Packing {
         Self::from_spheres_with(container, positions, radii, coordination, Loose::default())
     }
 
-    /// The same with a choice for loose spheres.
+    /// Works like [`Self::from_spheres`], with a chosen treatment of loose spheres.
     ///
     /// # Errors
-    /// As [`Self::from_spheres`].
+    /// Errors of [`Self::from_spheres`].
     pub fn from_spheres_with(
         container: &Container,
         positions: &[Vector3<f64>],
@@ -140,39 +141,42 @@ impl Packing {
             let numbers: Vec<u32> = (0..spheres.len() as u32)
                 .filter(|&i| home[i as usize] == k)
                 .collect();
-            let mine: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
-            let bonding = match mine.is_empty() {
+            let members: Vec<Sphere> = numbers.iter().map(|&i| spheres[i as usize]).collect();
+            let bonding = match members.is_empty() {
                 true => Err(Error::EmptyBody),
-                false => bond_and_trim(&mine, coordination, period, loose)
-                    .map_err(|e| narrow::blame(e, &bodies[k], &mine)),
+                false => bond_and_trim(&members, coordination, period, loose)
+                    .map_err(|e| narrow::name_width(e, &bodies[k], &members)),
             };
             filled.push(Filled {
                 numbers,
                 bonding: bonding.map_err(|e| e.in_body(k, &bodies))?,
-                overlap: mean_overlap(&mine, period),
+                overlap: mean_overlap(&members, period),
                 steps: 0,
-                spheres: mine,
+                spheres: members,
             });
         }
         Self::assemble(&container, &bodies, &filled, spheres.len(), loose == Loose::Keep)
     }
 }
 
-/// Body of each sphere: the one that holds its centre, or the nearest.
+/// Returns the body of each sphere: the body that contains its centre, or the nearest one.
 fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
     let home = |s: &Sphere| {
         let x = centre(s);
-        let gap = |b: &Container| match b.contains(&x) {
+        let height = |b: &Container| match b.contains(&x) {
             true => f64::INFINITY,
-            // Far outside there is no wall within reach.
+            // Minus the depth outside of the wall; bodies without a wall within reach are excluded below.
             false => -b.gap(&x, reach).min(0.0).abs(),
         };
-        let near = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
+        let closeness = |b: &Container| match b.gap(&x, reach) >= reach && !b.contains(&x) {
             true => f64::NEG_INFINITY,
-            false => gap(b),
+            false => height(b),
         };
-        let best =
-            (0..bodies.len()).max_by(|&a, &b| near(&bodies[a]).total_cmp(&near(&bodies[b])).then(b.cmp(&a)));
+        let best = (0..bodies.len()).max_by(|&a, &b| {
+            closeness(&bodies[a])
+                .total_cmp(&closeness(&bodies[b]))
+                .then(b.cmp(&a))
+        });
         best.unwrap_or_default()
     };
     match bodies.len() {
@@ -184,6 +188,7 @@ fn homes(bodies: &[Container], spheres: &[Sphere], reach: f64) -> Vec<usize> {
 fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()> {
     for (gap, [i, j]) in super::bonding::near_pairs(spheres, 0.0, period) {
         let (first, second) = (i as usize, j as usize);
+        // `gap + 1` is the distance of the centres over the sum of the radii.
         let touch = spheres[first][3] + spheres[second][3];
         if gap + 1.0 <= COINCIDENT {
             return Err(Error::CoincidentParticles {
@@ -206,7 +211,7 @@ fn refuse_overlapping(spheres: &[Sphere], period: Option<[f64; 3]>) -> Result<()
     Ok(())
 }
 
-/// Mean overlap of touching pairs over the mean diameter.
+/// Returns the mean overlap of touching pairs over the mean diameter.
 fn mean_overlap(spheres: &[Sphere], period: Option<[f64; 3]>) -> f64 {
     let touching = super::bonding::near_pairs(spheres, 0.0, period);
     let total: f64 = touching

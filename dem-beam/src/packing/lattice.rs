@@ -27,7 +27,7 @@ impl Lattice {
         }
     }
 
-    /// Distance of neighbours over the cell edge.
+    /// Returns the distance of neighbours over the edge of a cell.
     pub(super) fn spacing(self) -> f64 {
         match self {
             Self::Cubic => 1.0,
@@ -37,12 +37,11 @@ impl Lattice {
     }
 }
 
-/// `cells` cells along each axis of touching spheres of radius `radius` \[m\], bonded to their
-/// nearest neighbours. The lattice starts at the origin; the body is the box of the cells.
+/// Makes a lattice of touching spheres of radius `radius` \[m\], with `cells` cells along each axis, bonded
+/// to their nearest neighbours. It starts at the origin; the body is the box of the cells.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] for no cells or a radius that is not positive;
-/// [`Error::IsolatedParticle`] never for two cells or more.
+/// [`Error::OutOfRange`] for no cells or a radius that is not positive.
 ///
 /// ```
 /// use dem_beam::packing::{Lattice, lattice};
@@ -61,8 +60,8 @@ pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing>
         for j in 0..cells[1] {
             for k in 0..cells[2] {
                 for b in kind.basis() {
-                    let at = [i, j, k].map(|c| c as f64);
-                    let x = [0, 1, 2].map(|a| edge * (at[a] + b[a]));
+                    let cell = [i, j, k].map(|c| c as f64);
+                    let x = [0, 1, 2].map(|a| edge * (cell[a] + b[a]));
                     spheres.push([x[0], x[1], x[2], radius]);
                 }
             }
@@ -75,7 +74,7 @@ pub fn lattice(kind: Lattice, cells: [usize; 3], radius: f64) -> Result<Packing>
     let container = Container::cuboid(Vector3::zeros(), size)?;
     let coordination = 2.0 * pairs.len() as f64 / spheres.len() as f64;
     let bonding = Bonding {
-        kept: (0..spheres.len() as u32).collect(),
+        retained: (0..spheres.len() as u32).collect(),
         pairs,
         tolerance: 0.0,
         coordination_all: coordination,

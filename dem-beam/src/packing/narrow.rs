@@ -1,43 +1,44 @@
-//! Bodies that are few spheres wide, and what to expect of them.
+//! Bodies that are few spheres wide, and their expected elasticity.
 //!
-//! A packing has the elasticity of the bulk where it is many spheres wide. At a wall spheres have fewer
-//! neighbours, and all bonds of one size of body must find room inside: narrow bodies are stiffer in
-//! tension, have a larger Poisson's ratio that scatters, and are soft in bending and torsion, which the
-//! surface layer carries. [`expected`] is our measurement.
+//! A packing has the elasticity of the bulk if it is many spheres wide. Spheres at a wall have fewer
+//! neighbours, while the number of bonds per sphere is prescribed, so that the inside gets more bonds. Narrow
+//! bodies are stiffer in tension, and their Poisson's ratio is larger and scatters. They are soft in bending
+//! and torsion, which the surface layer carries. [`expected`] interpolates our measurements.
 
 use super::cells::{Sphere, centre, mean_radius};
 use super::container::Container;
 use crate::error::Error;
 use nalgebra::Vector3;
 
-/// Narrower bodies are worth a warning: a tenth soft in bending and torsion.
+/// Width in mean diameters below which a warning is given: the body is a tenth too soft in bending and
+/// torsion.
 pub const NARROW: f64 = 8.0;
 
-/// Narrower than this, as a rule, there are not enough neighbours for 6.2 bonds per sphere.
+/// Width in mean diameters below which there are, as a rule, too few neighbours for 6.2 bonds per sphere.
 const BLAMED: f64 = 3.2;
 
-/// Centres whose distance from the walls is measured for the width of a surface.
+/// Number of centres whose distance from the walls is measured for the width of a surface.
 const PROBED: usize = 400;
-/// Wider than so many mean diameters no body is called narrow.
+/// Width in mean diameters up to which the width of a surface is measured.
 const WIDE: f64 = 16.0;
 
-/// What a round bar of silica's beams shows; decision 0020 has the spread.
+/// Elasticity of a narrow round bar with silica's beams; decision 0020 has the spread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Narrow {
     /// Young's modulus in tension over that of a wide bar.
     pub young: f64,
     /// Poisson's ratio, 0.174 in a wide bar.
     pub poisson: f64,
-    /// Its standard deviation from packing to packing.
+    /// Standard deviation of Poisson's ratio from packing to packing.
     pub poisson_spread: f64,
-    /// Bending stiffness over E I of the bar's own E.
+    /// Bending stiffness over E I, with the bar's own E.
     pub bending: f64,
-    /// Torsional stiffness over G J likewise.
+    /// Torsional stiffness over G J, with the bar's own moduli.
     pub torsion: f64,
 }
 
-/// Spheres across, then the fields of [`Narrow`]: means of four packings each (two from 8 on), onset
-/// protocol, 6.2 bonds.
+/// Spheres across, then the fields of [`Narrow`]: means of four packings each (two from 8 spheres across on),
+/// onset protocol, 6.2 bonds per sphere.
 const TABLE: [[f64; 6]; 7] = [
     [3.1, 1.07, 0.185, 0.041, 0.77, 0.78],
     [4.1, 1.07, 0.210, 0.023, 0.85, 0.86],
@@ -48,8 +49,8 @@ const TABLE: [[f64; 6]; 7] = [
     [13.0, 1.00, 0.174, 0.001, 0.95, 0.94],
 ];
 
-/// What to expect of a body so many mean diameters wide, by linear interpolation of our measurements; their
-/// ends hold beyond them.
+/// Returns the expected elasticity of a body that is `across` mean diameters wide, by linear interpolation of
+/// our measurements. Beyond the measured widths it returns the values at their ends.
 #[must_use]
 pub fn expected(across: f64) -> Narrow {
     let k = TABLE
@@ -68,8 +69,8 @@ pub fn expected(across: f64) -> Narrow {
     }
 }
 
-/// Narrowest width of a body \[m\]; none without walls. For surfaces twice the largest distance of a point
-/// from the wall, up to some sixteen mean diameters.
+/// Returns the narrowest width of a body \[m\]; `None` without walls. For surfaces it is twice the largest
+/// distance of a point from the wall, measured up to some sixteen mean diameters.
 fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     match body {
         Container::Box { min, max } => Some((max - min).min()),
@@ -79,6 +80,7 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
             let reach = 0.5 * WIDE * diameter;
             let mut body = body.clone();
             body.prepare(reach);
+            // The deepest of some centres is a good start for the search of the deepest point.
             let probed = spheres.iter().step_by(spheres.len().div_ceil(PROBED));
             let gap = |x: &Vector3<f64>| body.gap(x, reach);
             let deepest = probed.map(centre).max_by(|a, b| gap(a).total_cmp(&gap(b)));
@@ -87,18 +89,18 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
     }
 }
 
-/// Largest distance from the wall near `x`, by steps that shrink from `step` \[m\]: centres lie beside the
-/// middle of a body.
+/// Returns the largest distance from the wall near `x` \[m\], by steps that shrink from `step` \[m\]. The
+/// search is needed because sphere centres need not lie in the middle of a body.
 fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut best = gap(&x);
     for _ in 0..6 {
-        // A step is repeated as long as it leads deeper; some diameters are enough.
+        // A step is repeated as long as it leads deeper; the bound limits the search to some diameters.
         for _ in 0..16 {
-            let around = (0..27).map(|k| {
+            let candidates = (0..27).map(|k| {
                 x + Vector3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)).add_scalar(-1.0)
                     * step
             });
-            let Some(next) = around.max_by(|a, b| gap(a).total_cmp(&gap(b))) else {
+            let Some(next) = candidates.max_by(|a, b| gap(a).total_cmp(&gap(b))) else {
                 break;
             };
             let depth = gap(&next);
@@ -112,20 +114,21 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
     best
 }
 
-/// Mean diameters across the narrowest of the bodies.
+/// Returns the width of the narrowest body in mean diameters of its spheres.
 pub(crate) fn across(bodies: &[Container], spheres: &[Sphere], home: &[u32]) -> Option<f64> {
-    let one = |(k, body): (usize, &Container)| {
-        let mine = spheres.iter().zip(home).filter(|(_, b)| **b as usize == k);
-        let mine: Vec<Sphere> = mine.map(|(s, _)| *s).collect();
-        let diameter = 2.0 * mean_radius(&mine);
-        Some(width(body, &mine, diameter)? / diameter)
+    let relative_width = |(k, body): (usize, &Container)| {
+        let members = spheres.iter().zip(home).filter(|(_, b)| **b as usize == k);
+        let members: Vec<Sphere> = members.map(|(s, _)| *s).collect();
+        let diameter = 2.0 * mean_radius(&members);
+        Some(width(body, &members, diameter)? / diameter)
     };
-    let all = bodies.iter().enumerate().map(one);
-    all.reduce(|a, b| Some(a?.min(b?))).flatten()
+    let widths = bodies.iter().enumerate().map(relative_width);
+    widths.reduce(|a, b| Some(a?.min(b?))).flatten()
 }
 
-/// Names the width of the body where it is the reason for too few neighbours.
-pub(crate) fn blame(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
+/// Replaces the error of too few neighbours by one that names the width of the body, if the body is too
+/// narrow.
+pub(crate) fn name_width(error: Error, body: &Container, spheres: &[Sphere]) -> Error {
     let diameter = 2.0 * mean_radius(spheres);
     match (&error, width(body, spheres, diameter)) {
         (Error::TooFewPairs { .. }, Some(width)) if width < BLAMED * diameter => Error::TooFewAcross {

@@ -1,54 +1,54 @@
-//! Which of two closed shells holds the other.
+//! Position of closed shells with respect to each other.
 
 use super::surface::winding;
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::Vector3;
 
-/// Points of a shell that are looked at: where two shells do not cross, all points of one have the same
-/// side of the other.
-const LOOKS: usize = 64;
-/// Distance from a shell, relative to its extent, up to which a point lies on it. Its winding number is
-/// then that of either side, by the last bit, and says nothing: bodies may touch.
-const ON_IT: f64 = 1e-9;
+/// Largest number of points of a shell that are tested. A few are enough: of shells that do not cross, all
+/// points of one lie on the same side of the other.
+const TESTED_POINTS: usize = 64;
+/// Points up to this distance from a shell, relative to its extent, lie on it and are skipped: round-off
+/// decides their winding number. Bodies may touch.
+const ON_SHELL: f64 = 1e-9;
 
-/// Where a shell lies with respect to another.
+/// Position of a shell with respect to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Place {
-    /// Within it; the two may touch.
+    /// Inside of the other; the two may touch.
     Inside,
-    /// Beside or around it; the two may touch, or coincide.
+    /// Beside or around the other; the two may touch, or coincide.
     Outside,
-    /// On both sides: a point of it inside \[m\].
+    /// On both sides of the other; with a point inside \[m\].
     Crossing(Vector3<f64>),
 }
 
-/// Where the shell `of` lies with respect to `shell`, whose triangles face outwards.
-pub(crate) fn place(of: &[[Vector3<f64>; 3]], shell: &[[Vector3<f64>; 3]]) -> Place {
+/// Returns where the shell `tested` lies with respect to `shell`, whose triangles face outwards.
+pub(crate) fn place(tested: &[[Vector3<f64>; 3]], shell: &[[Vector3<f64>; 3]]) -> Place {
     let corners = || shell.iter().flatten();
     let low = corners().fold(Vector3::repeat(f64::INFINITY), |a, x| a.inf(x));
     let high = corners().fold(Vector3::repeat(f64::NEG_INFINITY), |a, x| a.sup(x));
-    let reach = ON_IT * (high - low).max();
-    let (mut held, mut beside) = (None, false);
-    let points = of
+    let reach = ON_SHELL * (high - low).max();
+    let (mut inner_point, mut has_outer_point) = (None, false);
+    let points = tested
         .iter()
         .flat_map(|[a, b, c]| [*a, (a + b + c) / 3.0])
-        .step_by((2 * of.len()).div_ceil(LOOKS).max(1));
+        .step_by((2 * tested.len()).div_ceil(TESTED_POINTS).max(1));
     for x in points {
         if (0..3).any(|k| x[k] < low[k] - reach || x[k] > high[k] + reach) {
-            beside = true;
+            has_outer_point = true;
             continue;
         }
-        let on_it = |t: &[Vector3<f64>; 3]| (closest_on_triangle(&x, t) - x).norm() <= reach;
-        if shell.iter().any(on_it) {
+        let is_on_shell = |t: &[Vector3<f64>; 3]| (closest_on_triangle(&x, t) - x).norm() <= reach;
+        if shell.iter().any(is_on_shell) {
             continue;
         }
         if winding(&x, shell.iter().copied()) > 0.5 {
-            held = Some(x);
+            inner_point = Some(x);
         } else {
-            beside = true;
+            has_outer_point = true;
         }
     }
-    match (held, beside) {
+    match (inner_point, has_outer_point) {
         (Some(x), true) => Place::Crossing(x),
         (Some(_), false) => Place::Inside,
         (None, _) => Place::Outside,

@@ -1,4 +1,5 @@
-//! Surfaces from files: triangles turned alike, outer shells outwards, cavities inwards.
+//! Orientation of surfaces from files: triangles of a shell are turned alike, outer shells face outwards,
+//! cavities inwards.
 
 use super::bonding::Components;
 use super::nesting::{Place, place};
@@ -10,13 +11,13 @@ use std::collections::BTreeMap;
 type Edges = BTreeMap<(u32, u32), Vec<(usize, bool)>>;
 
 impl Surface {
-    /// A closed surface whose triangles may be turned either way, as files bring them. Triangles
-    /// with a repeated corner are left out; each connected shell is turned alike, outer shells
-    /// outwards, shells inside an odd number of others (cavities) inwards. Shells may touch.
+    /// Makes a closed surface of triangles that may be turned either way, as in files. Triangles with a
+    /// repeated corner are left out. Each connected shell is turned alike: outer shells outwards, shells
+    /// inside an odd number of others (cavities) inwards. Shells may touch.
     ///
     /// # Errors
-    /// As [`Self::new`]; [`Error::OneSidedSurface`]; [`Error::CrossingBodies`] for shells with points on both
-    /// sides of another (64 points of each are looked at).
+    /// Errors of [`Self::new`]; [`Error::OneSidedSurface`]; [`Error::CrossingBodies`] for shells with points
+    /// on both sides of another (64 points of each are tested).
     ///
     /// ```
     /// use dem_beam::Surface;
@@ -35,8 +36,8 @@ impl Surface {
         {
             finite("coordinate", "vertex", i, *c)?;
         }
-        let whole = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
-        let mut triangles: Vec<[u32; 3]> = triangles.into_iter().filter(whole).collect();
+        let has_three_corners = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+        let mut triangles: Vec<[u32; 3]> = triangles.into_iter().filter(has_three_corners).collect();
         if let Some(&a) = triangles
             .iter()
             .flatten()
@@ -51,7 +52,7 @@ impl Surface {
     }
 }
 
-/// Triangles of each connected shell of a closed surface, in the order of their first ones.
+/// Returns the triangles of each connected shell of a closed surface, in the order of their first ones.
 pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
     let mut owner = BTreeMap::new();
     let mut joined = Vec::new();
@@ -77,7 +78,8 @@ pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
     out
 }
 
-/// For every edge its two triangles, and whether they run from the smaller to the larger vertex.
+/// Returns for every edge its two triangles, each with true if it runs along the edge from the smaller to the
+/// larger vertex number.
 fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
     let mut edges = Edges::new();
     for (i, t) in triangles.iter().enumerate() {
@@ -111,15 +113,15 @@ fn turn_alike(triangles: &mut [[u32; 3]], edges: &Edges) -> Result<Vec<Vec<usize
             let i = shell[next];
             next += 1;
             let t = triangles[i];
-            let own = turned[i] == Some(true);
+            let is_turned = turned[i] == Some(true);
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
                 let key = (a.min(b), a.max(b));
                 let Some(&(j, up)) = edges[&key].iter().find(|(j, _)| *j != i) else {
                     continue;
                 };
-                // Neighbours run along their edge in opposite directions.
-                let turn = own != (up == (a < b));
+                // Triangles turned alike run along their common edge in opposite directions.
+                let turn = is_turned != (up == (a < b));
                 match turned[j] {
                     None => {
                         turned[j] = Some(turn);
@@ -152,22 +154,23 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
             let [a, b, c] = corners(t);
             a.dot(&b.cross(&c))
         };
+        // The sum is six times the signed volume of the shell.
         if shell.iter().map(|&i| volume(&triangles[i])).sum::<f64>() < 0.0 {
             shell.iter().for_each(|&i| triangles[i].swap(1, 2));
         }
     }
-    // All shells face outwards now, so their winding numbers are 0 or 1.
+    // All shells face outwards now, so that winding numbers are 0 or 1.
     let facing: Vec<Vec<_>> = shells
         .iter()
         .map(|s| s.iter().map(|&i| corners(&triangles[i])).collect())
         .collect();
     let mut cavities = Vec::new();
     for s in 0..shells.len() {
-        let mut around = 0;
+        let mut shells_around = 0;
         for o in (0..shells.len()).filter(|&o| o != s) {
             match place(&facing[s], &facing[o]) {
                 Place::Outside => {}
-                Place::Inside => around += 1,
+                Place::Inside => shells_around += 1,
                 Place::Crossing(x) => {
                     return Err(Error::CrossingBodies {
                         first: s.min(o) + 1,
@@ -177,7 +180,7 @@ fn turn_outwards(vertices: &[Vector3<f64>], triangles: &mut [[u32; 3]], shells: 
                 }
             }
         }
-        if around % 2 == 1 {
+        if shells_around % 2 == 1 {
             cavities.push(s);
         }
     }

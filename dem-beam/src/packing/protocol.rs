@@ -1,13 +1,13 @@
-//! Jammed random packings: random start, growth to the jamming onset, bonds by coordination.
+//! Jammed random packings: random start, growth to the onset of jamming, bonds up to a coordination number.
 //!
-//! 1. Radii uniform in `[1-s, 1+s]`; centres stratified along the longest axis and random in the
-//!    section, at volume fraction 0.5, numbered along a Morton curve. (A start that is not
-//!    stratified leaves axial density waves, and E differs by 16 % along the bar.)
-//! 2. Soft spheres relax by FIRE; radii grow by steps of the volume fraction until contacts carry
-//!    load, then radii are corrected until the mean overlap is the wanted one.
-//! 3. The `N z / 2` pairs nearest to touching, by `d/(r_i+r_j) - 1`, become bonds: z is what is
-//!    asked for, the gap comes out.
-//! 4. Connected parts are kept, the few spheres without a bond are left out and reported ([`super::parts`]).
+//! 1. Radii are uniform in `[1-s, 1+s]`. Centres are stratified along the longest axis and random in the
+//!    section, at volume fraction 0.5, and numbered along a Morton curve. (A start that is not stratified
+//!    leaves axial density waves; E then differs by 16 % along the bar.)
+//! 2. Soft spheres relax by FIRE. Radii grow by steps of the volume fraction until contacts carry load, then
+//!    they are corrected until the mean overlap is the wanted one.
+//! 3. The `N z / 2` pairs nearest to touching, by `d/(r_i+r_j) - 1`, become bonds: z is prescribed, the
+//!    largest gap follows.
+//! 4. Connected parts are kept; the few spheres without a bond are left out and reported ([`super::parts`]).
 //!
 //! Bodies of a surface are packed one by one, each with its share of the spheres.
 
@@ -26,47 +26,47 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// How the spheres are brought together.
+/// Method that brings the spheres together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Compaction {
-    /// Grow to the jamming onset and adjust to `overlap` (mean overlap over mean diameter).
+    /// Grows the spheres to the onset of jamming and adjusts them to `overlap`.
     Onset {
         /// Wanted mean overlap of touching pairs over the mean diameter, default 5e-4.
         overlap: f64,
     },
-    /// Relax once at a given volume fraction: faster, E about 3 % higher at 0.62.
+    /// Relaxes once at a given volume fraction. This is faster; at 0.62, E is about 3 % higher.
     Quench {
         /// Sphere volume over container volume.
         fraction: f64,
     },
 }
 
-/// A packing to make. Start from [`PackingSpec::new`] and change what you need.
+/// Specification of a packing. Start from [`PackingSpec::new`] and change what you need.
 #[derive(Debug, Clone)]
 pub struct PackingSpec {
-    /// What to fill.
+    /// Volume to fill.
     pub container: Container,
-    /// Number of spheres, those without bonds included; several bodies share them by volume.
+    /// Number of spheres, including those without bonds; several bodies share them by volume.
     pub count: usize,
-    /// Half width of the uniform radius distribution over the mean radius; 0.25 by default, the
-    /// usual value for this method.
+    /// Half width of the uniform radius distribution over the mean radius; 0.25 by default, the usual value
+    /// for this method.
     pub spread: f64,
-    /// Bonds per particle times two, over all particles; 6.2 by default, the usual value for this
-    /// method. It decides E: about 17e9 Pa per unit for silica beams.
+    /// Coordination number: twice the number of bonds over the number of all spheres; 6.2 by default, the
+    /// usual value for this method. E rises with it by about 17e9 Pa per unit for silica beams.
     pub coordination: f64,
-    /// What becomes of spheres without bonds.
+    /// Treatment of spheres in no connected part.
     pub loose: Loose,
-    /// How to compact.
+    /// Method of compaction.
     pub compaction: Compaction,
     /// Seed of the random start.
     pub seed: u64,
-    /// Most relaxation steps per growth step; 4000 is enough for 200 000 spheres.
+    /// Largest number of relaxation steps per growth step; 4000 is enough for 200 000 spheres.
     pub max_steps: usize,
 }
 
 impl PackingSpec {
-    /// The full protocol for `count` spheres.
+    /// Returns the specification of the full protocol for `count` spheres.
     #[must_use]
     pub fn new(container: Container, count: usize, seed: u64) -> Self {
         Self {
@@ -81,8 +81,8 @@ impl PackingSpec {
         }
     }
 
-    /// The single-quench variant, for tests: at volume fraction 0.62, or 0.65 without the walls
-    /// that keep spheres from jamming as densely as in the bulk.
+    /// Returns the specification of a single quench, for tests. The volume fraction is 0.62, or 0.65 in a
+    /// periodic box, where no walls keep spheres from jamming as densely as in the bulk.
     #[must_use]
     pub fn quench(container: Container, count: usize, seed: u64) -> Self {
         let fraction = if container.period().is_some() { 0.65 } else { 0.62 };
@@ -109,13 +109,13 @@ impl PackingSpec {
     pub fn build(&self) -> Result<Packing> {
         self.check()?;
         let bodies = self.container.bodies();
-        let counts = share(self.count, &bodies);
+        let counts = spheres_per_body(self.count, &bodies);
         let mut filled = Vec::with_capacity(bodies.len());
         for (k, (body, count)) in bodies.iter().zip(counts).enumerate() {
-            // The first body is packed as if it were alone.
+            // The first body keeps the seed, so that it is packed as if it were alone.
             let seed = self.seed.wrapping_add((k as u64).wrapping_mul(BODY_SEED));
-            let one = self.fill(body, count, seed);
-            filled.push(one.map_err(|e| e.in_body(k, &bodies))?);
+            let packed = self.fill(body, count, seed);
+            filled.push(packed.map_err(|e| e.in_body(k, &bodies))?);
         }
         let packing = Packing::assemble(
             &self.container,
@@ -125,7 +125,7 @@ impl PackingSpec {
             self.loose == Loose::Keep,
         )?;
         match &self.container {
-            Container::Around(around) => around.part_of(packing),
+            Container::Around(around) => around.restrict(packing),
             _ => Ok(packing),
         }
     }
@@ -142,15 +142,16 @@ impl PackingSpec {
             Compaction::Onset { overlap } => grow(&mut soft, &container, overlap, self.max_steps)?,
             Compaction::Quench { fraction } => {
                 set_fraction(&mut soft, container.volume(), fraction);
-                // A balance of 3 % of the contact force moves E by less than its seed spread.
-                let done = soft.relax(self.max_steps, 1e-5, 3e-2);
+                // Forces balanced to 3 % of the mean contact force: finer balance moves E by less than its
+                // spread over seeds.
+                let relaxed = soft.relax(self.max_steps, 1e-5, 3e-2);
                 soft.check_interrupt()?;
-                (done.overlap, done.steps)
+                (relaxed.overlap, relaxed.steps)
             }
         };
         let spheres = soft.spheres;
         let bonding = bond_and_trim(&spheres, self.coordination, container.period(), self.loose);
-        let bonding = bonding.map_err(|e| narrow::blame(e, body, &spheres))?;
+        let bonding = bonding.map_err(|e| narrow::name_width(e, body, &spheres))?;
         Ok(Filled {
             numbers: Vec::new(),
             spheres,
@@ -160,7 +161,7 @@ impl PackingSpec {
         })
     }
 
-    /// Random centres and radii at volume fraction [`START_FRACTION`], along a Morton curve.
+    /// Returns random centres and radii at volume fraction [`START_FRACTION`], ordered along a Morton curve.
     fn start(&self, container: &mut Container, count: usize, seed: u64) -> Result<Vec<Sphere>> {
         let volume = container.volume();
         let mut rng = Pcg64::seed_from_u64(seed);
@@ -168,6 +169,7 @@ impl PackingSpec {
             .map(|_| 1.0 + self.spread * (2.0 * rng.random::<f64>() - 1.0))
             .collect();
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
+        // Factor from relative radii to metres.
         let unit = (START_FRACTION * volume / cubes * 0.75 / std::f64::consts::PI).cbrt();
         radii.iter_mut().for_each(|r| *r *= unit);
         let (low, high) = container.bounds();
@@ -179,9 +181,9 @@ impl PackingSpec {
                 width: (high - low).min(),
             });
         }
-        few_across(container, count, unit)?;
+        refuse_few_across(container, count, unit)?;
         if let Some(period) = container.period() {
-            // Three cells of the widest neighbour list along each edge.
+            // The neighbour search needs three cells of its widest list along each edge.
             let (shortest, limit) = (period.into_iter().fold(f64::INFINITY, f64::min), 12.0 * largest);
             if shortest < limit {
                 return Err(Error::PeriodTooShort { shortest, limit });
@@ -192,6 +194,7 @@ impl PackingSpec {
         let profile = Profile::new(container, axis);
         let mut spheres: Vec<Sphere> = Vec::with_capacity(count);
         for (i, r) in radii.into_iter().enumerate() {
+            // Stratified: one sphere in each of `count` slabs of equal volume.
             let along = profile.quantile((i as f64 + rng.random::<f64>()) / count as f64);
             let x = loop {
                 let mut x = Vector3::zeros();
@@ -242,24 +245,33 @@ impl PackingSpec {
     }
 }
 
-/// Between the seeds of the bodies of a surface.
+/// Difference of the seeds of successive bodies of a surface.
 const BODY_SEED: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Spheres of each body by volume, `count` in all, by largest remainders.
-fn share(count: usize, bodies: &[Container]) -> Vec<usize> {
-    let whole: f64 = bodies.iter().map(Container::volume).sum();
-    let wanted: Vec<f64> = bodies.iter().map(|b| count as f64 * b.volume() / whole).collect();
-    let mut out: Vec<usize> = wanted.iter().map(|w| w.floor() as usize).collect();
+/// Returns the number of spheres of each body: in proportion to volume, `count` in all, by largest
+/// remainders.
+fn spheres_per_body(count: usize, bodies: &[Container]) -> Vec<usize> {
+    let total_volume: f64 = bodies.iter().map(Container::volume).sum();
+    let shares: Vec<f64> = bodies
+        .iter()
+        .map(|b| count as f64 * b.volume() / total_volume)
+        .collect();
+    let mut out: Vec<usize> = shares.iter().map(|w| w.floor() as usize).collect();
     let mut order: Vec<usize> = (0..bodies.len()).collect();
-    order.sort_by(|&a, &b| (wanted[b] - wanted[b].floor()).total_cmp(&(wanted[a] - wanted[a].floor())));
-    let rest = count.saturating_sub(out.iter().sum());
-    order.into_iter().cycle().take(rest).for_each(|k| out[k] += 1);
+    order.sort_by(|&a, &b| (shares[b] - shares[b].floor()).total_cmp(&(shares[a] - shares[a].floor())));
+    let remainder = count.saturating_sub(out.iter().sum());
+    order
+        .into_iter()
+        .cycle()
+        .take(remainder)
+        .for_each(|k| out[k] += 1);
     out
 }
 
-/// Refuses spheres of mean radius `start` \[m\] before they grow that are nearly as wide as their body. The
-/// bounds of a surface may be wider than the body; its report knows better.
-fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
+/// Refuses spheres that, once jammed, would be nearly as wide as their body; `start` is their mean radius
+/// \[m\] at the start. The bounding box of a surface may be wider than the body, so that [`narrow`] measures
+/// it later.
+fn refuse_few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();
     let width = (high - low).min();
     let diameter = 2.0 * start * (JAMMED / START_FRACTION).cbrt();
@@ -275,37 +287,40 @@ fn few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     })
 }
 
-/// Fewest mean diameters across a body before spheres are grown at all.
+/// Smallest width of a body, in mean diameters, for which spheres are grown at all.
 const LEAST_ACROSS: f64 = 1.5;
 /// Volume fraction of the random start.
 const START_FRACTION: f64 = 0.5;
-/// Growth of the volume fraction per relaxation on the way to jamming.
+/// Growth of the volume fraction per relaxation before jamming.
 const GROWTH: f64 = 0.01;
-/// Below this volume fraction no packing of ours jams, and growth goes twice as fast.
+/// Below this volume fraction none of our packings jams, and growth steps are twice as large.
 const NEAR_ONSET: f64 = 0.57;
-/// Steps after which a growth step is looked at.
+/// Relaxation steps after which the overlap of a growth step is first compared.
 const GLANCE: usize = 300;
-/// A mean overlap that falls by this factor within half as many steps again is on its way to zero.
+/// Mean overlaps that fall below this factor within half as many further steps are on their way to zero.
 const FALLING: f64 = 0.8;
-/// Overlaps below this fraction of the wanted one do not carry load.
+/// Mean overlaps below this fraction of the wanted one carry no load.
 const LOOSE: f64 = 0.25;
-/// Force balance (of the mean contact force) at which a jammed state counts as relaxed.
+/// Forces, over the mean contact force, below which a jammed state counts as relaxed.
 const BALANCE: f64 = 3e-2;
-/// The wanted overlap is met within this factor.
+/// Accepted factor between the mean overlap and the wanted one.
 const NEAR: f64 = 1.25;
 
+/// Returns the volume of the spheres over `volume`.
 fn fraction(soft: &SoftSpheres<'_>, volume: f64) -> f64 {
     let cubes: f64 = soft.spheres.iter().map(|s| s[3] * s[3] * s[3]).sum();
     4.0 / 3.0 * std::f64::consts::PI * cubes / volume
 }
 
+/// Scales the radii to the volume fraction `wanted`.
 fn set_fraction(soft: &mut SoftSpheres<'_>, volume: f64, wanted: f64) {
     let now = fraction(soft, volume);
     soft.scale_radii((wanted / now).cbrt());
 }
 
-/// Relaxes; while `growing`, stops early if spheres are still on their way to a state without load.
-/// Just below the onset it takes thousands of steps to find that state, only to grow it further.
+/// Relaxes; while `growing`, stops early if the overlap shows that spheres are moving to a state without
+/// load. Just below the onset it would take thousands of steps to reach that state, which is then grown
+/// further anyway. The second value returned is true after such a stop.
 fn glance(soft: &mut SoftSpheres<'_>, max_steps: usize, wanted: f64, growing: bool) -> (Relaxed, bool) {
     let loose = LOOSE * wanted;
     if !growing || max_steps <= 2 * GLANCE {
@@ -321,12 +336,13 @@ fn glance(soft: &mut SoftSpheres<'_>, max_steps: usize, wanted: f64, growing: bo
     if second.steps < GLANCE / 2 || flowing {
         return (Relaxed { steps, ..second }, second.steps == GLANCE / 2);
     }
-    let rest = soft.relax(max_steps - steps, loose, BALANCE);
-    let steps = steps + rest.steps;
-    (Relaxed { steps, ..rest }, false)
+    let last = soft.relax(max_steps - steps, loose, BALANCE);
+    let steps = steps + last.steps;
+    (Relaxed { steps, ..last }, false)
 }
 
-/// Grows to the jamming onset, then corrects to the wanted mean overlap.
+/// Grows the spheres to the onset of jamming, then corrects the radii to the wanted mean overlap. Returns
+/// this overlap and the number of steps.
 fn grow(
     soft: &mut SoftSpheres<'_>,
     container: &Container,
@@ -337,7 +353,7 @@ fn grow(
     let mut phi = START_FRACTION;
     let mut steps = 0;
     let mut last: Option<(f64, f64)> = None;
-    // 25 growth steps reach 0.75, above any random packing; the rest is for corrections.
+    // 25 growth steps of 0.01 reach 0.75, above any random packing; the others are for corrections.
     for _ in 0..60 {
         let (done, flowing) = glance(soft, max_steps, wanted, last.is_none());
         soft.check_interrupt()?;
@@ -347,7 +363,8 @@ fn grow(
             return Ok((m, steps));
         }
         let jammed = m > wanted && !flowing;
-        // Overlap grows with slope near 1/2 above the onset.
+        // Above the onset the overlap grows with the volume fraction, with a slope near 1/2; two states give
+        // a better secant.
         let slope = match last {
             Some((p, o)) if (phi - p).abs() > 1e-9 && m > LOOSE * wanted && o > LOOSE * wanted => {
                 ((m - o) / (phi - p)).clamp(0.2, 1.5)
@@ -375,11 +392,11 @@ fn grow(
     })
 }
 
-/// Cumulative volume along one axis, so that slabs of equal content can be sampled.
+/// Cumulative volume along one axis, for sampling slabs of equal volume.
 struct Profile {
     low: f64,
     slab: f64,
-    /// Width over which a sample is blurred: the section inside a slab is not known better.
+    /// Width over which a sample is spread \[m\]: the section is known per slab only.
     blur: f64,
     cumulative: Vec<f64>,
 }
@@ -389,8 +406,8 @@ impl Profile {
         let (low, high) = container.bounds();
         let extent = high[axis] - low[axis];
         if !matches!(container, Container::Surface(_) | Container::Around(_)) {
-            // Boxes and cylinders along their longest axis have a constant section. A flat
-            // cylinder has not, but it is sampled along a diameter and thin anyway.
+            // Boxes, and cylinders along their longest axis, have a constant section. A flat cylinder has
+            // not, but it is thin and sampled along a diameter.
             return Self {
                 low: low[axis],
                 slab: extent,
@@ -405,12 +422,12 @@ impl Profile {
         let mut total = 0.0;
         for s in 0..slabs {
             for k in 0..side * side {
-                let at =
+                let middle =
                     |a: usize, i: i32| low[a] + (high[a] - low[a]) * (f64::from(i) + 0.5) / f64::from(side);
                 let mut x = Vector3::zeros();
                 x[axis] = low[axis] + slab * (f64::from(s) + 0.5);
-                x[b] = at(b, k % side);
-                x[c] = at(c, k / side);
+                x[b] = middle(b, k % side);
+                x[c] = middle(c, k / side);
                 total += f64::from(u8::from(container.contains(&x)));
             }
             cumulative.push(total);
@@ -424,6 +441,7 @@ impl Profile {
         }
     }
 
+    /// Returns the coordinate below which the fraction `q` of the volume lies.
     fn quantile(&self, q: f64) -> f64 {
         let k = self
             .cumulative

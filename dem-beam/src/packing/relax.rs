@@ -1,8 +1,8 @@
 //! Relaxation of soft spheres: linear repulsion, walls as springs, FIRE (Bitzek et al. 2006).
 //!
-//! Unit stiffness and mass: `F = overlap`, in m. Every particle gathers its own forces from a
-//! two-sided Verlet list and sums are taken in chunks of fixed size and order, so the path is
-//! bit-identical for any number of threads.
+//! Stiffness and mass are one: `F = overlap`, in m. Every particle gathers its own forces from a Verlet list
+//! that stores both directions of a pair, and sums are taken in chunks of fixed size and order. The path is
+//! therefore bit-identical for any number of threads.
 
 use super::cells::{self, CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
 use super::container::Container;
@@ -15,10 +15,11 @@ use rayon::prelude::*;
 const STEP_MAX: f64 = 0.55;
 /// First FIRE step.
 const STEP_FIRST: f64 = 0.1;
-/// Mixing factor at the start and after each restart (Bitzek et al.).
+/// Mixing factor of FIRE at the start and after each restart (Bitzek et al.).
 const MIX: f64 = 0.1;
 
-/// What one force evaluation tells.
+/// Sums over all spheres of one force evaluation, and the largest squared displacement since the list was
+/// made.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
     power: f64,
@@ -45,13 +46,13 @@ impl Sums {
 /// Outcome of a relaxation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Relaxed {
-    /// Mean overlap of the touching pairs over the mean diameter.
+    /// Mean overlap of touching pairs over the mean diameter.
     pub(crate) overlap: f64,
-    /// Steps done.
+    /// Number of steps done.
     pub(crate) steps: usize,
 }
 
-/// How a step turns velocities towards the forces.
+/// Factors by which a step turns velocities towards the forces: `v <- keep v + pull F`.
 #[derive(Debug, Clone, Copy, Default)]
 struct Steer {
     keep: f64,
@@ -72,7 +73,7 @@ pub(crate) struct SoftSpheres<'a> {
     mean_radius: f64,
     skin: f64,
     slack: f64,
-    /// Whether the user wants no more steps.
+    /// True once the user has asked to stop.
     interrupted: bool,
 }
 
@@ -96,7 +97,7 @@ impl<'a> SoftSpheres<'a> {
         }
     }
 
-    /// Refuses to go on where the user ended a relaxation.
+    /// Refuses to continue after the user has interrupted a relaxation.
     ///
     /// # Errors
     /// [`arlequin_core::Error::Interrupted`].
@@ -108,11 +109,11 @@ impl<'a> SoftSpheres<'a> {
         Err(arlequin_core::Error::Interrupted { during }.into())
     }
 
-    /// Multiplies all radii.
+    /// Multiplies all radii by `factor`.
     pub(crate) fn scale_radii(&mut self, factor: f64) {
         self.spheres.iter_mut().for_each(|s| s[3] *= factor);
         self.mean_radius *= factor;
-        // The list may miss new neighbours: its slack shrinks by the growth of two radii.
+        // The list was made for smaller spheres, so its slack shrinks by the growth of two radii.
         let largest = self.spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
         self.slack -= 2.0 * largest * (1.0 - 1.0 / factor).max(0.0);
     }
@@ -120,6 +121,7 @@ impl<'a> SoftSpheres<'a> {
     fn renew_list(&mut self, skin: f64) {
         self.skin = skin;
         self.slack = skin;
+        // Positions are wrapped only here: `advance` compares them with those of the list.
         if let Some(period) = self.container.period() {
             for s in &mut self.spheres {
                 for a in 0..3 {
@@ -131,8 +133,9 @@ impl<'a> SoftSpheres<'a> {
         self.listed.clone_from(&self.spheres);
     }
 
-    /// Relaxes from rest until forces balance to `balance` of the mean contact force, overlaps
-    /// stay below `loose` of the diameter (not jammed), `max_steps` is reached, or the user ends it.
+    /// Relaxes from rest until forces balance to `balance` of the mean contact force, until overlaps stay
+    /// below `loose` of the diameter (not jammed), until `max_steps` is reached, or until the user
+    /// interrupts.
     pub(crate) fn relax(&mut self, max_steps: usize, loose: f64, balance: f64) -> Relaxed {
         let (mut dt, mut mix, mut downhill) = (STEP_FIRST, MIX, 0);
         self.velocity.iter_mut().for_each(|v| *v = [0.0; 4]);
@@ -154,6 +157,8 @@ impl<'a> SoftSpheres<'a> {
             }
             let steer = if s.power > 0.0 {
                 downhill += 1;
+                // FIRE: accelerate only after some steps downhill, and start anew as soon as the motion goes
+                // uphill.
                 if downhill > 5 {
                     dt = (dt * 1.1).min(STEP_MAX);
                     mix *= 0.99;
@@ -171,7 +176,7 @@ impl<'a> SoftSpheres<'a> {
             let moved = self.advance(dt, steer);
             since_list += 1;
             if 2.0 * moved > self.slack {
-                // A calm packing moves little between lists: then a thin skin is cheaper.
+                // A calm packing moves little between lists. A thinner skin then has fewer pairs to test.
                 if since_list > 40 {
                     skin = (0.7 * skin).max(0.05 * self.mean_radius);
                 } else if since_list < 16 {
@@ -187,7 +192,7 @@ impl<'a> SoftSpheres<'a> {
         }
     }
 
-    /// Forces on all particles and their sums.
+    /// Computes the forces on all particles and returns their sums.
     fn forces(&mut self) -> Sums {
         let (spheres, container) = (&self.spheres, self.container);
         let period = container.period();
@@ -235,8 +240,8 @@ impl<'a> SoftSpheres<'a> {
         self.sums.iter().fold(Sums::default(), |a, b| a.add(*b))
     }
 
-    /// `v <- keep v + pull F + dt F`, `x <- x + dt v`; returns the largest distance moved
-    /// since the list was made.
+    /// Does `v <- keep v + pull F + dt F`, `x <- x + dt v`; returns the largest distance moved since the list
+    /// was made.
     fn advance(&mut self, dt: f64, steer: Steer) -> f64 {
         let push = steer.pull + dt;
         let cap = 0.1 * self.mean_radius;
@@ -248,8 +253,8 @@ impl<'a> SoftSpheres<'a> {
             .zip(self.listed.par_chunks(CHUNK))
             .zip(&mut self.sums);
         let arch = pulp::Arch::new();
-        work.for_each(|((((x, v), f), old), sums)| {
-            let mut far = 0.0;
+        work.for_each(|((((x, v), f), listed), sums)| {
+            let mut largest = 0.0;
             arch.dispatch(Advance {
                 dt,
                 keep: steer.keep,
@@ -258,29 +263,29 @@ impl<'a> SoftSpheres<'a> {
                 x,
                 v,
                 f,
-                old,
-                far: &mut far,
+                listed,
+                moved2: &mut largest,
             });
-            sums.moved2 = far;
+            sums.moved2 = largest;
         });
         self.sums.iter().fold(0.0_f64, |m, s| m.max(s.moved2)).sqrt()
     }
 }
 
-/// Moves the spheres of a chunk; entry 3 of velocity and force is zero, so that the radius stays
-/// and four lanes are used.
+/// Job that moves the spheres of a chunk. Entry 3 of velocity and force is zero, so that the radius stays and
+/// a sphere fills four lanes.
 struct Advance<'a> {
     dt: f64,
-    /// Part of the velocity that stays, and part of the force that is added.
+    /// Fraction of the velocity that stays, and factor of the force that is added.
     keep: f64,
     push: f64,
-    /// Largest displacement.
+    /// Largest displacement per step and axis \[m\].
     cap: f64,
     x: &'a mut [Sphere],
     v: &'a mut [[f64; 4]],
     f: &'a [[f64; 4]],
-    old: &'a [Sphere],
-    far: &'a mut f64,
+    listed: &'a [Sphere],
+    moved2: &'a mut f64,
 }
 
 impl pulp::NullaryFnOnce for Advance<'_> {
@@ -291,28 +296,29 @@ impl pulp::NullaryFnOnce for Advance<'_> {
         let Self {
             dt, keep, push, cap, ..
         } = self;
-        let mut far = 0.0;
-        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.old);
-        for (((x, v), f), old) in spheres {
+        let mut largest = 0.0;
+        let spheres = self.x.iter_mut().zip(self.v).zip(self.f).zip(self.listed);
+        for (((x, v), f), listed) in spheres {
             let mut d = [0.0; 4];
             for a in 0..4 {
                 v[a] = keep * v[a] + push * f[a];
                 let step = dt * v[a];
-                // Far-overlapped starts would shoot particles through each other.
+                // Without the cap, large overlaps of the random start would shoot particles through each
+                // other.
                 let step = if step < cap { step } else { cap };
                 let step = if step > -cap { step } else { -cap };
                 x[a] += step;
-                d[a] = x[a] - old[a];
+                d[a] = x[a] - listed[a];
             }
             let moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-            far = if moved > far { moved } else { far };
+            largest = if moved > largest { moved } else { largest };
         }
-        *self.far = far;
+        *self.moved2 = largest;
     }
 }
 
-/// Forces of their neighbours on consecutive spheres. Differences and forces take four lanes, of which the
-/// last means nothing; `image` turns a difference into that to the nearest image.
+/// Job that computes the contact forces on consecutive spheres. Differences and forces take four lanes, the
+/// last without meaning; `image` turns a difference into that to the nearest periodic image.
 struct Contacts<'a, F> {
     spheres: &'a [Sphere],
     first: usize,
@@ -340,6 +346,7 @@ impl<F: Fn([f64; 4]) -> [f64; 4]> pulp::NullaryFnOnce for Contacts<'_, F> {
                 if dd < touch * touch {
                     let distance = dd.sqrt();
                     let overlap = touch - distance;
+                    // The bound avoids a division by zero for coincident centres.
                     let c = overlap / distance.max(1e-9 * touch);
                     (0..4).for_each(|a| f[a] += c * d[a]);
                     sum += overlap;

@@ -1,22 +1,24 @@
-//! How large the spheres of a packing are, how many it has, before it is made.
+//! Size and number of the spheres of a packing, estimated before it is made.
 
-/// Volume fraction at which spheres jam in a body with walls, where they lie less densely.
+/// Volume fraction at which spheres jam in a body with walls; it is below that of the bulk, as spheres lie
+/// less densely at walls.
 pub const JAMMED: f64 = 0.615;
 
-/// The same in the bulk: a periodic box.
+/// Volume fraction at which spheres jam in the bulk (in a periodic box).
 pub const JAMMED_PERIODIC: f64 = 0.64;
 
-/// Half width of the uniform radius distribution over the mean radius, unless a packing is asked for another.
+/// Default half width of the uniform radius distribution over the mean radius.
 pub const SPREAD: f64 = 0.25;
 
-/// Mean volume \[m³\] of spheres of mean diameter `diameter` \[m\]: the mean cube of radii within
-/// [`SPREAD`] of the mean is 1.0625 times the cube of the mean.
+/// Returns the mean volume \[m³\] of spheres of mean diameter `diameter` \[m\]. With radii within [`SPREAD`]
+/// of the mean, the mean cube of the radii is 1.0625 times the cube of the mean.
 #[must_use]
 pub fn mean_sphere_volume(diameter: f64) -> f64 {
     std::f64::consts::PI / 6.0 * diameter.powi(3) * (1.0 + SPREAD.powi(2))
 }
 
-/// Spheres of mean diameter `diameter` \[m\] that jam in a body of `volume` \[m³\] with walls, not rounded.
+/// Returns the number, not rounded, of spheres of mean diameter `diameter` \[m\] that jam in a body of
+/// `volume` \[m³\] with walls.
 ///
 /// ```
 /// use dem_beam::packing::size::{mean_diameter, sphere_count};
@@ -28,7 +30,7 @@ pub fn sphere_count(volume: f64, diameter: f64) -> f64 {
     JAMMED * volume / mean_sphere_volume(diameter)
 }
 
-/// Mean diameter \[m\] of `count` spheres that jam in a body of `volume` \[m³\]: the inverse of
+/// Returns the mean diameter \[m\] of `count` spheres that jam in a body of `volume` \[m³\]: the inverse of
 /// [`sphere_count`].
 #[must_use]
 pub fn mean_diameter(volume: f64, count: f64) -> f64 {

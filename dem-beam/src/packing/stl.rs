@@ -4,12 +4,12 @@ use super::surface::Surface;
 use crate::error::{Error, Result, finite};
 use nalgebra::Vector3;
 
-/// Bytes before the triangles of a binary file: a comment and their number.
+/// Bytes before the triangles of a binary file: a comment and the number of triangles.
 const HEAD: usize = 84;
 /// Bytes per triangle of a binary file.
 const TRIANGLE: usize = 50;
 
-/// The triangles of an STL file \[m\], text or binary, which need not be closed.
+/// Reads the triangles of an STL file \[m\], text or binary. They need not be closed.
 ///
 /// # Errors
 /// [`Error::BadFile`] if it is not STL or has no triangle; [`Error::NotFinite`] coordinates.
@@ -20,8 +20,8 @@ pub fn read_facets(bytes: &[u8]) -> Result<Vec<[Vector3<f64>; 3]>> {
             finite("coordinate", "vertex", i, f64::from(v[k]))?;
         }
     }
-    let at = |i: usize| Vector3::from([0, 1, 2].map(|k| f64::from(mesh.vertices[i][k])));
-    Ok(mesh.faces.iter().map(|f| f.vertices.map(at)).collect())
+    let corner = |i: usize| Vector3::from([0, 1, 2].map(|k| f64::from(mesh.vertices[i][k])));
+    Ok(mesh.faces.iter().map(|f| f.vertices.map(corner)).collect())
 }
 
 fn read(bytes: &[u8]) -> Result<stl_io::IndexedMesh> {
@@ -30,7 +30,8 @@ fn read(bytes: &[u8]) -> Result<stl_io::IndexedMesh> {
         reason,
     };
     let mut bytes = bytes.to_vec();
-    // Some programs begin the comment of a binary file with the word that marks a text.
+    // Some programs begin the comment of a binary file with "solid", which marks a text file. If the length
+    // fits a binary file, the first letter is overwritten.
     if let Some(number) = bytes.get(HEAD - 4..HEAD) {
         let count = u32::from_le_bytes([number[0], number[1], number[2], number[3]]);
         if bytes.len() as u64 == HEAD as u64 + TRIANGLE as u64 * u64::from(count) {
@@ -45,15 +46,15 @@ fn read(bytes: &[u8]) -> Result<stl_io::IndexedMesh> {
 }
 
 impl Surface {
-    /// Reads STL, text or binary. The format has no unit: coordinates are taken in m. Corners
-    /// are joined where they agree in every bit; orientation is that of [`Self::oriented`], the
-    /// normals in the file are not used.
+    /// Reads STL, text or binary. The format has no unit: coordinates are taken in m. Corners are joined if
+    /// they agree in every bit. Triangles are turned as in [`Self::oriented`]; normals in the file are
+    /// ignored.
     ///
     /// # Errors
-    /// [`Error::BadFile`] if it is not STL or has no triangle; as [`Self::oriented`].
+    /// [`Error::BadFile`] if it is not STL or has no triangle; errors of [`Self::oriented`].
     pub fn from_stl(bytes: &[u8]) -> Result<Self> {
         let mesh = read(bytes)?;
-        // Zero has two signs but is one place; the reader keeps them apart.
+        // Adding zero turns -0.0 into 0.0: both are one place, but their bits differ.
         let mut places = std::collections::BTreeMap::new();
         let mut vertices = Vec::new();
         let place: Vec<u32> = mesh

@@ -1,47 +1,46 @@
 //! Positions and radii from VTU files (VTK's XML format for unstructured grids).
 //!
-//! Read here: data as text, base64 or raw, in place or appended, 32- or 64-bit headers, zlib
-//! blocks or none, little-endian, any kind of number. (The crate for the format that was tried
-//! does not take raw data, which is what large files have.)
+//! Supported: data as text, base64 or raw; in place or appended; 32- or 64-bit headers; zlib blocks or none;
+//! little-endian; any kind of number. The crate for the format that was tried does not take raw data, which
+//! large files have.
 
 use crate::error::{Error, Result};
 use crate::particles::check_spheres;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node};
 
-/// Names under which radii are looked for, in this order.
+/// Names under which radii are searched, in this order.
 const NAMES: [&str; 6] = ["radius [m]", "radius", "Radius", "radii", "Radii", "r"];
-/// Arrays by which a frame of a run tells how far its points have moved, and which of its bonds are broken.
+/// Arrays of a run's frame that hold the displacements of its points and mark its broken bonds.
 const STATE: [&str; 2] = ["displacement [m]", "broken [-]"];
 
-/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the one named `radius`,
-/// or without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii` and `r`. Cells are not
-/// read, nor points that `vtkGhostType` calls those of another piece. A frame of a run shows its spheres at
-/// rest beside how far they have moved; one in which any has, or a bond is broken, is refused: it would be
-/// read as a body that is whole and at rest.
+/// Reads the points of all pieces as centres \[m\] and a point array as radii \[m\]: the array `radius`, or
+/// without a name the first of `radius [m]`, `radius`, `Radius`, `radii`, `Radii` and `r`. It ignores cells,
+/// and points that `vtkGhostType` assigns to another piece. A frame of a run has its spheres at rest and
+/// their displacements beside them. It is refused if a sphere has moved or a bond is broken, because it would
+/// be read as an unbroken body at rest.
 ///
 /// # Errors
-/// [`Error::BadFile`] if it is no such file, [`Error::MissingArray`],
-/// [`Error::LengthMismatch`], [`Error::NotAtRest`], and those of bad spheres: [`Error::NotFinite`],
-/// [`Error::BadRadius`], [`Error::RadiusRatio`].
+/// [`Error::BadFile`] if it is not VTU, [`Error::MissingArray`], [`Error::LengthMismatch`],
+/// [`Error::NotAtRest`]; for bad spheres [`Error::NotFinite`], [`Error::BadRadius`], [`Error::RadiusRatio`].
 pub fn read_vtu(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (all, state) = spheres(bytes, radius)?;
+    let (spheres, state) = spheres(bytes, radius)?;
     state.check()?;
-    checked(&all)
+    checked(&spheres)
 }
 
-/// Names of the files of a PVTU file (pieces, beside it), in its order.
+/// Reads the names of the piece files from a PVTU file, in its order. The pieces lie beside it.
 ///
 /// # Errors
-/// [`Error::BadFile`] if it is no such file, or names none.
+/// [`Error::BadFile`] if it is not PVTU, or names no pieces.
 pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     let text = std::str::from_utf8(bytes).map_err(|_| bad("it is no UTF-8 text"))?;
     let xml = Document::parse(text).map_err(|e| bad(e.to_string()))?;
     if xml.root_element().attribute("type") != Some("PUnstructuredGrid") {
         return Err(bad("it is not a VTKFile of the type PUnstructuredGrid"));
     }
-    let all = xml.descendants().filter(|n| n.has_tag_name("Piece"));
-    let names: Vec<String> = all
+    let pieces = xml.descendants().filter(|n| n.has_tag_name("Piece"));
+    let names: Vec<String> = pieces
         .filter_map(|n| n.attribute("Source").map(str::to_owned))
         .collect();
     if names.is_empty() {
@@ -50,37 +49,37 @@ pub fn pieces_of_pvtu(bytes: &[u8]) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// The same as [`read_vtu`] of the contents of all pieces of a PVTU file, in the order of their numbers in
-/// the whole (`GlobalIds`) where all pieces have them: as one file would have them.
+/// Works like [`read_vtu`] on the contents of all pieces of a PVTU file. If all pieces have global numbers
+/// (`GlobalIds`), the spheres are sorted by them, as a single file would have them.
 ///
 /// # Errors
-/// Those of [`read_vtu`].
+/// Errors of [`read_vtu`].
 pub fn read_pieces<P: AsRef<[u8]>>(
     pieces: &[P],
     radius: Option<&str>,
 ) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (mut all, mut state) = (Vec::new(), State::default());
+    let (mut collected, mut state) = (Vec::new(), State::default());
     for piece in pieces {
-        let (spheres, found) = spheres(piece.as_ref(), radius)?;
-        all.extend(spheres);
-        state.add(found);
+        let (spheres, piece_state) = spheres(piece.as_ref(), radius)?;
+        collected.extend(spheres);
+        state.add(piece_state);
     }
     state.check()?;
-    if all.iter().all(|s| s.number.is_some()) {
-        all.sort_by_key(|s| s.number);
+    if collected.iter().all(|s| s.number.is_some()) {
+        collected.sort_by_key(|s| s.number);
     }
-    checked(&all)
+    checked(&collected)
 }
 
-/// A point as a sphere.
+/// A sphere read from a point.
 struct Sphere {
-    /// Its number in the whole, where the file tells.
+    /// Global number, if the file has it.
     number: Option<u64>,
     centre: Vector3<f64>,
     radius: f64,
 }
 
-/// What a frame tells of the state of its spheres.
+/// Displacements and broken bonds of a frame.
 #[derive(Debug, Clone, Copy, Default)]
 struct State {
     /// Largest displacement \[m\].
@@ -105,14 +104,14 @@ impl State {
     }
 }
 
-fn checked(all: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
-    let (positions, radii): (Vec<_>, Vec<_>) = all.iter().map(|s| (s.centre, s.radius)).unzip();
+fn checked(spheres: &[Sphere]) -> Result<(Vec<Vector3<f64>>, Vec<f64>)> {
+    let (positions, radii): (Vec<_>, Vec<_>) = spheres.iter().map(|s| (s.centre, s.radius)).unzip();
     check_spheres(&positions, &radii)?;
     Ok((positions, radii))
 }
 
 fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
-    // Appended data need not be XML: the head is closed by hand.
+    // Appended data need not be XML: the text before them is closed by hand and parsed alone.
     let mark = b"<AppendedData";
     let cut = bytes.windows(mark.len()).position(|w| w == mark);
     let (head, tail) = bytes.split_at(cut.unwrap_or(bytes.len()));
@@ -130,15 +129,15 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
         let points = file.numbers(array.ok_or_else(|| bad("a piece has no points"))?)?;
         let radii = file.numbers(radius_array(piece, radius)?)?;
         let count = points.len() / 3;
-        let beside = |name: &str, what: &'static str| {
-            let found = file.numbers_of(piece, "PointData", name)?;
-            match found.as_ref().map(Vec::len) {
+        let point_numbers = |name: &str, what: &'static str| {
+            let values = file.numbers_of(piece, "PointData", name)?;
+            match values.as_ref().map(Vec::len) {
                 Some(found) if found != count => Err(Error::LengthMismatch {
                     what,
                     found,
                     expected: count,
                 }),
-                _ => Ok(found),
+                _ => Ok(values),
             }
         };
         if points.len() != 3 * radii.len() {
@@ -154,14 +153,14 @@ fn spheres(bytes: &[u8], radius: Option<&str>) -> Result<(Vec<Sphere>, State)> {
             farthest: moved.iter().fold(0.0, |m, x| x.abs().max(m)),
             broken: broken.iter().filter(|b| **b > 0.0).count(),
         });
-        let ghosts = beside("vtkGhostType", "ghost types")?;
+        let ghosts = point_numbers("vtkGhostType", "ghost types")?;
         let ids = child(piece, "PointData").and_then(|d| d.attribute("GlobalIds"));
         let numbers = ids
-            .map(|name| beside(name, "global numbers"))
+            .map(|name| point_numbers(name, "global numbers"))
             .transpose()?
             .flatten();
         for (k, (centre, radius)) in points.chunks_exact(3).zip(radii).enumerate() {
-            // The first bit: another piece has it.
+            // The first bit marks a point that another piece owns.
             if ghosts.as_ref().is_some_and(|g| g[k] as u8 & 1 == 1) {
                 continue;
             }
@@ -189,16 +188,16 @@ fn child<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
 fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a, 'a>> {
     let data = child(piece, "PointData");
     let arrays = || {
-        let all = data.iter().flat_map(|d| d.children());
-        all.filter(|n| n.has_tag_name("DataArray"))
+        let children = data.iter().flat_map(|d| d.children());
+        children.filter(|n| n.has_tag_name("DataArray"))
     };
     let scalar = |n: &Node<'_, '_>| n.attribute("NumberOfComponents").is_none_or(|c| c == "1");
     let named = |name: &str| arrays().find(|n| n.attribute("Name") == Some(name) && scalar(n));
-    let found = match wanted {
+    let array = match wanted {
         Some(name) => named(name),
         None => NAMES.iter().find_map(|n| named(n)),
     };
-    found.ok_or_else(|| {
+    array.ok_or_else(|| {
         let have: Vec<&str> = arrays().filter_map(|n| n.attribute("Name")).collect();
         Error::MissingArray {
             wanted: wanted.map_or_else(|| NAMES.join(", "), ToOwned::to_owned),
@@ -211,11 +210,11 @@ fn radius_array<'a>(piece: Node<'a, 'a>, wanted: Option<&str>) -> Result<Node<'a
     })
 }
 
-/// Where arrays find their bytes.
+/// Source of the bytes of arrays.
 struct Source<'a> {
-    /// Appended bytes behind the mark `_`, and whether they are base64.
+    /// Appended bytes behind the mark `_`, with true if they are base64.
     appended: Option<(&'a [u8], bool)>,
-    /// Bytes of a number in the headers of arrays.
+    /// Bytes per number in the headers of arrays.
     width: usize,
     zlib: bool,
 }
@@ -253,7 +252,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// The numbers of an array.
+    /// Reads the numbers of an array.
     fn numbers(&self, array: Node<'_, '_>) -> Result<Vec<f64>> {
         let text = array.text().unwrap_or_default();
         let data = match array.attribute("format") {
@@ -265,11 +264,11 @@ impl<'a> Source<'a> {
             }
             Some("binary") => base64(text.trim().as_bytes()),
             Some("appended") => {
-                let at = array.attribute("offset").and_then(|o| o.parse::<usize>().ok());
-                let (all, encoded) = self.appended.ok_or_else(|| bad("there is no appended data"))?;
-                let rest = at.and_then(|at| all.get(at..));
-                let rest = rest.ok_or_else(|| bad("an offset is outside the appended data"))?;
-                if encoded { base64(rest) } else { rest.to_vec() }
+                let offset = array.attribute("offset").and_then(|o| o.parse::<usize>().ok());
+                let (appended, encoded) = self.appended.ok_or_else(|| bad("there is no appended data"))?;
+                let bytes = offset.and_then(|offset| appended.get(offset..));
+                let bytes = bytes.ok_or_else(|| bad("an offset is outside the appended data"))?;
+                if encoded { base64(bytes) } else { bytes.to_vec() }
             }
             Some(other) => return Err(bad(format!("the format {other} of an array is not known"))),
         };
@@ -279,16 +278,17 @@ impl<'a> Source<'a> {
         convert(array.attribute("type").unwrap_or_default(), &data)
     }
 
-    /// The numbers of an array of the points or the cells of a piece, if it has one of this name.
+    /// Reads the array called `name` of the points or cells of a piece, if there is one.
     fn numbers_of(&self, piece: Node<'a, 'a>, data: &str, name: &str) -> Result<Option<Vec<f64>>> {
         let data = child(piece, data);
         let mut arrays = data.iter().flat_map(|d| d.children());
-        let found = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
-        found.map(|array| self.numbers(array)).transpose()
+        let array = arrays.find(|n| n.has_tag_name("DataArray") && n.attribute("Name") == Some(name));
+        array.map(|array| self.numbers(array)).transpose()
     }
 
-    /// Takes away the header, and the compression.
+    /// Removes the header and decompresses the data; `None` if they are cut short or damaged.
     fn unpack(&self, data: &[u8]) -> Option<Vec<u8>> {
+        // Counts come from the file and may be wrong, so that ranges are checked.
         let count = |k: usize| -> Option<usize> {
             let raw = data.get(k * self.width..(k + 1) * self.width)?;
             usize::try_from(raw.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b))).ok()
@@ -297,47 +297,48 @@ impl<'a> Source<'a> {
             let end = count(0)?.checked_add(self.width)?;
             return data.get(self.width..end).map(<[u8]>::to_vec);
         }
-        // Number of blocks, their size, that of the last if it is smaller, sizes in the file.
+        // The header holds the number of blocks, their size, the size of the last one if it is smaller, then
+        // the compressed size of each.
         let (blocks, size) = (count(0)?, count(1)?);
-        let mut at = blocks.checked_add(3)?.checked_mul(self.width)?;
+        let mut start = blocks.checked_add(3)?.checked_mul(self.width)?;
         let mut out = Vec::new();
         for k in 0..blocks {
-            let end = at.checked_add(count(3 + k)?)?;
-            let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(at..end)?, size);
+            let end = start.checked_add(count(3 + k)?)?;
+            let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(start..end)?, size);
             out.extend(block.ok()?);
-            at = end;
+            start = end;
         }
         Some(out)
     }
 }
 
-/// Little-endian numbers of a kind.
+/// Converts little-endian numbers of a VTK type.
 fn convert(kind: &str, data: &[u8]) -> Result<Vec<f64>> {
-    fn all<const N: usize>(data: &[u8], one: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+    fn decode<const N: usize>(data: &[u8], number_of: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         let mut raw = [0; N];
         let number = |c: &[u8]| {
             raw.copy_from_slice(c);
-            one(raw)
+            number_of(raw)
         };
         data.chunks_exact(N).map(number).collect()
     }
     Ok(match kind {
-        "Float64" => all(data, f64::from_le_bytes),
-        "Float32" => all(data, |b| f64::from(f32::from_le_bytes(b))),
-        "Int64" => all(data, |b| i64::from_le_bytes(b) as f64),
-        "UInt64" => all(data, |b| u64::from_le_bytes(b) as f64),
-        "Int32" => all(data, |b| f64::from(i32::from_le_bytes(b))),
-        "UInt32" => all(data, |b| f64::from(u32::from_le_bytes(b))),
-        "Int16" => all(data, |b| f64::from(i16::from_le_bytes(b))),
-        "UInt16" => all(data, |b| f64::from(u16::from_le_bytes(b))),
-        "Int8" => all(data, |b: [u8; 1]| f64::from(b[0] as i8)),
-        "UInt8" => all(data, |b: [u8; 1]| f64::from(b[0])),
+        "Float64" => decode(data, f64::from_le_bytes),
+        "Float32" => decode(data, |b| f64::from(f32::from_le_bytes(b))),
+        "Int64" => decode(data, |b| i64::from_le_bytes(b) as f64),
+        "UInt64" => decode(data, |b| u64::from_le_bytes(b) as f64),
+        "Int32" => decode(data, |b| f64::from(i32::from_le_bytes(b))),
+        "UInt32" => decode(data, |b| f64::from(u32::from_le_bytes(b))),
+        "Int16" => decode(data, |b| f64::from(i16::from_le_bytes(b))),
+        "UInt16" => decode(data, |b| f64::from(u16::from_le_bytes(b))),
+        "Int8" => decode(data, |b: [u8; 1]| f64::from(b[0] as i8)),
+        "UInt8" => decode(data, |b: [u8; 1]| f64::from(b[0])),
         other => return Err(bad(format!("arrays of type '{other}' are not known"))),
     })
 }
 
-/// Decodes up to the first byte that is not base64. Padding may stand inside: header and data of
-/// compressed arrays are encoded one by one.
+/// Decodes base64 up to the first byte that is not base64. Padding may stand inside, because header and data
+/// of compressed arrays are encoded one by one.
 fn base64(text: &[u8]) -> Vec<u8> {
     let digit = |b: u8| match b {
         b'A'..=b'Z' => Some(b - b'A'),

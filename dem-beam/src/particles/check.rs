@@ -1,4 +1,4 @@
-//! What spheres and bonds must be.
+//! Checks of spheres and bonds.
 
 use super::{COINCIDENT, MAX_RADIUS_RATIO};
 use crate::bond::LinearBond;
@@ -19,7 +19,8 @@ pub(crate) fn expect_len(what: &'static str, found: usize, expected: usize) -> R
     }
 }
 
-/// Finite centres, finite positive radii, a bearable ratio of radii, at least one particle.
+/// Refuses centres that are not finite, radii that are not positive, a ratio of radii above
+/// [`MAX_RADIUS_RATIO`], and an empty list.
 pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result<()> {
     expect_len("radii", radii.len(), positions.len())?;
     if positions.is_empty() {
@@ -38,7 +39,7 @@ pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result
         low = low.min(radius);
         high = high.max(radius);
     }
-    // One part in 1e9 above, so that a ratio of exactly the limit passes after rounding.
+    // One part in 1e9 more, so that a ratio of exactly the limit passes in spite of round-off.
     if high > low * MAX_RADIUS_RATIO * (1.0 + 1e-9) {
         return Err(Error::RadiusRatio {
             smallest: low,
@@ -50,7 +51,7 @@ pub(crate) fn check_spheres(positions: &[Vector3<f64>], radii: &[f64]) -> Result
     Ok(())
 }
 
-/// The bond of a pair, without weight.
+/// Returns the bond of a pair, with weight 1.
 pub(super) fn make_bond(
     bond: usize,
     [i, j]: [u32; 2],
@@ -91,7 +92,7 @@ pub(super) fn make_bond(
     LinearBond::new(Vector3::zeros(), d, 1.0)
 }
 
-/// The longest component of a bond \[m\].
+/// Returns the largest component of all bond vectors \[m\].
 pub(crate) fn longest(positions: &[Vector3<f64>], radii: &[f64], pairs: &[[u32; 2]]) -> Result<f64> {
     let mut longest = 0.0_f64;
     for (b, &pair) in pairs.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Blocks with the bits of their particles one by one.
+//! The block kernel against the plain loop over bonds.
 
 use super::{BondForces, Finite, Gather, Isa, Linear, Screened};
 use crate::bond::{BeamMaterial, Twist};
@@ -35,8 +35,8 @@ fn worst<W: Screened + std::fmt::Debug + 'static>(
     part(0..half).max(part(half..2 * half))
 }
 
-/// The instructions found and plain arrays; small motions, for which the finite law is the linear one to
-/// first order.
+/// Compares both laws with the linear reference, with the detected instruction set and with portable code.
+/// The motions are small, so that the finite law equals the linear one to first order.
 #[test]
 fn kernel_equals_the_plain_loop() -> crate::error::Result<()> {
     let packing = PackingSpec::quench(Container::cylinder(6e-3, 1e-3)?, 1200, 3).build()?;
