@@ -1,12 +1,14 @@
-//! Contact between the particles of two models: a projectile and its target.
+//! Contact between the particles of two models, for example a projectile and its target.
 //!
-//! Law, search and energy budgets are those of [`super::Contact`]. Three rules say who may touch:
+//! Law, search and energy budgets are those of [`super::Contact`]. Three rules decide which particles may
+//! touch:
 //!
-//! - Particles that an interface between the two models ties to each other never touch: where two particle
-//!   models overlap they are the same material, and their motion is the multipliers' business.
-//! - Others that overlap at rest push only from their distance at rest on, as within one model. Where the
-//!   centre of one lies in the other before the first step, one body is inside the other: refused.
-//! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within
+//! - Particles that an interface between the two models ties never touch each other: where two particle
+//!   models overlap they are the same material, and the multipliers determine their motion.
+//! - Other particles that overlap at rest push only when they come closer than at rest, as within one model.
+//!   If the centre of one lies in the other before the first step, one body is inside the other, which is an
+//!   error.
+//! - In an overlap with a third model, a contact carries the smaller mass share of its two ends, as within
 //!   one model.
 
 use super::body::ContactBody;
@@ -20,11 +22,12 @@ use arlequin_core::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffect
 use arlequin_core::snapshot::Record;
 use std::collections::BTreeSet;
 
-/// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
+/// Specification of contact between two cohesive-beam bodies, a pair effect on their subdomains in the order
+/// of the models.
 #[derive(Debug)]
 pub struct ContactBetween(Contacts);
 
-/// The same at work.
+/// Contact at work in a run.
 #[derive(Debug)]
 struct Contacts {
     name: String,
@@ -52,9 +55,10 @@ impl ContactBetween {
 }
 
 impl Contacts {
-    /// Refuses listed pairs of which one holds the centre of the other, where they are now: contact begins
-    /// at their distance at rest, and one body would start inside the other. Bodies that an interface ties
-    /// to each other overlap by intention.
+    /// Returns an error if a sphere of a listed pair holds the centre of the other at the current positions.
+    ///
+    /// Contact begins only below the distance at rest, so one body would start inside the other. Bodies that
+    /// an interface ties overlap by intention and are not checked.
     fn check_start(&self, list: &CrossList) -> Result<()> {
         if list.tied.iter().flatten().any(|tied| *tied) {
             return Ok(());
@@ -110,7 +114,7 @@ impl PairEffectSpec<f64> for ContactBetween {
             list.tied[m].clone_from(&to.tied[m]);
             list.tied[m].resize(grains.len(), false);
         }
-        // A list of its own: that of the run begins with the first instant.
+        // A separate list: the run's list is filled at its first instant.
         let mut near = CrossList::new(0.0);
         near.tied.clone_from(&list.tied);
         let [a, b] = [&grains[0].rest, &grains[1].rest].map(Vec::as_slice);
@@ -198,8 +202,8 @@ impl PairEffect<f64> for Contacts {
         true
     }
 
-    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of
-    /// its two ends.
+    /// Returns one demand for both sides, from the lighter particles, because the stiffest mode of a contact
+    /// involves both ends.
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
         let [a, b] = &self.grains;
         let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));

@@ -1,34 +1,35 @@
-//! Particles that touch, of all ranks, known to each of them.
+//! The touching particles of all ranks, gathered on every rank.
 //!
-//! Contacts are taken one after the other, each on the velocity that those before it have left: chains of
-//! them lead from rank to rank. There are few, so every rank takes all of them, in the order of the whole
-//! body, and keeps what acts on its own particles. A step in which particles touch allocates room for them.
+//! Contacts are taken one after the other, each on the velocity that the contacts before it have left, and
+//! chains of contacts lead from rank to rank. There are few, so every rank computes all of them, in the order
+//! of the whole body, and keeps the forces on the particles it owns. Memory is allocated in steps in which
+//! particles touch.
 
 use super::Grains;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::Instant;
 use arlequin_core::ranks::{Portion, RankError};
 
-/// Words of a particle between ranks: its number, sphere at rest, displacement, share of its mass, weighted
-/// mass, inverse inertia, velocities and forces.
+/// Words per particle between ranks: its number, sphere at rest, displacement, mass share, weighted mass,
+/// inverse inertia, velocities and forces.
 const WORDS: usize = 28;
 
-/// Some particles of the whole body with their state, numbered from zero in its order.
+/// Some particles of the whole body with their state, numbered from zero in the order of the whole body.
 #[derive(Debug, Default)]
 pub(crate) struct Company {
     /// Numbers in the whole body, ascending.
     pub(crate) ids: Vec<u32>,
-    /// Place of those that are here, and their number on this rank.
+    /// For each particle that this rank owns: its place in `ids` and its number on this rank.
     own: Vec<[usize; 2]>,
     u: Vec<f64>,
     v: Vec<f64>,
 }
 
-/// Particles with how contacts see them and the forces on them so far.
+/// Gathered particles, their contact data and the forces on them so far.
 pub(crate) type Heard = (Company, Grains, Vec<f64>);
 
 impl Company {
-    /// Of particles whose state is not known yet: their numbers in the whole body, ascending.
+    /// Particles whose state is not known yet, from their numbers in the whole body in ascending order.
     pub(crate) fn of(ids: Vec<u32>) -> Self {
         Self {
             ids,
@@ -36,7 +37,7 @@ impl Company {
         }
     }
 
-    /// All that any rank names, `members` of the particles here, each once. All ranks must ask.
+    /// Gathers the particles that any rank names, each once; `members` are those of this rank. Collective.
     pub(crate) fn hear(
         portion: &Portion,
         members: &[u32],
@@ -80,7 +81,7 @@ impl Company {
         Ok((out, seen, forces))
     }
 
-    /// The instant as these particles know it.
+    /// Returns the instant `of` with displacements and velocities of the gathered particles.
     pub(crate) fn at<'a>(&'a self, of: &Instant<'a, f64>) -> Instant<'a, f64> {
         Instant {
             q: &self.u,
@@ -91,25 +92,25 @@ impl Company {
         }
     }
 
-    /// Place of a particle of the whole body.
+    /// Place of a particle of the whole body among the gathered particles.
     pub(crate) fn place(&self, id: u32) -> Option<usize> {
         self.ids.binary_search(&id).ok()
     }
 
-    /// Number on this rank of the particle at a place, if it is here.
+    /// Number on this rank of the particle at a place, if this rank owns it.
     pub(crate) fn here(&self, place: usize) -> Option<usize> {
         let k = self.own.binary_search_by_key(&place, |o| o[0]).ok()?;
         Some(self.own[k][1])
     }
 
-    /// Tells which of them are here, where that is not known yet.
+    /// Finds which of the particles this rank owns, for a list made by [`Self::of`].
     pub(crate) fn find(&mut self, portion: &Portion) {
         let all = self.ids.iter().enumerate();
         let here = all.filter_map(|(place, id)| Some([place, portion.local(*id as usize)?]));
         self.own = here.collect();
     }
 
-    /// Writes their `forces`, of those that are here, to those of this rank.
+    /// Writes the `forces` on the gathered particles to the force array `f` of this rank.
     pub(crate) fn deliver(&self, forces: &[f64], f: &mut [f64]) {
         let (half, count) = (f.len() / 2, self.ids.len());
         for [place, i] in &self.own {
@@ -121,10 +122,10 @@ impl Company {
     }
 }
 
-/// A particle as contacts see it: sphere at rest, share of its mass, weighted mass, inverse inertia.
+/// Contact data of a particle: sphere at rest, mass share, weighted mass, inverse inertia.
 pub(crate) type Seen = [f64; 12];
 
-/// The sphere of it.
+/// Sphere of a particle's contact data.
 pub(super) fn sphere(of: &Seen) -> Sphere {
     [of[0], of[1], of[2], of[3]]
 }

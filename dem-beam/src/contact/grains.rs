@@ -1,4 +1,4 @@
-//! The particles of one model as contacts see them.
+//! The particles of one model with the data that contacts need.
 
 use super::body::ContactBody;
 use super::budget::End;
@@ -13,14 +13,14 @@ use rayon::prelude::*;
 /// Particles per unit of parallel work.
 const CHUNK: usize = 2_048;
 
-/// Particles with their places, masses and the forces of one effect on them.
+/// Particles with their positions, masses, and the forces of one effect on them.
 #[derive(Debug)]
 pub(crate) struct Grains {
     pub(crate) rest: Vec<Sphere>,
     pub(crate) now: Vec<Sphere>,
-    /// Unweighted masses.
+    /// Unweighted masses \[kg\].
     full: Vec<f64>,
-    /// Share of the weighted in the whole mass.
+    /// Weighted over unweighted mass.
     pub(crate) share: Vec<f64>,
     mass: Vec<f64>,
     /// Inverse inertia of every unknown.
@@ -47,10 +47,10 @@ impl Grains {
         self.rest.len()
     }
 
-    /// Keeps those that are here of a body that is now in parts; what they are attached to is the part.
+    /// Keeps the particles of this rank's part of a partitioned body. [`Self::attach`] must then be given the
+    /// part.
     ///
-    /// # Errors
-    /// A portion of another body; `of` names the effect.
+    /// # Errors A partition with another number of particles; `of` names the effect.
     pub(crate) fn share_out(&mut self, portion: &Portion, of: &str) -> arlequin_core::Result<()> {
         let found = portion.division().nodes();
         if found != self.len() {
@@ -67,14 +67,14 @@ impl Grains {
         Ok(())
     }
 
-    /// What other ranks are told of particle `i`.
+    /// Contact data of particle `i` that is sent to other ranks.
     pub(super) fn told(&self, i: usize) -> Seen {
         let [x, y, z, r] = self.rest[i];
         let [a, b, c, d, e, f] = self.unknowns(i).map(|o| self.light[o]);
         [x, y, z, r, self.share[i], self.mass[i], a, b, c, d, e, f]
     }
 
-    /// Of particles that are told of.
+    /// Makes particles from received contact data.
     pub(crate) fn heard(told: &[Seen]) -> Self {
         let count = told.len();
         let mut out = Self {
@@ -94,7 +94,7 @@ impl Grains {
         out
     }
 
-    /// Takes weighted masses from the subdomain; `of` names the effect in errors.
+    /// Takes the weighted masses from the subdomain; `of` names the effect in errors.
     pub(crate) fn attach(&mut self, to: &Host<'_, f64>, of: &str) -> arlequin_core::Result<()> {
         let found = to.model.layout().nodes;
         if found != self.full.len() {
@@ -111,7 +111,7 @@ impl Grains {
         Ok(())
     }
 
-    /// Moves the particles to where they are.
+    /// Updates the current positions from the displacements in `q` \[m\].
     pub(crate) fn place(&mut self, q: &[f64]) {
         let n = self.now.len();
         let u = &q[..3 * n];
@@ -131,7 +131,7 @@ impl Grains {
         }
     }
 
-    /// Velocity and spin half a step ago.
+    /// Velocity and spin of particle `i` half a step ago.
     pub(crate) fn motion(&self, at: &Instant<'_, f64>, i: usize) -> Twist {
         Twist {
             linear: three(at.v_half, 3 * i),
@@ -143,7 +143,8 @@ impl Grains {
         1.0 / self.mass[i]
     }
 
-    /// Particle `i` under the forces `f` of others and those of this effect so far.
+    /// Velocities of particle `i` during the step, under the forces `f` of others and those of this effect so
+    /// far.
     pub(crate) fn end(&self, at: &Instant<'_, f64>, f: &[f64], i: usize) -> End {
         let place = self.unknowns(i);
         let light = place.map(|o| self.light[o]);
@@ -163,21 +164,21 @@ impl Grains {
         [o, o + 1, o + 2, turn, turn + 1, turn + 2]
     }
 
-    /// Adds a force and a torque.
+    /// Adds a force and a torque of this effect on particle `i`.
     pub(crate) fn push(&mut self, i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
         for (c, o) in self.unknowns(i).into_iter().enumerate() {
             self.own[o] += if c < 3 { force[c] } else { torque[c - 3] };
         }
     }
 
-    /// Moves the forces on particle `i` to `f`; nothing is left to move if it comes up again.
+    /// Moves this effect's forces on particle `i` to `f`. A second call for the same particle adds nothing.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         for o in self.unknowns(i) {
             f[o] += std::mem::take(&mut self.own[o]);
         }
     }
 
-    /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], unweighted.
+    /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], with unweighted masses.
     pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
         let ratios = self.rest.iter().zip(&self.full).map(|(s, m)| stiffness(s[3]) / m);
         ratios.fold(0.0, f64::max)
@@ -189,12 +190,12 @@ impl Grains {
     }
 }
 
-/// Power \[W\] of a force and a torque on particle `i` of `n`.
+/// Power \[W\] of a force and a torque on particle `i`.
 pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
     force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
 }
 
-/// Adds a force and a torque on particle `i` of `n`.
+/// Adds a force and a torque on particle `i` to the force array `f`.
 pub(crate) fn add(f: &mut [f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
     let half = f.len() / 2;
     for c in 0..3 {

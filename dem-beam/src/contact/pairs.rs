@@ -1,4 +1,4 @@
-//! Pairs near each other in a body in parts: each rank lists those whose first particle it has.
+//! Near pairs in a partitioned body: each rank lists the pairs whose first particle it owns.
 
 use super::grains::Grains;
 use super::law::Spring;
@@ -16,16 +16,16 @@ use std::sync::Arc;
 /// Pairs per unit of parallel work.
 const CHUNK: usize = 2_048;
 
-/// How often a wider surrounding is looked for at most, twice as wide each time.
+/// Largest number of wider surroundings that are tried, each twice as wide as the one before.
 const WIDER: usize = 60;
 
-/// Where a pair stands in the list of the whole body: what a search found by its ends, then those of broken
-/// bonds as they broke.
+/// Position of a pair in the list of the whole body: pairs of the last search ordered by their ends, then
+/// pairs of broken bonds in the order of their breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Key {
-    /// From one, in the order of breaks since the last search; zero for what that found.
+    /// Number of the break since the last search, from one; zero for pairs of the search.
     broken: u32,
-    /// Numbers in the whole body.
+    /// Particle numbers in the whole body.
     pub(super) ends: [u32; 2],
 }
 
@@ -44,17 +44,18 @@ impl Key {
     }
 }
 
-/// A pair whose first particle is here.
+/// A pair whose first particle this rank owns.
 #[derive(Debug, Clone, Copy)]
 struct Near {
     key: Key,
-    /// Distance below which it pushes \[m\]; the distance at the break until the second particle is known.
+    /// Distance \[m\] below which the pair pushes; the distance at the break as long as the second particle
+    /// is unknown.
     rest: f64,
-    /// Numbers here and among those around; none as long as the second is not known.
+    /// Local numbers in [`Surrounding`]; `None` as long as the second particle is unknown.
     here: Option<[u32; 2]>,
 }
 
-/// The pairs of this rank, and what all ranks know of theirs.
+/// The pairs of this rank, and counts over all ranks.
 #[derive(Debug)]
 pub(super) struct PairsInParts {
     portion: Arc<Portion>,
@@ -62,26 +63,28 @@ pub(super) struct PairsInParts {
     /// Largest radius of the whole body \[m\].
     largest: f64,
     near: Vec<Near>,
-    /// Searches made, and pairs of all ranks.
+    /// Number of searches, and of pairs on all ranks.
     searches: usize,
     all: usize,
-    /// Breaks since the last search.
+    /// Number of breaks since the last search.
     breaks: u32,
-    /// Spheres here at the last search, if one was made.
+    /// Spheres of this rank at the last search, if there was one.
     built: Option<Vec<Sphere>>,
     cells: CellList,
     around: Option<Surrounding>,
-    /// Whether there may be pairs whose second particle is not known here.
+    /// True if there may be pairs whose second particle is unknown on this rank.
     strange: bool,
-    /// Bonds of the particles here, with numbers of the whole body, and how many that has.
+    /// Bonds of the owned particles with their numbers in the whole body, and the number of bonds of the
+    /// whole body.
     bonds: Adjacency<[u32; 2]>,
     all_bonds: usize,
-    /// Distance at which bonds broke \[m\].
+    /// Distance at which each broken bond broke \[m\], by its number in the whole body.
     broken_at: BTreeMap<u32, f64>,
 }
 
 impl PairsInParts {
-    /// Of a whole body before its first step, whose largest particle has a radius of `largest` \[m\].
+    /// This rank's part of the list of a whole body before its first step. The largest particle of the body
+    /// has the radius `largest` \[m\].
     pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
         let own = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
         Self {
@@ -102,12 +105,12 @@ impl PairsInParts {
         }
     }
 
-    /// Searches made, and pairs of all ranks.
+    /// Number of searches, and of pairs on all ranks.
     pub(super) fn counts(&self) -> [usize; 2] {
         [self.searches, self.all]
     }
 
-    /// Lists the pair of a bond that just broke, on whatever rank.
+    /// Lists the pair of a bond that just broke on any rank.
     pub(super) fn add_broken(&mut self, event: &Break) {
         self.broken_at.insert(event.bond, event.distance);
         self.breaks += 1;
@@ -125,8 +128,8 @@ impl PairsInParts {
         }
     }
 
-    /// Searches anew if a particle of any rank has moved by half the skin since the last search, and finds
-    /// out where the particles around are.
+    /// Searches again if a particle of any rank has moved by half the skin since the last search; otherwise
+    /// updates the positions of the surrounding particles. Collective.
     pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
         let stale = self
             .built
@@ -150,6 +153,7 @@ impl PairsInParts {
         let rest = |i: usize, k: usize| {
             let (first, second) = (portion.global(i) as u32, around.id(k));
             if second <= first {
+                // Each pair belongs to the rank of its end with the lower number.
                 return None;
             }
             let limit = rest_of(&around.rest[i], &around.rest[k]);
@@ -177,12 +181,12 @@ impl PairsInParts {
         Ok(())
     }
 
-    /// Gets to know the second particles of pairs that a search has not found.
+    /// Finds the second particles of pairs that the search did not find. Collective.
     fn meet(&mut self, grains: &Grains) -> Result<(), RankError> {
         if !std::mem::take(&mut self.strange) {
             return Ok(());
         }
-        // Particles have moved by less than half the skin each since they were near.
+        // Particles were near each other and have each moved by less than half the skin since then.
         let mut reach = 2.0 * (self.largest + self.skin);
         for _ in 0..WIDER {
             let known = self.around.as_ref();
@@ -214,8 +218,8 @@ impl PairsInParts {
         Ok(())
     }
 
-    /// Pairs of all ranks that push now, in the order of the whole body, with the distance at which each
-    /// begins to.
+    /// Gathers the pairs of all ranks that push now, in the order of the whole body, with the distance \[m\]
+    /// at which each begins to push. Collective.
     pub(super) fn closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
@@ -237,8 +241,7 @@ impl PairsInParts {
         Ok(all)
     }
 
-    /// The list of the whole body on the first rank, without its springs; none on the others. All ranks
-    /// must ask.
+    /// Gathers the list of the whole body, without its springs, on rank 0 (`None` elsewhere). Collective.
     pub(super) fn whole(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
@@ -274,15 +277,16 @@ impl PairsInParts {
         Ok(Some((all.iter().map(key).collect(), list)))
     }
 
-    /// Where bonds of the whole body broke, behind its list, as [`PairList::save`] has it.
+    /// Appends the distances at which bonds of the whole body broke, in the format of [`PairList::save`].
     pub(super) fn save_broken(&self, out: &mut Record<f64>) {
         let all = 0..self.all_bonds as u32;
         out.numbers
             .extend(all.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
     }
 
-    /// Goes back to a list of the whole body and the distances at which its bonds broke; where each of its
-    /// pairs stands. `None` for those of another body.
+    /// Restores this rank's pairs from a list of the whole body and the distances at which its bonds broke.
+    ///
+    /// Returns the key of each listed pair, or `None` for a list of another body.
     pub(super) fn restore(&mut self, list: &Listed, broken: &[f64]) -> Option<Vec<Key>> {
         if broken.len() != self.all_bonds {
             return None;
@@ -293,7 +297,8 @@ impl PairsInParts {
         let mut last = [0, 0];
         let mut keys = Vec::with_capacity(list.pairs.len());
         for pair in &list.pairs {
-            // Behind what the last search found stand pairs of broken bonds.
+            // Pairs of broken bonds follow those of the last search, which are sorted: the first pair out of
+            // order ends the search's part.
             if self.breaks > 0 || pair.ends < last {
                 self.breaks += 1;
             }

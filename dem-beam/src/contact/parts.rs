@@ -1,7 +1,7 @@
-//! Contact within a body in parts on several ranks.
+//! Contact within a partitioned body.
 //!
-//! A rank lists and measures the pairs whose first particle it has, with the particles of others that are
-//! around. Pairs that push are told to all ranks, and these take them together ([`Company`]).
+//! Each rank lists and measures the pairs whose first particle it owns, with the surrounding particles of
+//! other ranks. Closed pairs are gathered on all ranks, and every rank computes all of them ([`Company`]).
 
 use super::Contacts;
 use super::company::Company;
@@ -19,7 +19,7 @@ use arlequin_core::{Arms, DofLayout};
 use std::slice::{from_mut, from_ref};
 use std::sync::Arc;
 
-/// Contact between the particles of all ranks, as one of these takes part in it.
+/// Contact between the particles of all ranks, as one rank computes it.
 #[derive(Debug)]
 pub(super) struct ContactsInParts {
     portion: Arc<Portion>,
@@ -30,15 +30,14 @@ pub(super) struct ContactsInParts {
     seen: usize,
     list: PairsInParts,
     touching: Touching,
-    /// Pairs that push, of all ranks in the order of the whole body, and where they stand in its list.
+    /// Closed pairs of all ranks in the order of the whole body, and their keys in its list.
     closed: Listed,
     keys: Vec<Key>,
     company: Company,
 }
 
 impl ContactsInParts {
-    /// The part of contact in a whole body that belongs to the particles here; `of` names the effect in
-    /// errors.
+    /// This rank's part of the contact in a whole body; `of` names the effect in errors.
     pub(super) fn new(
         whole: Contacts,
         portion: &Arc<Portion>,
@@ -63,7 +62,8 @@ impl ContactsInParts {
         })
     }
 
-    /// All pairs that push now, on whatever rank, in the order of the whole body; where each begins to.
+    /// Gathers all pairs that push now on any rank, in the order of the whole body, with the distance at
+    /// which each begins to push. Collective.
     fn push(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
@@ -75,7 +75,7 @@ impl ContactsInParts {
         self.list.closed()
     }
 
-    /// What the contacts of all pairs remember of the last step.
+    /// Returns the springs of all pairs after the last step.
     fn springs(&self, pairs: &[(Key, f64)]) -> Vec<Spring> {
         let old = self.keys.iter().map(|k| k.ends).zip(&self.closed.springs);
         let mut old: Vec<([u32; 2], &Spring)> = old.collect();
@@ -87,10 +87,10 @@ impl ContactsInParts {
         pairs.iter().map(|p| of(p).unwrap_or_default()).collect()
     }
 
-    /// Takes all contacts together with the other ranks.
+    /// Computes all contacts together with the other ranks. Collective.
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
         let pairs = self.push()?;
-        // Those that pushed in the last step too: their budgets are not settled yet.
+        // Particles that touched in the last step are included: their budgets are not settled yet.
         let here = |place: usize| self.company.here(place);
         let mut members: Vec<u32> = self.touching.on_ends(&here).map(|e| e.0 as u32).collect();
         let now = pairs.iter().flat_map(|p| p.0.ends);
@@ -125,7 +125,7 @@ impl ContactsInParts {
         Ok(())
     }
 
-    /// As the whole body saves it, on the first rank; nothing on the others.
+    /// Returns the record that the whole body would save, on rank 0; empty elsewhere. Collective.
     fn recorded(&self) -> Result<Record<f64>, RankError> {
         let Some((keys, mut list)) = self.list.whole()? else {
             return Ok(Record::default());
@@ -146,7 +146,7 @@ impl ContactsInParts {
         Ok(out)
     }
 
-    /// Undoes [`Self::recorded`] from the record of the whole body; `None` for one of another body.
+    /// Restores the record of the whole body; `None` for a record of another body.
     fn recall(&mut self, from: &Record<f64>) -> Option<()> {
         let count = self.portion.division().nodes();
         let (seen, integers) = from.integers.split_first()?;
@@ -188,7 +188,7 @@ impl AnyEffect<f64> for ContactsInParts {
         true
     }
 
-    /// What goes wrong between ranks is kept for [`Portion::failure`].
+    /// Errors between ranks are kept for [`Portion::failure`].
     fn save(&self) -> Record<f64> {
         self.recorded().unwrap_or_default()
     }
@@ -221,7 +221,7 @@ impl Effect<f64> for ContactsInParts {
         Ok(self.respond(at, f)?)
     }
 
-    /// Of the particles here.
+    /// Power on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
         let here = |place: usize| self.company.here(place);
         let ends = self.touching.on_ends(&here);

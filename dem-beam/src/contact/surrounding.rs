@@ -1,23 +1,23 @@
-//! Particles of other ranks around those of this one, as far as they may touch these.
+//! Ghosts for contact: particles of other ranks that may touch particles of this rank.
 
 use super::Grains;
 use crate::packing::cells::Sphere;
 use arlequin_core::ranks::{Halo, Message, Portion, RankError};
 use std::sync::Arc;
 
-/// The particles here, then those around them.
+/// The owned particles, followed by the surrounding particles of other ranks.
 #[derive(Debug)]
 pub(super) struct Surrounding {
     near: Halo,
     messages: Vec<Message>,
     pub(super) rest: Vec<Sphere>,
     pub(super) now: Vec<Sphere>,
-    /// Numbers in the whole body of those around, ascending, and theirs here.
+    /// Number in the whole body (ascending) and local number of each surrounding particle.
     places: Vec<[u32; 2]>,
 }
 
 impl Surrounding {
-    /// Of all that may be within `reach` \[m\] of a particle here. All ranks must ask.
+    /// Finds all particles within `reach` \[m\] of an owned particle. Collective.
     pub(super) fn new(portion: &Arc<Portion>, grains: &Grains, reach: f64) -> Result<Self, RankError> {
         let centres: Vec<[f64; 3]> = grains.now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
         let near = Halo::near(portion.clone(), &centres, reach)?;
@@ -40,7 +40,7 @@ impl Surrounding {
         Ok(out)
     }
 
-    /// Moves all to where they are, those here to `now`.
+    /// Updates all positions: owned particles from `now`, the others by a halo exchange. Collective.
     pub(super) fn place(&mut self, now: &[Sphere]) -> Result<(), RankError> {
         let (here, around) = self.now.split_at_mut(now.len());
         here.copy_from_slice(now);
@@ -50,7 +50,7 @@ impl Surrounding {
         })
     }
 
-    /// Number here of a particle of the whole body, if it is here or around.
+    /// Local number of a particle of the whole body, if it is owned or surrounding.
     pub(super) fn find(&self, id: u32) -> Option<u32> {
         let portion = self.near.portion();
         if let Some(own) = portion.local(id as usize) {
@@ -60,7 +60,7 @@ impl Surrounding {
         Some(self.places[k][1])
     }
 
-    /// Number in the whole body.
+    /// Number in the whole body of a local particle.
     pub(super) fn id(&self, here: usize) -> u32 {
         let portion = self.near.portion();
         match here.checked_sub(portion.nodes()) {

@@ -1,9 +1,9 @@
-//! Bonds that break in a body in parts on several ranks.
+//! Breaking of bonds in a partitioned body.
 //!
-//! Who holds a bond between two ranks knows both ends with the same bits, so both come to the same verdict.
-//! But each looks at its own ends only ([`crate::kernel::screen`]): if anything breaks anywhere, all ranks
-//! compare these bonds one by one. Then all of them hear of all breaks and take them in the order of the
-//! whole body.
+//! A bond between two ranks is stored on both. Both know its two ends with the same bits, so both come to the
+//! same verdict. But each rank screens only the ends it owns ([`crate::kernel::screen`]): if a bond breaks on
+//! any rank, all ranks compare the bonds between ranks one by one. All breaks are then gathered on all ranks
+//! and logged in the order of the whole body.
 
 use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
@@ -16,33 +16,33 @@ use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Words of a break between ranks.
+/// Words per break in the all-gather.
 const WORDS: usize = 7;
 
-/// What ranks tell of their particles where bonds broke: the state one step before, and what the step
-/// changed.
+/// Numbers per ghost that are exchanged when bonds break: the state one step before, and its change over the
+/// step.
 const TOLD: usize = 13;
 
-/// What a part of a body knows of the whole.
+/// Data about the whole body on one rank.
 #[derive(Debug)]
 pub(crate) struct Parts {
     halo: Halo,
     messages: Vec<Message>,
-    /// Numbers in the whole body: of the bonds here, ascending, and of the particles of other ranks.
+    /// Numbers in the whole body of this rank's bonds, ascending.
     numbers: Arc<[u32]>,
-    /// Bonds with particles of other ranks.
+    /// Local bonds that have a ghost.
     cross: Vec<u32>,
-    /// Bonds of the whole body.
+    /// Number of bonds of the whole body.
     pub(crate) bonds: usize,
-    /// Particles of other ranks: now.
+    /// Current states of the ghosts.
     pub(crate) ghosts: Vec<[f64; 7]>,
 }
 
-/// States of the particles of other ranks one step before, and what the step changed.
+/// States of the ghosts one step before, and their changes over the step.
 type Heard = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
-    /// Bonds of a part of a body, all of them whole.
+    /// State for a part of a body whose bonds are all whole.
     pub(crate) fn new_in_part(
         spec: Fracture,
         body: &BondedParticles,
@@ -53,7 +53,7 @@ impl FractureState {
         Self::of_part(spec, body, log, (halo, numbered))
     }
 
-    /// The same for a part of the body; what broke stays broken.
+    /// Restricts the state to a part of the body; broken bonds stay broken.
     pub(crate) fn part(self, body: &BondedParticles, of: (&Halo, &Numbered)) -> Self {
         let mut out = Self::of_part(self.spec, body, self.log.clone(), of);
         if self.is_plain() {
@@ -93,7 +93,8 @@ impl FractureState {
         out
     }
 
-    /// Whether any bond of the whole body breaks now; [`Self::now`] are then all of those here.
+    /// Returns whether any bond of the whole body breaks now. [`Self::now`] then lists the breaking bonds of
+    /// this rank. Collective.
     pub(crate) fn find_on_all(
         &mut self,
         body: &BondedParticles,
@@ -101,12 +102,13 @@ impl FractureState {
         parts: &Parts,
     ) -> Result<bool, RankError> {
         if !self.find(body, reader) {
-            // No rank looks.
+            // The interval of checks is the same on all ranks, so no rank has checked.
             return Ok(false);
         }
         if !parts.halo.portion().any(!self.now.is_empty())? {
             return Ok(false);
         }
+        // A bond may break by the moment at an end that another rank owns and screened.
         let missed = parts
             .cross
             .iter()
@@ -118,8 +120,8 @@ impl FractureState {
         Ok(true)
     }
 
-    /// Takes the bonds that break now out of the balance of the particles here, and all of the whole body
-    /// to the log; the energy of all.
+    /// Removes the breaking bonds from the balance of the owned particles and logs the breaks of the whole
+    /// body. Returns the energy of all breaks \[J\]. Collective.
     pub(crate) fn release_in_parts(
         &mut self,
         body: &BondedParticles,
@@ -145,6 +147,7 @@ impl FractureState {
                 Some(ghost) => changes[ghost],
             };
             let (event, held) = self.break_of(body, b, [&before, &after], &of);
+            // The rank that owns the first particle reports the break, so that it is logged once.
             if (event.pair[0] as usize) < self.own {
                 let overlap = inside(b);
                 told.extend(parts.words(&Break { overlap, ..event }));
@@ -166,7 +169,7 @@ impl FractureState {
 }
 
 impl Parts {
-    /// What other ranks tell of their particles.
+    /// Exchanges the states and changes of the ghosts. Collective.
     fn hear(&mut self, before: &Reader<'_>, step: &Evolution<'_, f64>) -> Result<Heard, RankError> {
         let count = self.halo.ghosts().len();
         let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
@@ -181,8 +184,8 @@ impl Parts {
         Ok(out)
     }
 
-    /// Restores a log that all ranks have: what is known of a bond, the rank of its first particle tells
-    /// all others.
+    /// Restores the log that all ranks share. The rank that owns a bond's first particle sends the bond's
+    /// middle and overlap to all others. Collective.
     pub(super) fn restore(
         &self,
         log: &SharedLog,
@@ -205,7 +208,7 @@ impl Parts {
                 told.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
             }
         }
-        // What goes wrong between ranks is kept for [`Portion::failure`].
+        // Errors between ranks are kept for [`Portion::failure`].
         let Ok(mut all) = self.halo.portion().listed(&told) else {
             return false;
         };
@@ -221,12 +224,12 @@ impl Parts {
         })
     }
 
-    /// Number here of a bond of the whole body, if it is here.
+    /// Local number of a bond of the whole body, if this rank has it.
     pub(super) fn here(&self, bond: u32) -> Option<usize> {
         self.numbers.binary_search(&bond).ok()
     }
 
-    /// Number of a particle in the whole body.
+    /// Number in the whole body of a local particle.
     fn global(&self, particle: u32) -> u32 {
         let portion: &Portion = self.halo.portion();
         match (particle as usize).checked_sub(portion.nodes()) {
@@ -235,7 +238,7 @@ impl Parts {
         }
     }
 
-    /// A break in numbers of the whole body.
+    /// Packs a break with numbers of the whole body into words.
     fn words(&self, e: &Break) -> [i64; WORDS] {
         let two = |a: u32, b: u32| (u64::from(a) << 32 | u64::from(b)).cast_signed();
         let bits = |x: f64| x.to_bits().cast_signed();
@@ -259,7 +262,7 @@ fn number(words: &[i64; WORDS]) -> u32 {
     (words[0].cast_unsigned() >> 32) as u32
 }
 
-/// Undoes [`Parts::words`].
+/// Inverse of [`Parts::words`].
 fn event(words: &[i64; WORDS], time: f64) -> Break {
     let real = |k: usize| f64::from_bits(words[k].cast_unsigned());
     let (low, pair) = (words[0].cast_unsigned() as u32, words[1].cast_unsigned());

@@ -1,6 +1,6 @@
-//! The two force laws, eight half-bonds at a time.
+//! The two force laws, for eight half-bonds at a time.
 //!
-//! Linear: as in [`crate::bond`]. Finite rotations: the exact gradient of
+//! The linear law is described in [`crate::bond`]. The law for finite rotations is the exact gradient of
 //!
 //! ```text
 //! U = w [ k_n (l-l0)^2/2 + k_t s^2/2 + 2 k_b ((1-c_i^2) + (t_i.t_j - c_i c_j) + (1-c_j^2)) ]
@@ -8,10 +8,9 @@
 //! t_i = R_i n_0   t_j = R_j n_0   c_i = n.t_i   c_j = n.t_j   s = 2 n.vec(q_j q_i*)
 //! ```
 //!
-//! with `q` the unit quaternions of the particles (identity at the start) and `n_0` the axis at
-//! rest. `s = 2 sin(phi/2)` for a twist `phi`. U depends on relative quantities only, so forces
-//! and torques balance and a rigid motion of any size costs nothing. With `r = vec(q_j q_i*)` and
-//! `r_0` its scalar part:
+//! where `q` are the unit quaternions of the particles (identity at the start) and `n_0` is the axis at rest.
+//! `s = 2 sin(phi/2)` for a twist `phi`. U depends on relative quantities only, so forces and torques balance
+//! and a rigid motion of any size costs no energy. With `r = vec(q_j q_i*)` and its scalar part `r_0`:
 //!
 //! ```text
 //! f_i = k_n (l-l0) n + [k_t s (2 r - s n) - 2 k_b ((2 c_i + c_j) e_i + (c_i + 2 c_j) e_j)] / l
@@ -19,8 +18,8 @@
 //! e_i = t_i - c_i n   e_j = t_j - c_j n
 //! ```
 //!
-//! All factors are strains: with `t` for `e` the same sums would be differences of numbers of the size of
-//! `k_b`, whose last digits push a body at rest the same way at every step.
+//! All factors are strains. With `t` in place of `e` the sums would be differences of numbers of the size of
+//! `k_b`, whose round-off would push a body at rest in the same direction at every step.
 
 use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
 use super::span::{Grid, Slot};
@@ -28,21 +27,24 @@ use crate::bond::BeamRigidity;
 
 /// A force law on rows of eight numbers per particle.
 pub(crate) trait Law: Copy + Send + Sync {
-    /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
+    /// True if the law does little arithmetic per byte, so that prefetching constants pays even from the
+    /// second-level cache.
     const LIGHT: bool;
-    /// Whether it needs the lengths of bonds at rest: roots would cost more than eight bytes.
+    /// True if the law needs the lengths of bonds at rest: computing roots costs more than loading eight
+    /// bytes.
     const LENGTHS: bool;
-    /// What the loop over bonds needs of the eight particles.
+    /// Values of the eight particles that the loop over their bonds uses.
     type Ready<L: Lanes>: Copy;
-    /// What it needs of eight neighbours.
+    /// Values of eight neighbours that the second stage uses.
     type Near<L: Lanes>: Copy;
 
-    /// From the rows of the eight particles.
+    /// Prepares the eight particles from their rows.
     fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// First stage of a slot (and its lengths), from the rows of the eight neighbours. It runs while the
-    /// second stage of the slot before is under way: the processor's own look-ahead is too short to hide
-    /// loads, shuffles and roots.
+    /// First stage of a slot: from the half-bonds with their lengths and the rows of the eight neighbours.
+    ///
+    /// It runs while the second stage of the previous slot is under way, because the processor's own
+    /// look-ahead is too short to hide loads, shuffles and roots.
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -51,7 +53,7 @@ pub(crate) trait Law: Copy + Send + Sync {
         other: &[L::V; 8],
     ) -> Self::Near<L>;
 
-    /// Second stage: adds forces and torques on the eight own particles.
+    /// Second stage of a slot: adds forces and torques on the eight own particles to `acc`.
     fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -61,7 +63,7 @@ pub(crate) trait Law: Copy + Send + Sync {
         acc: &mut [L::V; 6],
     );
 
-    /// Elastic energy of the eight bonds, weights included.
+    /// Elastic energy of the eight bonds, including their weights.
     fn energy<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -71,8 +73,8 @@ pub(crate) trait Law: Copy + Send + Sync {
     ) -> L::V;
 }
 
-/// Section rigidities in all lanes, with the multiples the laws use, in the units of a [`Grid`]: `e =
-/// 1/u³`, `g` its step.
+/// Section rigidities in all lanes, with the multiples that the laws use, in units of a [`Grid`]: `e = 1/u³`,
+/// and `g` is the grid step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rigidity<L: Lanes> {
     /// `ES e g²`, `GI_O e g²`, `2 EI e g²`.
@@ -127,7 +129,7 @@ impl<L: Lanes> Rigidity<L> {
     }
 }
 
-/// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
+/// Law for small rotations. A row holds `u (3), -, th (3), -`; the places marked `-` may hold anything.
 ///
 /// With `s = w/l³`, the span `d` and the shear `w = Du + d x (th_i + th_j) / 2`, a half-bond adds
 ///
@@ -136,10 +138,10 @@ impl<L: Lanes> Rigidity<L> {
 /// c += 6 EI s d x w + EI s l² (th_j - th_i) + (GI_O - EI) s (d.(th_j - th_i)) d
 /// ```
 ///
-/// `w` and `th_j - th_i` vanish where a body turns as a whole, and all but `6 EI s d x w` has the opposite
-/// sign seen from the other end: what products are rounded to leaves the moments of strains unbalanced, not
-/// those of a rotation common to all, which would add up over a run. Translations are differences, so a
-/// moved body feels no force at all.
+/// `w` and `th_j - th_i` vanish where the body rotates as a whole, and all terms but `6 EI s d x w` change
+/// sign when seen from the other end. Rounding of products therefore unbalances only the moments of strains,
+/// not moments of a common rotation, which would add up over a run. Translations enter as differences, so a
+/// translated body feels no force at all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 
@@ -179,6 +181,7 @@ impl Law for Linear {
     ) {
         let d: Vec3<L> = load3(l, &slot.span);
         let s = l.load_f32(&slot.stiffness);
+        // Empty lanes have a span of zero: at least one step keeps `1/q` finite, and their stiffness is zero.
         let q = l.max(dot(l, d, d), k.one);
         let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
         let lever = l.mul(k.lever, s);
@@ -218,9 +221,10 @@ impl Law for Linear {
     }
 }
 
-/// Finite rotations: rows are `u (3), q (scalar, vector), -`.
+/// Law for finite rotations. A row holds `u (3), q (scalar, vector), -`.
 ///
-/// With spans `d` for axes, `D_i = R_i d` and `C_i = n.D_i`, all rigidities take the factor `s = w/l0³`.
+/// With spans `d` in place of unit axes, `D_i = R_i d` and `C_i = n.D_i`, all rigidities take the factor `s =
+/// w/l0³`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Finite;
 
@@ -233,7 +237,7 @@ pub(crate) struct FiniteReady<L: Lanes> {
     turn: [Vec3<L>; 3],
 }
 
-/// Direction and length change of eight bonds, quaternions of the neighbours.
+/// Direction and length change of eight bonds, and quaternions of their neighbours.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FiniteNear<L: Lanes> {
     pub(super) n: Vec3<L>,
@@ -379,7 +383,7 @@ impl Law for Finite {
     }
 }
 
-/// The spans at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
+/// Spans at rest rotated with either end (`axes`), `vec(q_j q_i*)` (`relative`) and the twist `s`.
 pub(super) struct Turned<L: Lanes> {
     pub(super) axes: [Vec3<L>; 2],
     relative: Vec3<L>,
@@ -412,7 +416,7 @@ pub(super) fn turned_axes<L: Lanes>(
     }
 }
 
-/// `R n`, by `n + 2 s (q x n) + 2 q x (q x n)`.
+/// Rotates `n` by the quaternion `(s, q)`: `n + 2 s (q x n) + 2 q x (q x n)`.
 #[inline(always)]
 fn turned<L: Lanes>(l: L, two: L::V, s: L::V, q: Vec3<L>, n: Vec3<L>) -> Vec3<L> {
     let c = scale(l, cross(l, q, n), two);

@@ -1,10 +1,10 @@
-//! The look at strengths that rides in the force kernel.
+//! Strength check inside the force kernel.
 //!
-//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time.
-//! Each half-bond compares the moment at its own end, so that both ends of a bond are seen. The comparison
-//! is with a limit a [`MARGIN`] below the strength and marks whole blocks: who marked them looks again,
-//! bond by bond, with the exact criterion. No mark is missing unless round-off reaches the margin, which
-//! [`Screen::new`] rules out.
+//! The force kernel already has what the fracture criteria need: strain, twist and end rotations of eight
+//! bonds at a time. Each half-bond compares the moment at its own end, so that both ends of a bond are
+//! checked. The comparison uses a limit that lies [`MARGIN`] below the strength, and it marks whole blocks.
+//! The caller then checks the bonds of marked blocks with the exact criterion. No block with a breaking bond
+//! is missed unless round-off reaches the margin, which [`Screen::new`] rules out.
 //!
 //! ```text
 //! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
@@ -14,8 +14,8 @@
 //! energy    U >= s S
 //! ```
 //!
-//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength
-//! beforehand, and multiplied by a length where that saves a division.
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root. All terms are divided by the lowest strength
+//! beforehand, and multiplied by a length where this saves a division.
 
 use super::engine::{Marks, Posed};
 use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
@@ -25,35 +25,35 @@ use super::visit::Visitor;
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
 
-/// Part of the strength by which the limits lie below it.
+/// Relative distance of the limits below the strengths.
 const MARGIN: f64 = 1e-3;
 
-/// Bound of rotations that no particle passes: products of it stay finite.
+/// Limit of [`Screen::turn`], in place of infinity: products with it stay finite.
 const NEVER: f64 = 1e60;
 
-/// Least strength, as a strain, that round-off of the kernel stays a thousandth below.
+/// Lowest strength, as a strain, at which round-off of the kernel stays below a thousandth of it.
 const LEAST_STRAIN: f64 = 1e-8;
 
-/// What bonds are compared with.
+/// Limits against which half-bonds are checked.
 #[derive(Debug, Clone)]
 pub(crate) struct Screen {
     pub(crate) criterion: Criterion,
     section: Section,
-    /// Least of the limits.
+    /// Lowest of all limits \[Pa or J/m²\].
     limit: f64,
-    /// It over the limit of each half-bond, where they differ.
+    /// The lowest limit over the limit of each half-bond, if strengths differ.
     each: Option<Vec<CacheLine>>,
-    /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
+    /// Largest `|th|^2` of a particle for which the squares of the linear law are accurate enough.
     turn: f64,
 }
 
 impl Screen {
-    /// `strengths` of all bonds \[Pa or J/m²\], least and largest of their `lengths` \[m\]. Nothing where
-    /// strengths are so small that round-off could hide a break.
+    /// Makes a screen from the `strengths` of all bonds \[Pa or J/m²\] and the smallest and largest of their
+    /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
     ///
-    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l
+    /// In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
     /// th)^2`, which must stay a thousandth below the square of the strength. Blocks with larger rotations
-    /// are marked without a look.
+    /// are marked without a check.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,
@@ -62,6 +62,8 @@ impl Screen {
     ) -> Option<Self> {
         let [shortest, longest] = lengths;
         let least = strengths.iter().copied().fold(f64::INFINITY, f64::min);
+        // The stress at which the longest bond reaches the energy `w` in pure tension: `w = stress^2 l / (2
+        // E)`.
         let stress = match criterion {
             Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
@@ -76,13 +78,13 @@ impl Screen {
         })
     }
 
-    /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
+    /// Allocates one limit per half-bond, `slots` rows of them; at first no half-bond can reach its limit.
     pub(crate) fn with_each(mut self, slots: usize) -> Self {
         self.each = Some(vec![CacheLine([0.0; LANES]); slots]);
         self
     }
 
-    /// Writes the strength of the half-bond in a lane of a slot, if each has its own.
+    /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
         if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
@@ -90,7 +92,7 @@ impl Screen {
     }
 }
 
-/// Constants of a [`Screen`] in all lanes, over its limit.
+/// Constants of a [`Screen`] in all lanes, divided by its limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Test<L: Lanes> {
     criterion: Criterion,
@@ -102,7 +104,7 @@ pub(crate) struct Test<L: Lanes> {
     young: L::V,
     bend: L::V,
     shear: L::V,
-    /// Half of `E S` and of `G I_O`, `2 E I` times 3/4 and 1/4; over `S`.
+    /// Half of `E S` and of `G I_O`, and `2 E I` times 3/4 and 1/4, all over `S`.
     stretch: L::V,
     twist: L::V,
     sum: L::V,
@@ -139,16 +141,16 @@ impl<L: Lanes> Test<L> {
         }
     }
 
-    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t`
-    /// reach 1.
+    /// Returns values above zero where normal stress `n`, bending stress of square `b` and shear stress of
+    /// square `t` reach 1.
     #[inline(always)]
     fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
             let left = l.nmadd(self.three, t, self.one);
             let kept = l.max(left, self.zero);
             let room = l.sub(l.sqrt(kept), self.size(l, n));
-            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare
-            // that with.
+            // Shear stress beyond the limit leaves no room for bending: `kept - left` is then positive and
+            // marks the lane whatever the other stresses are.
             return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
         }
         let room = l.sub(l.sub(self.one, t), n);
@@ -160,7 +162,7 @@ impl<L: Lanes> Test<L> {
         l.max(x, l.sub(self.zero, x))
     }
 
-    /// Stresses times the share of the limit, where limits differ; squares times its square.
+    /// Multiplies a stress by the ratio of limits where limits differ, or a square by its square.
     #[inline(always)]
     fn shared(&self, l: L, x: L::V, share: Option<L::V>) -> L::V {
         match share {
@@ -170,9 +172,9 @@ impl<L: Lanes> Test<L> {
     }
 }
 
-/// A law that can be screened.
+/// A law whose bonds can be screened for strength.
 pub(crate) trait Screened: Posed {
-    /// Above zero where a half-bond may have reached its limit.
+    /// Returns values above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -183,7 +185,7 @@ pub(crate) trait Screened: Posed {
         share: Option<L::V>,
     ) -> L::V;
 
-    /// Square of the rotations of the own particles, where they decide how sharp the test is.
+    /// Square of the rotations of the own particles if it limits the accuracy of the check, else zero.
     fn turn<L: Lanes>(l: L, own: &Self::Ready<L>) -> L::V;
 }
 
@@ -199,10 +201,11 @@ impl Screened for Linear {
         share: Option<L::V>,
     ) -> L::V {
         let d: Vec3<L> = load3(l, &slot.span);
-        // `n/l`, and nothing in empty lanes.
+        // `n/l`, and zero in empty lanes.
         let per = l.mul(k.per_step, l.recip(l.max(dot(l, d, d), k.one)));
         let p = scale(l, d, per);
         let strain = dot(l, p, du);
+        // The axial criterion needs only the strain: returning here skips the moments.
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
         }
@@ -256,7 +259,7 @@ impl Screened for Finite {
         let turned = turned_axes(l, t.two, slot, own, near);
         let ([ti, tj], twist) = (turned.axes, turned.twist);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
-        // Squares of turned spans over this are those of turned axes.
+        // Squares of rotated spans, multiplied by this, are squares of rotated axes.
         let unit = l.recip(near.square(l, k));
         if matches!(t.criterion, Criterion::Energy) {
             let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
@@ -276,7 +279,7 @@ impl Screened for Finite {
             return l.sub(t.shared(l, held, share), rest);
         }
         let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
-        // Strains are lengths over that at rest.
+        // Strains are length changes over the length at rest.
         let per = l.recip(rest);
         let per = t.shared(l, per, share);
         let square = l.mul(per, per);
@@ -292,14 +295,13 @@ impl Screened for Finite {
     }
 }
 
-/// `q |x_p|^2` of the part of `x` across an axis `p`, `q = p.p`, from `px = p.x`.
+/// `q |x_p|^2`, where `x_p` is the part of `x` across an axis `p`, `q = p.p` and `px = p.x`.
 #[inline(always)]
 fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
     l.nmadd(px, px, l.mul(q, dot(l, x, x)))
 }
 
-/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the
-/// caller.
+/// Square of an optional ratio. Not `map`: closures are compiled without the instructions of the caller.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
 fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
@@ -309,14 +311,14 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
     }
 }
 
-/// The worst of what it saw in a block.
+/// Collects the largest excess in each block and marks blocks in which it is positive.
 pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
     test: Test<L>,
     each: Option<&'a [CacheLine]>,
     turn: L::V,
     worst: L::V,
-    /// Blocks in which anything was beyond its limit.
+    /// Set for blocks in which a bond exceeded its limit.
     marks: &'a mut [bool],
 }
 
@@ -354,7 +356,7 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
 
     #[inline(always)]
     fn end(&mut self, b: usize) {
-        // At the limit is not enough: empty lanes are.
+        // Strictly above zero, because empty lanes give exactly zero.
         self.marks[b] = self.l.store(self.worst).iter().any(|x| *x > 0.0);
     }
 }

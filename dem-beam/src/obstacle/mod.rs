@@ -1,16 +1,18 @@
-//! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass
-//! of their own.
+//! Rigid bodies with which particles collide: planes, spheres and cylinders, at rest, driven, or free with a
+//! mass.
 //!
 //! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a
 //! particle of radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes
-//! only from there on; one whose centre lies inside is refused (`start.rs`).
+//! only when it comes closer; a particle whose centre lies inside is an error (`start.rs`).
 //!
-//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction
-//! acts at its surface, so that the angular momentum of particles and ball is kept. Planes and cylinders
-//! have no centre that could be told from the shape, and do not turn. Fields of acceleration pull a free
-//! body as they do its particles. What an obstacle gives to the particles and their springs is its
-//! `supplied` energy: the work of what drives it, or its own kinetic energy. No contact gives back more
-//! than it took in ([`crate::contact`]).
+//! A free body moves by velocity Verlet like all particles. A free ball also rotates: friction acts at its
+//! surface, so that the angular momentum of particles and ball is conserved. Planes and cylinders do not
+//! rotate, because their shape defines no centre of mass. Fields of acceleration act on a free body as on its
+//! particles.
+//!
+//! The energy that an obstacle gives to particles and their springs is its `supplied` energy: the work of its
+//! drive, or a part of its own kinetic energy. No contact gives back more energy than it took in
+//! ([`crate::contact`]).
 
 mod near;
 mod parts;
@@ -34,76 +36,78 @@ use nalgebra::{Point3, Vector3};
 use near::Near;
 use parts::Crowd;
 
-/// Where an obstacle pushed in the last step.
+/// A closed contact of the obstacle and its response in the last step.
 #[derive(Debug, Clone, Copy)]
 struct Active {
     particle: u32,
     /// Force on the particle \[N\].
     force: Vector3<f64>,
-    /// Generalised torque on it \[N m\].
+    /// Generalised torque on the particle \[N m\].
     torque: Vector3<f64>,
-    /// Torque on the obstacle, if it turns \[N m\].
+    /// Torque on the obstacle if it rotates \[N m\].
     back: Vector3<f64>,
     stored: f64,
-    /// Power on the velocities of particle and obstacle after the step, as far as they were known \[W\].
+    /// Power on the velocities of particle and obstacle after the step, from the forces that were known
+    /// \[W\].
     expected: f64,
 }
 
-/// A rigid obstacle, an effect on one cohesive-beam body.
+/// Specification of a rigid obstacle, an effect on one cohesive-beam body.
 #[derive(Debug)]
 pub struct Obstacle(Body);
 
-/// The same at work.
+/// An obstacle at work in a run.
 #[derive(Debug)]
 struct Body {
     name: String,
-    /// Name of the model it acts on.
+    /// Name of the model on which it acts.
     host: String,
     shape: RigidShape,
     motion: Motion,
     law: BudgetedLaw,
     grains: Grains,
-    /// Gap of each particle at rest where that is an overlap, zero otherwise.
+    /// Gap of each particle at rest if it overlaps the obstacle (negative), else zero \[m\].
     allowed: Vec<f64>,
     springs: Vec<Spring>,
     near: Near,
     active: Vec<Active>,
     started: bool,
-    /// Radius and moment of inertia, if it turns.
+    /// Radius \[m\] and moment of inertia \[kg m²\] if the obstacle rotates.
     turning: Option<(f64, f64)>,
-    /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
+    /// Angular velocity half a step earlier \[rad/s\] and torque of the particles on the obstacle \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
-    /// Fields of acceleration \[m/s²\] and their time functions; force they exert now \[N\], work since the
-    /// first step \[J\].
+    /// Fields of acceleration \[m/s²\] with their time functions, the force they exert now \[N\], and their
+    /// work since the first step \[J\].
     fields: Vec<(Vector3<f64>, TimeFunction<f64>)>,
     weight: Vector3<f64>,
     fallen: f64,
-    /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
+    /// Displacement, velocity half a step earlier, and force of the particles on the obstacle.
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
-    /// Whether the state before the first step was looked at.
+    /// True once the state before the first step has been checked.
     checked: bool,
-    /// Whether the next step takes the particles backwards: see [`crate::contact`].
+    /// True if the next step takes the particles in reverse order; see [`crate::contact`].
     backwards: bool,
-    /// Half of what the last instant supplied: the half step still to come.
+    /// Half of the energy supplied at the last instant, which belongs to the half step still to come \[J\].
     pending: f64,
     first_energy: f64,
     peak: f64,
     /// Smallest and largest radius of the whole body \[m\].
     smallest: f64,
     largest: f64,
-    /// What it knows of other ranks, on a body in parts: particles are then those that touch, of all ranks.
+    /// Gathered particles of all ranks, in a partitioned body; `grains` and `springs` are then those of the
+    /// touching particles.
     crowd: Option<Crowd>,
 }
 
 impl Obstacle {
-    /// An obstacle for the particles of a model, with a name for reports.
+    /// Makes an obstacle for the particles of a model. The name appears in reports and errors.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for parameters that make no sense; [`crate::Error::StartsInside`] where
+    /// [`crate::Error::OutOfRange`] for parameters out of their range; [`crate::Error::StartsInside`] if
     /// centres of particles lie inside the shape.
     pub fn new(
         name: &str,
@@ -154,10 +158,10 @@ impl Obstacle {
         }))
     }
 
-    /// The same with an angular velocity at time zero \[rad/s\].
+    /// Sets the angular velocity at time zero \[rad/s\].
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for all but free balls, which alone turn.
+    /// [`crate::Error::OutOfRange`] for an obstacle other than a free ball, as no other rotates.
     pub fn with_spin(mut self, spin: Vector3<f64>) -> Result<Self> {
         if self.0.turning.is_none() && spin.norm() > 0.0 {
             return Err(Error::out_of_range(
@@ -170,8 +174,8 @@ impl Obstacle {
         Ok(self)
     }
 
-    /// The same in a field of acceleration `field time(t)` \[m/s²\], gravity for one, in which a free body
-    /// falls; driven ones do not feel it.
+    /// Adds a field of acceleration `field time(t)` \[m/s²\], for example gravity, in which a free body
+    /// falls. Driven obstacles ignore it.
     #[must_use]
     pub fn with_acceleration(mut self, field: Vector3<f64>, time: TimeFunction<f64>) -> Self {
         self.0.fields.push((field, time));
@@ -180,12 +184,14 @@ impl Obstacle {
 }
 
 impl Body {
-    /// Moves the obstacle to the new instant.
+    /// Moves the obstacle to the new instant. Returns an error if it moves by more than the smallest radius.
     fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
         let before = self.moved;
         match &self.motion {
             Motion::Free { mass, .. } => {
                 if at.dt > 0.0 {
+                    // The first velocity is given at an instant, the later ones half a step earlier: the
+                    // first kick is half.
                     let kick = if self.started { at.dt } else { 0.5 * at.dt };
                     self.velocity += (self.reaction + self.weight) * (kick / mass);
                     self.spin += self.torque * (kick * self.lightness()[1]);
@@ -218,7 +224,8 @@ impl Body {
         Ok(())
     }
 
-    /// Corrects the budgets by what forces and motions that were not known did in the step just made.
+    /// Corrects the budgets for the work of forces and motions in the last step that were unknown when
+    /// contacts were computed.
     fn settle_budgets(&mut self, at: &Instant<'_, f64>) {
         for a in &self.active {
             let i = a.particle as usize;
@@ -240,9 +247,10 @@ impl Body {
         Pair {
             normal,
             gap,
-            // A partner so large that it is flat.
+            // A partner so large that its surface is flat.
             radii: [1e12 * r, r],
-            // To the surface from either side, so that the two torques balance the moment of the force.
+            // Distances to the surface from both centres, so that the two torques balance the moment of the
+            // force.
             arms: self
                 .turning
                 .map_or([0.0, r - gap], |(radius, _)| [radius, distance]),
@@ -258,8 +266,7 @@ impl Body {
         }
     }
 
-    /// Inverse mass, zero for a driven obstacle, and inverse moment of inertia, zero for one that does not
-    /// turn.
+    /// Inverse mass (zero for a driven obstacle) and inverse moment of inertia (zero if it does not rotate).
     fn lightness(&self) -> [f64; 2] {
         let light = match &self.motion {
             Motion::Free { mass, .. } => 1.0 / mass,
@@ -268,7 +275,7 @@ impl Body {
         [light, self.turning.map_or(0.0, |(_, inertia)| 1.0 / inertia)]
     }
 
-    /// What the fields exert on a free body \[N\].
+    /// Force of the fields on a free body at time `t` \[N\].
     fn weight_at(&self, t: f64) -> Vector3<f64> {
         let Motion::Free { mass, .. } = &self.motion else {
             return Vector3::zeros();
@@ -277,7 +284,7 @@ impl Body {
         sum.sum::<Vector3<f64>>() * *mass
     }
 
-    /// Velocity and angular velocity half a step from now, under the contacts taken so far.
+    /// Velocity and angular velocity half a step from now, under the contacts computed so far.
     fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
         let [light, turn] = self.lightness();
         [
@@ -286,7 +293,7 @@ impl Body {
         ]
     }
 
-    /// The obstacle as the step sees it, under the contacts taken so far.
+    /// Velocities of the obstacle during the step, under the contacts computed so far.
     fn end(&self, at: &Instant<'_, f64>) -> End {
         let (middle, after, spin) = match &self.motion {
             Motion::Free { .. } => {
@@ -307,7 +314,7 @@ impl Body {
         }
     }
 
-    /// Acts on the particles near it.
+    /// Computes the contacts with the listed near particles.
     fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
         let springs = &mut self.springs;
         let lost = |i: usize| {
@@ -323,7 +330,7 @@ impl Body {
         self.near.particles = near;
     }
 
-    /// Acts on those of some particles that it touches; no others do.
+    /// Computes the contacts with the given particles, which must include all that touch the obstacle.
     fn act_on(&mut self, particles: &[u32], at: &Instant<'_, f64>, f: &mut [f64]) {
         self.active.clear();
         (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
@@ -389,7 +396,7 @@ impl Body {
         });
     }
 
-    /// Energy given to particles and springs so far, this instant included.
+    /// Updates the energy supplied to particles and springs, including this instant.
     fn settle(&mut self, at: &Instant<'_, f64>) {
         if at.dt <= 0.0 {
             return;
@@ -398,7 +405,7 @@ impl Body {
             Motion::Free { mass, .. } => {
                 let [next, spin] = self.next(at.dt);
                 let after = self.kinetic(*mass, &next, &spin);
-                // What the fields gave the body it has not lost to the particles.
+                // Energy that the fields gave to the body was not lost to the particles.
                 let fallen = 0.5 * at.dt * self.weight.dot(&(self.velocity + next));
                 self.fallen += fallen;
                 self.supplied = self.first_energy + self.fallen - after;
@@ -499,7 +506,7 @@ impl Effect<f64> for Body {
         Ok(())
     }
 
-    /// Of a body in parts on the particles here.
+    /// Power on the particles; in a partitioned body, on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
         let here = self.pushed();
         here.map(|(i, a)| contact::power(v, i, &a.force, &a.torque)).sum()
@@ -522,8 +529,8 @@ impl Effect<f64> for Body {
         let grains = self.crowd.as_ref().map_or(&self.grains, |c| &c.grains);
         let mut top = grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
-            // A body lighter than the particles it meets is the softer end of the spring.
-            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
+            // A body lighter than the particles is the softer end of the spring. Sliding also rotates a ball
+            // of any inertia, while the factor 3.5 in the law's demand is for a full ball.
             let slide = self
                 .turning
                 .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
@@ -538,7 +545,7 @@ impl Effect<f64> for Body {
     }
 }
 
-/// Gap of each particle at rest where that is an overlap, zero otherwise.
+/// Gap of each particle at rest if it overlaps the shape (negative), else zero \[m\].
 fn allowed(shape: &RigidShape, rest: &[Sphere]) -> Vec<f64> {
     let gap = |s: &Sphere| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0);
     rest.iter().map(gap).collect()

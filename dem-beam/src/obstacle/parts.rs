@@ -1,4 +1,5 @@
-//! An obstacle on a body in parts: all ranks know the particles that it touches, and move it alike.
+//! Obstacle on a partitioned body: every rank gathers the touching particles and moves the obstacle
+//! identically.
 
 use super::near::{Near, place};
 use super::{Active, Body, allowed};
@@ -9,7 +10,7 @@ use arlequin_core::ranks::{Portion, RankError};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// The particles of this rank, and those that touch, of all ranks.
+/// The particles that this rank owns, and the gathered touching particles of all ranks.
 #[derive(Debug)]
 pub(super) struct Crowd {
     portion: Arc<Portion>,
@@ -20,14 +21,14 @@ pub(super) struct Crowd {
 }
 
 impl Crowd {
-    /// The part of the body that is on this rank.
+    /// This rank's part of the partitioned body.
     pub(super) fn portion(&self) -> &Portion {
         &self.portion
     }
 }
 
 impl Body {
-    /// Goes on with the particles of this rank; `of` names the effect in errors.
+    /// Restricts the obstacle to the owned particles; `of` names the effect in errors.
     pub(super) fn share_out(
         &mut self,
         portion: &Arc<Portion>,
@@ -48,7 +49,8 @@ impl Body {
         Ok(())
     }
 
-    /// Acts on the particles that it touches, on whatever rank, those here included.
+    /// Computes the contacts with all touching particles of all ranks and adds the forces on the owned ones.
+    /// Collective.
     pub(super) fn respond_in_parts(
         &mut self,
         crowd: &mut Crowd,
@@ -64,7 +66,7 @@ impl Body {
             rest[i][3] + crowd.allowed[i] - distance > 0.0
         };
         let mut members: Vec<u32> = crowd.near.particles.iter().copied().filter(touches).collect();
-        // Those that it touched in the last step too: their budgets are not settled yet.
+        // Particles that touched in the last step are included: their budgets are not settled yet.
         let before = self
             .active
             .iter()
@@ -95,7 +97,7 @@ impl Body {
         Ok(())
     }
 
-    /// Where it pushed in the last step, with the numbers of the particles; of those here.
+    /// Iterates over the closed contacts of the last step with owned particles, by their local numbers.
     pub(super) fn pushed(&self) -> impl Iterator<Item = (usize, &Active)> {
         let here = |i: usize| match &self.crowd {
             Some(crowd) => crowd.company.here(i),
@@ -105,7 +107,7 @@ impl Body {
         all.filter_map(move |a| Some((here(a.particle as usize)?, a)))
     }
 
-    /// Particles of the whole body.
+    /// Number of particles of the whole body.
     pub(super) fn all_particles(&self) -> usize {
         let crowd = self.crowd.as_ref();
         crowd.map_or(self.springs.len(), |c| c.portion.division().nodes())
@@ -123,8 +125,8 @@ impl Body {
         out.into()
     }
 
-    /// Finds its way among the particles that touch, from springs and pushes of the whole body; nothing to
-    /// do for that.
+    /// Rebuilds the list of touching particles after a restore, when springs and closed contacts have numbers
+    /// of the whole body. Does nothing in a body that is not partitioned.
     pub(super) fn meet_again(&mut self) {
         let Some(crowd) = &mut self.crowd else { return };
         let on = (0..).zip(&self.springs).filter(|(_, s)| s.on).map(|(id, _)| id);

@@ -1,16 +1,18 @@
-//! What an obstacle must remember: of a body in parts the same on every rank, and as of the whole body.
+//! Saved state of an obstacle. In a partitioned body every rank writes the same record, that of the whole
+//! body.
 
 use super::{Active, Body};
 use crate::contact::Spring;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 
-/// Numbers of a record before those of springs and pushes.
+/// Number of values in a record before those of springs and closed contacts.
 const BALANCE: usize = 24;
 
 impl Body {
-    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact,
-    /// where it pushes. Numbers: its motion and balance, the springs, the pushes.
+    /// Writes the state. Integers: flags (started, a step was made, order of the next step reversed), the
+    /// state of each contact, the particle of each closed contact. Numbers: motion and energy balance, the
+    /// springs, the closed contacts.
     pub(super) fn recorded(&self) -> Record<f64> {
         let mut out = Record::default();
         let flags = [self.started, self.law.begun, self.backwards];
@@ -49,7 +51,7 @@ impl Body {
         out
     }
 
-    /// Undoes [`Self::recorded`].
+    /// Restores what [`Self::recorded`] wrote.
     pub(super) fn recall(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let n = self.all_particles();
         let pushes = from.integers.len().saturating_sub(3 + n);

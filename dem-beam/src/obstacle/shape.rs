@@ -1,18 +1,18 @@
-//! Shapes of obstacles and how they move.
+//! Shapes of obstacles and their motions.
 
 use crate::error::{Error, Result, positive};
 use arlequin_core::TimeFunction;
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Point3, Vector3};
 
-/// A rigid shape at rest.
+/// A rigid shape in its initial position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RigidShape {
     /// Half-space behind a plane.
     Plane {
         /// A point of the plane \[m\].
         point: Point3<f64>,
-        /// Towards the particles, any length.
+        /// Direction towards the particles, of any length.
         normal: Vector3<f64>,
     },
     /// Ball.
@@ -22,7 +22,7 @@ pub enum RigidShape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// Endless cylinder: a roller.
+    /// Infinite cylinder, for example a roller.
     Cylinder {
         /// A point of the axis \[m\].
         point: Point3<f64>,
@@ -34,7 +34,7 @@ pub enum RigidShape {
 }
 
 impl RigidShape {
-    /// The same with directions of unit length.
+    /// Checks the shape and scales its direction to unit length.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a direction without length or a radius that is not positive.
@@ -68,7 +68,7 @@ impl RigidShape {
         })
     }
 
-    /// Radius and moment of inertia of a free ball; nothing for bodies that do not turn.
+    /// Radius and moment of inertia of a free ball; `None` for bodies that do not rotate.
     pub(crate) fn turning(&self, motion: &Motion) -> Result<Option<(f64, f64)>> {
         let Motion::Free { mass, inertia, .. } = motion else {
             return Ok(None);
@@ -88,8 +88,8 @@ impl RigidShape {
         }
     }
 
-    /// Distance of a triangle from the surface of the shape moved by `by` \[m\], negative for one that
-    /// reaches inside, and the point of the triangle that is nearest to the shape, or deepest in it.
+    /// Distance of a triangle from the surface of the shape displaced by `by` \[m\], negative if the triangle
+    /// reaches inside; and the point of the triangle that is nearest to the shape, or deepest inside.
     #[must_use]
     pub fn distance_of_triangle(&self, corners: &[Point3<f64>; 3], by: &Vector3<f64>) -> (f64, Point3<f64>) {
         let nearest = match self {
@@ -104,7 +104,8 @@ impl RigidShape {
                 closest_on_triangle(&(centre.coords + by), &all).into()
             }
             Self::Cylinder { point, axis, .. } => {
-                // In the plane across the axis; along it the middle of the triangle will do as a place.
+                // Distances are measured in the plane across the axis; along the axis the triangle's middle
+                // serves as position.
                 let [a, b, c] = corners.each_ref().map(|x| x - point - by);
                 let flat = [a, b, c].map(|d| d - axis * axis.dot(&d));
                 let along = axis * (axis.dot(&(a + b + c)) / 3.0);
@@ -114,8 +115,8 @@ impl RigidShape {
         (self.distance(&nearest, by).0, nearest)
     }
 
-    /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward
-    /// normal there.
+    /// Distance of a point from the surface of the shape displaced by `by` \[m\], negative inside; and the
+    /// outward normal at the nearest point of the surface.
     #[inline]
     #[must_use]
     pub fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
@@ -135,28 +136,28 @@ impl RigidShape {
     }
 }
 
-/// How an obstacle moves.
+/// Motion of an obstacle.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Motion {
-    /// Not at all.
+    /// At rest.
     Fixed,
-    /// At a constant velocity \[m/s\] from time zero on.
+    /// Constant velocity \[m/s\] from time zero on.
     Velocity(Vector3<f64>),
     /// Displacement `amplitude f(t)` \[m\].
     Prescribed {
         /// Amplitude \[m\].
         amplitude: Vector3<f64>,
-        /// Time function.
+        /// Time function `f`.
         time: TimeFunction<f64>,
     },
-    /// By its own inertia.
+    /// Free motion of a body with a mass.
     Free {
         /// Mass \[kg\].
         mass: f64,
         /// Velocity at time zero \[m/s\].
         velocity: Vector3<f64>,
-        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes
-        /// do not turn.
+        /// Moment of inertia of a ball \[kg m²\]; by default that of a full ball, `2/5 m R^2`. Other shapes
+        /// do not rotate.
         inertia: Option<f64>,
     },
 }
@@ -169,7 +170,7 @@ impl Motion {
         }
     }
 
-    /// Displacement at a time; zero for a free body, which is integrated.
+    /// Displacement at time `t` \[m\]; zero for a free body, whose motion is integrated.
     pub(crate) fn displacement(&self, t: f64) -> Vector3<f64> {
         match self {
             Self::Velocity(v) => v * t,

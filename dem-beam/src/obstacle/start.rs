@@ -1,9 +1,9 @@
-//! Refuses particles that start deep inside an obstacle.
+//! Check that no particle starts inside an obstacle.
 //!
-//! A particle that overlaps the obstacle at rest pushes from there on, as if its radius were smaller by the
-//! overlap. That is no more than touching while the centre lies in front of the surface: packings end in
-//! spheres of which some stick out. Once the centre is behind the surface nothing is left of the radius, the
-//! particle is inside, and the obstacle is in the wrong place.
+//! A particle that overlaps the obstacle at rest pushes only when it comes closer, as if its radius were
+//! smaller by the overlap. As long as the centre lies in front of the surface this is harmless: packings end
+//! in spheres of which some stick out. If the centre lies behind the surface, no radius is left: the particle
+//! is inside, and the obstacle is in the wrong place.
 
 use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
@@ -20,7 +20,7 @@ struct Inside {
     place: [f64; 3],
 }
 
-/// Words of it between ranks.
+/// Words per rank of an [`Inside`] in the all-gather.
 const WORDS: usize = 6;
 
 impl Inside {
@@ -52,7 +52,7 @@ impl Inside {
         self.count = count;
     }
 
-    /// Of all ranks, the same on all of them.
+    /// Combines the results of all ranks, with the same result on all of them. Collective.
     fn on_all_ranks(self, portion: &Portion) -> arlequin_core::Result<Self> {
         let [x, y, z] = self.place;
         let reals = [self.depth, self.radius, x, y, z].map(|v| v.to_bits().cast_signed());
@@ -85,10 +85,10 @@ impl Inside {
     }
 }
 
-/// Refuses spheres with centres inside a shape where it is at time zero.
+/// Returns an error if centres of spheres lie inside a shape at time zero.
 ///
 /// # Errors
-/// [`Error::StartsInside`].
+/// [`Error::StartsInside`] with the number of spheres and the deepest one.
 pub(super) fn check(
     obstacle: &str,
     shape: &RigidShape,
@@ -100,8 +100,8 @@ pub(super) fn check(
 }
 
 impl Body {
-    /// Refuses the state before the first step if particles are displaced into the obstacle. On a body in
-    /// parts all ranks must ask.
+    /// Returns an error if particles are displaced into the obstacle before the first step. Collective on a
+    /// partitioned body.
     pub(super) fn check_start(&mut self, q: &[f64]) -> arlequin_core::Result<()> {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
