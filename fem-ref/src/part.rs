@@ -1,4 +1,4 @@
-//! Meshes made of a mesh: some of its elements, or all of them divided.
+//! Meshes derived from a mesh: a part of its elements, or a refinement.
 
 use crate::element::ElementKind;
 use crate::error::{Error, Result};
@@ -7,10 +7,11 @@ use arlequin_core::Real;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// Nodes that a new node lies in the middle of, ascending; unused places hold the largest number.
+/// Nodes whose mean position a new node has, ascending; unused entries hold the largest number.
 type Parents = [u32; 8];
 
-/// Places of the corners of a hexahedron, and of a part of its halves, on a lattice of two steps.
+/// Corners of the unit cube in the node order of hexahedra. Sums of two corners are places on the lattice of
+/// half edges.
 const CORNERS: [[usize; 3]; 8] = [
     [0, 0, 0],
     [1, 0, 0],
@@ -23,8 +24,8 @@ const CORNERS: [[usize; 3]; 8] = [
 ];
 
 impl<T: Real> Mesh<T> {
-    /// The mesh of the elements that are kept, with the nodes they have, in the same order; groups and
-    /// volumes are cut to them, and groups without a node left are gone.
+    /// Restricts the mesh to the elements for which `keep` is true, with their nodes, in the same order.
+    /// Groups and volumes are restricted as well; groups without nodes are dropped.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -37,7 +38,7 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::EmptyMesh`] if none is kept.
+    /// [`Error::EmptyMesh`] if no element is kept.
     pub fn part(&self, keep: impl Fn(usize) -> bool) -> Result<Self> {
         let kept: Vec<usize> = (0..self.element_count()).filter(|&e| keep(e)).collect();
         let mut used = vec![false; self.nodes().len()];
@@ -76,8 +77,8 @@ impl<T: Real> Mesh<T> {
         Ok(out)
     }
 
-    /// Every element divided into eight, with new nodes in the middle of edges, faces and hexahedra; groups
-    /// and volumes go along. The body stays what it is: polygons do not become rounder.
+    /// Divides every element into eight, with new nodes in the middle of edges, faces and hexahedra. Groups
+    /// and volumes are refined as well. The shape stays: polygons do not become rounder.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
@@ -91,7 +92,7 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Kind`] for bars; as [`Mesh::new`], where halves of warped hexahedra are inverted.
+    /// [`Error::Kind`] for bars; those of [`Mesh::new`] if parts of warped hexahedra are inverted.
     pub fn refined(&self) -> Result<Self> {
         let mut halves = Halves::of(self);
         let mut connectivity = Vec::with_capacity(8 * self.connectivity().len());
@@ -115,8 +116,8 @@ impl<T: Real> Mesh<T> {
             of_node.all(|p| of.binary_search(p).is_ok())
         };
         for (name, group) in self.groups() {
-            // Middles on a surface are those of its facets: between two of its nodes may be an edge through
-            // the body.
+            // New nodes of a surface come from its facets only: an edge between two of its nodes may lead
+            // through the body.
             let new = if group.facets.is_empty() {
                 parents.len()
             } else {
@@ -142,7 +143,7 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Nodes of a mesh and those in the middle of some of them.
+/// Nodes of a mesh and the new nodes between them.
 struct Halves<T: Real> {
     nodes: Vec<Point3<T>>,
     parents: Vec<Parents>,
@@ -163,7 +164,7 @@ impl<T: Real> Halves<T> {
         }
     }
 
-    /// The node in the middle of others; a single one is itself.
+    /// Returns the node in the middle of the given ones, new or known; a single node is its own middle.
     fn middle(&mut self, of: &[u32]) -> u32 {
         if let [one] = of {
             return *one;
@@ -174,7 +175,7 @@ impl<T: Real> Halves<T> {
         if let Some(&k) = self.known.get(&key) {
             return k;
         }
-        // In one order, so that neighbours find the same place.
+        // Summed in ascending order, so that all neighbours get the same bits.
         let sum = key[..of.len()]
             .iter()
             .fold(Vector3::zeros(), |s, &k| s + self.nodes[k as usize].coords);
@@ -185,7 +186,7 @@ impl<T: Real> Halves<T> {
         k
     }
 
-    /// Four corners, and the octahedron between them about its shortest diagonal.
+    /// Cuts off the four corners and divides the octahedron between them around its shortest diagonal.
     fn tetrahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
         let mut m = |i: usize, j: usize| self.middle(&[v[i], v[j]]);
         let [a, b, c, d, e, f] = [m(0, 1), m(0, 2), m(0, 3), m(1, 2), m(1, 3), m(2, 3)];
@@ -214,7 +215,7 @@ impl<T: Real> Halves<T> {
         }
     }
 
-    /// Eight boxes on the lattice of halves.
+    /// Divides a hexahedron into eight on the lattice of half edges.
     fn hexahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
         let at = |halves: &mut Self, place: [usize; 3]| {
             let near = |corner: &[usize; 3]| (0..3).all(|c| place[c] == 1 || place[c] == 2 * corner[c]);

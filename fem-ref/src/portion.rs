@@ -1,10 +1,10 @@
-//! A body in parts on several ranks.
+//! A finite element body partitioned among ranks.
 //!
-//! A rank has whole units of nodes in their order, and the rows of the stiffness that belong to them, as
-//! they stand in the whole body: products with them have its bits. Displacements of nodes of other ranks
-//! that these rows name come from there, once per evaluation. Elements around these nodes are here as well,
-//! in the order of the whole body, so that masses and stiffnesses of other weights and recovered stresses
-//! are sums of the same terms: a patch asks for the elements around the nodes of the own ones.
+//! A rank owns whole units of nodes in their order, with the rows of the stiffness as they stand in the whole
+//! body: products with them have the same bits. The displacements of the ghosts in these rows are received
+//! once per evaluation. The rank also keeps the elements around the nodes of its elements, in the order of
+//! the whole body. Masses, stiffnesses for other weights and recovered stresses are therefore sums of the
+//! same terms; a patch needs the elements around the neighbours of owned nodes.
 
 use crate::field::FemField;
 use crate::mesh::Mesh;
@@ -17,35 +17,34 @@ use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// Blocks of the stiffness that take as long as moving a node.
+/// Stiffness blocks that take as long as moving one node.
 const MOVING: usize = 3;
 
-/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a
-/// millisecond.
+/// Stiffness rows per thread between two checks of messages in transit: fractions of a millisecond.
 const PIECE: usize = 1_024;
 
-/// Number of a node that is not there.
+/// Row of a mesh node that this rank does not own.
 const NONE: u32 = u32::MAX;
 
-/// What a rank holds of a body.
+/// A rank's part of a body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part<T: Real> {
-    /// Own nodes \[m\].
+    /// Owned nodes \[m\].
     pub(crate) nodes: Vec<Point3<T>>,
-    /// The field in the elements that have own nodes only.
+    /// The field on the elements whose nodes are all owned.
     pub(crate) field: Arc<FemField<T>>,
-    /// Numbers in the whole body of the nodes of the mesh, ascending.
+    /// Numbers in the whole body of the mesh nodes, ascending.
     numbers: Vec<u32>,
-    /// Own numbers of the nodes of the mesh.
+    /// For each mesh node its number among the owned nodes, or [`NONE`].
     rows: Vec<u32>,
     components: usize,
-    /// Of the stiffness, and the units whose rows name its ghosts.
+    /// Owned nodes and ghosts of the stiffness, and the units whose rows contain ghosts.
     reach: Reach,
     borders: Vec<bool>,
-    /// Of recovered stresses, once they are asked for.
+    /// Owned nodes and ghosts of stress recovery, built at the first request.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
-    /// Displacements of the nodes of the mesh that the stiffness names.
+    /// Displacements of the mesh nodes that the stiffness needs, from the last evaluation.
     x: Vec<T>,
 }
 
@@ -58,19 +57,21 @@ impl<T: Real> Part<T> {
         self.reach.halo().portion().clone()
     }
 
-    /// Own number of a node of the mesh, if it is one.
+    /// Number of a mesh node among the owned nodes; `None` for a node of another rank.
     pub(crate) fn row(&self, node: u32) -> Option<usize> {
         let row = self.rows[node as usize];
         (row != NONE).then_some(row as usize)
     }
 
-    /// Places in the mesh of own nodes.
+    /// Numbers in the mesh of owned nodes.
     pub(crate) fn places(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
         self.reach.places(model, nodes)
     }
 
-    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that
-    /// name no others while displacements of these are on their way, then of the rest.
+    /// Subtracts the product of the stiffness with displacements `q` of owned nodes from the forces `f`.
+    ///
+    /// Rows without ghosts are computed while the ghosts' displacements are in transit, all other rows
+    /// afterwards. Collective.
     pub(crate) fn subtract_product(
         &mut self,
         stiffness: &BlockMatrix<T>,
@@ -97,17 +98,18 @@ impl<T: Real> Part<T> {
         Ok(())
     }
 
-    /// What was heard last.
+    /// Displacements of the mesh nodes, from the last evaluation of forces.
     pub(crate) fn heard(&self) -> &[T] {
         &self.x
     }
 
-    /// As [`Self::hear`], kept apart.
+    /// Displacements of the mesh nodes for `q` of owned nodes, in a new vector. Collective.
     pub(crate) fn heard_at(&self, q: &[T]) -> Result<Vec<T>> {
         self.told(&self.reach, q)
     }
 
-    /// Displacements of all nodes of the mesh that own patches name.
+    /// Displacements for `q` of all mesh nodes that the patches of owned nodes need, in a new vector.
+    /// Collective.
     pub(crate) fn heard_around(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
         self.told(self.around.get_or_init(|| self.patched(mesh)), q)
     }
@@ -119,7 +121,7 @@ impl<T: Real> Part<T> {
         Ok(x)
     }
 
-    /// Nodes of the elements around the nodes of the elements around own nodes.
+    /// Reach of stress recovery: nodes of the elements around the neighbours of owned nodes.
     fn patched(&self, mesh: &Mesh<T>) -> Reach {
         let corners = mesh.kind().corners();
         let at = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
@@ -165,11 +167,11 @@ fn spread<T: Real>(
     }
 }
 
-/// Nodes and elements that a rank needs, ascending.
+/// Nodes and elements that a rank keeps, ascending.
 struct Needed {
     nodes: Vec<u32>,
     elements: Vec<u32>,
-    /// Pairs of nodes of elements that have own nodes and others.
+    /// Node pairs of the elements that have both owned nodes and nodes of other ranks.
     links: Vec<[u32; 2]>,
 }
 
@@ -209,21 +211,22 @@ impl Needed {
 }
 
 impl<T: Real> FemModel<T> {
-    /// The units of the body: middle \[m\], and blocks of the stiffness, the motion of nodes included.
+    /// Units of the body: centre \[m\] and work, as the number of stiffness blocks with the motion of nodes
+    /// included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let blocks = |i: usize| self.stiffness.columns(i).len() + MOVING;
         Unit::all(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
-    /// other side. None for a whole body.
+    /// The halo of this rank: ghosts that it receives, owned nodes that it sends, and the ranks it exchanges
+    /// with. `None` for a body that is not partitioned.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Partitions the body by the work of its units and restricts it to the part of this rank. Collective.
     pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
         if self.part.is_some() {
             return Err(Error::Unsupported {
@@ -240,7 +243,7 @@ impl<T: Real> FemModel<T> {
         Ok(Shared { portion, field })
     }
 
-    /// Keeps what is needed; returns what is new of the part.
+    /// Restricts the matrices, masses and mesh of the model to what the part needs, and returns the part.
     fn cut(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
         let whole = self.mesh();
         let (kind, section) = (whole.kind(), whole.section());
@@ -284,7 +287,8 @@ impl<T: Real> FemModel<T> {
         }
     }
 
-    /// A number that tells bodies apart.
+    /// Checksum of positions, masses, stiffness and connectivity: ranks compare it to detect different
+    /// bodies.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());

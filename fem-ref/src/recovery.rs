@@ -1,4 +1,4 @@
-//! Stress and strain at the nodes: patch recovery from the element means.
+//! Stress and strain at the nodes, by patch recovery from the element means.
 
 use crate::element::ElementKind;
 use crate::mesh::Mesh;
@@ -9,8 +9,8 @@ use arlequin_core::{
 };
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Centroid and mean shape gradients of an element, where displacements of linear elements have their best
-/// gradients.
+/// Centroid and mean shape gradients of an element: displacement gradients of linear elements are most
+/// accurate there.
 struct Centre<T: Real> {
     at: Point3<T>,
     gradients: [Vector3<T>; 8],
@@ -32,8 +32,11 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
     }
 }
 
-/// Patches of all nodes: the elements around an inner node; for a node of the surface those around the
-/// nearest inner nodes that share an element with it, or its own and their neighbours where there is none.
+/// Makes the patches of all nodes.
+///
+/// The patch of an inner node holds the elements around it. A surface node uses the patches of the nearest
+/// inner nodes that share an element with it. If there are none, its patch holds the elements around it and
+/// their neighbours.
 pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
     let corners = mesh.kind().corners();
     let samples: Vec<Point3<T>> = (0..mesh.element_count()).map(|e| centre(mesh, e).at).collect();
@@ -67,6 +70,8 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
             .fold(None, |m: Option<T>, d| Some(m.map_or(d, |m| m.min(d))));
         match least {
             Some(least) => {
+                // Nodes at the same distance up to round-off count alike: regular meshes have several nearest
+                // ones.
                 let reach = least * T::of(1.0 + 1e-6);
                 let close = inner().filter(|k| distance(k) <= reach);
                 out.extend(close.map(|k| around.row(*k as usize).to_vec()));
@@ -86,7 +91,7 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
 }
 
 impl<T: Real> FemModel<T> {
-    /// Strain and stress of one element.
+    /// Strain \[–\] and stress \[Pa\] of one element.
     fn of_element(&self, e: usize, q: &[T]) -> [SymmetricTensor<T>; 2] {
         let mesh = self.mesh();
         let c = mesh.kind().components();
@@ -119,7 +124,7 @@ impl<T: Real> Recovery<T> for FemModel<T> {
         true
     }
 
-    /// Of a part of a body all ranks must ask.
+    /// Collective on a partitioned body.
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
         let elements = self.mesh().element_count();

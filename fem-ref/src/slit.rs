@@ -1,4 +1,4 @@
-//! Slits: two nodes at one place, one on each lip of a crack.
+//! Slits: pairs of nodes at one place, one on each lip of a crack.
 
 use crate::check;
 use crate::element::ElementKind;
@@ -9,14 +9,16 @@ use arlequin_core::Real;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// A mesh whose nodes coincide as `pairs` say, if it may have them.
+/// Returns the mesh if its coincident nodes, given by `pairs`, are the lips of slits.
 pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh<T>> {
     lips(&mesh, pairs).map(|()| mesh)
 }
 
-/// Refuses nodes that coincide unless they are the lips of a slit: every one of them lies on facets of the
-/// surface that face another facet at the same place, none lies on two that look the same way, the body
-/// hangs together around the slit, and no lip is wrapped around one element or around one node.
+/// Returns an error for coincident nodes that are not the lips of a slit.
+///
+/// Lips satisfy four conditions. Each of their nodes lies on surface facets that face another facet at the
+/// same place. No node lies on two facets at one place that look the same way. The body is connected around
+/// the slit. No lip wraps around a single element or a single node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
     let same = |pair: &[u32; 2]| {
@@ -53,7 +55,7 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     pairs.iter().find(bad).map_or(Ok(()), same)
 }
 
-/// Place of every node that shares it with another: the first of the nodes there.
+/// For every node that shares its place with another: the first node at this place.
 pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     let mut place: HashMap<u32, u32> = HashMap::new();
     for pair in pairs {
@@ -64,24 +66,25 @@ pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     place
 }
 
-/// Length of the sum of a lip's area vectors over its area, below which a lip with one node of its own is
-/// bent too much for a crack: a plane has 1, a right angle 0.71, the corner of a cube 0.58, that of a
-/// tetrahedron 0.33.
+/// Bound of a lip's flatness: the length of the sum of its area vectors over its area. Below this bound, a
+/// lip with one node of its own is bent too much for a crack.
+///
+/// A plane has 1, a right angle 0.71, the corner of a cube 0.58, the corner of a tetrahedron 0.33.
 const BENT: f64 = 0.7;
 
-/// A facet of the surface at whose place there is another one.
+/// A surface facet that has another facet at its place.
 struct LipFacet {
     element: u32,
     nodes: Vec<u32>,
-    /// Normal of the length of its area, times a number that is the same for all facets of a mesh.
+    /// Normal with the length of the facet's area, times a factor that is the same for all facets of a mesh.
     area: Vector3<f64>,
-    /// Facets of the same place have the same number.
+    /// Number of the place; facets at the same place have the same number.
     place: usize,
-    /// Whether two facets look at each other there.
+    /// True if exactly two facets lie at the place and face each other.
     opposed: bool,
 }
 
-/// All facets of lips.
+/// All facets of all lips.
 struct Facing(Vec<LipFacet>);
 
 impl Facing {
@@ -103,6 +106,7 @@ impl Facing {
         let mut out = Vec::new();
         for (place, all) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
             let sum = all.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
+            // The area vectors of facing facets cancel; those of facets that look the same way add up.
             let opposed = all.len() == 2 && sum.norm() < area(&all[0].1).norm();
             out.extend(all.into_iter().map(|(element, nodes)| LipFacet {
                 element,
@@ -115,11 +119,11 @@ impl Facing {
         Self(out)
     }
 
-    /// A node of a lip that is wrapped around a single element, or around the few elements at a single
-    /// node, and faces one other lip. A mesh that lacks a connection looks so; the faces of a crack bend
+    /// Returns a node of a lip that faces one other lip and wraps around a single element, or around the few
+    /// elements at a single node. A mesh with a missing connection looks like this; the faces of a crack bend
     /// less.
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
-        // Facets that share a node that is not shared with the other side belong to one lip.
+        // Facets that share a doubled node belong to the same lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {
             let own = f.nodes.iter().filter(|n| place.contains_key(n));
             own.copied().collect()

@@ -19,7 +19,7 @@
 //! axial    sigma_N
 //! rankine  1/2 (sigma_N + sigma_M + sqrt((sigma_N + sigma_M)^2 + 4 tau^2))    largest principal tension
 //! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
-//! energy   U/S, elastic energy of the bond per section \[J/m²\]
+//! energy   U/S, elastic energy of the bond per section [J/m²]
 //! ```
 //!
 //! `rankine` is the usual criterion for cohesive beams of brittle materials (André et al. 2012, 2013). The

@@ -141,7 +141,8 @@ impl FractureState {
         Some((screen, &mut self.marks))
     }
 
-    /// Makes whole bonds unbreakable for which `inside` is true, if the specification spares overlaps.
+    /// Makes whole bonds for which `inside` is true unbreakable and the others breakable, if the
+    /// specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
         if !self.spec.spare_overlap {
             return;

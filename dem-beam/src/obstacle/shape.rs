@@ -26,7 +26,7 @@ pub enum RigidShape {
     Cylinder {
         /// A point of the axis \[m\].
         point: Point3<f64>,
-        /// Direction of the axis, any length.
+        /// Direction of the axis, of any length.
         axis: Vector3<f64>,
         /// Radius \[m\].
         radius: f64,

@@ -1,4 +1,4 @@
-//! Balls: a cube inside shells of elements.
+//! Meshes of balls: a cube inside shells of elements.
 
 use super::count;
 use crate::element::ElementKind;
@@ -9,13 +9,14 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// Half side of a cube and radius of a ball whose sum is the inner cube, over the ball's radius: elements
-/// in its middle and in the shells are then about as long as those at the surface.
+/// Shape of the inner cube, relative to the ball's radius: half side of a cube, and radius of a ball, whose
+/// positions are added. The elements in the middle and in the shells are then about as long as those at the
+/// surface.
 const INNER: [f64; 2] = [0.246, 0.354];
 
-/// Meshes a ball with hexahedra of about the given size \[m\], or six tetrahedra in place of each. Its
-/// surface is faceted and a little outside of the ball where it has nodes, such that the volume is that of
-/// the ball. Group `surface`.
+/// Meshes a ball with hexahedra of about the given size \[m\], or with six tetrahedra in place of each. The
+/// surface is faceted; its nodes lie slightly outside of the ball, so that the mesh has the volume of the
+/// ball. Group: `surface`.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;
@@ -49,16 +50,16 @@ pub fn ball<T: Real>(kind: ElementKind, centre: Point3<T>, radius: T, size: T) -
     let wanted = T::of(4.0 / 3.0 * PI) * radius * radius * radius;
     let scale = (wanted / unit.volume()).cbrt();
     let mesh = unit.mapped(|x| centre + x.coords * scale)?;
-    // The outermost shell, and nothing of those inside.
+    // Takes in the outermost shell only.
     let inside = scale * T::of(1.0 - 1e-4);
     mesh.with_surface("surface", |x| (x - centre).norm() >= inside)?
         .into_kind(kind, "a ball")
 }
 
-/// The unit ball: nodes and corners of hexahedra.
+/// Nodes and hexahedra of the unit ball.
 fn cube_in_shells(side: usize, rings: usize) -> (Vec<Vector3<f64>>, Vec<u32>) {
     let station = |k: usize| 2.0 * k as f64 / side as f64 - 1.0;
-    // The direction of a point of the cube's surface, at even angles.
+    // Maps a point of the cube's surface to a direction; the tangent spaces the angles evenly.
     let direction = |p: Vector3<f64>| p.map(|c| (FRAC_PI_4 * c).tan()).normalize();
     let mut nodes = Vec::new();
     let mut places = BTreeMap::new();
@@ -108,7 +109,7 @@ fn cube_in_shells(side: usize, rings: usize) -> (Vec<Vector3<f64>>, Vec<u32>) {
     (nodes, connectivity)
 }
 
-/// Squares of the surface of a cube of so many steps, counter-clockwise from outside.
+/// Squares of the surface of a cube of `side` steps per edge, counter-clockwise seen from outside.
 fn border_quads(side: usize) -> Vec<[[usize; 3]; 4]> {
     let mut out = Vec::with_capacity(6 * side * side);
     for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! Format 2.2, ascii or binary: elements bear the tags of their entity and of one physical group each.
+//! Format 2.2, ascii or binary: each element has the tags of its entity and of one physical group.
 
 use super::contents::{Block, Contents};
 use super::fault;
@@ -17,7 +17,7 @@ struct Listed {
     nodes: Vec<u64>,
 }
 
-/// Reads everything but names.
+/// Reads everything except names.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
     if header.width.is_some_and(|w| w != 8) {
         return Err(fault(
@@ -104,7 +104,7 @@ fn elements(mut source: Source<'_>, count: u64) -> Result<Vec<Listed>> {
     Ok(out)
 }
 
-/// `number type count-of-tags tags… nodes…` on a line.
+/// Reads an element of a text file: `number type count-of-tags tags… nodes…` on one line.
 fn text_element(source: &mut Source<'_>, out: &mut Vec<Listed>) -> Result<Option<()>> {
     let Some([number, code, tags]) = source.integers() else {
         return Ok(None);
@@ -125,7 +125,7 @@ fn text_element(source: &mut Source<'_>, out: &mut Vec<Listed>) -> Result<Option
     Ok(listed(source, number, element_type, [physical, entity], n).map(|e| out.push(e)))
 }
 
-/// A header `type count count-of-tags`, then `number tags… nodes…` each.
+/// Reads elements of a binary file: a header `type count count-of-tags`, then `number tags… nodes…` each.
 fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -> Result<Option<()>> {
     let Some([code, follow, tags]) = source.integers() else {
         return Ok(None);
@@ -172,9 +172,9 @@ fn listed(
     })
 }
 
-/// Blocks of elements of one type, entity and set of groups. An entity in several groups is listed once for
-/// each, turned around where the group's tag is negative: the set of nodes tells the element, not their
-/// order.
+/// Sorts elements into blocks of one type, entity and set of groups. The file lists an entity in several
+/// groups once per group, reversed if the group's tag is negative; elements are therefore identified by their
+/// set of nodes.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     let mut at: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
@@ -184,8 +184,7 @@ fn blocks(listed: Vec<Listed>) -> Vec<Block> {
         let key = (e.element_type as i32, e.entity, nodes);
         let groups = (e.physical != 0).then_some(e.physical);
         match at.get(&key) {
-            // Listed again in a group that it is in already, an element stays for the check of the whole
-            // file.
+            // A repetition in the same group is kept, for the check of repeated elements in `assemble`.
             Some(&k) if groups.is_none_or(|g| merged[k].1.contains(&g)) => {
                 merged.push((e, merged[k].1.clone()));
             }
@@ -218,7 +217,7 @@ fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     blocks
 }
 
-/// Types by their codes, with their numbers of nodes.
+/// Element type of a code, with its number of nodes.
 fn known(code: i64) -> Result<(ElementType, usize)> {
     use ElementType as E;
     Ok(match code {
@@ -255,7 +254,7 @@ fn dimension(element: ElementType) -> i32 {
     }
 }
 
-/// Numbers one after another: words of a text, or bytes.
+/// Reads one number after another, from words of text or from bytes.
 struct Source<'a> {
     bytes: &'a [u8],
     binary: bool,

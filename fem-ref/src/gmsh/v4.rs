@@ -1,4 +1,4 @@
-//! Format 4.1.
+//! Format 4.1, and the sections that all formats share.
 
 use super::contents::{Block, Contents, NodeIndex};
 use super::fault;
@@ -9,15 +9,15 @@ use std::collections::{BTreeMap, HashMap};
 
 type File = MshFile<u64, i32, f64>;
 
-/// What the first section of a file says.
+/// Contents of the first section of a file.
 #[derive(Debug)]
 pub(super) struct Header {
     pub version: String,
-    /// Bytes of an integer; none in text.
+    /// Bytes per integer; `None` for text.
     pub width: Option<usize>,
-    /// Whether the lowest byte of a number comes first.
+    /// True if the lowest byte of a number comes first.
     pub little: bool,
-    /// Position behind the section's line.
+    /// Position after the section's line.
     pub end: usize,
 }
 
@@ -59,7 +59,7 @@ pub(super) fn header(bytes: &[u8]) -> Result<Header> {
     })
 }
 
-/// Reads everything but names.
+/// Reads everything except names.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
     let bytes = prepared(bytes, header)?;
     let file = mshio::parse_msh_bytes(&bytes).map_err(|e| {
@@ -102,7 +102,7 @@ fn physical_tags(entities: &Entities<i32, f64>) -> HashMap<(i32, i32), Vec<i32>>
         .collect()
 }
 
-/// Position behind a line that holds `word` alone.
+/// Position after the first line that ends with `word`.
 pub(super) fn behind(bytes: &[u8], word: &str) -> Option<usize> {
     let n = word.len();
     let mut at = 0;
@@ -122,9 +122,10 @@ pub(super) fn line(bytes: &[u8], at: usize) -> &[u8] {
     &rest[..rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len())]
 }
 
-/// Checks what the parser takes for granted, and makes it keep node tags: it drops them where the header
-/// says that they are dense, although blocks may list dense tags in any order. So the header's largest tag
-/// is raised.
+/// Checks what the parser takes for granted, and makes it keep node tags.
+///
+/// The parser drops the tags if the header says that they are dense, although blocks may list dense tags in
+/// any order. The header's largest tag is therefore raised.
 fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     let (width, little) = (header.width, header.little);
     let mut out = bytes.to_vec();
@@ -154,7 +155,7 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     Ok(out)
 }
 
-/// The four numbers that open a section, and the length of their line (ascii).
+/// The four numbers at the start of a section, and the length of their line (ascii only, else 0).
 fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -> Option<([u64; 4], usize)> {
     let Some(w) = width else {
         let text = std::str::from_utf8(line(bytes, at)).ok()?.trim_end();
@@ -174,7 +175,7 @@ fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -
     Some((out, 0))
 }
 
-/// Names of the physical groups by dimension and tag.
+/// Names of the physical groups, by dimension and tag.
 pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String>> {
     let mut names = BTreeMap::new();
     let Some(mut at) = behind(bytes, "$PhysicalNames") else {
@@ -206,7 +207,7 @@ pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String
     Err(fault("$PhysicalNames is not closed by $EndPhysicalNames"))
 }
 
-/// Node positions and the index of every node tag.
+/// Node positions, and the index of every node tag.
 fn node_index(file: &File) -> Result<(Vec<Point3<f64>>, NodeIndex)> {
     let (mut nodes, mut index) = (Vec::new(), HashMap::new());
     for block in file.data.nodes.iter().flat_map(|n| &n.node_blocks) {
