@@ -36,8 +36,9 @@ impl<T: Real> Mesh<T> {
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(4.0, 4.0, 1.0), [4, 4, 1])?;
-    /// // From y = 0 to 2 across the middle: doubles nodes at the mouth and one edge behind it, not the front.
+    /// let high = Point3::new(4.0, 4.0, 1.0);
+    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 4, 1])?;
+    /// // From y = 0 to 2 across the middle: doubles the mouth and one edge behind, not the front.
     /// let cut = bar.with_crack(|_, x| x.x == 2.0 && x.y <= 2.0)?;
     /// assert_eq!(cut.nodes().len(), bar.nodes().len() + 4);
     /// # Ok::<(), fem_ref::Error>(())
@@ -80,6 +81,7 @@ impl<T: Real> Mesh<T> {
             let slots = around.row(k as usize);
             let elements: Vec<u32> = slots.iter().map(|s| s / corners as u32).collect();
             let lips = lips(&elements, joined.get(&k).map_or(&[], Vec::as_slice));
+            // Lip 0 keeps the node; every other lip gets a copy.
             for lip in 1..lips.iter().max().map_or(0, |n| n + 1) {
                 let copy = nodes.len() as u32;
                 nodes.push(self.nodes()[k as usize]);

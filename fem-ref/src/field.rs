@@ -56,7 +56,8 @@ impl<T: Real> FemField<T> {
     /// ```
     /// use arlequin_core::{Interpolation, ShapeRow, nalgebra::Point3};
     /// use fem_ref::{ElementKind, FemField, generate};
-    /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(2.0, 1.0, 1.0), [4, 2, 2])?;
+    /// let high = Point3::new(2.0, 1.0, 1.0);
+    /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 2, 2])?;
     /// let field = FemField::new(mesh);
     /// let mut row = ShapeRow::default();
     /// field.shape_at(&Point3::new(0.3, 0.4, 0.1), true, &mut row)?;
@@ -86,6 +87,7 @@ impl<T: Real> FemField<T> {
             let p = mesh.corners(e);
             let [low, high] = bounds_of(p[..mesh.kind().corners()].iter());
             let slack = hexes.get(e).map_or(T::zero(), |h: &HexShape<T>| h.warp);
+            // Wide enough for all points that `locate` accepts.
             let margin = Vector3::repeat((high - low).norm() * (tolerance + slack) * T::of(2.0));
             [low - margin, high + margin]
         });

@@ -268,7 +268,8 @@ impl<T: Real> Cylinder<T> {
 ///
 /// ```
 /// use fem_ref::{ElementKind, generate::{self, Cylinder}};
-/// let shape = Cylinder { ends: [0.0, 20e-3], radius: 1e-3, core: 2, rings: 1, layers: 20, rim: Default::default() };
+/// let (ends, rim) = ([0.0, 20e-3], Default::default());
+/// let shape = Cylinder { ends, radius: 1e-3, core: 2, rings: 1, layers: 20, rim };
 /// let mesh = generate::cylinder(ElementKind::Hex8, &shape)?;
 /// assert_eq!(mesh.element_count(), 20 * (4 + 8));
 /// assert!((mesh.volume() / (std::f64::consts::PI * 20e-9) - 1.0).abs() < 1e-12);

@@ -335,6 +335,7 @@ impl<T: Real> Mesh<T> {
                 keyed.push((key, facet));
             }
         }
+        // A face between two elements appears twice, with the same sorted nodes.
         keyed.sort_unstable();
         let same = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
         let mut out: Vec<Facet> = (0..keyed.len())

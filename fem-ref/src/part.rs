@@ -30,7 +30,8 @@ impl<T: Real> Mesh<T> {
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(4.0, 1.0, 1.0), [4, 1, 1])?;
+    /// let high = Point3::new(4.0, 1.0, 1.0);
+    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 1, 1])?;
     /// let half = bar.part(|e| e < 2)?;
     /// assert_eq!((half.element_count(), half.nodes().len()), (2, 12));
     /// assert!(half.groups().contains_key("x-min") && !half.groups().contains_key("x-max"));
@@ -83,7 +84,8 @@ impl<T: Real> Mesh<T> {
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let cube = generate::block(ElementKind::Tet4, Point3::origin(), Point3::new(1.0, 1.0, 1.0), [2, 2, 2])?;
+    /// let high = Point3::new(1.0, 1.0, 1.0);
+    /// let cube = generate::block(ElementKind::Tet4, Point3::origin(), high, [2, 2, 2])?;
     /// let fine = cube.refined()?;
     /// assert_eq!(fine.element_count(), 8 * cube.element_count());
     /// assert!((fine.volume() - 1.0f64).abs() < 1e-12);
@@ -210,6 +212,7 @@ impl<T: Real> Halves<T> {
             let t = [top, bottom, ring[k], ring[(k + 1) % 4]];
             let p = t.map(|k| self.nodes[k as usize]);
             let volume = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+            // The sense of the ring depends on the diagonal.
             let turned = [t[0], t[1], t[3], t[2]];
             out.extend(if volume > T::zero() { t } else { turned });
         }

@@ -55,7 +55,8 @@ impl<T: Real> Mesh<T> {
     /// let bar = generate::bar(0.0, 3.0, 3, 1.0)?;
     /// assert_eq!(bar.pieces().len(), 1);
     /// let ends = bar.part(|e| e != 1)?.pieces();
-    /// assert_eq!(ends[1].to_string(), "1 element from (2.0000e0, 0.0000e0, 0.0000e0) to (3.0000e0, 0.0000e0, 0.0000e0) m");
+    /// let text = "1 element from (2.0000e0, 0.0000e0, 0.0000e0) to (3.0000e0, 0.0000e0, 0.0000e0) m";
+    /// assert_eq!(ends[1].to_string(), text);
     /// # Ok::<(), fem_ref::Error>(())
     /// ```
     pub fn pieces(&self) -> Vec<MeshPiece> {

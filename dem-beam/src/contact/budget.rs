@@ -161,6 +161,7 @@ fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, sp
         if far >= p.gap {
             // Twice the energy by which touching and parting between two instants can differ.
             let slack = 0.25 * r.stiffness * far * far;
+            // May exceed one: a contact that opens gives back all that is left.
             wanted = work.scale((work.at(1.0) + slack).min(spring.budget)).max(wanted);
         }
     }

@@ -57,6 +57,7 @@ impl Company {
         }
         let mut all = portion.listed(&told)?;
         let all = all.as_chunks_mut::<WORDS>().0;
+        // In the order of the whole body: all ranks get the same sums.
         all.sort_unstable_by_key(|w| w[0]);
         let count = all.len();
         let mut out = Self::of(all.iter().map(|w| w[0] as u32).collect());

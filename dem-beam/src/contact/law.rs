@@ -77,6 +77,7 @@ impl ContactLaw {
             (-z / s * (std::f64::consts::PI - (2.0 * z * s).atan2(1.0 - 2.0 * z * z))).exp()
         };
         // Bisection: the restitution falls from 1 to exp(-2) between no and critical damping.
+        // Not quite critical, where `s` would be zero. 60 halvings reach the last bit.
         let (mut low, mut high) = (0.0, 1.0 - 1e-9);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
@@ -150,6 +151,7 @@ impl ContactLaw {
             let radius = p.radii[0] * p.radii[1] / (p.radii[0] + p.radii[1]);
             let kr = kt * radius * radius;
             let turned = spring.roll + (j.angular - i.angular) * dt;
+            // The springs never hold more than friction allows: the excess slides or rolls.
             spring.roll = capped(turned - n * n.dot(&turned), self.rolling * radius * push / kr);
             let moment = spring.roll * -kr;
             out.torque[0] -= moment;

@@ -46,6 +46,7 @@ pub(super) fn is_stale<'a>(
     count: usize,
     now: impl Iterator<Item = &'a Sphere>,
 ) -> bool {
+    // Two particles that each move by half the skin close a gap of one skin.
     let half = 0.5 * skin;
     let far = |(a, b): (&Sphere, &Sphere)| {
         let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];

@@ -124,6 +124,7 @@ impl Touching {
             if self.gaps[k] > 0.0 {
                 self.close(k, listed.pairs[k].ends, spring, grains, at, f);
             } else if spring.on {
+                // An open contact forgets its sliding, its rolling and its budget.
                 *spring = Spring::default();
             }
         }
@@ -334,6 +335,7 @@ fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f6
     let d = Vector3::new(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
     let distance = d.norm();
     Pair {
+        // Any direction will do for centres in one place.
         normal: if distance > 0.0 {
             d / distance
         } else {

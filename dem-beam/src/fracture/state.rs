@@ -100,6 +100,7 @@ impl FractureState {
             let particles = b * LANES..self.own.min((b + 1) * LANES);
             slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
+        // Only then do strengths differ between bonds; one limit for all needs no memory traffic.
         if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
             self.screen = self.screen.take().map(|s| s.with_each(slots as usize));
             let all: Vec<usize> = (0..self.first_slots.len()).collect();

@@ -12,8 +12,8 @@ use std::marker::PhantomData;
 /// Blocks per unit of parallel work: 256 particles, about 30 microseconds.
 pub(crate) const CHUNK: usize = 32;
 
-/// Half-bonds ahead of the current slot whose neighbour rows are prefetched: DRAM latency over the time of a
-/// slot.
+/// Slots ahead whose neighbour rows are prefetched: DRAM latency over the time of a slot. Between 3 and 16
+/// the time of a step is the same (decision 0009).
 const AHEAD: usize = 6;
 
 /// Slots ahead whose constants are prefetched. The processor's own prefetching stops at the second-level
@@ -162,6 +162,7 @@ impl<F: Cut> Cut for Part<'_, F> {
             }
             None => (None, None),
         };
+        // Cuts lie at multiples of CHUNK, so that each sum belongs to one half.
         let (sums, rest) = match self.sums.map(|s| s.split_at_mut(blocks / CHUNK)) {
             Some((x, y)) => (Some(x), Some(y)),
             None => (None, None),
@@ -427,6 +428,7 @@ impl<L: Lanes, W: Screened, F: Finish> Blocks<'_, '_, L, W, F> {
     fn each<K: Visitor<L, W>>(&mut self, l: L, visitor: &mut K) {
         let far = self.rows.len() > FAR;
         for b in 0..self.finish.blocks() {
+            // One block ahead: with the constants above -5 % of time at 20 000 particles, -20 % at a million.
             if far || W::LIGHT {
                 self.finish.fetch(l, b + 1);
             }

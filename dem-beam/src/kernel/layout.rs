@@ -110,6 +110,7 @@ impl Layout {
             self.rests[from..to].fill(CacheLine([self.grid.step(); LANES]));
         }
         for i in self.lanes(block) {
+            // Whole bonds move up into the first slots; `FractureState::follow` orders their limits alike.
             let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
             for (s, &[other, b]) in left.enumerate() {
                 let bond = body.bond(b as usize);

@@ -80,6 +80,7 @@ impl Screen {
 
     /// Allocates one limit per half-bond, `slots` rows of them; at first no half-bond can reach its limit.
     pub(crate) fn with_each(mut self, slots: usize) -> Self {
+        // Zero is the ratio to an infinite limit.
         self.each = Some(vec![CacheLine([0.0; LANES]); slots]);
         self
     }
@@ -339,6 +340,7 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
 impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     #[inline(always)]
     fn begin(&mut self, own: &W::Ready<L>) {
+        // Positive for particles with rotations too large for the squares: their block is always marked.
         self.worst = self.l.sub(W::turn(self.l, own), self.turn);
     }
 

@@ -7,7 +7,7 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::{Materials, Real};
 use rayon::prelude::*;
 
-/// Elements whose matrices are held in memory at once.
+/// Elements whose matrices are held in memory at once: about 2.4 MB in double precision.
 const BATCH: usize = 512;
 
 /// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with one weight `α_e` \[–\] per element, in blocks of

@@ -28,6 +28,7 @@ pub(crate) fn element_stiffness<T: Real>(
     mesh.for_each_gauss_point(e, |p| {
         let g = &p.gradients;
         for i in 0..n {
+            // The upper triangle only: the lower one is its transpose, bit by bit.
             for j in i..n {
                 if mesh.kind() == ElementKind::Bar2 {
                     k[i][j][(0, 0)] += material.young() * g[i].x * g[j].x * p.weight;
