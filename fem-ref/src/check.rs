@@ -127,7 +127,7 @@ pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> 
     if limit <= 0.0 {
         return match nodes {
             [_] => Ok(Vec::new()),
-            _ => Err(same_place(nodes, 0, 1)),
+            _ => Err(coincident_error(nodes, 0, 1)),
         };
     }
     // A node is entered in every grid cell that its surroundings touch: nearly always one cell, as cells are
@@ -161,7 +161,7 @@ pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> 
 }
 
 /// Error for two coincident nodes.
-pub(crate) fn same_place<T: Real>(nodes: &[Point3<T>], first: usize, second: usize) -> Error {
+pub(crate) fn coincident_error<T: Real>(nodes: &[Point3<T>], first: usize, second: usize) -> Error {
     Error::CoincidentNodes {
         first,
         second,

@@ -92,7 +92,7 @@ impl<T: Real> Mesh<T> {
             }
         }
         let (volumes, regions) = (self.volumes().to_vec(), self.regions().to_vec());
-        let mut out = Self::of_volumes(self.kind(), nodes, connectivity, volumes, regions)?
+        let mut out = Self::with_volumes(self.kind(), nodes, connectivity, volumes, regions)?
             .with_section(self.section())?;
         for (name, group) in self.groups() {
             let copies = group.nodes.iter().filter_map(|k| copies.get(k)).flatten();

@@ -255,9 +255,9 @@ pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[
     let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
     for (slot, face) in out.chunks_exact_mut(2).zip(far) {
         let low = (0..4).min_by_key(|&k| rank(corners[face[k]])).unwrap_or(0);
-        let at = |k: usize| corners[face[(low + k) % 4]];
-        slot[0] = [corners[apex], at(0), at(1), at(2)];
-        slot[1] = [corners[apex], at(0), at(2), at(3)];
+        let corner = |k: usize| corners[face[(low + k) % 4]];
+        slot[0] = [corners[apex], corner(0), corner(1), corner(2)];
+        slot[1] = [corners[apex], corner(0), corner(2), corner(3)];
     }
     out
 }

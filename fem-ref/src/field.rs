@@ -201,22 +201,22 @@ impl<T: Real> FemField<T> {
             if best.as_ref().is_some_and(|b| b.element < e) {
                 return false;
             }
-            let Some(found) = self.local(e, x) else {
+            let Some(located) = self.local(e, x) else {
                 return false;
             };
-            if found.violation <= self.tolerance {
-                best = Some(found);
+            if located.violation <= self.tolerance {
+                best = Some(located);
             } else if self
                 .hexes
                 .get(e)
-                .is_some_and(|h| found.violation <= h.warp * T::of(2.0))
+                .is_some_and(|h| located.violation <= h.warp * T::of(2.0))
             {
                 let closer = near.as_ref().is_none_or(|n| {
-                    found.violation < n.violation
-                        || (found.violation <= n.violation && found.element < n.element)
+                    located.violation < n.violation
+                        || (located.violation <= n.violation && located.element < n.element)
                 });
                 if closer {
-                    near = Some(found);
+                    near = Some(located);
                 }
             }
             false
@@ -226,7 +226,7 @@ impl<T: Real> FemField<T> {
 
     /// Element that holds a point; of several, the one of lowest number.
     pub fn element_at(&self, x: &Point3<T>) -> Option<usize> {
-        self.locate(x).map(|found| found.element)
+        self.locate(x).map(|located| located.element)
     }
 
     /// Element that holds a point, and the value at the point of a field given by its nodal `values`.
@@ -234,41 +234,45 @@ impl<T: Real> FemField<T> {
     /// # Panics
     /// If there are fewer values than nodes.
     pub fn value_at(&self, x: &Point3<T>, values: &[T]) -> Option<(usize, T)> {
-        let at = self.locate(x)?;
+        let located = self.locate(x)?;
         let mut shape = [T::zero(); 8];
         match self.mesh.kind() {
             ElementKind::Hex8 => {
-                shape = element::hex_values(&Vector3::new(at.local[0], at.local[1], at.local[2]));
+                shape = element::hex_values(&Vector3::new(
+                    located.local[0],
+                    located.local[1],
+                    located.local[2],
+                ));
             }
-            ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&at.local),
+            ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&located.local),
         }
-        let nodes = self.mesh.element(at.element).iter();
+        let nodes = self.mesh.element(located.element).iter();
         let sum = nodes.zip(shape).map(|(k, n)| values[*k as usize] * n).sum();
-        Some((at.element, sum))
+        Some((located.element, sum))
     }
 
     /// Evaluates the shape functions at a located point.
     fn evaluate(
         &self,
-        at: &Located<T>,
+        located: &Located<T>,
         x: &Point3<T>,
         gradient: bool,
         row: &mut ShapeRow<T>,
     ) -> arlequin_core::Result<()> {
         row.clear();
-        let nodes = self.mesh.element(at.element);
+        let nodes = self.mesh.element(located.element);
         let mut values = [T::zero(); 8];
         let mut gradients = [Vector3::zeros(); 8];
         match self.mesh.kind() {
             ElementKind::Hex8 => {
-                let xi = Vector3::new(at.local[0], at.local[1], at.local[2]);
+                let xi = Vector3::new(located.local[0], located.local[1], located.local[2]);
                 values = element::hex_values(&xi);
                 if gradient {
                     let local = element::hex_gradients(&xi);
-                    let shape = &self.hexes[at.element];
+                    let shape = &self.hexes[located.element];
                     let inverse = match &shape.inverse {
                         Some(inverse) if shape.affine => Some(*inverse),
-                        _ => element::hex_jacobian(&self.mesh.corners(at.element), &local).try_inverse(),
+                        _ => element::hex_jacobian(&self.mesh.corners(located.element), &local).try_inverse(),
                     };
                     let Some(inverse) = inverse else {
                         return Err(outside(x, self.kind()));
@@ -277,15 +281,15 @@ impl<T: Real> FemField<T> {
                 }
             }
             ElementKind::Tet4 => {
-                values[..4].copy_from_slice(&at.local);
+                values[..4].copy_from_slice(&located.local);
                 if gradient {
-                    let p = self.mesh.corners(at.element);
+                    let p = self.mesh.corners(located.element);
                     gradients[..4].copy_from_slice(&element::tet_gradients(&p).0);
                 }
             }
             ElementKind::Bar2 => {
-                values[..2].copy_from_slice(&at.local[..2]);
-                let p = self.mesh.corners(at.element);
+                values[..2].copy_from_slice(&located.local[..2]);
+                let p = self.mesh.corners(located.element);
                 let d = p[1] - p[0];
                 gradients[1] = d / d.norm_squared();
                 gradients[0] = -gradients[1];
@@ -336,7 +340,7 @@ impl<T: Real> Interpolation<T> for FemField<T> {
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
         match self.locate(x) {
-            Some(at) => self.evaluate(&at, x, gradient, row),
+            Some(located) => self.evaluate(&located, x, gradient, row),
             None => Err(outside(x, self.kind())),
         }
     }
@@ -353,7 +357,7 @@ impl<T: Real> Interpolation<T> for FemField<T> {
             return self.shape_at(x, gradient, row);
         }
         match self.local(cell, x) {
-            Some(at) => self.evaluate(&at, x, gradient, row),
+            Some(located) => self.evaluate(&located, x, gradient, row),
             None => Err(outside(x, self.kind())),
         }
     }
@@ -377,10 +381,10 @@ impl<T: Real> Interpolation<T> for FemField<T> {
             false
         });
         near.sort_unstable();
-        let mut one = Vec::with_capacity(1);
+        let mut cells = Vec::with_capacity(1);
         let cell = |e: usize| {
-            self.cells_of(e, &mut one);
-            one.pop().map(|c| (e, c))
+            self.cells_of(e, &mut cells);
+            cells.pop().map(|c| (e, c))
         };
         Some(near.into_iter().filter_map(cell).collect())
     }

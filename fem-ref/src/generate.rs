@@ -101,8 +101,8 @@ pub fn hollow_block<T: Real>(
 ) -> Result<Mesh<T>> {
     let sides = sides(low, high, counts)?;
     let gap = gap(low, high, counts, hole)?;
-    let inside = |at: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&at[c]));
-    cuboid(kind, &sides, counts, |at| !inside(at))
+    let inside = |cell: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&cell[c]));
+    cuboid(kind, &sides, counts, |cell| !inside(cell))
 }
 
 /// Range of the hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first one, and the
@@ -124,6 +124,7 @@ pub fn gap<T: Real>(
         for (layer, corner) in gap.iter_mut().zip(&hole) {
             let place = (((corner[c] - low[c]) / (high[c] - low[c])) * n).clamp(T::zero(), n);
             let nearest = place.round();
+            // Round-off of `place` grows with the number of elements.
             if (place - nearest).abs() > T::of(1e-6).max(T::epsilon() * n * T::of(8.0)) {
                 let rule = "must lie on a face between elements [m]; move it, or choose another element size";
                 return Err(parameter(name, corner[c], rule));
@@ -170,12 +171,19 @@ fn cuboid<T: Real>(
     keep: impl Fn([usize; 3]) -> bool,
 ) -> Result<Mesh<T>> {
     let [nx, ny, nz] = counts;
-    let at = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
+    let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
     let mut connectivity = Vec::with_capacity(8 * nx * ny * nz);
     for i in 0..nx {
         for j in 0..ny {
             for k in (0..nz).filter(|&k| keep([i, j, k])) {
-                let ring = |k| [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)];
+                let ring = |k| {
+                    [
+                        node(i, j, k),
+                        node(i + 1, j, k),
+                        node(i + 1, j + 1, k),
+                        node(i, j + 1, k),
+                    ]
+                };
                 connectivity.extend(ring(k));
                 connectivity.extend(ring(k + 1));
             }
@@ -189,8 +197,8 @@ fn cuboid<T: Real>(
     let mut number = vec![0; used.len()];
     for (v, _) in used.iter().enumerate().filter(|(_, used)| **used) {
         number[v] = nodes.len() as u32;
-        let at = [v / ((ny + 1) * (nz + 1)), v / (nz + 1) % (ny + 1), v % (nz + 1)];
-        let x = [0, 1, 2].map(|c| between(sides[c].start, sides[c].end, at[c], counts[c]));
+        let station = [v / ((ny + 1) * (nz + 1)), v / (nz + 1) % (ny + 1), v % (nz + 1)];
+        let x = [0, 1, 2].map(|c| between(sides[c].start, sides[c].end, station[c], counts[c]));
         nodes.push(Point3::from(x));
     }
     for v in &mut connectivity {
@@ -340,7 +348,7 @@ fn butterfly<T: Real>(shape: &Cylinder<T>) -> (Vec<[T; 2]>, Vec<[u32; 4]>) {
     // Core and rings share the area in proportion to their numbers of elements.
     let core = rim * (m / (m + 4.0 * rings as f64)).sqrt();
     let mut points = Vec::new();
-    let at = |i: usize, j: usize| (i * (n + 1) + j) as u32;
+    let point = |i: usize, j: usize| (i * (n + 1) + j) as u32;
     for i in 0..=n {
         for j in 0..=n {
             let (u, v) = (2.0 * i as f64 / m - 1.0, 2.0 * j as f64 / m - 1.0);
@@ -352,14 +360,14 @@ fn butterfly<T: Real>(shape: &Cylinder<T>) -> (Vec<[T; 2]>, Vec<[u32; 4]>) {
     let mut quads = Vec::new();
     for i in 0..n {
         for j in 0..n {
-            quads.push([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+            quads.push([point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)]);
         }
     }
     // Border of the core, counter-clockwise from its lowest corner.
-    let sides = (0..n).map(|k| at(k, 0)).chain((0..n).map(|k| at(n, k)));
+    let sides = (0..n).map(|k| point(k, 0)).chain((0..n).map(|k| point(n, k)));
     let sides = sides
-        .chain((0..n).map(|k| at(n - k, n)))
-        .chain((0..n).map(|k| at(0, n - k)));
+        .chain((0..n).map(|k| point(n - k, n)))
+        .chain((0..n).map(|k| point(0, n - k)));
     let mut inner: Vec<u32> = sides.collect();
     let border: Vec<[f64; 2]> = inner.iter().map(|&k| points[k as usize]).collect();
     for ring in 1..=rings {

@@ -57,7 +57,7 @@ pub fn parse<T: Real>(bytes: &[u8]) -> Result<Mesh<T>> {
 /// Reads nodes, elements and names of a file.
 fn contents(bytes: &[u8]) -> Result<Contents> {
     let header = v4::header(bytes)?;
-    let mut found = match header.version.as_str() {
+    let mut file = match header.version.as_str() {
         "4.1" => v4::read(bytes, &header)?,
         "2" | "2.0" | "2.1" | "2.2" => v2::read(bytes, &header)?,
         other => {
@@ -66,9 +66,9 @@ fn contents(bytes: &[u8]) -> Result<Contents> {
             )));
         }
     };
-    found.names = v4::physical_names(bytes)?;
-    found.linearise();
-    Ok(found)
+    file.names = v4::physical_names(bytes)?;
+    file.linearise();
+    Ok(file)
 }
 
 fn fault(message: impl Into<String>) -> Error {

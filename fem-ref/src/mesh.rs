@@ -67,11 +67,11 @@ impl<T: Real> Mesh<T> {
     /// flat elements (hexahedra: Jacobian at all corners), elements with the same nodes, unreferenced nodes,
     /// and coincident nodes that are not lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
-        Self::of_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
+        Self::with_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
     }
 
     /// Like [`Mesh::new`], with the names of volumes and, for every element, the number of its volume.
-    pub(crate) fn of_volumes(
+    pub(crate) fn with_volumes(
         kind: ElementKind,
         nodes: Vec<Point3<T>>,
         connectivity: Vec<u32>,
@@ -79,14 +79,19 @@ impl<T: Real> Mesh<T> {
         regions: Vec<u32>,
     ) -> Result<Self> {
         let pairs = check::mesh(kind, &nodes, &connectivity)?;
-        let mut mesh = Self::bare(kind, T::one(), nodes, connectivity);
+        let mut mesh = Self::unchecked(kind, T::one(), nodes, connectivity);
         mesh.set_volumes(volumes, regions);
         mesh.doubled = pairs.len();
         slit::checked(mesh, &pairs)
     }
 
     /// Makes a mesh without groups or slits, without checks.
-    pub(crate) fn bare(kind: ElementKind, section: T, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+    pub(crate) fn unchecked(
+        kind: ElementKind,
+        section: T,
+        nodes: Vec<Point3<T>>,
+        connectivity: Vec<u32>,
+    ) -> Self {
         Self {
             kind,
             nodes,
@@ -230,6 +235,7 @@ impl<T: Real> Mesh<T> {
             }
         }
         let mut connectivity = Vec::with_capacity(self.element_count() * 24);
+        // Ranked by place, the two lips of a slit are cut alike.
         let places = self.places()?;
         for e in 0..self.element_count() {
             let tets = element::split_hexahedron(self.element(e), |k| places[k as usize]);
@@ -337,9 +343,9 @@ impl<T: Real> Mesh<T> {
         }
         // A face between two elements appears twice, with the same sorted nodes.
         keyed.sort_unstable();
-        let same = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
+        let same_face = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
         let mut out: Vec<Facet> = (0..keyed.len())
-            .filter(|&i| !same(i, i + 1) && (i == 0 || !same(i, i - 1)))
+            .filter(|&i| !same_face(i, i + 1) && (i == 0 || !same_face(i, i - 1)))
             .map(|i| keyed[i].1)
             .collect();
         out.sort_unstable();
@@ -372,8 +378,8 @@ impl<T: Real> Mesh<T> {
 
     /// Boundary facets whose centre satisfies the condition.
     pub fn surface_where(&self, condition: impl Fn(&Point3<T>) -> bool) -> Vec<SurfaceFacet<T>> {
-        let all = self.boundary().into_iter().map(|f| self.surface_facet(f));
-        all.filter(|f| condition(&f.centre)).collect()
+        let facets = self.boundary().into_iter().map(|f| self.surface_facet(f));
+        facets.filter(|f| condition(&f.centre)).collect()
     }
 
     /// Adds a group of the nodes that satisfy a condition.
@@ -458,6 +464,7 @@ impl<T: Real> Mesh<T> {
                 (n, vec![n.norm() / T::of(3.0); 3])
             }
             [a, b, c, d] => {
+                // The product of the diagonals gives the mean normal, of warped facets as well.
                 let n = (c - a).cross(&(d - b));
                 (n, quadrilateral_shares([*a, *b, *c, *d]).to_vec())
             }

@@ -134,7 +134,7 @@ impl<T: Real> FemModel<T> {
             .iter()
             .map(|m| m.poisson().as_f64())
             .fold(-1.0, f64::max);
-        let rows = LOCKING.iter().filter(|(of, ..)| *of == kind);
+        let rows = LOCKING.iter().filter(|(element_kind, ..)| *element_kind == kind);
         let advice = rows.filter_map(|(_, elements, rows)| advice::locking(elements, largest, rows));
         advice.map(|a| a.to_string()).collect()
     }
@@ -180,6 +180,7 @@ fn bars_along_x<T: Real>(mesh: &Mesh<T>) -> Result<()> {
         let p = mesh.corners(element);
         let d = p[1] - p[0];
         let angle = d.yz().norm() / d.norm();
+        // Below this angle, an axial length differs from the true one by round-off only.
         if angle > T::epsilon().sqrt() {
             return Err(Error::BarDirection {
                 element,
@@ -251,7 +252,7 @@ impl<T: Real> Model<T> for FemModel<T> {
             // The forces have just received the displacements of ghosts.
             Some(part) => self
                 .stiffness
-                .energy_of_all(q, part.heard(), Some(part.portion())),
+                .energy_of_all(q, part.displacements(), Some(part.portion())),
             None => self.stiffness.energy(q),
         })
     }
@@ -262,7 +263,7 @@ impl<T: Real> Model<T> for FemModel<T> {
             return self.stiffness.energy(q);
         };
         // The portion keeps the failure, and its sums are then NaN.
-        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        let x = part.receive(q).unwrap_or_else(|_| part.displacements().to_vec());
         self.stiffness.energy_of_all(q, &x, Some(part.portion()))
     }
 

@@ -31,10 +31,10 @@ impl<T: Real> Mesh<T> {
             connectivity.extend(self.element(old as usize).iter().map(|&k| place[k as usize]));
         }
         let nodes = order.iter().map(|&k| self.nodes()[k as usize]).collect();
-        let of = self.regions();
+        let old_regions = self.regions();
         let regions = elements
             .iter()
-            .filter_map(|&(_, old)| of.get(old as usize).copied());
+            .filter_map(|&(_, old)| old_regions.get(old as usize).copied());
         let (names, regions) = (self.volumes().to_vec(), regions.collect());
         let mut out = self.with_parts(nodes, connectivity);
         out.set_volumes(names, regions);
@@ -80,6 +80,8 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
                         }
                     }
                 }
+                // Nodes with few elements first; numbers decide between equals, so that the order is
+                // reproducible.
                 order[tail..].sort_unstable_by_key(degree);
                 head += 1;
             }

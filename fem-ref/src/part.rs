@@ -41,9 +41,9 @@ impl<T: Real> Mesh<T> {
     /// # Errors
     /// [`Error::EmptyMesh`] if no element is kept.
     pub fn part(&self, keep: impl Fn(usize) -> bool) -> Result<Self> {
-        let kept: Vec<usize> = (0..self.element_count()).filter(|&e| keep(e)).collect();
+        let kept_elements: Vec<usize> = (0..self.element_count()).filter(|&e| keep(e)).collect();
         let mut used = vec![false; self.nodes().len()];
-        for &k in kept.iter().flat_map(|&e| self.element(e)) {
+        for &k in kept_elements.iter().flat_map(|&e| self.element(e)) {
             used[k as usize] = true;
         }
         let mut place = vec![u32::MAX; used.len()];
@@ -52,11 +52,11 @@ impl<T: Real> Mesh<T> {
             place[k] = nodes.len() as u32;
             nodes.push(self.nodes()[k]);
         }
-        let corners = kept.iter().flat_map(|&e| self.element(e));
+        let corners = kept_elements.iter().flat_map(|&e| self.element(e));
         let connectivity = corners.map(|&k| place[k as usize]).collect();
         let mut out = Self::new(self.kind(), nodes, connectivity)?.with_section(self.section())?;
         let mut number = vec![u32::MAX; self.element_count()];
-        for (new, &old) in kept.iter().enumerate() {
+        for (new, &old) in kept_elements.iter().enumerate() {
             number[old] = new as u32;
         }
         for (name, group) in self.groups() {
@@ -71,7 +71,9 @@ impl<T: Real> Mesh<T> {
                 out.set_group(name, nodes, facets);
             }
         }
-        let regions = kept.iter().filter_map(|&e| self.regions().get(e).copied());
+        let regions = kept_elements
+            .iter()
+            .filter_map(|&e| self.regions().get(e).copied());
         let (names, regions) = (self.volumes().to_vec(), regions.collect());
         out.set_volumes(names, regions);
         out.set_notices(self.notices().to_vec());
@@ -96,7 +98,7 @@ impl<T: Real> Mesh<T> {
     /// # Errors
     /// [`Error::Kind`] for bars; those of [`Mesh::new`] if parts of warped hexahedra are inverted.
     pub fn refined(&self) -> Result<Self> {
-        let mut halves = Halves::of(self);
+        let mut halves = Halves::new(self);
         let mut connectivity = Vec::with_capacity(8 * self.connectivity().len());
         for e in 0..self.element_count() {
             match self.kind() {
@@ -113,9 +115,9 @@ impl<T: Real> Mesh<T> {
         }
         let Halves { nodes, parents, .. } = halves;
         let mut out = Self::new(self.kind(), nodes, connectivity)?;
-        let within = |k: u32, of: &[u32]| {
+        let within = |k: u32, allowed: &[u32]| {
             let mut of_node = parents[k as usize].iter().take_while(|p| **p != u32::MAX);
-            of_node.all(|p| of.binary_search(p).is_ok())
+            of_node.all(|p| allowed.binary_search(p).is_ok())
         };
         for (name, group) in self.groups() {
             // New nodes of a surface come from its facets only: an edge between two of its nodes may lead
@@ -132,8 +134,10 @@ impl<T: Real> Mesh<T> {
                 corners.sort_unstable();
                 let parts = 8 * f.element..8 * f.element + 8;
                 let faces = 0..self.kind().faces().len() as u8;
-                let all = parts.flat_map(|element| faces.clone().map(move |face| Facet { element, face }));
-                facets.extend(all.filter(|f| out.facet_nodes(*f).iter().all(|&k| within(k, &corners))));
+                let candidates =
+                    parts.flat_map(|element| faces.clone().map(move |face| Facet { element, face }));
+                facets
+                    .extend(candidates.filter(|f| out.facet_nodes(*f).iter().all(|&k| within(k, &corners))));
             }
             out.set_group(name, nodes.collect(), facets);
         }
@@ -153,36 +157,36 @@ struct Halves<T: Real> {
 }
 
 impl<T: Real> Halves<T> {
-    fn of(mesh: &Mesh<T>) -> Self {
-        let own = |k: u32| {
+    fn new(mesh: &Mesh<T>) -> Self {
+        let single_parent = |k: u32| {
             let mut parents = [u32::MAX; 8];
             parents[0] = k;
             parents
         };
         Self {
             nodes: mesh.nodes().to_vec(),
-            parents: (0..mesh.nodes().len() as u32).map(own).collect(),
+            parents: (0..mesh.nodes().len() as u32).map(single_parent).collect(),
             known: HashMap::new(),
         }
     }
 
     /// Returns the node in the middle of the given ones, new or known; a single node is its own middle.
-    fn middle(&mut self, of: &[u32]) -> u32 {
-        if let [one] = of {
-            return *one;
+    fn middle(&mut self, nodes: &[u32]) -> u32 {
+        if let [node] = nodes {
+            return *node;
         }
         let mut key = [u32::MAX; 8];
-        key[..of.len()].copy_from_slice(of);
+        key[..nodes.len()].copy_from_slice(nodes);
         key.sort_unstable();
         if let Some(&k) = self.known.get(&key) {
             return k;
         }
         // Summed in ascending order, so that all neighbours get the same bits.
-        let sum = key[..of.len()]
+        let sum = key[..nodes.len()]
             .iter()
             .fold(Vector3::zeros(), |s, &k| s + self.nodes[k as usize].coords);
         let k = self.nodes.len() as u32;
-        self.nodes.push(Point3::from(sum / T::of(of.len() as f64)));
+        self.nodes.push(Point3::from(sum / T::of(nodes.len() as f64)));
         self.parents.push(key);
         self.known.insert(key, k);
         k
@@ -220,20 +224,20 @@ impl<T: Real> Halves<T> {
 
     /// Divides a hexahedron into eight on the lattice of half edges.
     fn hexahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
-        let at = |halves: &mut Self, place: [usize; 3]| {
+        let lattice_node = |halves: &mut Self, place: [usize; 3]| {
             let near = |corner: &[usize; 3]| (0..3).all(|c| place[c] == 1 || place[c] == 2 * corner[c]);
-            let mut of = [0; 8];
+            let mut nodes = [0; 8];
             let mut n = 0;
             for (k, _) in CORNERS.iter().enumerate().filter(|(_, corner)| near(corner)) {
-                of[n] = v[k];
+                nodes[n] = v[k];
                 n += 1;
             }
-            halves.middle(&of[..n])
+            halves.middle(&nodes[..n])
         };
         for first in CORNERS {
             for corner in CORNERS {
                 let place = [0, 1, 2].map(|c| first[c] + corner[c]);
-                out.push(at(self, place));
+                out.push(lattice_node(self, place));
             }
         }
     }

@@ -69,8 +69,8 @@ impl<T: Real> Mesh<T> {
                 .push(e);
         }
         let mut lists: Vec<Vec<usize>> = elements.into_values().collect();
-        lists.sort_by_key(|of| (std::cmp::Reverse(of.len()), of[0]));
-        lists.iter().map(|of| self.piece(of)).collect()
+        lists.sort_by_key(|list| (std::cmp::Reverse(list.len()), list[0]));
+        lists.iter().map(|list| self.piece(list)).collect()
     }
 
     fn piece(&self, elements: &[usize]) -> MeshPiece {
@@ -90,7 +90,7 @@ impl<T: Real> Mesh<T> {
     }
 
     /// Error for two nodes at one place that belong to different pieces.
-    pub(crate) fn apart(&self, first: u32, second: u32) -> Error {
+    pub(crate) fn separate_pieces_error(&self, first: u32, second: u32) -> Error {
         let (pieces, x) = (self.pieces(), &self.nodes()[first as usize]);
         Error::SeparatePieces {
             count: pieces.len(),
@@ -108,8 +108,8 @@ pub(crate) fn node_parts<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
     for corners in mesh.connectivity().chunks_exact(mesh.kind().corners()) {
         let first = find(&mut root, corners[0]);
         for n in &corners[1..] {
-            let other = find(&mut root, *n);
-            root[other as usize] = first;
+            let corner_root = find(&mut root, *n);
+            root[corner_root as usize] = first;
         }
     }
     (0..root.len() as u32).map(|k| find(&mut root, k)).collect()

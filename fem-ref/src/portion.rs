@@ -94,27 +94,28 @@ impl<T: Real> Part<T> {
                 .reach
                 .spread_meanwhile::<T, 3>(messages, q, &mut self.x, meanwhile)?,
         }
+        // Each row is summed in one go, in one of the two passes: its bits are those of the whole body.
         stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
         Ok(())
     }
 
     /// Displacements of the mesh nodes, from the last evaluation of forces.
-    pub(crate) fn heard(&self) -> &[T] {
+    pub(crate) fn displacements(&self) -> &[T] {
         &self.x
     }
 
     /// Displacements of the mesh nodes for `q` of owned nodes, in a new vector. Collective.
-    pub(crate) fn heard_at(&self, q: &[T]) -> Result<Vec<T>> {
-        self.told(&self.reach, q)
+    pub(crate) fn receive(&self, q: &[T]) -> Result<Vec<T>> {
+        self.receive_within(&self.reach, q)
     }
 
     /// Displacements for `q` of all mesh nodes that the patches of owned nodes need, in a new vector.
     /// Collective.
-    pub(crate) fn heard_around(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
-        self.told(self.around.get_or_init(|| self.patched(mesh)), q)
+    pub(crate) fn receive_for_patches(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
+        self.receive_within(self.around.get_or_init(|| self.patch_reach(mesh)), q)
     }
 
-    fn told(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
+    fn receive_within(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
         let c = self.components;
         let mut x = vec![T::zero(); self.x.len()];
         spread(c, reach, &mut reach.halo().messages(c), q, &mut x)?;
@@ -122,15 +123,20 @@ impl<T: Real> Part<T> {
     }
 
     /// Reach of stress recovery: nodes of the elements around the neighbours of owned nodes.
-    fn patched(&self, mesh: &Mesh<T>) -> Reach {
+    fn patch_reach(&self, mesh: &Mesh<T>) -> Reach {
         let corners = mesh.kind().corners();
-        let at = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
+        let incidence = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
         let near = |k: u32| {
-            let elements = at.row(k as usize).iter().map(|slot| *slot as usize / corners);
+            let elements = incidence
+                .row(k as usize)
+                .iter()
+                .map(|slot| *slot as usize / corners);
             elements.flat_map(|e| mesh.element(e)).copied()
         };
-        let other = |k: u32| self.rows[k as usize] == NONE;
-        let touches: Vec<bool> = (0..self.rows.len() as u32).map(|k| near(k).any(other)).collect();
+        let is_foreign = |k: u32| self.rows[k as usize] == NONE;
+        let touches: Vec<bool> = (0..self.rows.len() as u32)
+            .map(|k| near(k).any(is_foreign))
+            .collect();
         let mut links = Vec::new();
         let mut wide: Vec<u32> = Vec::new();
         for i in self.reach.own().iter().copied() {
@@ -139,7 +145,11 @@ impl<T: Real> Part<T> {
             wide.sort_unstable();
             wide.dedup();
             wide.retain(|k| touches[*k as usize]);
-            let mut named: Vec<u32> = wide.iter().flat_map(|k| near(*k)).filter(|j| other(*j)).collect();
+            let mut named: Vec<u32> = wide
+                .iter()
+                .flat_map(|k| near(*k))
+                .filter(|j| is_foreign(*j))
+                .collect();
             named.sort_unstable();
             named.dedup();
             links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
@@ -177,8 +187,8 @@ struct Needed {
 
 impl Needed {
     fn new<T: Real>(mesh: &Mesh<T>, portion: &Portion) -> Self {
-        let mut mine: Vec<bool> = vec![false; mesh.nodes().len()];
-        (0..portion.nodes()).for_each(|i| mine[portion.global(i)] = true);
+        let mut owned: Vec<bool> = vec![false; mesh.nodes().len()];
+        (0..portion.nodes()).for_each(|i| owned[portion.global(i)] = true);
         let touching = |nodes: &[bool]| -> Vec<u32> {
             let touches = |e: &u32| mesh.element(*e as usize).iter().any(|k| nodes[*k as usize]);
             (0..mesh.element_count() as u32).filter(touches).collect()
@@ -189,15 +199,15 @@ impl Needed {
             corners.for_each(|k| nodes[*k as usize] = true);
             nodes
         };
-        let first = touching(&mine);
+        let first = touching(&owned);
         let mut links = Vec::new();
         for e in &first {
             let corners = mesh.element(*e as usize);
-            if corners.iter().all(|k| mine[*k as usize]) {
+            if corners.iter().all(|k| owned[*k as usize]) {
                 continue;
             }
-            for (at, i) in corners.iter().enumerate() {
-                links.extend(corners[..at].iter().map(|j| [*i, *j]));
+            for (position, i) in corners.iter().enumerate() {
+                links.extend(corners[..position].iter().map(|j| [*i, *j]));
             }
         }
         let elements = touching(&all_of(&first));
@@ -238,43 +248,49 @@ impl<T: Real> FemModel<T> {
         let digest = (&*what, self.digest());
         let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
         let needed = Needed::new(self.mesh(), &portion);
-        self.part = Some(self.cut(&portion, &needed));
+        self.part = Some(self.restrict(&portion, &needed));
         let field = self.field();
         Ok(Shared { portion, field })
     }
 
     /// Restricts the matrices, masses and mesh of the model to what the part needs, and returns the part.
-    fn cut(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
+    fn restrict(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
         let whole = self.mesh();
         let (kind, section) = (whole.kind(), whole.section());
+        // Places ascend with the numbers in the whole body, so that sums over rows keep their order.
         let place = |k: u32| among(&needed.nodes, k);
         let reach = Reach::new(
             Halo::of_links(portion.clone(), needed.links.iter().copied()),
             place,
         );
-        let own = reach.own();
+        let owned = reach.own();
         let mut rows = vec![NONE; needed.nodes.len()];
-        (0..).zip(own).for_each(|(i, k)| rows[*k as usize] = i);
+        (0..).zip(owned).for_each(|(i, k)| rows[*k as usize] = i);
         let nodes: Vec<Point3<T>> = needed.nodes.iter().map(|k| whole.nodes()[*k as usize]).collect();
         let corners = needed.elements.iter().flat_map(|e| whole.element(*e as usize));
         let connectivity: Vec<u32> = corners.map(|k| place(*k)).collect();
-        let here: Vec<Point3<T>> = own.iter().map(|k| nodes[*k as usize]).collect();
+        let owned_nodes: Vec<Point3<T>> = owned.iter().map(|k| nodes[*k as usize]).collect();
         let numbered = connectivity.iter().map(|k| rows[*k as usize]);
         let numbered: Vec<u32> = numbered.collect();
         let inner = numbered.chunks(kind.corners()).filter(|e| !e.contains(&NONE));
-        let inner = Mesh::bare(kind, section, here.clone(), inner.flatten().copied().collect());
+        let inner = Mesh::unchecked(
+            kind,
+            section,
+            owned_nodes.clone(),
+            inner.flatten().copied().collect(),
+        );
         let globals = (0..portion.nodes()).map(|i| portion.global(i));
         self.stiffness = self.stiffness.some_rows(globals, nodes.len(), place);
-        let kept = || needed.elements.iter().map(|e| *e as usize);
+        let elements = || needed.elements.iter().map(|e| *e as usize);
         let n = kind.corners();
-        self.masses = kept()
+        self.masses = elements()
             .flat_map(|e| self.masses[e * n..(e + 1) * n].to_vec())
             .collect();
-        self.materials = self.materials.of_some(kept());
-        self.field = Arc::new(FemField::new(Mesh::bare(kind, section, nodes, connectivity)));
+        self.materials = self.materials.of_some(elements());
+        self.field = Arc::new(FemField::new(Mesh::unchecked(kind, section, nodes, connectivity)));
         self.patches = OnceLock::new();
         Part {
-            nodes: here,
+            nodes: owned_nodes,
             field: Arc::new(FemField::new(inner)),
             numbers: needed.nodes.clone(),
             x: vec![T::zero(); kind.components() * rows.len()],

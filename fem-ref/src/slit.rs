@@ -21,25 +21,25 @@ pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh
 /// the slit. No lip wraps around a single element or a single node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
-    let same = |pair: &[u32; 2]| {
-        Err(check::same_place(
+    let refuse = |pair: &[u32; 2]| {
+        Err(check::coincident_error(
             mesh.nodes(),
             pair[0] as usize,
             pair[1] as usize,
         ))
     };
     if mesh.kind() == ElementKind::Bar2 {
-        return same(first);
+        return refuse(first);
     }
     let parts = node_parts(mesh);
     if let Some([a, b]) = pairs
         .iter()
         .find(|[a, b]| parts[*a as usize] != parts[*b as usize])
     {
-        return Err(mesh.apart(*a, *b));
+        return Err(mesh.separate_pieces_error(*a, *b));
     }
     let place = places(pairs);
-    let facing = Facing::of(mesh, &place);
+    let facing = Facing::from_mesh(mesh, &place);
     let mut opposed: HashMap<u32, bool> = HashMap::new();
     for (n, good) in facing
         .0
@@ -52,7 +52,7 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let pocket = facing.pocket(&place);
     let in_pocket = |n: &u32| pocket.is_some_and(|p| *n == p);
     let bad = |pair: &&[u32; 2]| !pair.iter().all(lip) || pair.iter().any(in_pocket);
-    pairs.iter().find(bad).map_or(Ok(()), same)
+    pairs.iter().find(bad).map_or(Ok(()), refuse)
 }
 
 /// For every node that shares its place with another: the first node at this place.
@@ -88,13 +88,13 @@ struct LipFacet {
 struct Facing(Vec<LipFacet>);
 
 impl Facing {
-    fn of<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
+    fn from_mesh<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
         let mut facets: BTreeMap<Vec<u32>, Vec<(u32, Vec<u32>)>> = BTreeMap::new();
         for facet in mesh.boundary() {
             let nodes = mesh.facet_nodes(facet);
             if nodes.iter().any(|n| place.contains_key(n)) {
-                let at = |n: &u32| place.get(n).copied().unwrap_or(*n);
-                let mut key: Vec<u32> = nodes.iter().map(at).collect();
+                let place_of = |n: &u32| place.get(n).copied().unwrap_or(*n);
+                let mut key: Vec<u32> = nodes.iter().map(place_of).collect();
                 key.sort_unstable();
                 facets.entry(key).or_default().push((facet.element, nodes));
             }
@@ -104,11 +104,11 @@ impl Facing {
             (x(1) - x(0)).cross(&(x(2) - x(0)))
         };
         let mut out = Vec::new();
-        for (place, all) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
-            let sum = all.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
+        for (place, facing) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
+            let sum = facing.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
             // The area vectors of facing facets cancel; those of facets that look the same way add up.
-            let opposed = all.len() == 2 && sum.norm() < area(&all[0].1).norm();
-            out.extend(all.into_iter().map(|(element, nodes)| LipFacet {
+            let opposed = facing.len() == 2 && sum.norm() < area(&facing[0].1).norm();
+            out.extend(facing.into_iter().map(|(element, nodes)| LipFacet {
                 element,
                 area: area(&nodes),
                 nodes,
@@ -125,15 +125,15 @@ impl Facing {
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
         // Facets that share a doubled node belong to the same lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {
-            let own = f.nodes.iter().filter(|n| place.contains_key(n));
-            own.copied().collect()
+            let doubled_nodes = f.nodes.iter().filter(|n| place.contains_key(n));
+            doubled_nodes.copied().collect()
         };
         let last = self.0.iter().flat_map(|f| &f.nodes).max()?;
         let mut root: Vec<u32> = (0..=*last).collect();
         for f in &self.0 {
-            let own = doubled(f);
-            for n in &own {
-                let (a, b) = (find(&mut root, own[0]), find(&mut root, *n));
+            let nodes = doubled(f);
+            for n in &nodes {
+                let (a, b) = (find(&mut root, nodes[0]), find(&mut root, *n));
                 root[a.max(b) as usize] = a.min(b);
             }
         }
@@ -145,13 +145,13 @@ impl Facing {
             at_place.entry(f.place).or_default().push(lip);
         }
         let wrapped = |(lip, facets): &(&u32, &Vec<&LipFacet>)| {
-            let others = facets.iter().flat_map(|f| &at_place[&f.place]);
-            let others: BTreeSet<u32> = others.copied().filter(|o| o != *lip).collect();
+            let opposite_lips = facets.iter().flat_map(|f| &at_place[&f.place]);
+            let opposite_lips: BTreeSet<u32> = opposite_lips.copied().filter(|o| o != *lip).collect();
             let of_one = facets.iter().all(|f| f.element == facets[0].element);
             let alone = facets.iter().all(|f| doubled(f).len() == 1);
             let sum: Vector3<f64> = facets.iter().map(|f| f.area).sum();
             let bent = sum.norm() < BENT * facets.iter().map(|f| f.area.norm()).sum::<f64>();
-            facets.len() > 1 && others.len() == 1 && (of_one || alone && bent)
+            facets.len() > 1 && opposite_lips.len() == 1 && (of_one || alone && bent)
         };
         lips.iter().find(wrapped).map(|(lip, _)| *lip)
     }

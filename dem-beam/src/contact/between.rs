@@ -104,14 +104,14 @@ impl PairEffectSpec<f64> for ContactBetween {
 
     fn attach(
         mut self: Box<Self>,
-        to: &HostPair<'_, f64>,
+        hosts: &HostPair<'_, f64>,
     ) -> arlequin_core::Result<Box<dyn PairEffect<f64>>> {
         let Contacts {
             name, grains, list, ..
         } = &mut self.0;
         for (m, grains) in grains.iter_mut().enumerate() {
-            grains.attach(&to.sides[m], name)?;
-            list.tied[m].clone_from(&to.tied[m]);
+            grains.attach(&hosts.sides[m], name)?;
+            list.tied[m].clone_from(&hosts.tied[m]);
             list.tied[m].resize(grains.len(), false);
         }
         // A separate list: the run's list is filled at its first instant.
@@ -119,7 +119,7 @@ impl PairEffectSpec<f64> for ContactBetween {
         near.tied.clone_from(&list.tied);
         let [a, b] = [&grains[0].rest, &grains[1].rest].map(Vec::as_slice);
         near.refresh([a, b], [a, b]);
-        let named = |e| arlequin_core::Error::of_model(to.sides[0].model.name(), e);
+        let named = |e| arlequin_core::Error::of_model(hosts.sides[0].model.name(), e);
         self.0.check_start(&near).map_err(named)?;
         Ok(Box::new(self.0))
     }
@@ -151,18 +151,21 @@ impl AnyEffect<f64> for Contacts {
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let counts = self.counts();
-        let all = counts[0] + counts[1];
+        let sphere_count = counts[0] + counts[1];
         let touching = self.touching.restore(&from.integers, &from.numbers);
         let fits = touching.and_then(|(integers, numbers)| {
-            let rest = self.list.listed.restore(counts, all, integers, numbers)?;
-            if !rest.is_empty() {
+            let remaining = self
+                .list
+                .listed
+                .restore(counts, sphere_count, integers, numbers)?;
+            if !remaining.is_empty() {
                 return None;
             }
             self.touching.find(&self.list.listed)
         });
         fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
             what: format!("particles in the record of '{}'", self.name),
-            expected: all,
+            expected: sphere_count,
             found: from.numbers.len() / 4,
         })
     }
@@ -175,21 +178,21 @@ impl AnyEffect<f64> for Contacts {
 impl PairEffect<f64> for Contacts {
     fn add_forces(
         &mut self,
-        at: [&Instant<'_, f64>; 2],
+        instants: [&Instant<'_, f64>; 2],
         mut f: [&mut [f64]; 2],
     ) -> arlequin_core::Result<()> {
-        let at = at.map(|a| *a);
+        let instants = instants.map(|a| *a);
         let first = !self.touching.has_been_called();
-        self.touching.settle(&mut self.list.listed, &at);
+        self.touching.settle(&mut self.list.listed, &instants);
         let [a, b] = &mut self.grains;
-        a.place(at[0].q);
-        b.place(at[1].q);
+        a.place(instants[0].q);
+        b.place(instants[1].q);
         self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
         if first {
             self.check_start(&self.list)?;
         }
         self.touching
-            .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
+            .respond(&mut self.list.listed, &mut self.grains, &instants, &mut f);
         Ok(())
     }
 
@@ -206,7 +209,9 @@ impl PairEffect<f64> for Contacts {
     /// involves both ends.
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
         let [a, b] = &self.grains;
-        let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));
+        let top = |particles: &Grains, other_radius: f64| {
+            particles.top(|r| self.touching.stiffness([r, other_radius]))
+        };
         let demand = self.touching.demand(top(a, b.largest()).max(top(b, a.largest())));
         [demand, demand]
     }

@@ -28,7 +28,7 @@ pub(crate) struct End {
     /// Velocity after the step from the forces known so far.
     pub(crate) after: [f64; 6],
     /// Inverse inertia; zero where the motion is prescribed.
-    pub(crate) light: [f64; 6],
+    pub(crate) inverse_inertia: [f64; 6],
 }
 
 /// Work of a response over the step: `s linear + s^2 square` if the response is scaled by `s` \[J\].
@@ -39,7 +39,7 @@ struct Work {
 }
 
 impl Work {
-    fn of(r: &Response, ends: [&End; 2], dt: f64) -> Self {
+    fn from_response(r: &Response, ends: [&End; 2], dt: f64) -> Self {
         let (mut linear, mut square) = (0.0, 0.0);
         for (e, (end, sign)) in ends.into_iter().zip([-1.0, 1.0]).enumerate() {
             for c in 0..6 {
@@ -49,7 +49,7 @@ impl Work {
                     r.torque[e][c - 3]
                 };
                 linear += f * end.middle[c];
-                square += f * f * end.light[c];
+                square += f * f * end.inverse_inertia[c];
             }
         }
         Self {
@@ -58,7 +58,7 @@ impl Work {
         }
     }
 
-    fn at(&self, s: f64) -> f64 {
+    fn at_scale(&self, s: f64) -> f64 {
         s * (self.linear + s * self.square)
     }
 
@@ -105,6 +105,7 @@ impl BudgetedLaw {
     /// Must be called before the contacts of a step.
     pub(crate) fn begin(&mut self, dt: f64) {
         if dt > 0.0 && !self.begun {
+            // The first step replaces the energies of the instant before it.
             self.supplied = 0.0;
         }
     }
@@ -125,7 +126,7 @@ impl BudgetedLaw {
         dt: f64,
         spring: &mut Spring,
     ) -> Response {
-        let old = spring.on;
+        let old = spring.closed;
         let mut r = self.law.respond(pair, self.damping_ratio, dt, spring);
         if !turns {
             r.torque[0] = Vector3::zeros();
@@ -150,25 +151,36 @@ impl BudgetedLaw {
 /// Scales a response so that its budget covers the work, deducts the work from the budget and sets the stored
 /// energy at this instant. An `elastic` contact that opens gives back the rest.
 fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
-    let work = Work::of(r, ends, dt);
+    let work = Work::from_response(r, ends, dt);
     let mut wanted = 1.0;
     if elastic {
         let three = |x: &[f64; 6]| Vector3::new(x[0], x[1], x[2]);
-        let lightness = |end: &End| Vector3::new(end.light[0], end.light[1], end.light[2]);
-        let kick = r.force.component_mul(&(lightness(ends[0]) + lightness(ends[1]))) * dt;
+        let inverse_mass = |end: &End| {
+            Vector3::new(
+                end.inverse_inertia[0],
+                end.inverse_inertia[1],
+                end.inverse_inertia[2],
+            )
+        };
+        let kick = r
+            .force
+            .component_mul(&(inverse_mass(ends[0]) + inverse_mass(ends[1])))
+            * dt;
         let leaving = (three(&ends[1].after) - three(&ends[0].after) + kick).dot(&p.normal);
         let far = dt * leaving;
         if far >= p.gap {
             // Twice the energy by which touching and parting between two instants can differ.
             let slack = 0.25 * r.stiffness * far * far;
             // May exceed one: a contact that opens gives back all that is left.
-            wanted = work.scale((work.at(1.0) + slack).min(spring.budget)).max(wanted);
+            wanted = work
+                .scale((work.at_scale(1.0) + slack).min(spring.budget))
+                .max(wanted);
         }
     }
     let s = wanted.min(work.scale(spring.budget));
     r.force *= s;
     r.torque.iter_mut().for_each(|t| *t *= s);
-    let done = work.at(s);
+    let done = work.at_scale(s);
     // Half of the work is done in the half step before this instant.
     r.stored = r.stored.min(spring.budget - 0.5 * done).max(0.0);
     spring.budget -= done;

@@ -130,7 +130,7 @@ impl ContactLaw {
         let vn = v.dot(&n);
         // The dashpot may not pull: spheres that part have no adhesion.
         let push = (k * p.gap - damping * vn).max(0.0);
-        spring.on = true;
+        spring.closed = true;
         let mut out = Response {
             force: n * push,
             torque: [Vector3::zeros(); 2],
@@ -188,7 +188,7 @@ pub(crate) struct Pair {
 /// State of one contact that lasts from step to step.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Spring {
-    pub(crate) on: bool,
+    pub(crate) closed: bool,
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
     /// Energy \[J\] that the contact took in since touch and has not given back.
@@ -196,16 +196,16 @@ pub(crate) struct Spring {
 }
 
 impl Spring {
-    /// Returns `slide`, `roll` and the budget as numbers. The flag `on` is saved separately.
+    /// Returns `slide`, `roll` and the budget as numbers. The flag `closed` is saved separately.
     pub(crate) fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
         [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
     }
 
     /// Inverse of [`Self::numbers`].
-    pub(crate) fn from_numbers(on: bool, x: [f64; 7]) -> Self {
+    pub(crate) fn from_numbers(closed: bool, x: [f64; 7]) -> Self {
         Self {
-            on,
+            closed,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
             budget: x[6],

@@ -20,7 +20,7 @@
 mod between;
 mod body;
 pub(crate) mod budget;
-pub(crate) mod company;
+pub(crate) mod gathered;
 mod grains;
 mod law;
 pub(crate) mod neighbours;
@@ -44,7 +44,7 @@ use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{Arms, DofLayout};
 use neighbours::PairList;
-use parts::ContactsInParts;
+use parts::PartitionedContacts;
 use std::slice::from_ref;
 use touching::Touching;
 
@@ -81,12 +81,14 @@ impl Contact {
 }
 
 impl EffectSpec<f64> for Contact {
-    fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
-        let of = format!("contact on '{}'", to.model.name());
-        if let Some(portion) = to.shared()? {
-            return Ok(Box::new(ContactsInParts::new(self.0, portion, to, &of)?));
+    fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+        let effect = format!("contact on '{}'", host.model.name());
+        if let Some(portion) = host.shared()? {
+            return Ok(Box::new(PartitionedContacts::new(
+                self.0, portion, host, &effect,
+            )?));
         }
-        self.0.grains.attach(to, &of)?;
+        self.0.grains.attach(host, &effect)?;
         Ok(Box::new(self.0))
     }
 }
@@ -137,10 +139,10 @@ impl AnyEffect<f64> for Contacts {
 }
 
 impl Effect<f64> for Contacts {
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         // Budgets refer to places in the list: settle them before a search reorders it.
-        self.touching.settle(&mut self.list.listed, from_ref(at));
-        self.grains.place(at.q);
+        self.touching.settle(&mut self.list.listed, from_ref(instant));
+        self.grains.place(instant.q);
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
             self.list.add_broken(event, &self.grains.rest);
@@ -150,7 +152,7 @@ impl Effect<f64> for Contacts {
         drop(log);
         let grains = std::slice::from_mut(&mut self.grains);
         self.touching
-            .respond(&mut self.list.listed, grains, from_ref(at), &mut [f]);
+            .respond(&mut self.list.listed, grains, from_ref(instant), &mut [f]);
         Ok(())
     }
 
@@ -158,8 +160,8 @@ impl Effect<f64> for Contacts {
         self.touching.power([v, v])
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
-        self.touching.add_power(v, &Some, to);
+    fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
+        self.touching.add_power(v, &Some, sum);
         true
     }
 

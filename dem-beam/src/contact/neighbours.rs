@@ -55,41 +55,41 @@ pub(super) fn is_stale<'a>(
     built.len() != count || built.iter().zip(now).any(far)
 }
 
-/// Finds pairs of a sphere of `first` and one of `other` that are closer than their radii and the skin.
+/// Finds pairs of a sphere of `first` and one of `partners` that are closer than their radii and the skin.
 ///
-/// `rest` returns the distance at which a pair begins to push, or `None` if it never does. With `within`,
-/// both slices are the same spheres, and each pair is listed once with the lower number first. The result
-/// comes in parts; the pairs in them are sorted by their ends.
+/// `rest_distance` returns the distance at which a pair begins to push, or `None` if it never does. With
+/// `within`, both slices are the same spheres, and each pair is listed once with the lower number first. The
+/// result comes in parts; the pairs in them are sorted by their ends.
 pub(super) fn search(
     cells: &mut CellList,
-    [first, other]: [&[Sphere]; 2],
+    [first, partners]: [&[Sphere]; 2],
     within: bool,
     [reach, skin]: [f64; 2],
-    rest: &(impl Fn(usize, usize) -> Option<f64> + Sync),
+    rest_distance: &(impl Fn(usize, usize) -> Option<f64> + Sync),
 ) -> Vec<Vec<Candidate>> {
-    let (low, high) = bounds(other, reach);
-    cells.build(other, reach);
+    let (low, high) = bounds(partners, reach);
+    cells.build(partners, reach);
     let cells = &*cells;
-    let of = |i: usize, part: &mut Vec<Candidate>| {
+    let list_pairs = |i: usize, part: &mut Vec<Candidate>| {
         let a = &first[i];
         if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
             return;
         }
         cells.around(a, |j| {
             let k = j as usize;
-            let b = &other[k];
+            let b = &partners[k];
             if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
                 return;
             }
             let ends = [i as u32, j];
-            part.extend(rest(i, k).map(|rest| Candidate { ends, rest }));
+            part.extend(rest_distance(i, k).map(|rest| Candidate { ends, rest }));
         });
     };
     let part = |c: usize| {
         let mut part = Vec::new();
         for i in c * CHUNK..((c + 1) * CHUNK).min(first.len()) {
             let start = part.len();
-            of(i, &mut part);
+            list_pairs(i, &mut part);
             // Sorted, so that the list does not depend on the order of the cells.
             part[start..].sort_unstable_by_key(|c| c.ends);
         }
@@ -133,31 +133,37 @@ impl Listed {
     /// Searches again if a sphere has moved by half the skin since the last search. Lists pairs between
     /// `first` and `second`, or within `first` if there is no second.
     ///
-    /// `rest(i, k)` returns the distance at which a pair begins to push, or `None` if it never does. Springs
-    /// of pairs that are still listed are kept.
+    /// `rest_distance(i, k)` returns the distance at which a pair begins to push, or `None` if it never does.
+    /// Springs of pairs that are still listed are kept.
     fn refresh(
         &mut self,
         first: &[Sphere],
         second: Option<&[Sphere]>,
-        rest: impl Fn(usize, usize) -> Option<f64> + Sync,
+        rest_distance: impl Fn(usize, usize) -> Option<f64> + Sync,
     ) {
-        let all = || first.iter().chain(second.unwrap_or_default());
-        let (within, other) = (second.is_none(), second.unwrap_or(first));
-        if !is_stale(&self.built, self.skin, all().count(), all()) {
+        let all_spheres = || first.iter().chain(second.unwrap_or_default());
+        let (within, partners) = (second.is_none(), second.unwrap_or(first));
+        if !is_stale(&self.built, self.skin, all_spheres().count(), all_spheres()) {
             return;
         }
         self.searches += 1;
         self.built.clear();
-        self.built.extend(all());
-        let reach = 2.0 * all().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
-        let parts = search(&mut self.cells, [first, other], within, [reach, self.skin], &rest);
+        self.built.extend(all_spheres());
+        let reach = 2.0 * all_spheres().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
+        let parts = search(
+            &mut self.cells,
+            [first, partners],
+            within,
+            [reach, self.skin],
+            &rest_distance,
+        );
         self.relist(&parts);
     }
 
     /// Replaces the list; closed contacts keep their springs.
     fn relist(&mut self, parts: &[Vec<Candidate>]) {
-        let both = self.pairs.iter().copied().zip(self.springs.iter().copied());
-        let mut old: Vec<(Candidate, Spring)> = both.filter(|(_, s)| s.on).collect();
+        let contacts = self.pairs.iter().copied().zip(self.springs.iter().copied());
+        let mut old: Vec<(Candidate, Spring)> = contacts.filter(|(_, s)| s.closed).collect();
         old.sort_unstable_by_key(|(c, _)| c.ends);
         self.pairs.clear();
         parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
@@ -180,7 +186,7 @@ impl Listed {
             .extend([self.searches as u64, self.pairs.len() as u64, searched]);
         for (p, s) in self.pairs.iter().zip(&self.springs) {
             out.integers
-                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.on)]);
+                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.closed)]);
             out.numbers.push(p.rest);
             out.numbers.extend(s.numbers());
         }
@@ -190,38 +196,38 @@ impl Listed {
     /// Restores what [`Self::save`] wrote and returns the numbers that follow; `None` for a record of other
     /// bodies.
     ///
-    /// First ends must be below the first of `counts`, second ends below the second. `all` is the number of
-    /// spheres that are searched.
+    /// First ends must be below the first of `counts`, second ends below the second. `sphere_count` is the
+    /// number of spheres that are searched.
     pub(crate) fn restore<'a>(
         &mut self,
         counts: [usize; 2],
-        all: usize,
+        sphere_count: usize,
         integers: &[u64],
         numbers: &'a [f64],
     ) -> Option<&'a [f64]> {
         let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
         let pairs = usize::try_from(pairs).ok()?;
-        let built = if searched == 1 { all } else { 0 };
+        let built = if searched == 1 { sphere_count } else { 0 };
         if ends.len() != 3usize.checked_mul(pairs)? {
             return None;
         }
-        let (springs, rest) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
-        let (spheres, rest) = rest.split_at_checked(4 * built)?;
+        let (springs, remaining) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
+        let (spheres, remaining) = remaining.split_at_checked(4 * built)?;
         self.searches = searches as usize;
         self.pairs.clear();
         self.springs.clear();
         let (ends, _) = ends.as_chunks::<3>();
-        for (&[i, j, on], &[rest, a, b, c, d, e, f, g]) in ends.iter().zip(springs.as_chunks::<8>().0) {
+        for (&[i, j, closed], &[rest, a, b, c, d, e, f, g]) in ends.iter().zip(springs.as_chunks::<8>().0) {
             if i >= counts[0] as u64 || j >= counts[1] as u64 {
                 return None;
             }
             let ends = [i as u32, j as u32];
             self.pairs.push(Candidate { ends, rest });
             self.springs
-                .push(Spring::from_numbers(on == 1, [a, b, c, d, e, f, g]));
+                .push(Spring::from_numbers(closed == 1, [a, b, c, d, e, f, g]));
         }
         self.built = spheres.as_chunks::<4>().0.to_vec();
-        Some(rest)
+        Some(remaining)
     }
 }
 
@@ -258,8 +264,8 @@ impl PairList {
         if broken.len() != self.broken_at.len() {
             return None;
         }
-        for (to, d) in self.broken_at.iter_mut().zip(broken) {
-            *to = if *d < 0.0 { f64::INFINITY } else { *d };
+        for (target, d) in self.broken_at.iter_mut().zip(broken) {
+            *target = if *d < 0.0 { f64::INFINITY } else { *d };
         }
         Some(())
     }
@@ -338,12 +344,12 @@ pub(crate) fn overlaps(
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let rest = spheres(body.positions(), body.radii());
-    let now = displaced(&rest, q);
+    let rest_spheres = spheres(body.positions(), body.radii());
+    let now = displaced(&rest_spheres, q);
     let adjacency = body.adjacency();
     let may_touch =
         |i: usize, k: usize| k > i && bond_between(&adjacency, i as u32, k as u32).is_none_or(&broken);
-    count_overlaps([&rest; 2], [&now; 2], tolerance, may_touch)
+    count_overlaps([&rest_spheres; 2], [&now; 2], tolerance, may_touch)
 }
 
 /// Counts overlapping pairs between two bodies, like [`overlaps`].

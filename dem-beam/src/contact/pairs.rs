@@ -17,7 +17,7 @@ use std::sync::Arc;
 const CHUNK: usize = 2_048;
 
 /// Largest number of wider surroundings that are tried, each twice as wide as the one before.
-const WIDER: usize = 60;
+const MAX_WIDENINGS: usize = 60;
 
 /// Position of a pair in the list of the whole body: pairs of the last search ordered by their ends, then
 /// pairs of broken bonds in the order of their breaks.
@@ -35,7 +35,7 @@ impl Key {
         [i64::from(self.broken), (i << 32 | j).cast_signed()]
     }
 
-    fn of([broken, ends]: [i64; 2]) -> Self {
+    fn from_words([broken, ends]: [i64; 2]) -> Self {
         let ends = ends.cast_unsigned();
         Self {
             broken: broken as u32,
@@ -52,12 +52,12 @@ struct Near {
     /// is unknown.
     rest: f64,
     /// Local numbers in [`Surrounding`]; `None` as long as the second particle is unknown.
-    here: Option<[u32; 2]>,
+    local: Option<[u32; 2]>,
 }
 
 /// The pairs of this rank, and counts over all ranks.
 #[derive(Debug)]
-pub(super) struct PairsInParts {
+pub(super) struct PartitionedPairs {
     portion: Arc<Portion>,
     skin: f64,
     /// Largest radius of the whole body \[m\].
@@ -65,7 +65,7 @@ pub(super) struct PairsInParts {
     near: Vec<Near>,
     /// Number of searches, and of pairs on all ranks.
     searches: usize,
-    all: usize,
+    total: usize,
     /// Number of breaks since the last search.
     breaks: u32,
     /// Spheres of this rank at the last search, if there was one.
@@ -73,49 +73,49 @@ pub(super) struct PairsInParts {
     cells: CellList,
     around: Option<Surrounding>,
     /// True if there may be pairs whose second particle is unknown on this rank.
-    strange: bool,
+    has_unknown: bool,
     /// Bonds of the owned particles with their numbers in the whole body, and the number of bonds of the
     /// whole body.
     bonds: Adjacency<[u32; 2]>,
-    all_bonds: usize,
+    total_bonds: usize,
     /// Distance at which each broken bond broke \[m\], by its number in the whole body.
     broken_at: BTreeMap<u32, f64>,
 }
 
-impl PairsInParts {
+impl PartitionedPairs {
     /// This rank's part of the list of a whole body before its first step. The largest particle of the body
     /// has the radius `largest` \[m\].
     pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
-        let own = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
+        let bond_rows = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
         Self {
             portion: portion.clone(),
             skin: whole.listed.skin,
             largest,
             near: Vec::new(),
             searches: 0,
-            all: 0,
+            total: 0,
             breaks: 0,
             built: None,
             cells: CellList::default(),
             around: None,
-            strange: true,
-            bonds: Adjacency::from_rows(own),
-            all_bonds: whole.broken_at.len(),
+            has_unknown: true,
+            bonds: Adjacency::from_rows(bond_rows),
+            total_bonds: whole.broken_at.len(),
             broken_at: BTreeMap::new(),
         }
     }
 
     /// Number of searches, and of pairs on all ranks.
     pub(super) fn counts(&self) -> [usize; 2] {
-        [self.searches, self.all]
+        [self.searches, self.total]
     }
 
     /// Lists the pair of a bond that just broke on any rank.
     pub(super) fn add_broken(&mut self, event: &Break) {
         self.broken_at.insert(event.bond, event.distance);
         self.breaks += 1;
-        self.all += 1;
-        self.strange = true;
+        self.total += 1;
+        self.has_unknown = true;
         if self.portion.local(event.pair[0] as usize).is_some() {
             self.near.push(Near {
                 key: Key {
@@ -123,7 +123,7 @@ impl PairsInParts {
                     ends: event.pair,
                 },
                 rest: event.distance,
-                here: None,
+                local: None,
             });
         }
     }
@@ -141,7 +141,7 @@ impl PairsInParts {
         if let Some(around) = &mut self.around {
             around.place(&grains.now)?;
         }
-        self.meet(grains)
+        self.find_second_particles(grains)
     }
 
     fn search(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
@@ -150,8 +150,8 @@ impl PairsInParts {
         let reach = 2.0 * self.largest + self.skin;
         let around = Surrounding::new(&self.portion, grains, reach)?;
         let (bonds, broken_at, portion) = (&self.bonds, &self.broken_at, &self.portion);
-        let rest = |i: usize, k: usize| {
-            let (first, second) = (portion.global(i) as u32, around.id(k));
+        let rest_distance = |i: usize, k: usize| {
+            let (first, second) = (portion.global(i) as u32, around.global(k));
             if second <= first {
                 // Each pair belongs to the rank of its end with the lower number.
                 return None;
@@ -164,33 +164,39 @@ impl PairsInParts {
             }
         };
         let spheres = [&grains.now[..], &around.now[..]];
-        let found = neighbours::search(&mut self.cells, spheres, false, [reach, self.skin], &rest);
-        let near = found.iter().flatten().map(|c| Near {
+        let pairs = neighbours::search(
+            &mut self.cells,
+            spheres,
+            false,
+            [reach, self.skin],
+            &rest_distance,
+        );
+        let near = pairs.iter().flatten().map(|c| Near {
             key: Key {
                 broken: 0,
-                ends: c.ends.map(|k| around.id(k as usize)),
+                ends: c.ends.map(|k| around.global(k as usize)),
             },
             rest: c.rest,
-            here: Some(c.ends),
+            local: Some(c.ends),
         });
         self.near = near.collect();
         self.near.sort_unstable_by_key(|n| n.key);
         let counts = self.portion.listed(&[self.near.len() as i64])?;
-        self.all = counts.iter().sum::<i64>() as usize;
-        (self.breaks, self.strange, self.around) = (0, false, Some(around));
+        self.total = counts.iter().sum::<i64>() as usize;
+        (self.breaks, self.has_unknown, self.around) = (0, false, Some(around));
         Ok(())
     }
 
     /// Finds the second particles of pairs that the search did not find. Collective.
-    fn meet(&mut self, grains: &Grains) -> Result<(), RankError> {
-        if !std::mem::take(&mut self.strange) {
+    fn find_second_particles(&mut self, grains: &Grains) -> Result<(), RankError> {
+        if !std::mem::take(&mut self.has_unknown) {
             return Ok(());
         }
         // Particles were near each other and have each moved by less than half the skin since then.
         let mut reach = 2.0 * (self.largest + self.skin);
-        for _ in 0..WIDER {
+        for _ in 0..MAX_WIDENINGS {
             let known = self.around.as_ref();
-            let unknown = |n: &Near| known.and_then(|a| a.find(n.key.ends[1])).is_none();
+            let unknown = |n: &Near| known.and_then(|a| a.local(n.key.ends[1])).is_none();
             if !self
                 .portion
                 .any(known.is_none() || self.near.iter().any(unknown))?
@@ -201,94 +207,98 @@ impl PairsInParts {
             self.near
                 .iter_mut()
                 .filter(|n| n.key.broken == 0)
-                .for_each(|n| n.here = None);
+                .for_each(|n| n.local = None);
             reach *= 2.0;
         }
         let Some(around) = &self.around else { return Ok(()) };
         for n in &mut self.near {
-            let [Some(i), Some(k)] = n.key.ends.map(|id| around.find(id)) else {
+            let [Some(i), Some(k)] = n.key.ends.map(|id| around.local(id)) else {
                 continue;
             };
-            if n.here.is_none() && n.key.broken > 0 {
+            if n.local.is_none() && n.key.broken > 0 {
                 let limit = rest_of(&around.rest[i as usize], &around.rest[k as usize]);
                 n.rest = n.rest.min(limit);
             }
-            n.here = Some([i, k]);
+            n.local = Some([i, k]);
         }
         Ok(())
     }
 
     /// Gathers the pairs of all ranks that push now, in the order of the whole body, with the distance \[m\]
     /// at which each begins to push. Collective.
-    pub(super) fn closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
+    pub(super) fn gather_closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
-            n.here
+            n.local
                 .is_some_and(|[i, k]| n.rest - distance(&now[i as usize], &now[k as usize]) > 0.0)
         };
-        let own = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
-        let own: Vec<&Near> = own.collect();
-        let words = own.iter().flat_map(|n| {
+        let pushing = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
+        let pushing: Vec<&Near> = pushing.collect();
+        let words = pushing.iter().flat_map(|n| {
             let [broken, ends] = n.key.words();
             [broken, ends, n.rest.to_bits().cast_signed()]
         });
-        let all = self.portion.listed(&words.collect::<Vec<i64>>())?;
-        let all = all.as_chunks::<3>().0.iter();
-        let all =
-            all.map(|[broken, ends, rest]| (Key::of([*broken, *ends]), f64::from_bits(rest.cast_unsigned())));
-        let mut all: Vec<(Key, f64)> = all.collect();
-        all.sort_unstable_by_key(|p| p.0);
-        Ok(all)
+        let gathered = self.portion.listed(&words.collect::<Vec<i64>>())?;
+        let gathered = gathered.as_chunks::<3>().0.iter();
+        let gathered = gathered.map(|[broken, ends, rest]| {
+            (
+                Key::from_words([*broken, *ends]),
+                f64::from_bits(rest.cast_unsigned()),
+            )
+        });
+        let mut gathered: Vec<(Key, f64)> = gathered.collect();
+        gathered.sort_unstable_by_key(|p| p.0);
+        Ok(gathered)
     }
 
     /// Gathers the list of the whole body, without its springs, on rank 0 (`None` elsewhere). Collective.
-    pub(super) fn whole(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
+    pub(super) fn gather_list(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
             [f64::from(n.key.broken), i, j, n.rest]
         };
-        let own: Vec<f64> = self.near.iter().flat_map(numbers).collect();
-        let all = self.portion.listed_on_first(&own)?;
+        let sent: Vec<f64> = self.near.iter().flat_map(numbers).collect();
+        let gathered = self.portion.listed_on_first(&sent)?;
         let built = match &self.built {
             Some(spheres) => self.portion.collect(4, spheres.as_flattened())?,
             None => Some(Vec::new()),
         };
-        let (Some(all), Some(built)) = (all, built) else {
+        let (Some(gathered), Some(built)) = (gathered, built) else {
             return Ok(None);
         };
-        let mut all = all.as_chunks::<4>().0.to_vec();
-        all.sort_unstable_by(|a, b| a[..3].partial_cmp(&b[..3]).unwrap_or(std::cmp::Ordering::Equal));
+        let mut gathered = gathered.as_chunks::<4>().0.to_vec();
+        gathered.sort_unstable_by(|a, b| a[..3].partial_cmp(&b[..3]).unwrap_or(std::cmp::Ordering::Equal));
         let mut list = Listed::new(self.skin);
         let ends = |x: &[f64; 4]| [x[1] as u32, x[2] as u32];
-        list.pairs = all
+        list.pairs = gathered
             .iter()
             .map(|x| Candidate {
                 ends: ends(x),
                 rest: x[3],
             })
             .collect();
-        list.springs = vec![Spring::default(); all.len()];
+        list.springs = vec![Spring::default(); gathered.len()];
         list.searches = self.searches;
         list.built = built.as_chunks::<4>().0.to_vec();
         let key = |x: &[f64; 4]| Key {
             broken: x[0] as u32,
             ends: ends(x),
         };
-        Ok(Some((all.iter().map(key).collect(), list)))
+        Ok(Some((gathered.iter().map(key).collect(), list)))
     }
 
     /// Appends the distances at which bonds of the whole body broke, in the format of [`PairList::save`].
     pub(super) fn save_broken(&self, out: &mut Record<f64>) {
-        let all = 0..self.all_bonds as u32;
+        let bonds = 0..self.total_bonds as u32;
         out.numbers
-            .extend(all.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
+            .extend(bonds.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
     }
 
     /// Restores this rank's pairs from a list of the whole body and the distances at which its bonds broke.
     ///
     /// Returns the key of each listed pair, or `None` for a list of another body.
     pub(super) fn restore(&mut self, list: &Listed, broken: &[f64]) -> Option<Vec<Key>> {
-        if broken.len() != self.all_bonds {
+        if broken.len() != self.total_bonds {
             return None;
         }
         let gone = (0..).zip(broken).filter(|(_, d)| **d >= 0.0);
@@ -308,19 +318,19 @@ impl PairsInParts {
                 ends: pair.ends,
             });
         }
-        let here = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
-        let near = keys.iter().zip(&list.pairs).filter(|(key, _)| here(key));
+        let is_owned = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
+        let near = keys.iter().zip(&list.pairs).filter(|(key, _)| is_owned(key));
         self.near = near
             .map(|(key, pair)| Near {
                 key: *key,
                 rest: pair.rest,
-                here: None,
+                local: None,
             })
             .collect();
-        (self.searches, self.all) = (list.searches, keys.len());
-        let own = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
-        self.built = (!list.built.is_empty()).then(|| own().collect());
-        (self.around, self.strange) = (None, true);
+        (self.searches, self.total) = (list.searches, keys.len());
+        let owned_spheres = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
+        self.built = (!list.built.is_empty()).then(|| owned_spheres().collect());
+        (self.around, self.has_unknown) = (None, true);
         Some(keys)
     }
 }

@@ -1,14 +1,14 @@
 //! Contact within a partitioned body.
 //!
 //! Each rank lists and measures the pairs whose first particle it owns, with the surrounding particles of
-//! other ranks. Closed pairs are gathered on all ranks, and every rank computes all of them ([`Company`]).
+//! other ranks. Closed pairs are gathered on all ranks, and every rank computes all of them ([`Gathered`]).
 
 use super::Contacts;
-use super::company::Company;
+use super::gathered::Gathered;
 use super::grains::Grains;
 use super::law::Spring;
 use super::neighbours::{Candidate, Listed};
-use super::pairs::{Key, PairsInParts};
+use super::pairs::{Key, PartitionedPairs};
 use super::touching::Touching;
 use super::{add, grains};
 use crate::fracture::{SharedLog, locked};
@@ -21,35 +21,35 @@ use std::sync::Arc;
 
 /// Contact between the particles of all ranks, as one rank computes it.
 #[derive(Debug)]
-pub(super) struct ContactsInParts {
+pub(super) struct PartitionedContacts {
     portion: Arc<Portion>,
     grains: Grains,
     /// Largest radius of the whole body \[m\].
     largest: f64,
     log: SharedLog,
     seen: usize,
-    list: PairsInParts,
+    list: PartitionedPairs,
     touching: Touching,
     /// Closed pairs of all ranks in the order of the whole body, and their keys in its list.
     closed: Listed,
     keys: Vec<Key>,
-    company: Company,
+    gathered: Gathered,
 }
 
-impl ContactsInParts {
-    /// This rank's part of the contact in a whole body; `of` names the effect in errors.
+impl PartitionedContacts {
+    /// This rank's part of the contact in a whole body; `effect` is its name in errors.
     pub(super) fn new(
         whole: Contacts,
         portion: &Arc<Portion>,
-        to: &Host<'_, f64>,
-        of: &str,
+        host: &Host<'_, f64>,
+        effect: &str,
     ) -> arlequin_core::Result<Self> {
         let mut grains = whole.grains;
         let largest = grains.largest();
-        grains.share_out(portion, of)?;
-        grains.attach(to, of)?;
+        grains.restrict(portion, effect)?;
+        grains.attach(host, effect)?;
         Ok(Self {
-            list: PairsInParts::new(whole.list, portion, largest),
+            list: PartitionedPairs::new(whole.list, portion, largest),
             portion: portion.clone(),
             grains,
             largest,
@@ -58,13 +58,13 @@ impl ContactsInParts {
             touching: whole.touching,
             closed: Listed::new(0.0),
             keys: Vec::new(),
-            company: Company::default(),
+            gathered: Gathered::default(),
         })
     }
 
     /// Gathers all pairs that push now on any rank, in the order of the whole body, with the distance at
     /// which each begins to push. Collective.
-    fn push(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
+    fn gather_pushing(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
             self.list.add_broken(event);
@@ -72,7 +72,7 @@ impl ContactsInParts {
         self.seen = log.events().len();
         self.list.refresh(&self.grains, &log)?;
         drop(log);
-        self.list.closed()
+        self.list.gather_closed()
     }
 
     /// Returns the springs of all pairs after the last step.
@@ -80,19 +80,19 @@ impl ContactsInParts {
         let old = self.keys.iter().map(|k| k.ends).zip(&self.closed.springs);
         let mut old: Vec<([u32; 2], &Spring)> = old.collect();
         old.sort_unstable_by_key(|o| o.0);
-        let of = |(key, _): &(Key, f64)| {
+        let spring_of = |(key, _): &(Key, f64)| {
             let k = old.binary_search_by_key(&key.ends, |o| o.0).ok()?;
             Some(*old[k].1)
         };
-        pairs.iter().map(|p| of(p).unwrap_or_default()).collect()
+        pairs.iter().map(|p| spring_of(p).unwrap_or_default()).collect()
     }
 
     /// Computes all contacts together with the other ranks. Collective.
-    fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
-        let pairs = self.push()?;
+    fn respond(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
+        let pairs = self.gather_pushing()?;
         // Particles that touched in the last step are included: their budgets are not settled yet.
-        let here = |place: usize| self.company.here(place);
-        let mut members: Vec<u32> = self.touching.on_ends(&here).map(|e| e.0 as u32).collect();
+        let local = |place: usize| self.gathered.local(place);
+        let mut members: Vec<u32> = self.touching.end_forces(&local).map(|e| e.0 as u32).collect();
         let now = pairs.iter().flat_map(|p| p.0.ends);
         members.extend(
             now.filter_map(|id| self.portion.local(id as usize))
@@ -100,16 +100,17 @@ impl ContactsInParts {
         );
         members.sort_unstable();
         members.dedup();
-        let (company, mut grains, mut forces) = Company::hear(&self.portion, &members, &self.grains, at, f)?;
-        let place = |id: u32| company.place(id).unwrap_or_default() as u32;
-        let before = &self.company.ids;
+        let (gathered, mut grains, mut forces) =
+            Gathered::gather(&self.portion, &members, &self.grains, instant, f)?;
+        let place = |id: u32| gathered.place(id).unwrap_or_default() as u32;
+        let before = &self.gathered.ids;
         self.touching.renumber(|p| place(before[p as usize]));
-        let now = company.at(at);
+        let now = gathered.instant(instant);
         self.touching.settle(&mut self.closed, from_ref(&now));
         let springs = self.springs(&pairs);
-        let candidate = |(key, rest): &(Key, f64)| Candidate {
+        let candidate = |(key, distance): &(Key, f64)| Candidate {
             ends: key.ends.map(place),
-            rest: *rest,
+            rest: *distance,
         };
         self.closed.pairs = pairs.iter().map(candidate).collect();
         self.closed.springs = springs;
@@ -120,14 +121,14 @@ impl ContactsInParts {
             from_ref(&now),
             &mut [&mut forces],
         );
-        company.deliver(&forces, f);
-        self.company = company;
+        gathered.deliver(&forces, f);
+        self.gathered = gathered;
         Ok(())
     }
 
     /// Returns the record that the whole body would save, on rank 0; empty elsewhere. Collective.
     fn recorded(&self) -> Result<Record<f64>, RankError> {
-        let Some((keys, mut list)) = self.list.whole()? else {
+        let Some((keys, mut list)) = self.list.gather_list()? else {
             return Ok(Record::default());
         };
         let place = |key: &Key| keys.binary_search(key).unwrap_or_default();
@@ -156,26 +157,26 @@ impl ContactsInParts {
         let broken = list.restore([count; 2], count, integers, numbers)?;
         self.touching.find(&list)?;
         let keys = self.list.restore(&list, broken)?;
-        let on: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].on).collect();
-        let mut ids: Vec<u32> = on.iter().flat_map(|k| keys[*k].ends).collect();
+        let closed_pairs: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].closed).collect();
+        let mut ids: Vec<u32> = closed_pairs.iter().flat_map(|k| keys[*k].ends).collect();
         ids.sort_unstable();
         ids.dedup();
-        self.company = Company::of(ids);
-        self.company.find(&self.portion);
+        self.gathered = Gathered::from_ids(ids);
+        self.gathered.find_owned(&self.portion);
         for pair in self.touching.pushing() {
-            *pair = on.binary_search(pair).ok()?;
+            *pair = closed_pairs.binary_search(pair).ok()?;
         }
-        let company = &self.company;
+        let gathered = &self.gathered;
         self.touching
-            .renumber(|id| company.place(id).unwrap_or_default() as u32);
-        self.closed.pairs = on.iter().map(|k| list.pairs[*k]).collect();
-        self.closed.springs = on.iter().map(|k| list.springs[*k]).collect();
-        self.keys = on.iter().map(|k| keys[*k]).collect();
+            .renumber(|id| gathered.place(id).unwrap_or_default() as u32);
+        self.closed.pairs = closed_pairs.iter().map(|k| list.pairs[*k]).collect();
+        self.closed.springs = closed_pairs.iter().map(|k| list.springs[*k]).collect();
+        self.keys = closed_pairs.iter().map(|k| keys[*k]).collect();
         Some(())
     }
 }
 
-impl AnyEffect<f64> for ContactsInParts {
+impl AnyEffect<f64> for PartitionedContacts {
     fn name(&self) -> &str {
         "contact"
     }
@@ -215,28 +216,29 @@ impl AnyEffect<f64> for ContactsInParts {
     }
 }
 
-impl Effect<f64> for ContactsInParts {
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.grains.place(at.q);
-        Ok(self.respond(at, f)?)
+impl Effect<f64> for PartitionedContacts {
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.grains.place(instant.q);
+        Ok(self.respond(instant, f)?)
     }
 
     /// Power on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
-        let here = |place: usize| self.company.here(place);
-        let ends = self.touching.on_ends(&here);
+        let local = |place: usize| self.gathered.local(place);
+        let ends = self.touching.end_forces(&local);
         ends.map(|(i, force, torque)| grains::power(v, i, &force, &torque))
             .sum()
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
-        self.touching.add_power(v, &|place| self.company.here(place), to);
+    fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
+        self.touching
+            .add_power(v, &|place| self.gathered.local(place), sum);
         true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        let here = |place: usize| self.company.here(place);
-        for (i, force, torque) in self.touching.on_ends(&here) {
+        let local = |place: usize| self.gathered.local(place);
+        for (i, force, torque) in self.touching.end_forces(&local) {
             add(f, i, &force, &torque);
         }
         true

@@ -66,11 +66,11 @@ impl Touching {
 
     /// Corrects the budgets for the work of forces in the last step that were unknown when contacts were
     /// computed: multipliers, prescribed motion, later effects. Must be called before the list changes.
-    pub(crate) fn settle(&mut self, listed: &mut Listed, at: &[Instant<'_, f64>]) {
+    pub(crate) fn settle(&mut self, listed: &mut Listed, instants: &[Instant<'_, f64>]) {
         self.calls += 1;
-        let dt = at[0].dt;
+        let dt = instants[0].dt;
         for a in &self.active {
-            let power = a.power([at[0].v_half, at[at.len() - 1].v_half]);
+            let power = a.power([instants[0].v_half, instants[instants.len() - 1].v_half]);
             listed.springs[a.pair].budget -= 0.5 * dt * (power - a.expected);
         }
     }
@@ -104,12 +104,12 @@ impl Touching {
         &mut self,
         listed: &mut Listed,
         grains: &mut [Grains],
-        at: &[Instant<'_, f64>],
+        instants: &[Instant<'_, f64>],
         f: &mut [&mut [f64]],
     ) {
         self.measure(&listed.pairs, grains);
         self.active.clear();
-        self.law.begin(at[0].dt);
+        self.law.begin(instants[0].dt);
         let count = self.gaps.len();
         // Sequential, unlike the gaps: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
@@ -122,22 +122,22 @@ impl Touching {
             };
             let spring = &mut listed.springs[k];
             if self.gaps[k] > 0.0 {
-                self.close(k, listed.pairs[k].ends, spring, grains, at, f);
-            } else if spring.on {
+                self.close(k, listed.pairs[k].ends, spring, grains, instants, f);
+            } else if spring.closed {
                 // An open contact forgets its sliding, its rolling and its budget.
                 *spring = Spring::default();
             }
         }
-        self.law.end(at[0].dt);
+        self.law.end(instants[0].dt);
         let last = grains.len() - 1;
         // The expected power needs the forces of all contacts, so it follows the loop.
         for a in &mut self.active {
             let [i, j] = a.ends.map(|e| e as usize);
             let after = [
-                grains[0].end(&at[0], f[0], i).after,
-                grains[last].end(&at[last], f[last], j).after,
+                grains[0].end(&instants[0], f[0], i).after,
+                grains[last].end(&instants[last], f[last], j).after,
             ];
-            a.expected = a.on(after);
+            a.expected = a.power_of_ends(after);
         }
         for a in &self.active {
             for (m, e) in [0, last].into_iter().zip(a.ends) {
@@ -153,19 +153,19 @@ impl Touching {
         ends: [u32; 2],
         spring: &mut Spring,
         grains: &mut [Grains],
-        at: &[Instant<'_, f64>],
+        instants: &[Instant<'_, f64>],
         f: &[&mut [f64]],
     ) {
         let [i, j] = ends.map(|e| e as usize);
         let last = grains.len() - 1;
-        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], at);
-        let both = || {
+        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], instants);
+        let end_states = || {
             [
-                grains[0].end(&at[0], f[0], i),
-                grains[last].end(&at[last], f[last], j),
+                grains[0].end(&instants[0], f[0], i),
+                grains[last].end(&instants[last], f[last], j),
             ]
         };
-        let r = self.law.respond(&pair, true, both, at[0].dt, spring);
+        let r = self.law.respond(&pair, true, end_states, instants[0].dt, spring);
         grains[0].push(i, &-r.force, &r.torque[0]);
         grains[last].push(j, &r.force, &r.torque[1]);
         self.active.push(Active {
@@ -192,23 +192,23 @@ impl Touching {
         self.active.iter().map(|a| a.power(v)).sum()
     }
 
-    /// Adds the power of each end for which `here` returns a number, within one model, as separate terms.
-    pub(crate) fn add_power(&self, v: &[f64], here: &dyn Fn(usize) -> Option<usize>, to: &mut Exact) {
-        for (i, force, torque) in self.on_ends(here) {
-            to.add(grains::power(v, i, &force, &torque));
+    /// Adds the power of each end for which `local` returns a number, within one model, as separate terms.
+    pub(crate) fn add_power(&self, v: &[f64], local: &dyn Fn(usize) -> Option<usize>, sum: &mut Exact) {
+        for (i, force, torque) in self.end_forces(local) {
+            sum.add(grains::power(v, i, &force, &torque));
         }
     }
 
-    /// Iterates over forces and torques on all ends within one model for which `here` returns their number.
-    pub(crate) fn on_ends<'a>(
+    /// Iterates over forces and torques on all ends within one model for which `local` returns their number.
+    pub(crate) fn end_forces<'a>(
         &'a self,
-        here: &'a dyn Fn(usize) -> Option<usize>,
+        local: &'a dyn Fn(usize) -> Option<usize>,
     ) -> impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>)> + 'a {
-        let of = move |a: &'a Active| {
+        let both_ends = move |a: &'a Active| {
             let signed = [-a.force, a.force];
-            (0..2).filter_map(move |e| Some((here(a.ends[e] as usize)?, signed[e], a.torque[e])))
+            (0..2).filter_map(move |e| Some((local(a.ends[e] as usize)?, signed[e], a.torque[e])))
         };
-        self.active.iter().flat_map(of)
+        self.active.iter().flat_map(both_ends)
     }
 
     /// Renumbers the particles of the closed contacts.
@@ -322,15 +322,15 @@ impl Active {
     }
 
     /// Power on the velocities of both ends \[W\].
-    fn on(&self, ends: [[f64; 6]; 2]) -> f64 {
-        let one = |v: &[f64; 6], force: &Vector3<f64>, torque: &Vector3<f64>| {
+    fn power_of_ends(&self, ends: [[f64; 6]; 2]) -> f64 {
+        let end_power = |v: &[f64; 6], force: &Vector3<f64>, torque: &Vector3<f64>| {
             force.dot(&grains::three(v, 0)) + torque.dot(&grains::three(v, 3))
         };
-        one(&ends[0], &-self.force, &self.torque[0]) + one(&ends[1], &self.force, &self.torque[1])
+        end_power(&ends[0], &-self.force, &self.torque[0]) + end_power(&ends[1], &self.force, &self.torque[1])
     }
 }
 
-fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f64>]) -> Pair {
+fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, instants: &[Instant<'_, f64>]) -> Pair {
     let (a, b) = (&grains[0].now[i], &grains[1].now[j]);
     let d = Vector3::new(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
     let distance = d.norm();
@@ -343,12 +343,13 @@ fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f6
         },
         gap,
         radii: [a[3], b[3]],
+        // The point of contact divides the distance of the centres in proportion to the radii.
         arms: [a[3], b[3]].map(|r| distance * r / (a[3] + b[3])),
         share: grains[0].share[i].min(grains[1].share[j]),
         inverse_mass: grains[0].inverse_mass(i) + grains[1].inverse_mass(j),
         motion: [
-            grains[0].motion(&at[0], i),
-            grains[1].motion(&at[at.len() - 1], j),
+            grains[0].motion(&instants[0], i),
+            grains[1].motion(&instants[instants.len() - 1], j),
         ],
     }
 }

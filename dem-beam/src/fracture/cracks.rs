@@ -74,12 +74,12 @@ impl Cracks {
         let [x, y, z] = self.cube(&bond.place);
         let around = |c: i64| c - reach..=c + reach;
         let cubes = around(x).flat_map(|a| around(y).flat_map(move |b| around(z).map(move |c| [a, b, c])));
-        let all = cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied();
-        let is_near = |other: &usize| {
-            let other = &self.bonds[*other];
-            (other.place - bond.place).norm() <= NEAR * other.length.max(bond.length)
+        let candidates = cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied();
+        let is_near = |candidate: &usize| {
+            let candidate = &self.bonds[*candidate];
+            (candidate.place - bond.place).norm() <= NEAR * candidate.length.max(bond.length)
         };
-        all.filter(is_near).collect()
+        candidates.filter(is_near).collect()
     }
 
     fn join(&mut self, first: usize, second: usize) {

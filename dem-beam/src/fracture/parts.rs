@@ -21,7 +21,7 @@ const WORDS: usize = 7;
 
 /// Numbers per ghost that are exchanged when bonds break: the state one step before, and its change over the
 /// step.
-const TOLD: usize = 13;
+const GHOST_WORDS: usize = 13;
 
 /// Data about the whole body on one rank.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ pub(crate) struct Parts {
 }
 
 /// States of the ghosts one step before, and their changes over the step.
-type Heard = (Vec<[f64; 7]>, Vec<[f64; 6]>);
+type GhostStates = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
     /// State for a part of a body whose bonds are all whole.
@@ -50,41 +50,42 @@ impl FractureState {
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
         writing(&log).begin(numbered.of);
-        Self::of_part(spec, body, log, (halo, numbered))
+        Self::for_part(spec, body, log, (halo, numbered))
     }
 
     /// Restricts the state to a part of the body; broken bonds stay broken.
-    pub(crate) fn part(self, body: &BondedParticles, of: (&Halo, &Numbered)) -> Self {
-        let mut out = Self::of_part(self.spec, body, self.log.clone(), of);
+    pub(crate) fn part(self, body: &BondedParticles, numbering: (&Halo, &Numbered)) -> Self {
+        let mut out = Self::for_part(self.spec, body, self.log.clone(), numbering);
         if self.is_plain() {
             out.check_plainly();
         }
         let broken: Vec<u32> = {
             let log = locked(&out.log);
-            let here = (0..).zip(&*of.1.bonds);
-            here.filter(|(_, b)| log.is_broken(**b as usize))
+            let local_bonds = (0..).zip(&*numbering.1.bonds);
+            local_bonds
+                .filter(|(_, b)| log.is_broken(**b as usize))
                 .map(|(k, _)| k)
                 .collect()
         };
-        out.forget(&broken);
+        out.make_unbreakable(&broken);
         out.now = broken;
         out
     }
 
-    fn of_part(
+    fn for_part(
         spec: Fracture,
         body: &BondedParticles,
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
-        let own = body.len() - halo.ghosts().len();
-        let mut out = Self::of(spec, body, own, log);
+        let owned = body.len() - halo.ghosts().len();
+        let mut out = Self::with_owned(spec, body, owned, log);
         writing(&out.log).number(&numbered.bonds);
-        let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= own);
+        let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= owned);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
         out.parts = Some(Parts {
             cross: cross.map(|(b, _)| b).collect(),
-            messages: halo.messages(TOLD),
+            messages: halo.messages(GHOST_WORDS),
             numbers: numbered.bonds.clone(),
             bonds: numbered.of,
             ghosts: Vec::with_capacity(halo.ghosts().len()),
@@ -130,7 +131,7 @@ impl FractureState {
         parts: &mut Parts,
         inside: impl Fn(usize) -> bool,
     ) -> Result<f64, RankError> {
-        let (ghosts, changes) = parts.hear(readers[0], step)?;
+        let (ghosts, changes) = parts.receive_ghosts(readers[0], step)?;
         let before = Reader {
             ghosts: &ghosts,
             ..*readers[0]
@@ -139,27 +140,27 @@ impl FractureState {
             ghosts: &parts.ghosts,
             ..*readers[1]
         };
-        let mut told = Vec::new();
+        let mut sent = Vec::new();
         for k in 0..self.now.len() {
             let b = self.now[k] as usize;
-            let of = |i: usize| match i.checked_sub(self.own) {
+            let change_of = |i: usize| match i.checked_sub(self.owned) {
                 None => change(step, i),
                 Some(ghost) => changes[ghost],
             };
-            let (event, held) = self.break_of(body, b, [&before, &after], &of);
+            let (event, held) = self.break_of(body, b, [&before, &after], &change_of);
             // The rank that owns the first particle reports the break, so that it is logged once.
-            if (event.pair[0] as usize) < self.own {
+            if (event.pair[0] as usize) < self.owned {
                 let overlap = inside(b);
-                told.extend(parts.words(&Break { overlap, ..event }));
+                sent.extend(parts.words(&Break { overlap, ..event }));
             }
-            self.let_go(body, b, &held, step);
+            self.remove_bond(body, b, &held, step);
         }
-        let mut all = parts.halo.portion().listed(&told)?;
-        let all = all.as_chunks_mut::<WORDS>().0;
-        all.sort_unstable_by_key(number);
+        let mut received = parts.halo.portion().listed(&sent)?;
+        let received = received.as_chunks_mut::<WORDS>().0;
+        received.sort_unstable_by_key(number);
         let mut log = writing(&self.log);
         let mut total = 0.0;
-        for words in all {
+        for words in received {
             let event = event(words, step.time);
             total += event.released;
             log.push(event);
@@ -170,17 +171,22 @@ impl FractureState {
 
 impl Parts {
     /// Exchanges the states and changes of the ghosts. Collective.
-    fn hear(&mut self, before: &Reader<'_>, step: &Evolution<'_, f64>) -> Result<Heard, RankError> {
+    fn receive_ghosts(
+        &mut self,
+        before: &Reader<'_>,
+        step: &Evolution<'_, f64>,
+    ) -> Result<GhostStates, RankError> {
         let count = self.halo.ghosts().len();
         let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
-        let told = |i: usize| {
+        let message = |i: usize| {
             let (state, change) = (before.told(i), change(step, i));
             std::array::from_fn(|k| if k < 7 { state[k] } else { change[k - 7] })
         };
-        self.halo.exchange::<TOLD>(&mut self.messages, told, |g, x| {
-            out.0[g].copy_from_slice(&x[..7]);
-            out.1[g].copy_from_slice(&x[7..]);
-        })?;
+        self.halo
+            .exchange::<GHOST_WORDS>(&mut self.messages, message, |g, x| {
+                out.0[g].copy_from_slice(&x[..7]);
+                out.1[g].copy_from_slice(&x[7..]);
+            })?;
         Ok(out)
     }
 
@@ -194,10 +200,11 @@ impl Parts {
         inside: impl Fn(usize) -> bool,
     ) -> bool {
         let broken = from.integers.get(1..).unwrap_or_default().as_chunks::<4>().0;
-        let here = |bond: u64| self.here(u32::try_from(bond).ok()?);
-        let mut told = Vec::new();
+        let local_bond = |bond: u64| self.local_bond(u32::try_from(bond).ok()?);
+        let mut sent = Vec::new();
         for [bond, ..] in broken {
-            if let Some(b) = here(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
+            if let Some(b) =
+                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
             {
                 let (place, pair) = (
                     middle(body, b),
@@ -205,18 +212,20 @@ impl Parts {
                 );
                 let [x, y, z] = <[f64; 3]>::from(place).map(|x| x.to_bits().cast_signed());
                 let ends = (pair[0] << 32 | pair[1]).cast_signed();
-                told.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
+                sent.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
             }
         }
         // Errors between ranks are kept for [`Portion::failure`].
-        let Ok(mut all) = self.halo.portion().listed(&told) else {
+        let Ok(mut received) = self.halo.portion().listed(&sent) else {
             return false;
         };
-        let all = all.as_chunks_mut::<6>().0;
-        all.sort_unstable_by_key(|k| k[0]);
+        let received = received.as_chunks_mut::<6>().0;
+        received.sort_unstable_by_key(|k| k[0]);
         writing(log).restore(from, &|bond, [i, j]| {
-            let k = all.binary_search_by_key(&bond.cast_signed(), |k| k[0]).ok()?;
-            let [_, ends, overlap, x, y, z] = all[k];
+            let k = received
+                .binary_search_by_key(&bond.cast_signed(), |k| k[0])
+                .ok()?;
+            let [_, ends, overlap, x, y, z] = received[k];
             let known = i <= u64::from(u32::MAX) && (i << 32 | j) == ends.cast_unsigned();
             let real = |x: i64| f64::from_bits(x.cast_unsigned());
             let place = Vector3::new(real(x), real(y), real(z));
@@ -225,7 +234,7 @@ impl Parts {
     }
 
     /// Local number of a bond of the whole body, if this rank has it.
-    pub(super) fn here(&self, bond: u32) -> Option<usize> {
+    pub(super) fn local_bond(&self, bond: u32) -> Option<usize> {
         self.numbers.binary_search(&bond).ok()
     }
 

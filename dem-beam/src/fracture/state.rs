@@ -48,7 +48,7 @@ pub(crate) struct FractureState {
     /// Bonds of marked blocks.
     suspects: Vec<u32>,
     /// Number of owned particles; the others are ghosts.
-    pub(super) own: usize,
+    pub(super) owned: usize,
     /// Data about the whole body, if it is partitioned.
     pub(crate) parts: Option<Parts>,
 }
@@ -56,13 +56,13 @@ pub(crate) struct FractureState {
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
         writing(&log).begin(body.pairs().len());
-        Self::of(spec, body, body.len(), log)
+        Self::with_owned(spec, body, body.len(), log)
     }
 
-    /// Like [`Self::new`], with only the first `own` particles owned.
-    pub(super) fn of(spec: Fracture, body: &BondedParticles, own: usize, log: SharedLog) -> Self {
+    /// Like [`Self::new`], with only the first `owned` particles owned.
+    pub(super) fn with_owned(spec: Fracture, body: &BondedParticles, owned: usize, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
-        let blocks = own.div_ceil(LANES);
+        let blocks = owned.div_ceil(LANES);
         let mut out = Self {
             spec,
             log,
@@ -78,7 +78,7 @@ impl FractureState {
             marks: vec![false; blocks],
             fresh: false,
             suspects: Vec::with_capacity(bonds),
-            own,
+            owned,
             parts: None,
         };
         out.set_up_screen(body);
@@ -97,14 +97,14 @@ impl FractureState {
         let mut slots = 0;
         for (b, first) in self.first_slots.iter_mut().enumerate() {
             *first = slots;
-            let particles = b * LANES..self.own.min((b + 1) * LANES);
+            let particles = b * LANES..self.owned.min((b + 1) * LANES);
             slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
         // Only then do strengths differ between bonds; one limit for all needs no memory traffic.
         if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
-            self.screen = self.screen.take().map(|s| s.with_each(slots as usize));
-            let all: Vec<usize> = (0..self.first_slots.len()).collect();
-            self.follow(&all, &|_| true);
+            self.screen = self.screen.take().map(|s| s.with_ratios(slots as usize));
+            let blocks: Vec<usize> = (0..self.first_slots.len()).collect();
+            self.follow(&blocks, &|_| true);
         }
     }
 
@@ -120,11 +120,11 @@ impl FractureState {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
             let first = self.first_slots[block] as usize;
-            let particles = block * LANES..((block + 1) * LANES).min(self.own);
+            let particles = block * LANES..((block + 1) * LANES).min(self.owned);
             for (lane, i) in particles.enumerate() {
                 let bonds = self.adjacency.row(i);
-                let left = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
-                let strengths = left
+                let whole_bonds = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
+                let strengths = whole_bonds
                     .map(|b| self.strength[b])
                     .chain(std::iter::repeat(f64::INFINITY));
                 for (slot, strength) in strengths.take(bonds.len()).enumerate() {
@@ -199,7 +199,7 @@ impl FractureState {
         let broken = (0..body.pairs().len()).filter(|b| log.is_broken_here(*b));
         let broken: Vec<u32> = broken.map(|b| b as u32).collect();
         drop(log);
-        self.forget(&broken);
+        self.make_unbreakable(&broken);
         self.now = broken;
         true
     }
@@ -221,17 +221,17 @@ impl FractureState {
     }
 
     /// Local number of a bond of the whole body, if this rank has it.
-    pub(crate) fn here(&self, bond: u32) -> Option<usize> {
+    pub(crate) fn local_bond(&self, bond: u32) -> Option<usize> {
         let parts = self.parts.as_ref();
-        parts.map_or(Some(bond as usize), |p| p.here(bond))
+        parts.map_or(Some(bond as usize), |p| p.local_bond(bond))
     }
 
     /// Largest load over strength of all whole bonds, and the number of bonds at or above one. In a
     /// partitioned body, counts the bonds whose first particle this rank owns.
     pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
-        let of_here = |b: &usize| (body.pairs()[*b][0] as usize) < self.own;
-        let all = (0..body.pairs().len()).filter(of_here);
-        all.fold((0.0, 0), |(top, count), b| {
+        let is_owned = |b: &usize| (body.pairs()[*b][0] as usize) < self.owned;
+        let bonds = (0..body.pairs().len()).filter(is_owned);
+        bonds.fold((0.0, 0), |(top, count), b| {
             let r = self.ratio(body, reader, b);
             (f64::max(top, r), count + usize::from(r >= 1.0))
         })
@@ -264,12 +264,12 @@ impl FractureState {
     fn suspect(&self, suspects: &mut Vec<u32>) {
         suspects.clear();
         for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
-            for i in block * LANES..((block + 1) * LANES).min(self.own) {
-                for &[other, bond] in self.adjacency.row(i) {
-                    let other = other as usize;
+            for i in block * LANES..((block + 1) * LANES).min(self.owned) {
+                for &[neighbour, bond] in self.adjacency.row(i) {
+                    let neighbour = neighbour as usize;
                     // A bond between two marked blocks is taken from its first end. Ghosts are in no block
                     // here.
-                    if other > i || !self.marks[other / LANES] {
+                    if neighbour > i || !self.marks[neighbour / LANES] {
                         suspects.push(bond);
                     }
                 }
@@ -324,7 +324,7 @@ impl FractureState {
                 overlap,
                 ..event
             });
-            self.let_go(body, b, &held, step);
+            self.remove_bond(body, b, &held, step);
         }
         total
     }
@@ -372,7 +372,7 @@ impl FractureState {
     }
 
     /// Removes a bond and its forces one step before from the balance of the owned particles.
-    pub(super) fn let_go(
+    pub(super) fn remove_bond(
         &mut self,
         body: &BondedParticles,
         bond: usize,
@@ -382,7 +382,7 @@ impl FractureState {
         let half = step.q.len() / 2;
         for (i, held) in body.pairs()[bond].into_iter().zip(held) {
             let i = i as usize;
-            for c in (0..3).filter(|_| i < self.own) {
+            for c in (0..3).filter(|_| i < self.owned) {
                 step.f_before[3 * i + c] -= held.linear[c];
                 step.f_before[half + 3 * i + c] -= held.angular[c];
             }
@@ -391,7 +391,7 @@ impl FractureState {
     }
 
     /// Makes bonds unbreakable because they are broken already.
-    pub(super) fn forget(&mut self, bonds: &[u32]) {
+    pub(super) fn make_unbreakable(&mut self, bonds: &[u32]) {
         bonds
             .iter()
             .for_each(|b| self.strength[*b as usize] = f64::INFINITY);
@@ -405,8 +405,8 @@ impl FractureState {
 /// Change over the step of the unknowns of an owned particle.
 pub(super) fn change(step: &Evolution<'_, f64>, i: usize) -> [f64; 6] {
     let half = step.q.len() / 2;
-    let at = |c: usize| if c < 3 { 3 * i + c } else { half + 3 * i + c - 3 };
-    std::array::from_fn(|c| step.q[at(c)] - step.q_before[at(c)])
+    let index = |c: usize| if c < 3 { 3 * i + c } else { half + 3 * i + c - 3 };
+    std::array::from_fn(|c| step.q[index(c)] - step.q_before[index(c)])
 }
 
 /// Middle of a bond in the reference configuration \[m\].

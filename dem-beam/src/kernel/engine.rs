@@ -114,13 +114,13 @@ pub(crate) trait Cut: Sized + Send {
 ///
 /// The parts are the same in both cases, so that sums over them have the same bits. They are whole blocks, so
 /// that no two threads write the unknowns of one particle.
-pub(crate) fn in_parts<P: Cut>(all: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
-    let blocks = all.blocks();
+pub(crate) fn in_parts<P: Cut>(job: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
+    let blocks = job.blocks();
     if blocks <= CHUNK {
-        return work(all);
+        return work(job);
     }
     // Cuts at a multiple of CHUNK near the middle: the parts do not depend on the number of threads.
-    let (a, b) = all.cut(blocks.div_ceil(CHUNK) / 2 * CHUNK);
+    let (a, b) = job.cut(blocks.div_ceil(CHUNK) / 2 * CHUNK);
     if parallel {
         rayon::join(|| in_parts(a, true, work), || in_parts(b, true, work));
     } else {
@@ -134,8 +134,8 @@ pub(crate) const PER_BLOCK: usize = 3 * LANES;
 
 /// Splits an array of unknowns after the first `blocks` blocks.
 pub(crate) fn cut_unknowns(x: &mut [f64], blocks: usize) -> (&mut [f64], &mut [f64]) {
-    let at = x.len().min(PER_BLOCK * blocks);
-    x.split_at_mut(at)
+    let split = x.len().min(PER_BLOCK * blocks);
+    x.split_at_mut(split)
 }
 
 /// A pass over a range of blocks: the consumer of the forces, and the optional checks and sums.
@@ -163,7 +163,7 @@ impl<F: Cut> Cut for Part<'_, F> {
             None => (None, None),
         };
         // Cuts lie at multiples of CHUNK, so that each sum belongs to one half.
-        let (sums, rest) = match self.sums.map(|s| s.split_at_mut(blocks / CHUNK)) {
+        let (sums, later_sums) = match self.sums.map(|s| s.split_at_mut(blocks / CHUNK)) {
             Some((x, y)) => (Some(x), Some(y)),
             None => (None, None),
         };
@@ -177,7 +177,7 @@ impl<F: Cut> Cut for Part<'_, F> {
             first: self.first + blocks,
             finish: b,
             marks: later,
-            sums: rest,
+            sums: later_sums,
         };
         (first, second)
     }
@@ -308,10 +308,10 @@ impl<W: Screened, F: Finish> OnLanes for Gathering<'_, '_, '_, W, F> {
 
 /// Prefetches `count` values into the nearest cache. The address need not be valid.
 #[inline(always)]
-pub(crate) fn prefetch_lines<L: Lanes, X>(l: L, at: *const X, count: usize) {
+pub(crate) fn prefetch_lines<L: Lanes, X>(l: L, address: *const X, count: usize) {
     let lines = count * size_of::<X>() / size_of::<CacheLine>();
     for i in 0..lines {
-        l.prefetch(at.cast::<CacheLine>().wrapping_add(i));
+        l.prefetch(address.cast::<CacheLine>().wrapping_add(i));
     }
 }
 
@@ -335,13 +335,13 @@ fn fetch<L: Lanes, W: Law>(
         prefetch_lines(l, layout.slots.as_ptr().wrapping_add(s + SLOTS_AHEAD), 1);
     }
     let near = &layout.neighbours[s];
-    let other = l.transpose(eight!(r => rows[near[r] as usize].0));
-    let rest = if W::LENGTHS {
+    let neighbour_rows = l.transpose(eight!(r => rows[near[r] as usize].0));
+    let rest_lengths = if W::LENGTHS {
         &layout.rests[s].0
     } else {
         &[0.0; LANES]
     };
-    W::near(l, k, (slot, rest), ready, &other)
+    W::near(l, k, (slot, rest_lengths), ready, &neighbour_rows)
 }
 
 /// Computes the forces on the eight particles of a block; `visitor` receives every slot.
@@ -353,9 +353,9 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>>(
     block: usize,
     visitor: &mut K,
 ) -> [L::V; 6] {
-    let mine = &rows[block * LANES..(block + 1) * LANES];
-    let own = l.transpose(eight!(r => mine[r].0));
-    let ready = W::ready(l, &own);
+    let block_rows = &rows[block * LANES..(block + 1) * LANES];
+    let columns = l.transpose(eight!(r => block_rows[r].0));
+    let ready = W::ready(l, &columns);
     visitor.begin(&ready);
     // Sums run slot after slot in the order of storage: the bits do not depend on the number of threads.
     let mut acc = [l.splat(0.0); 6];
@@ -399,13 +399,13 @@ impl<L: Lanes, W: Screened, F: Finish> Job for With<L, Gathering<'_, '_, '_, W, 
         let sum = sums.and_then(|s| s.first_mut());
         // One instance per combination of visitors, so that a pass without checks pays nothing for them.
         match (marks, &sum) {
-            (None, None) => blocks.each(l, &mut ()),
-            (None, Some(_)) => blocks.each(l, &mut energy),
-            (Some(marks), None) => blocks.each(l, &mut StrengthCheck::new(l, marks)),
+            (None, None) => blocks.visit_blocks(l, &mut ()),
+            (None, Some(_)) => blocks.visit_blocks(l, &mut energy),
+            (Some(marks), None) => blocks.visit_blocks(l, &mut StrengthCheck::new(l, marks)),
             (Some(marks), Some(_)) => {
-                let mut both = (StrengthCheck::new(l, marks), energy);
-                blocks.each(l, &mut both);
-                energy = both.1;
+                let mut visitors = (StrengthCheck::new(l, marks), energy);
+                blocks.visit_blocks(l, &mut visitors);
+                energy = visitors.1;
             }
         }
         if let Some(sum) = sum {
@@ -425,15 +425,15 @@ struct Blocks<'a, 'b, L: Lanes, W: Law, F> {
 
 impl<L: Lanes, W: Screened, F: Finish> Blocks<'_, '_, L, W, F> {
     #[inline(always)]
-    fn each<K: Visitor<L, W>>(&mut self, l: L, visitor: &mut K) {
+    fn visit_blocks<K: Visitor<L, W>>(&mut self, l: L, visitor: &mut K) {
         let far = self.rows.len() > FAR;
         for b in 0..self.finish.blocks() {
             // One block ahead: with the constants above -5 % of time at 20 000 particles, -20 % at a million.
             if far || W::LIGHT {
                 self.finish.fetch(l, b + 1);
             }
-            let of = (self.pass.layout, self.rows, far);
-            let f = gather::<L, W, K>(l, of, &self.k, self.first + b, visitor);
+            let inputs = (self.pass.layout, self.rows, far);
+            let f = gather::<L, W, K>(l, inputs, &self.k, self.first + b, visitor);
             self.finish.take(l, b, f);
             visitor.end(b);
         }

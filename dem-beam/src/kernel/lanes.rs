@@ -215,15 +215,15 @@ pub(crate) fn sum<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 
 /// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
 #[inline(always)]
-pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, to: &mut [f64]) {
+pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, target: &mut [f64]) {
     let parts = l.interleave(v);
-    let (whole, rest) = to.as_chunks_mut::<LANES>();
+    let (whole, last) = target.as_chunks_mut::<LANES>();
     let done = whole.len();
-    for (to, part) in whole.iter_mut().zip(parts) {
-        *to = l.store(l.add(l.load(to), part));
+    for (target, part) in whole.iter_mut().zip(parts) {
+        *target = l.store(l.add(l.load(target), part));
     }
-    if !rest.is_empty() {
+    if !last.is_empty() {
         let tail = l.store(parts[done.min(2)]);
-        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
+        last.iter_mut().zip(tail).for_each(|(target, x)| *target += x);
     }
 }

@@ -39,7 +39,7 @@ pub(crate) trait Law: Copy + Send + Sync {
     type Near<L: Lanes>: Copy;
 
     /// Prepares the eight particles from their rows.
-    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
+    fn ready<L: Lanes>(l: L, rows: &[L::V; 8]) -> Self::Ready<L>;
 
     /// First stage of a slot: from the half-bonds with their lengths and the rows of the eight neighbours.
     ///
@@ -49,8 +49,8 @@ pub(crate) trait Law: Copy + Send + Sync {
         l: L,
         k: &Rigidity<L>,
         bonds: (&Slot, &[f64; 8]),
-        own: &Self::Ready<L>,
-        other: &[L::V; 8],
+        particles: &Self::Ready<L>,
+        neighbour_rows: &[L::V; 8],
     ) -> Self::Near<L>;
 
     /// Second stage of a slot: adds forces and torques on the eight own particles to `acc`.
@@ -58,7 +58,7 @@ pub(crate) trait Law: Copy + Send + Sync {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
@@ -68,7 +68,7 @@ pub(crate) trait Law: Copy + Send + Sync {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
     ) -> L::V;
 }
@@ -154,8 +154,8 @@ impl Law for Linear {
     type Near<L: Lanes> = [Vec3<L>; 2];
 
     #[inline(always)]
-    fn ready<L: Lanes>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
-        [[own[0], own[1], own[2]], [own[4], own[5], own[6]]]
+    fn ready<L: Lanes>(_l: L, rows: &[L::V; 8]) -> [Vec3<L>; 2] {
+        [[rows[0], rows[1], rows[2]], [rows[4], rows[5], rows[6]]]
     }
 
     #[inline(always)]
@@ -164,10 +164,10 @@ impl Law for Linear {
         _: &Rigidity<L>,
         _: (&Slot, &[f64; 8]),
         &[u, _]: &[Vec3<L>; 2],
-        other: &[L::V; 8],
+        neighbour_rows: &[L::V; 8],
     ) -> [Vec3<L>; 2] {
-        let du = diff(l, [other[0], other[1], other[2]], u);
-        [du, [other[4], other[5], other[6]]]
+        let du = diff(l, [neighbour_rows[0], neighbour_rows[1], neighbour_rows[2]], u);
+        [du, [neighbour_rows[4], neighbour_rows[5], neighbour_rows[6]]]
     }
 
     #[inline(always)]
@@ -187,13 +187,13 @@ impl Law for Linear {
         let q = l.max(dot(l, d, d), k.one);
         let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
         let lever = l.mul(k.lever, s);
-        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
-        let shear = axpy(l, cross(l, d, both), k.half_step, du);
+        let (rotation_sum, rotation_difference) = (sum(l, ti, tj), diff(l, tj, ti));
+        let shear = axpy(l, cross(l, d, rotation_sum), k.half_step, du);
         let f = axpy(l, shear, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
         let f = axpy(l, d, l.mul(stiff, dot(l, d, du)), f);
         let c = axpy(l, cross(l, d, shear), lever, [acc[3], acc[4], acc[5]]);
-        let c = axpy(l, apart, l.mul(l.mul(k.bending, s), q), c);
-        let c = axpy(l, d, l.mul(l.mul(k.along, s), dot(l, d, apart)), c);
+        let c = axpy(l, rotation_difference, l.mul(l.mul(k.bending, s), q), c);
+        let c = axpy(l, d, l.mul(l.mul(k.along, s), dot(l, d, rotation_difference)), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
 
@@ -208,15 +208,15 @@ impl Law for Linear {
         let d: Vec3<L> = load3(l, &slot.span);
         let s = l.load_f32(&slot.stiffness);
         let q = l.max(dot(l, d, d), k.one);
-        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
-        let (stretch, twist) = (dot(l, d, du), dot(l, d, apart));
+        let (rotation_sum, rotation_difference) = (sum(l, ti, tj), diff(l, tj, ti));
+        let (stretch, twist) = (dot(l, d, du), dot(l, d, rotation_difference));
         // End rotations against the chord: a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2.
         let chord = l.mul(l.mul(k.two, k.per_step), l.recip(q));
-        let y = minus(l, cross(l, d, du), chord, both);
-        let along = dot(l, d, both);
+        let y = minus(l, cross(l, d, du), chord, rotation_sum);
+        let along = dot(l, d, rotation_sum);
         let sums = l.nmadd(along, along, l.mul(q, dot(l, y, y)));
         let twist2 = l.mul(twist, twist);
-        let differences = l.sub(l.mul(q, dot(l, apart, apart)), twist2);
+        let differences = l.sub(l.mul(q, dot(l, rotation_difference, rotation_difference)), twist2);
         let bend = l.mul(l.mul(k.quarter, k.bending2), l.madd(k.three, sums, differences));
         let held = l.madd(k.axial, l.mul(stretch, stretch), l.mul(k.torsion, twist2));
         l.mul(s, l.madd(k.half, held, bend))
@@ -269,8 +269,8 @@ impl Law for Finite {
     type Near<L: Lanes> = FiniteNear<L>;
 
     #[inline(always)]
-    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
-        let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+    fn ready<L: Lanes>(l: L, rows: &[L::V; 8]) -> FiniteReady<L> {
+        let (s, q): (L::V, Vec3<L>) = (rows[3], [rows[4], rows[5], rows[6]]);
         let (one, zero) = (l.splat(1.0), l.splat(0.0));
         let two = l.splat(2.0);
         // One matrix per particle: a rotated span then costs nine products per bond.
@@ -282,7 +282,7 @@ impl Law for Finite {
         );
         let turn = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
         FiniteReady {
-            u: [own[0], own[1], own[2]],
+            u: [rows[0], rows[1], rows[2]],
             s,
             q,
             turn,
@@ -293,28 +293,32 @@ impl Law for Finite {
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        (slot, rest): (&Slot, &[f64; 8]),
-        own: &FiniteReady<L>,
-        other: &[L::V; 8],
+        (slot, rest_length): (&Slot, &[f64; 8]),
+        particles: &FiniteReady<L>,
+        neighbour_rows: &[L::V; 8],
     ) -> FiniteNear<L> {
         let d0: Vec3<L> = load3(l, &slot.span);
-        let rest = l.load(rest);
-        let du = diff(l, [other[0], other[1], other[2]], own.u);
+        let rest_length = l.load(rest_length);
+        let du = diff(
+            l,
+            [neighbour_rows[0], neighbour_rows[1], neighbour_rows[2]],
+            particles.u,
+        );
         let d = axpy(l, d0, k.step, du);
         // l^2 - l0^2 = (d + d0).du, without cancellation for small strains.
         let gain = dot(l, axpy(l, d0, k.step, d), du);
-        let length = l.sqrt(l.madd(rest, rest, gain));
-        let sum = l.add(length, rest);
+        let length = l.sqrt(l.madd(rest_length, rest_length, gain));
+        let sum = l.add(length, rest_length);
         // One division for both 1/l and 1/(l + l0).
-        let both = l.recip(l.mul(length, sum));
-        let shrink = l.mul(both, sum);
+        let inverse_product = l.recip(l.mul(length, sum));
+        let shrink = l.mul(inverse_product, sum);
         FiniteNear {
             n: scale(l, d, shrink),
             shrink,
-            stretch: l.mul(gain, l.mul(both, length)),
-            rest,
-            s: other[3],
-            q: [other[4], other[5], other[6]],
+            stretch: l.mul(gain, l.mul(inverse_product, length)),
+            rest: rest_length,
+            s: neighbour_rows[3],
+            q: [neighbour_rows[4], neighbour_rows[5], neighbour_rows[6]],
         }
     }
 
@@ -323,7 +327,7 @@ impl Law for Finite {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
@@ -335,8 +339,8 @@ impl Law for Finite {
             axes: [ti, tj],
             relative: r,
             twist,
-        } = turned_axes(l, k.two, slot, own, near);
-        let r0 = l.madd(own.s, near.s, dot(l, own.q, near.q));
+        } = turned_axes(l, k.two, slot, particles, near);
+        let r0 = l.madd(particles.s, near.s, dot(l, particles.q, near.q));
         let whole = l.mul(s, near.square(l, k));
         let kt = l.mul(l.mul(k.torsion, whole), twist);
         let kb = l.mul(k.bending2, s);
@@ -367,7 +371,7 @@ impl Law for Finite {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
     ) -> L::V {
         let s = l.load_f32(&slot.stiffness);
@@ -375,7 +379,7 @@ impl Law for Finite {
             axes: [ti, tj],
             twist,
             ..
-        } = turned_axes(l, k.two, slot, own, near);
+        } = turned_axes(l, k.two, slot, particles, near);
         let n = near.n;
         // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
         let (ei, ej) = (minus(l, n, dot(l, n, ti), ti), minus(l, n, dot(l, n, tj), tj));
@@ -398,19 +402,19 @@ pub(super) fn turned_axes<L: Lanes>(
     l: L,
     two: L::V,
     slot: &Slot,
-    own: &FiniteReady<L>,
+    particles: &FiniteReady<L>,
     near: &FiniteNear<L>,
 ) -> Turned<L> {
     let n0: Vec3<L> = load3(l, &slot.span);
-    let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
+    let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (particles.q, near.q, near.s);
     let ti: Vec3<L> = [
-        dot(l, own.turn[0], n0),
-        dot(l, own.turn[1], n0),
-        dot(l, own.turn[2], n0),
+        dot(l, particles.turn[0], n0),
+        dot(l, particles.turn[1], n0),
+        dot(l, particles.turn[2], n0),
     ];
     let tj = turned(l, two, sj, qj, n0);
     // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j.
-    let r = axpy(l, qj, own.s, cross(l, qi, qj));
+    let r = axpy(l, qj, particles.s, cross(l, qi, qj));
     let r = minus(l, qi, sj, r);
     Turned {
         axes: [ti, tj],

@@ -103,23 +103,23 @@ impl Layout {
         whole: &dyn Fn(usize) -> bool,
     ) {
         let first = block * LANES;
-        let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
-        self.slots[from..to].fill(Slot::default());
-        self.neighbours[from..to].fill(std::array::from_fn(|k| (first + k) as u32));
+        let (first_slot, end_slot) = (self.start[block] as usize, self.start[block + 1] as usize);
+        self.slots[first_slot..end_slot].fill(Slot::default());
+        self.neighbours[first_slot..end_slot].fill(std::array::from_fn(|k| (first + k) as u32));
         if self.lengths {
-            self.rests[from..to].fill(CacheLine([self.grid.step(); LANES]));
+            self.rests[first_slot..end_slot].fill(CacheLine([self.grid.step(); LANES]));
         }
         for i in self.lanes(block) {
             // Whole bonds move up into the first slots; `FractureState::follow` orders their limits alike.
-            let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
-            for (s, &[other, b]) in left.enumerate() {
+            let whole_bonds = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
+            for (s, &[other, b]) in whole_bonds.enumerate() {
                 let bond = body.bond(b as usize);
-                let own = body.pairs()[b as usize][0] as usize == i;
-                let bond = if own { bond } else { bond.reversed() };
-                self.slots[from + s].set(i - first, &bond, &self.grid);
-                self.neighbours[from + s][i - first] = self.row(other);
+                let is_first_end = body.pairs()[b as usize][0] as usize == i;
+                let bond = if is_first_end { bond } else { bond.reversed() };
+                self.slots[first_slot + s].set(i - first, &bond, &self.grid);
+                self.neighbours[first_slot + s][i - first] = self.row(other);
                 if self.lengths {
-                    self.rests[from + s].0[i - first] = bond.span().norm();
+                    self.rests[first_slot + s].0[i - first] = bond.span().norm();
                 }
             }
         }

@@ -42,7 +42,7 @@ pub(crate) struct Screen {
     /// Lowest of all limits \[Pa or J/m²\].
     limit: f64,
     /// The lowest limit over the limit of each half-bond, if strengths differ.
-    each: Option<Vec<CacheLine>>,
+    ratios: Option<Vec<CacheLine>>,
     /// Largest `|th|^2` of a particle for which the squares of the linear law are accurate enough.
     turn: f64,
 }
@@ -73,21 +73,21 @@ impl Screen {
             criterion,
             section,
             limit: (1.0 - MARGIN) * least,
-            each: None,
+            ratios: None,
             turn: (turn * turn).min(NEVER),
         })
     }
 
     /// Allocates one limit per half-bond, `slots` rows of them; at first no half-bond can reach its limit.
-    pub(crate) fn with_each(mut self, slots: usize) -> Self {
+    pub(crate) fn with_ratios(mut self, slots: usize) -> Self {
         // Zero is the ratio to an infinite limit.
-        self.each = Some(vec![CacheLine([0.0; LANES]); slots]);
+        self.ratios = Some(vec![CacheLine([0.0; LANES]); slots]);
         self
     }
 
     /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
-        if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
+        if let Some(row) = self.ratios.as_mut().and_then(|e| e.get_mut(slot)) {
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
@@ -145,14 +145,14 @@ impl<L: Lanes> Test<L> {
     /// Returns values above zero where normal stress `n`, bending stress of square `b` and shear stress of
     /// square `t` reach 1.
     #[inline(always)]
-    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
+    fn stress_excess(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
-            let left = l.nmadd(self.three, t, self.one);
-            let kept = l.max(left, self.zero);
-            let room = l.sub(l.sqrt(kept), self.size(l, n));
-            // Shear stress beyond the limit leaves no room for bending: `kept - left` is then positive and
-            // marks the lane whatever the other stresses are.
-            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
+            let remainder = l.nmadd(self.three, t, self.one);
+            let clamped = l.max(remainder, self.zero);
+            let room = l.sub(l.sqrt(clamped), self.size(l, n));
+            // Shear stress beyond the limit leaves no room for bending: `clamped - remainder` is then
+            // positive and marks the lane whatever the other stresses are.
+            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(clamped, remainder));
         }
         let room = l.sub(l.sub(self.one, t), n);
         l.nmadd(room, self.size(l, room), b)
@@ -165,8 +165,8 @@ impl<L: Lanes> Test<L> {
 
     /// Multiplies a stress by the ratio of limits where limits differ, or a square by its square.
     #[inline(always)]
-    fn shared(&self, l: L, x: L::V, share: Option<L::V>) -> L::V {
-        match share {
+    fn scaled(&self, l: L, x: L::V, ratio: Option<L::V>) -> L::V {
+        match ratio {
             Some(s) => l.mul(x, s),
             None => x,
         }
@@ -181,13 +181,13 @@ pub(crate) trait Screened: Posed {
         k: &Rigidity<L>,
         t: &Test<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V;
 
     /// Square of the rotations of the own particles if it limits the accuracy of the check, else zero.
-    fn turn<L: Lanes>(l: L, own: &Self::Ready<L>) -> L::V;
+    fn turn<L: Lanes>(l: L, particles: &Self::Ready<L>) -> L::V;
 }
 
 impl Screened for Linear {
@@ -199,7 +199,7 @@ impl Screened for Linear {
         slot: &Slot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V {
         let d: Vec3<L> = load3(l, &slot.span);
         // `n/l`, and zero in empty lanes.
@@ -208,31 +208,31 @@ impl Screened for Linear {
         let strain = dot(l, p, du);
         // The axial criterion needs only the strain: returning here skips the moments.
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
+            return l.sub(t.scaled(l, l.mul(t.young, strain), ratio), t.one);
         }
         let q = dot(l, p, p);
         let c = cross(l, p, du);
         let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
         let twist = l.sub(pj, pi);
-        let both = sum(l, ti, tj);
+        let rotation_sum = sum(l, ti, tj);
         if matches!(t.criterion, Criterion::Energy) {
-            let a = minus(l, c, t.two, both);
+            let a = minus(l, c, t.two, rotation_sum);
             let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let stretch = l.mul(t.stretch, l.mul(strain, strain));
             let held = l.madd(t.twist, l.mul(twist, twist), stretch);
             let held = l.madd(t.sum, across(l, q, a, l.add(pi, pj)), held);
             let held = l.madd(t.difference, across(l, q, b, twist), held);
-            return l.sub(t.shared(l, held, share), l.sqrt(q));
+            return l.sub(t.scaled(l, held, ratio), l.sqrt(q));
         }
-        let half = minus(l, c, t.three, sum(l, ti, both));
-        let square = squared(l, share);
-        let bend = t.shared(
+        let half = minus(l, c, t.three, sum(l, ti, rotation_sum));
+        let square = squared(l, ratio);
+        let bend = t.scaled(
             l,
             l.mul(t.bend, across(l, q, half, l.madd(t.two, pi, pj))),
             square,
         );
-        let shear = t.shared(l, l.mul(t.shear, l.mul(twist, twist)), square);
-        t.of_stress(l, t.shared(l, l.mul(t.young, strain), share), bend, shear)
+        let shear = t.scaled(l, l.mul(t.shear, l.mul(twist, twist)), square);
+        t.stress_excess(l, t.scaled(l, l.mul(t.young, strain), ratio), bend, shear)
     }
 
     #[inline(always)]
@@ -248,28 +248,28 @@ impl Screened for Finite {
         k: &Rigidity<L>,
         t: &Test<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V {
-        let rest = near.rest;
+        let rest_length = near.rest;
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
+            return l.sub(t.scaled(l, l.mul(t.young, stretch), ratio), rest_length);
         }
-        let turned = turned_axes(l, t.two, slot, own, near);
+        let turned = turned_axes(l, t.two, slot, particles, near);
         let ([ti, tj], twist) = (turned.axes, turned.twist);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
         // Squares of rotated spans, multiplied by this, are squares of rotated axes.
         let unit = l.recip(near.square(l, k));
         if matches!(t.criterion, Criterion::Energy) {
-            let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
-            let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
-            let apart = minus(l, n, l.sub(ci, cj), apart);
+            let axis_sum = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
+            let axis_difference = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let axis_difference = minus(l, n, l.sub(ci, cj), axis_difference);
             let bent = l.madd(
                 t.sum,
-                dot(l, both, both),
-                l.mul(t.difference, dot(l, apart, apart)),
+                dot(l, axis_sum, axis_sum),
+                l.mul(t.difference, dot(l, axis_difference, axis_difference)),
             );
             let held = l.madd(
                 t.twist,
@@ -277,17 +277,17 @@ impl Screened for Finite {
                 l.mul(t.stretch, l.mul(stretch, stretch)),
             );
             let held = l.madd(bent, unit, held);
-            return l.sub(t.shared(l, held, share), rest);
+            return l.sub(t.scaled(l, held, ratio), rest_length);
         }
         let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
         // Strains are length changes over the length at rest.
-        let per = l.recip(rest);
-        let per = t.shared(l, per, share);
+        let per = l.recip(rest_length);
+        let per = t.scaled(l, per, ratio);
         let square = l.mul(per, per);
         let bent = l.mul(dot(l, half, half), unit);
         let bend = l.mul(l.mul(t.bend, bent), square);
         let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
-        t.of_stress(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
+        t.stress_excess(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
     }
 
     #[inline(always)]
@@ -305,8 +305,8 @@ fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
 /// Square of an optional ratio. Not `map`: closures are compiled without the instructions of the caller.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
-fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
-    match share {
+fn squared<L: Lanes>(l: L, ratio: Option<L::V>) -> Option<L::V> {
+    match ratio {
         Some(s) => Some(l.mul(s, s)),
         None => None,
     }
@@ -316,7 +316,7 @@ fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
 pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
     test: Test<L>,
-    each: Option<&'a [CacheLine]>,
+    ratios: Option<&'a [CacheLine]>,
     turn: L::V,
     worst: L::V,
     /// Set for blocks in which a bond exceeded its limit.
@@ -329,7 +329,7 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
         Self {
             l,
             test: Test::new(l, screen),
-            each: screen.each.as_deref(),
+            ratios: screen.ratios.as_deref(),
             turn: l.splat(screen.turn),
             worst: l.splat(-1.0),
             marks,
@@ -339,20 +339,27 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
 
 impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     #[inline(always)]
-    fn begin(&mut self, own: &W::Ready<L>) {
+    fn begin(&mut self, particles: &W::Ready<L>) {
         // Positive for particles with rotations too large for the squares: their block is always marked.
-        self.worst = self.l.sub(W::turn(self.l, own), self.turn);
+        self.worst = self.l.sub(W::turn(self.l, particles), self.turn);
     }
 
     #[inline(always)]
-    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+    fn visit(
+        &mut self,
+        k: &Rigidity<L>,
+        index: usize,
+        slot: &Slot,
+        particles: &W::Ready<L>,
+        near: &W::Near<L>,
+    ) {
         let l = self.l;
         #[allow(clippy::manual_map, reason = "as in `squared`")]
-        let share = match self.each {
+        let ratio = match self.ratios {
             Some(rows) => Some(l.load(&rows[index].0)),
             None => None,
         };
-        let excess = W::excess(l, k, &self.test, slot, own, near, share);
+        let excess = W::excess(l, k, &self.test, slot, particles, near, ratio);
         self.worst = l.max(excess, self.worst);
     }
 

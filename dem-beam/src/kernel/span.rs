@@ -79,8 +79,8 @@ impl Slot {
     /// Writes a half-bond, seen from the lane's own particle, into a lane.
     pub(crate) fn set(&mut self, lane: usize, bond: &LinearBond, grid: &Grid) {
         let d = bond.span() / grid.step();
-        for (to, d) in self.span.iter_mut().zip(d.iter()) {
-            to[lane] = d.round() as i32;
+        for (row, d) in self.span.iter_mut().zip(d.iter()) {
+            row[lane] = d.round() as i32;
         }
         self.stiffness[lane] = grid.stiffness(bond);
     }

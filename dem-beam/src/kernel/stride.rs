@@ -72,22 +72,22 @@ impl Cut for Moving<'_> {
 
     fn cut(self, blocks: usize) -> (Self, Self) {
         let (rows, later) = self.rows.split_at_mut(LANES * blocks);
-        let (reached, rest) = cut_unknowns(self.reached, blocks);
+        let (reached, later_reached) = cut_unknowns(self.reached, blocks);
         let [(q, x), (th, y)] = self.q.map(|q| cut_unknowns(q, blocks));
-        let at = PER_BLOCK * blocks;
+        let split = PER_BLOCK * blocks;
         let first = Moving {
             rows,
             reached,
             q: [q, th],
-            v: self.v.map(|v| &v[..at]),
-            a: self.a.map(|a| &a[..at]),
+            v: self.v.map(|v| &v[..split]),
+            a: self.a.map(|a| &a[..split]),
         };
         let second = Moving {
             rows: later,
-            reached: rest,
+            reached: later_reached,
             q: [x, y],
-            v: self.v.map(|v| &v[at..]),
-            a: self.a.map(|a| &a[at..]),
+            v: self.v.map(|v| &v[split..]),
+            a: self.a.map(|a| &a[split..]),
         };
         (first, second)
     }
@@ -113,15 +113,15 @@ impl Cut for Accelerate<'_> {
     }
 
     fn cut(self, blocks: usize) -> (Self, Self) {
-        let at = PER_BLOCK * blocks;
+        let split = PER_BLOCK * blocks;
         let [(v, x), (spin, y)] = self.v.map(|v| cut_unknowns(v, blocks));
         let [(a, p), (b, q)] = self.a.map(|a| cut_unknowns(a, blocks));
-        let (w, r) = cut_both(self.w, at);
-        let (m, n) = match self.m.map(|m| cut_both(m, at)) {
+        let (w, r) = cut_both(self.w, split);
+        let (m, n) = match self.m.map(|m| cut_both(m, split)) {
             Some((m, n)) => (Some(m), Some(n)),
             None => (None, None),
         };
-        let one = Accelerate {
+        let first = Accelerate {
             step: self.step,
             v: [v, spin],
             a: [a, b],
@@ -129,7 +129,7 @@ impl Cut for Accelerate<'_> {
             m,
             sum: 0.0,
         };
-        let other = Accelerate {
+        let second = Accelerate {
             step: self.step,
             v: [x, y],
             a: [p, q],
@@ -137,12 +137,12 @@ impl Cut for Accelerate<'_> {
             m: n,
             sum: 0.0,
         };
-        (one, other)
+        (first, second)
     }
 }
 
-fn cut_both(x: [&[f64]; 2], at: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
-    (x.map(|x| &x[..at]), x.map(|x| &x[at..]))
+fn cut_both(x: [&[f64]; 2], split: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
+    (x.map(|x| &x[..split]), x.map(|x| &x[split..]))
 }
 
 impl Finish for Accelerate<'_> {

@@ -81,7 +81,7 @@ impl<L: Lanes> Job for With<'_, L> {
     #[inline(always)]
     fn call(self) {
         let Self(l, Turn { rows, u, th, reached }) = self;
-        let (blocks, rest) = rows.as_chunks_mut::<LANES>();
+        let (blocks, last_rows) = rows.as_chunks_mut::<LANES>();
         let (us, u) = u.as_chunks::<24>();
         let (ths, th) = th.as_chunks::<24>();
         let (reacheds, reached) = reached.as_chunks_mut::<24>();
@@ -90,7 +90,7 @@ impl<L: Lanes> Job for With<'_, L> {
                 one_by_one(rows, u, th, reached);
             }
         }
-        one_by_one(rest, u, th, reached);
+        one_by_one(last_rows, u, th, reached);
     }
 }
 
@@ -132,8 +132,8 @@ fn small_turn<L: Lanes>(
     *reached = *th;
     let y = l.mul(x, l.splat(0.25));
     let (c, h) = (series(l, y, &COS), scale(l, d, series(l, y, &SIN)));
-    let own = l.transpose(eight!(r => rows[r].0));
-    let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+    let columns = l.transpose(eight!(r => rows[r].0));
+    let (s, q): (L::V, Vec3<L>) = (columns[3], [columns[4], columns[5], columns[6]]);
     // (c, h) (s, q) = (c s - h.q, c q + s h + h x q)
     let scalar = l.sub(l.mul(c, s), dot(l, h, q));
     let turn = cross(l, h, q);
@@ -209,12 +209,12 @@ mod tests {
                         th[3 * i + 2] - reached[3 * i + 2],
                     );
                     let wanted = UnitQuaternion::from_scaled_axis(way) * q;
-                    let found = Quaternion::new(row.0[3], row.0[4], row.0[5], row.0[6]);
-                    assert!((found - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
+                    let actual = Quaternion::new(row.0[3], row.0[4], row.0[5], row.0[6]);
+                    assert!((actual - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
                     assert_eq!(row.0[..3], u[3 * i..3 * i + 3]);
-                    let one = turned([q.w, q.i, q.j, q.k], way.into());
-                    let one = Quaternion::new(one[0], one[1], one[2], one[3]);
-                    assert!((one - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
+                    let single = turned([q.w, q.i, q.j, q.k], way.into());
+                    let single = Quaternion::new(single[0], single[1], single[2], single[3]);
+                    assert!((single - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
                 }
             }
         }

@@ -6,8 +6,15 @@ use super::span::Slot;
 
 /// Receives every slot of half-bonds while forces are gathered.
 pub(crate) trait Visitor<L: Lanes, W: Law> {
-    fn begin(&mut self, own: &W::Ready<L>);
-    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>);
+    fn begin(&mut self, particles: &W::Ready<L>);
+    fn visit(
+        &mut self,
+        k: &Rigidity<L>,
+        index: usize,
+        slot: &Slot,
+        particles: &W::Ready<L>,
+        near: &W::Near<L>,
+    );
     /// Called when block `b` of the part is finished.
     #[inline(always)]
     fn end(&mut self, _b: usize) {}
@@ -24,14 +31,21 @@ impl<L: Lanes, W: Law> Visitor<L, W> for () {
 /// Calls two visitors one after the other.
 impl<L: Lanes, W: Law, A: Visitor<L, W>, B: Visitor<L, W>> Visitor<L, W> for (A, B) {
     #[inline(always)]
-    fn begin(&mut self, own: &W::Ready<L>) {
-        self.0.begin(own);
-        self.1.begin(own);
+    fn begin(&mut self, particles: &W::Ready<L>) {
+        self.0.begin(particles);
+        self.1.begin(particles);
     }
     #[inline(always)]
-    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
-        self.0.visit(k, index, slot, own, near);
-        self.1.visit(k, index, slot, own, near);
+    fn visit(
+        &mut self,
+        k: &Rigidity<L>,
+        index: usize,
+        slot: &Slot,
+        particles: &W::Ready<L>,
+        near: &W::Near<L>,
+    ) {
+        self.0.visit(k, index, slot, particles, near);
+        self.1.visit(k, index, slot, particles, near);
     }
     #[inline(always)]
     fn end(&mut self, b: usize) {
@@ -64,7 +78,7 @@ impl<L: Lanes, W: Law> Visitor<L, W> for Energy<L> {
     #[inline(always)]
     fn begin(&mut self, _: &W::Ready<L>) {}
     #[inline(always)]
-    fn visit(&mut self, k: &Rigidity<L>, _: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
-        self.sum = self.l.add(self.sum, W::energy(self.l, k, slot, own, near));
+    fn visit(&mut self, k: &Rigidity<L>, _: usize, slot: &Slot, particles: &W::Ready<L>, near: &W::Near<L>) {
+        self.sum = self.l.add(self.sum, W::energy(self.l, k, slot, particles, near));
     }
 }

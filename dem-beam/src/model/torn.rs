@@ -39,7 +39,7 @@ impl DemModel {
         let mut loose: Vec<i64> = Vec::new();
         for event in log.events().iter().filter(|e| e.overlap) {
             broken += 1;
-            let Some(b) = fracture.here(event.bond) else {
+            let Some(b) = fracture.local_bond(event.bond) else {
                 continue;
             };
             let [i, j] = self.body.pairs()[b].map(|i| i as usize);

@@ -35,7 +35,7 @@ impl Near {
     }
 
     /// Makes an empty list with the same skin for another number of particles.
-    pub(super) fn of_part(&self, particles: usize) -> Self {
+    pub(super) fn for_particles(&self, particles: usize) -> Self {
         Self {
             skin: self.skin,
             particles: Vec::new(),
@@ -49,8 +49,8 @@ impl Near {
     /// the sum of both motions.
     fn holds(&self, u: &[f64], moved: &Vector3<f64>) -> bool {
         // A margin of a thousandth for round-off.
-        let left = 0.999 * self.skin - (moved - self.moved).norm();
-        if self.built.len() != u.len() || left < 0.0 {
+        let slack = 0.999 * self.skin - (moved - self.moved).norm();
+        if self.built.len() != u.len() || slack < 0.0 {
             return false;
         }
         let far = |(now, then): (&[f64], &[f64])| {
@@ -60,7 +60,7 @@ impl Near {
                 d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
             };
             // Counted over a chunk: leaving at the first particle would prevent vector instructions.
-            points.map(|p| u32::from(square(p) > left * left)).sum::<u32>() > 0
+            points.map(|p| u32::from(square(p) > slack * slack)).sum::<u32>() > 0
         };
         !u.chunks(3 * CHUNK).zip(self.built.chunks(3 * CHUNK)).any(far)
     }
@@ -100,6 +100,10 @@ impl Near {
 }
 
 /// Centre of particle `i`, displaced by `u` \[m\].
-pub(super) fn place(rest: &Sphere, u: &[f64], i: usize) -> Point3<f64> {
-    Point3::new(rest[0] + u[3 * i], rest[1] + u[3 * i + 1], rest[2] + u[3 * i + 2])
+pub(super) fn place(sphere: &Sphere, u: &[f64], i: usize) -> Point3<f64> {
+    Point3::new(
+        sphere[0] + u[3 * i],
+        sphere[1] + u[3 * i + 1],
+        sphere[2] + u[3 * i + 2],
+    )
 }

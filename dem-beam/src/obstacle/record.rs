@@ -37,12 +37,12 @@ impl Body {
         out.numbers.extend(balance);
         out.numbers.push(self.law.supplied);
         for s in self.all_springs().iter() {
-            out.integers.push(u64::from(s.on));
+            out.integers.push(u64::from(s.closed));
             out.numbers.extend(s.numbers());
         }
         for a in &self.active {
-            let company = self.crowd.as_ref().map(|c| &c.company);
-            let particle = company.map_or(a.particle, |c| c.ids[a.particle as usize]);
+            let gathered = self.partition.as_ref().map(|c| &c.gathered);
+            let particle = gathered.map_or(a.particle, |c| c.ids[a.particle as usize]);
             out.integers.push(u64::from(particle));
             let vectors = [a.force, a.torque, a.back];
             out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
@@ -73,9 +73,11 @@ impl Body {
             self.law.supplied,
         ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
         let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
-        let (on, particles) = from.integers[3..].split_at(n);
-        let all = on.iter().zip(springs.as_chunks::<7>().0);
-        self.springs = all.map(|(on, x)| Spring::from_numbers(*on == 1, *x)).collect();
+        let (closed, particles) = from.integers[3..].split_at(n);
+        let saved = closed.iter().zip(springs.as_chunks::<7>().0);
+        self.springs = saved
+            .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
+            .collect();
         self.active.clear();
         for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
             if *particle >= n as u64 {
@@ -91,7 +93,7 @@ impl Body {
             });
         }
         self.near.clear();
-        self.meet_again();
+        self.restore_gathered();
         Ok(())
     }
 }

@@ -74,8 +74,8 @@ impl RigidShape {
             return Ok(None);
         };
         match (self, inertia) {
-            (Self::Sphere { radius, .. }, given) => {
-                let inertia = given.unwrap_or(0.4 * mass * radius * radius);
+            (Self::Sphere { radius, .. }, value) => {
+                let inertia = value.unwrap_or(0.4 * mass * radius * radius);
                 positive("moment of inertia of an obstacle", inertia)?;
                 Ok(Some((*radius, inertia)))
             }
@@ -88,10 +88,15 @@ impl RigidShape {
         }
     }
 
-    /// Distance of a triangle from the surface of the shape displaced by `by` \[m\], negative if the triangle
-    /// reaches inside; and the point of the triangle that is nearest to the shape, or deepest inside.
+    /// Distance of a triangle from the surface of the shape displaced by `displacement` \[m\], negative if
+    /// the triangle reaches inside; and the point of the triangle that is nearest to the shape, or deepest
+    /// inside.
     #[must_use]
-    pub fn distance_of_triangle(&self, corners: &[Point3<f64>; 3], by: &Vector3<f64>) -> (f64, Point3<f64>) {
+    pub fn distance_of_triangle(
+        &self,
+        corners: &[Point3<f64>; 3],
+        displacement: &Vector3<f64>,
+    ) -> (f64, Point3<f64>) {
         let nearest = match self {
             Self::Plane { normal, .. } => {
                 let height = |x: &Point3<f64>| normal.dot(&x.coords);
@@ -100,36 +105,36 @@ impl RigidShape {
                 *lower(lower(a, b), c)
             }
             Self::Sphere { centre, .. } => {
-                let all = corners.each_ref().map(|x| x.coords);
-                closest_on_triangle(&(centre.coords + by), &all).into()
+                let points = corners.each_ref().map(|x| x.coords);
+                closest_on_triangle(&(centre.coords + displacement), &points).into()
             }
             Self::Cylinder { point, axis, .. } => {
                 // Distances are measured in the plane across the axis; along the axis the triangle's middle
                 // serves as position.
-                let [a, b, c] = corners.each_ref().map(|x| x - point - by);
+                let [a, b, c] = corners.each_ref().map(|x| x - point - displacement);
                 let flat = [a, b, c].map(|d| d - axis * axis.dot(&d));
                 let along = axis * (axis.dot(&(a + b + c)) / 3.0);
-                point + by + closest_on_triangle(&Vector3::zeros(), &flat) + along
+                point + displacement + closest_on_triangle(&Vector3::zeros(), &flat) + along
             }
         };
-        (self.distance(&nearest, by).0, nearest)
+        (self.distance(&nearest, displacement).0, nearest)
     }
 
-    /// Distance of a point from the surface of the shape displaced by `by` \[m\], negative inside; and the
-    /// outward normal at the nearest point of the surface.
+    /// Distance of a point from the surface of the shape displaced by `displacement` \[m\], negative inside;
+    /// and the outward normal at the nearest point of the surface.
     #[inline]
     #[must_use]
-    pub fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    pub fn distance(&self, x: &Point3<f64>, displacement: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let round = |d: Vector3<f64>, radius: f64| {
             let size = d.norm();
             let n = if size > 0.0 { d / size } else { Vector3::x() };
             (size - radius, n)
         };
         match self {
-            Self::Plane { point, normal } => (normal.dot(&(x - point - by)), *normal),
-            Self::Sphere { centre, radius } => round(x - centre - by, *radius),
+            Self::Plane { point, normal } => (normal.dot(&(x - point - displacement)), *normal),
+            Self::Sphere { centre, radius } => round(x - centre - displacement, *radius),
             Self::Cylinder { point, axis, radius } => {
-                let d = x - point - by;
+                let d = x - point - displacement;
                 round(d - axis * axis.dot(&d), *radius)
             }
         }

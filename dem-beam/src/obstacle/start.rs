@@ -24,7 +24,7 @@ struct Inside {
 const WORDS: usize = 6;
 
 impl Inside {
-    fn of<'a>(
+    fn find<'a>(
         shape: &RigidShape,
         moved: &Vector3<f64>,
         particles: impl Iterator<Item = (&'a f64, Point3<f64>)>,
@@ -57,9 +57,9 @@ impl Inside {
         let [x, y, z] = self.place;
         let reals = [self.depth, self.radius, x, y, z].map(|v| v.to_bits().cast_signed());
         let words: Vec<i64> = [self.count.cast_signed()].into_iter().chain(reals).collect();
-        let all = portion.listed(&words)?;
+        let gathered = portion.listed(&words)?;
         let mut out = Self::default();
-        for [count, reals @ ..] in all.as_chunks::<WORDS>().0 {
+        for [count, reals @ ..] in gathered.as_chunks::<WORDS>().0 {
             let [depth, radius, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));
             out.add(&Self {
                 count: count.cast_unsigned(),
@@ -96,7 +96,7 @@ pub(super) fn check(
     spheres: &[Sphere],
 ) -> Result<()> {
     let particles = spheres.iter().map(|s| (&s[3], Point3::new(s[0], s[1], s[2])));
-    Inside::of(shape, moved, particles).refuse(obstacle)
+    Inside::find(shape, moved, particles).refuse(obstacle)
 }
 
 impl Body {
@@ -106,15 +106,15 @@ impl Body {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
         }
-        let crowd = self.crowd.as_ref();
-        let rest = &crowd.map_or(&self.grains, |c| &c.grains).rest;
-        let displaced = rest
+        let partition = self.partition.as_ref();
+        let rest_spheres = &partition.map_or(&self.grains, |c| &c.grains).rest;
+        let displaced = rest_spheres
             .iter()
             .enumerate()
             .map(|(i, s)| (&s[3], near::place(s, q, i)));
-        let mut inside = Inside::of(&self.shape, &self.moved, displaced);
-        if let Some(crowd) = crowd {
-            inside = inside.on_all_ranks(crowd.portion())?;
+        let mut inside = Inside::find(&self.shape, &self.moved, displaced);
+        if let Some(partition) = partition {
+            inside = inside.on_all_ranks(partition.portion())?;
         }
         let named = |e| arlequin_core::Error::of_model(&self.host, e);
         inside.refuse(&self.name).map_err(named)

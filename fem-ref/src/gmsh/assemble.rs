@@ -19,8 +19,8 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
         volumes,
         regions,
         repeated,
-    } = Filling::of(file, kind)?;
-    let mut mesh = Mesh::of_volumes(kind, nodes, connectivity, volumes, regions)?;
+    } = Filling::collect(file, kind)?;
+    let mut mesh = Mesh::with_volumes(kind, nodes, connectivity, volumes, regions)?;
     for (name, group) in collect_groups(file)? {
         add_group(&mut mesh, &name, group);
     }
@@ -55,7 +55,7 @@ struct Filling {
 impl Filling {
     /// Collects the elements. A second listing on the same entity is a repetition and left out; on another
     /// entity it means that two volumes lie at one place, perhaps of two materials, which is an error.
-    fn of(file: &Contents, kind: ElementKind) -> Result<Self> {
+    fn collect(file: &Contents, kind: ElementKind) -> Result<Self> {
         let mut out = Self::default();
         let mut known: HashMap<NodeSet, (i32, u64)> = HashMap::new();
         for block in domain(file, kind) {
@@ -86,8 +86,8 @@ impl Filling {
     fn volume(&mut self, file: &Contents, block: &Block) -> u32 {
         let name = match block.physical.first().map(|t| t.saturating_abs()) {
             Some(tag) => {
-                let given = file.names.get(&(3, tag)).cloned();
-                given.unwrap_or_else(|| format!("volume-{tag}"))
+                let group_name = file.names.get(&(3, tag)).cloned();
+                group_name.unwrap_or_else(|| format!("volume-{tag}"))
             }
             None => format!("entity {}", block.entity),
         };
@@ -116,8 +116,8 @@ fn gmsh_type(kind: ElementKind) -> ElementType {
 /// Determines the one element kind that fills the domain.
 fn element_kind(blocks: &[Block]) -> Result<ElementKind> {
     let count = |t: ElementType| -> usize {
-        let those = blocks.iter().filter(|b| b.element_type == t);
-        those.map(|b| b.elements.len()).sum()
+        let matching = blocks.iter().filter(|b| b.element_type == t);
+        matching.map(|b| b.elements.len()).sum()
     };
     use ElementType::{Hex8, Lin2, Pnt, Qua4, Tet4, Tri3};
     let known = [Pnt, Lin2, Tri3, Qua4, Tet4, Hex8];

@@ -88,20 +88,20 @@ impl Contents {
     }
 
     fn drop_nodes(&mut self, tags: &HashSet<u64>) {
-        let mut kept = vec![true; self.nodes.len()];
+        let mut is_kept = vec![true; self.nodes.len()];
         for tag in tags {
             if let Some(k) = self.index.remove(tag) {
-                kept[k as usize] = false;
+                is_kept[k as usize] = false;
             }
         }
-        let mut place = Vec::with_capacity(kept.len());
+        let mut place = Vec::with_capacity(is_kept.len());
         let mut next = 0;
-        for keep in &kept {
+        for keep in &is_kept {
             place.push(next);
             next += u32::from(*keep);
         }
         self.index.values_mut().for_each(|k| *k = place[*k as usize]);
-        let mut keep = kept.iter();
+        let mut keep = is_kept.iter();
         self.nodes.retain(|_| keep.next().copied().unwrap_or(true));
     }
 }

@@ -38,7 +38,7 @@ pub fn load_surface(path: impl AsRef<Path>) -> Result<Triangles> {
     if file.blocks.iter().any(|b| solid.contains(&b.element_type)) {
         return Ok(triangles_of(&assemble::mesh::<f64>(&file)?));
     }
-    of_faces(file)
+    face_triangles(file)
 }
 
 fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
@@ -64,7 +64,7 @@ pub fn triangles_of(mesh: &Mesh<f64>) -> Triangles {
 }
 
 /// Triangles of a surface mesh.
-fn of_faces(file: Contents) -> Result<Triangles> {
+fn face_triangles(file: Contents) -> Result<Triangles> {
     let mut triangles = Vec::new();
     let faces = [ElementType::Tri3, ElementType::Qua4];
     let mut known = HashSet::new();

@@ -34,9 +34,9 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
         }
     };
     let start = |section: &str, name: &str| {
-        let at = behind(bytes, section)
+        let position = behind(bytes, section)
             .ok_or_else(|| fault(format!("there is no {section} section; the mesh has no {name}")))?;
-        let count = std::str::from_utf8(line(bytes, at))
+        let count = std::str::from_utf8(line(bytes, position))
             .ok()
             .and_then(|t| t.trim().parse::<u64>().ok());
         match count {
@@ -44,19 +44,19 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
             Some(0) => Err(fault(format!(
                 "section {section} is empty; mesh the geometry before saving"
             ))),
-            Some(n) => Ok((n, at + line(bytes, at).len() + 1)),
+            Some(n) => Ok((n, position + line(bytes, position).len() + 1)),
         }
     };
-    let source = |at: usize| Source {
-        bytes: bytes.get(at..).unwrap_or(&[]),
+    let source = |position: usize| Source {
+        bytes: bytes.get(position..).unwrap_or(&[]),
         binary: header.width.is_some(),
         little,
     };
-    let (count, at) = start("$Nodes", "nodes")?;
+    let (count, position) = start("$Nodes", "nodes")?;
     let mut out = Contents::default();
-    nodes(source(at), count, &mut out)?;
-    let (count, at) = start("$Elements", "elements")?;
-    let listed = elements(source(at), count)?;
+    nodes(source(position), count, &mut out)?;
+    let (count, position) = start("$Elements", "elements")?;
+    let listed = elements(source(position), count)?;
     out.blocks = blocks(listed);
     Ok(out)
 }
@@ -138,16 +138,16 @@ fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -
         let Some(number) = source.integer() else {
             return Ok(None);
         };
-        let mut own = [0; 2];
+        let mut element_tags = [0; 2];
         for k in 0..tags {
             let Some(tag) = source.integer() else {
                 return Ok(None);
             };
-            if let Some(slot) = own.get_mut(k as usize) {
+            if let Some(slot) = element_tags.get_mut(k as usize) {
                 *slot = tag;
             }
         }
-        match listed(source, number, element_type, own, n) {
+        match listed(source, number, element_type, element_tags, n) {
             Some(e) => out.push(e),
             None => return Ok(None),
         }
@@ -176,21 +176,21 @@ fn listed(
 /// groups once per group, reversed if the group's tag is negative; elements are therefore identified by their
 /// set of nodes.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
-    let mut at: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
+    let mut indices: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
     for e in listed {
         let mut nodes = e.nodes.clone();
         nodes.sort_unstable();
         let key = (e.element_type as i32, e.entity, nodes);
         let groups = (e.physical != 0).then_some(e.physical);
-        match at.get(&key) {
+        match indices.get(&key) {
             // A repetition in the same group is kept, for the check of repeated elements in `assemble`.
             Some(&k) if groups.is_none_or(|g| merged[k].1.contains(&g)) => {
                 merged.push((e, merged[k].1.clone()));
             }
             Some(&k) => merged[k].1.extend(groups),
             None => {
-                at.insert(key, merged.len());
+                indices.insert(key, merged.len());
                 merged.push((e, groups.into_iter().collect()));
             }
         }
@@ -263,8 +263,8 @@ struct Source<'a> {
 
 impl Source<'_> {
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.bytes.split_first_chunk::<N>()?;
-        self.bytes = rest;
+        let (first, remaining) = self.bytes.split_first_chunk::<N>()?;
+        self.bytes = remaining;
         let mut out = *first;
         if !self.little {
             out.reverse();
@@ -278,8 +278,8 @@ impl Source<'_> {
             .iter()
             .position(u8::is_ascii_whitespace)
             .unwrap_or(text.len());
-        let (word, rest) = text.split_at(end);
-        self.bytes = rest;
+        let (word, remaining) = text.split_at(end);
+        self.bytes = remaining;
         std::str::from_utf8(word).ok()
     }
 

@@ -23,12 +23,12 @@ pub(super) struct Header {
 
 /// Reads the first section.
 pub(super) fn header(bytes: &[u8]) -> Result<Header> {
-    let Some(at) = behind(bytes, "$MeshFormat") else {
+    let Some(position) = behind(bytes, "$MeshFormat") else {
         return Err(fault(
             "the file does not start with $MeshFormat; is it a .msh file?",
         ));
     };
-    let text = String::from_utf8_lossy(line(bytes, at)).into_owned();
+    let text = String::from_utf8_lossy(line(bytes, position)).into_owned();
     let words: Vec<&str> = text.split_whitespace().collect();
     let [version, file_type, size] = words[..] else {
         return Err(fault(format!(
@@ -50,7 +50,7 @@ pub(super) fn header(bytes: &[u8]) -> Result<Header> {
             "size {size} of integers is not supported; use 4 or 8"
         )));
     }
-    let end = at + text.len() + 1;
+    let end = position + text.len() + 1;
     Ok(Header {
         version: version.to_owned(),
         width,
@@ -97,29 +97,30 @@ fn physical_tags(entities: &Entities<i32, f64>) -> HashMap<(i32, i32), Vec<i32>>
     let curves = entities.curves.iter().map(|e| (1, e.tag, &e.physical_tags));
     let surfaces = entities.surfaces.iter().map(|e| (2, e.tag, &e.physical_tags));
     let volumes = entities.volumes.iter().map(|e| (3, e.tag, &e.physical_tags));
-    let all = points.chain(curves).chain(surfaces).chain(volumes);
-    all.map(|(dimension, tag, physical)| ((dimension, tag), physical.clone()))
+    let tagged = points.chain(curves).chain(surfaces).chain(volumes);
+    tagged
+        .map(|(dimension, tag, physical)| ((dimension, tag), physical.clone()))
         .collect()
 }
 
 /// Position after the first line that ends with `word`.
 pub(super) fn behind(bytes: &[u8], word: &str) -> Option<usize> {
     let n = word.len();
-    let mut at = 0;
-    while let Some(k) = bytes[at..].windows(n).position(|w| w == word.as_bytes()) {
-        at += k + n;
-        match &bytes[at..] {
-            [b'\n', ..] => return Some(at + 1),
-            [b'\r', b'\n', ..] => return Some(at + 2),
+    let mut end = 0;
+    while let Some(k) = bytes[end..].windows(n).position(|w| w == word.as_bytes()) {
+        end += k + n;
+        match &bytes[end..] {
+            [b'\n', ..] => return Some(end + 1),
+            [b'\r', b'\n', ..] => return Some(end + 2),
             _ => {}
         }
     }
     None
 }
 
-pub(super) fn line(bytes: &[u8], at: usize) -> &[u8] {
-    let rest = &bytes[at..];
-    &rest[..rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len())]
+pub(super) fn line(bytes: &[u8], position: usize) -> &[u8] {
+    let tail = &bytes[position..];
+    &tail[..tail.iter().position(|&b| b == b'\n').unwrap_or(tail.len())]
 }
 
 /// Checks what the parser takes for granted, and makes it keep node tags.
@@ -130,12 +131,12 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     let (width, little) = (header.width, header.little);
     let mut out = bytes.to_vec();
     for (section, name) in [("$Nodes", "nodes"), ("$Elements", "elements")] {
-        let Some(at) = behind(&out, section) else {
+        let Some(position) = behind(&out, section) else {
             return Err(fault(format!(
                 "there is no {section} section; the mesh has no {name}"
             )));
         };
-        let (counts, text) = section_counts(&out, at, width, little)
+        let (counts, text) = section_counts(&out, position, width, little)
             .ok_or_else(|| fault(format!("the header of section {section} is broken")))?;
         if counts[1] == 0 {
             return Err(fault(format!(
@@ -146,9 +147,9 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
             match width {
                 None => {
                     let new = format!("{} {} {} {}", counts[0], counts[1], counts[2], u64::MAX);
-                    out.splice(at..at + text, new.into_bytes());
+                    out.splice(position..position + text, new.into_bytes());
                 }
-                Some(w) => out[at + 3 * w..at + 4 * w].fill(u8::MAX),
+                Some(w) => out[position + 3 * w..position + 4 * w].fill(u8::MAX),
             }
         }
     }
@@ -156,15 +157,20 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
 }
 
 /// The four numbers at the start of a section, and the length of their line (ascii only, else 0).
-fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -> Option<([u64; 4], usize)> {
+fn section_counts(
+    bytes: &[u8],
+    position: usize,
+    width: Option<usize>,
+    little: bool,
+) -> Option<([u64; 4], usize)> {
     let Some(w) = width else {
-        let text = std::str::from_utf8(line(bytes, at)).ok()?.trim_end();
+        let text = std::str::from_utf8(line(bytes, position)).ok()?.trim_end();
         let numbers: Vec<u64> = text.split_whitespace().map_while(|s| s.parse().ok()).collect();
         return Some((numbers.try_into().ok()?, text.len()));
     };
     let mut out = [0; 4];
     for (k, out) in out.iter_mut().enumerate() {
-        let raw = bytes.get(at + k * w..at + (k + 1) * w)?;
+        let raw = bytes.get(position + k * w..position + (k + 1) * w)?;
         let fold = |n: u64, b: &u8| n << 8 | u64::from(*b);
         *out = if little {
             raw.iter().rev().fold(0, fold)
@@ -178,12 +184,12 @@ fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -
 /// Names of the physical groups, by dimension and tag.
 pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String>> {
     let mut names = BTreeMap::new();
-    let Some(mut at) = behind(bytes, "$PhysicalNames") else {
+    let Some(mut position) = behind(bytes, "$PhysicalNames") else {
         return Ok(names);
     };
-    at += line(bytes, at).len() + 1;
-    while at < bytes.len() {
-        let text = String::from_utf8_lossy(line(bytes, at)).into_owned();
+    position += line(bytes, position).len() + 1;
+    while position < bytes.len() {
+        let text = String::from_utf8_lossy(line(bytes, position)).into_owned();
         if text.starts_with("$EndPhysicalNames") {
             return Ok(names);
         }
@@ -202,7 +208,7 @@ pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String
                 )));
             }
         };
-        at += line(bytes, at).len() + 1;
+        position += line(bytes, position).len() + 1;
     }
     Err(fault("$PhysicalNames is not closed by $EndPhysicalNames"))
 }

@@ -42,7 +42,7 @@ pub(crate) fn assemble<T: Real>(
     weights: &[T],
     row: &(dyn Fn(u32) -> Option<usize> + Sync),
 ) {
-    let here = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
+    let has_row = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
     matrix.clear();
     let mut batch = Vec::with_capacity(BATCH);
     for first in (0..mesh.element_count()).step_by(BATCH) {
@@ -50,7 +50,7 @@ pub(crate) fn assemble<T: Real>(
         range
             .clone()
             .into_par_iter()
-            .map(|e| here(&e).then(|| element_stiffness(mesh, materials, e)))
+            .map(|e| has_row(&e).then(|| element_stiffness(mesh, materials, e)))
             .collect_into_vec(&mut batch);
         // Added in the order of the elements: the sums have the same bits for any number of threads.
         for (e, k) in range.zip(&batch) {
