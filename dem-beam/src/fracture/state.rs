@@ -114,8 +114,8 @@ impl FractureState {
         self.screen = None;
     }
 
-    /// Writes the limits of blocks in the order in which the kernel stores their bonds, for which `whole` is
-    /// true.
+    /// Writes the limits of the bonds of `blocks` in the order in which the kernel stores them. Bonds for
+    /// which `whole` is false are left out.
     pub(crate) fn follow(&mut self, blocks: &[usize], whole: &dyn Fn(usize) -> bool) {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
