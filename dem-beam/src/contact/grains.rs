@@ -56,7 +56,7 @@ impl Grains {
         let count = portion.division().nodes();
         if count != self.len() {
             return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of {of}"),
+                what: format!("particles of {effect}"),
                 expected: self.len(),
                 found: count,
             });
@@ -100,7 +100,7 @@ impl Grains {
         let count = host.model.layout().nodes;
         if count != self.unweighted_mass.len() {
             return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of {of}"),
+                what: format!("particles of {effect}"),
                 expected: self.unweighted_mass.len(),
                 found: count,
             });
