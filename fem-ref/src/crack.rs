@@ -46,7 +46,7 @@ impl<T: Real> Mesh<T> {
     ///
     /// # Errors
     /// [`Error::EmptyGroup`] if no face between two elements is on the crack; [`Error::SeparatePieces`] if
-    /// the crack cuts the mesh in two; those of [`Mesh::new`] for a crack around a single element.
+    /// the crack cuts the mesh in two; the errors of [`Mesh::new`] for a crack around a single element.
     pub fn with_crack(&self, on_crack: impl Fn(usize, &Point3<T>) -> bool) -> Result<Self> {
         let on: Vec<bool> = self
             .nodes()

@@ -1,5 +1,5 @@
 //! The displacement field of a mesh: point location, shape functions, integration cells. A mediator on finite
-//! elements is such a field.
+//! elements is a field of this kind.
 //!
 //! A point is located through a box tree in `O(log n)`. An element holds the point if its local coordinates
 //! leave the element by at most 1e-9 (more in single precision). Of several such elements the one of lowest
@@ -114,8 +114,8 @@ impl<T: Real> FemField<T> {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Mesh::new`] (fewer than two points, coincident points, coordinates that are not finite) and
-    /// of [`Mesh::with_section`].
+    /// The errors of [`Mesh::new`] (fewer than two points, coincident points, coordinates that are not
+    /// finite) and of [`Mesh::with_section`].
     pub fn on_line(points: Vec<Point3<T>>, section: T) -> Result<Self> {
         let origin = points.first().copied().unwrap_or_else(Point3::origin);
         let far = |p: &Point3<T>| (p - origin).norm_squared();

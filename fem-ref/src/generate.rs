@@ -37,7 +37,7 @@ pub fn bar<T: Real>(x0: T, x1: T, n: usize, section: T) -> Result<Mesh<T>> {
 /// Makes a bar along x with nodes at the given ascending coordinates \[m\] and a cross-section \[m²\].
 ///
 /// # Errors
-/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; otherwise those of
+/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; otherwise the errors of
 /// [`Mesh::new`].
 pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     for w in x.windows(2) {
@@ -90,8 +90,8 @@ pub fn block<T: Real>(
 /// ```
 ///
 /// # Errors
-/// Those of [`block`]; [`Error::Parameter`] if a face of the hole is off the faces of hexahedra by more than
-/// 1e-6 of an element's edge, and for a hole that removes no hexahedron or all of them.
+/// The errors of [`block`]; [`Error::Parameter`] if a face of the hole is off the faces of hexahedra by more
+/// than 1e-6 of an element's edge, and for a hole that removes no hexahedron or all of them.
 pub fn hollow_block<T: Real>(
     kind: ElementKind,
     low: Point3<T>,

@@ -26,7 +26,7 @@ use std::path::Path;
 /// Reads a `.msh` file.
 ///
 /// # Errors
-/// [`Error::File`] if the file cannot be read, otherwise those of [`parse`].
+/// [`Error::File`] if the file cannot be read, otherwise the errors of [`parse`].
 pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|e| Error::File {
@@ -49,7 +49,7 @@ pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
 ///
 /// # Errors
 /// [`Error::Gmsh`] for another version, a broken section, mixed or unsupported elements, or unknown or
-/// repeated node tags; those of [`Mesh::new`] for meshes that are not valid.
+/// repeated node tags; the errors of [`Mesh::new`] for meshes that are not valid.
 pub fn parse<T: Real>(bytes: &[u8]) -> Result<Mesh<T>> {
     assemble::mesh(&contents(bytes)?)
 }

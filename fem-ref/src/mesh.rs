@@ -120,7 +120,7 @@ impl<T: Real> Mesh<T> {
     /// Moves every node to `map(x)`; elements and groups stay.
     ///
     /// # Errors
-    /// Those of [`Mesh::new`], if the moved mesh is not valid.
+    /// The errors of [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
         let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
@@ -221,7 +221,7 @@ impl<T: Real> Mesh<T> {
     /// structured box becomes a Kuhn triangulation. A mesh of tetrahedra is returned unchanged.
     ///
     /// # Errors
-    /// [`Error::Kind`] for bars; those of [`Mesh::new`] if a warped hexahedron has no valid cut.
+    /// [`Error::Kind`] for bars; the errors of [`Mesh::new`] if a warped hexahedron has no valid cut.
     pub fn into_tetrahedra(self) -> Result<Self> {
         match self.kind {
             ElementKind::Tet4 => return Ok(self),

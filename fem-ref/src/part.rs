@@ -96,7 +96,7 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Kind`] for bars; those of [`Mesh::new`] if parts of warped hexahedra are inverted.
+    /// [`Error::Kind`] for bars; the errors of [`Mesh::new`] if parts of warped hexahedra are inverted.
     pub fn refined(&self) -> Result<Self> {
         let mut halves = Halves::new(self);
         let mut connectivity = Vec::with_capacity(8 * self.connectivity().len());

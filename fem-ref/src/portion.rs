@@ -94,7 +94,7 @@ impl<T: Real> Part<T> {
                 .reach
                 .spread_meanwhile::<T, 3>(messages, q, &mut self.x, meanwhile)?,
         }
-        // Each row is summed in one go, in one of the two passes: its bits are those of the whole body.
+        // Each row is summed in one go, in one of the two passes: it has the same bits as in the whole body.
         stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! Contact between the particles of two models, for example a projectile and its target.
 //!
-//! Law, search and energy budgets are those of [`super::Contact`]. Three rules decide which particles may
-//! touch:
+//! Law, search and energy budgets are the same as in [`super::Contact`]. Three rules decide which particles
+//! may touch:
 //!
 //! - Particles that an interface between the two models ties never touch each other: where two particle
 //!   models overlap they are the same material, and the multipliers determine their motion.

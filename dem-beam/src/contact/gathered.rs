@@ -37,7 +37,8 @@ impl Gathered {
         }
     }
 
-    /// Gathers the particles that any rank names, each once; `members` are those of this rank. Collective.
+    /// Gathers the particles that any rank names, each once; `members` are the particles that this rank
+    /// names. Collective.
     pub(crate) fn gather(
         portion: &Portion,
         members: &[u32],

@@ -97,8 +97,8 @@ impl ContactLaw {
 
     /// Returns `omega^2` \[1/s²\] and the damping rate \[1/s\] of one contact on a particle with `top = k/m`.
     ///
-    /// The `omega^2` of a pair, `k (1/m_i + 1/m_j)`, is at most twice the larger `k/m` of its ends. Sliding also
-    /// rotates the sphere: `1/m + r^2/I = 3.5/m`.
+    /// The `omega^2` of a pair, `k (1/m_i + 1/m_j)`, is at most twice the larger `k/m` of its ends. Sliding
+    /// also rotates the sphere: `1/m + r^2/I = 3.5/m`.
     pub(crate) fn demand(&self, top: f64) -> [f64; 2] {
         let slide = if self.friction > 0.0 {
             3.5 * self.shear_ratio

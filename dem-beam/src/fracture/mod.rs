@@ -12,7 +12,7 @@
 //! The force kernel compares a bound of every bond's load with its strength and marks blocks of particles;
 //! only the bonds in marked blocks are then compared with the exact criterion.
 //!
-//! Stresses are those of the beam's section (radius `r_b`, area `S`), unweighted:
+//! Stresses refer to the beam's section (radius `r_b`, area `S`), unweighted:
 //!
 //! ```text
 //! sigma_N = E e    sigma_M = M r_b/I, M the larger end moment    tau = T r_b/I_O

@@ -6,7 +6,7 @@ use crate::contact::Spring;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 
-/// Number of values in a record before those of springs and closed contacts.
+/// Number of values in a record that precede springs and closed contacts.
 const BALANCE: usize = 24;
 
 impl Body {

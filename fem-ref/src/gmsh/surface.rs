@@ -11,7 +11,8 @@ use nalgebra::Point3;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-/// Triangles of a surface. Triangles of solids face outwards; those of surface meshes face as in the file.
+/// Triangles of a surface. Triangles of solids face outwards; triangles of surface meshes face as in the
+/// file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Triangles {
     /// Corners \[m\]; some may belong to no triangle.
