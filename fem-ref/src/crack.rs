@@ -86,7 +86,11 @@ impl<T: Real> Mesh<T> {
                 let copy = nodes.len() as u32;
                 nodes.push(self.nodes()[k as usize]);
                 copies.entry(k).or_default().push(copy);
-                for (slot, _) in slots.iter().zip(&lips).filter(|(_, of)| **of == lip) {
+                for (slot, _) in slots
+                    .iter()
+                    .zip(&lips)
+                    .filter(|(_, lip_number)| **lip_number == lip)
+                {
                     connectivity[*slot as usize] = copy;
                 }
             }

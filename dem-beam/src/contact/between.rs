@@ -117,7 +117,7 @@ impl PairEffectSpec<f64> for ContactBetween {
         // A separate list: the run's list is filled at its first instant.
         let mut near = CrossList::new(0.0);
         near.tied.clone_from(&list.tied);
-        let [a, b] = [&grains[0].rest, &grains[1].rest].map(Vec::as_slice);
+        let [a, b] = [&grains[0].rest_spheres, &grains[1].rest_spheres].map(Vec::as_slice);
         near.refresh([a, b], [a, b]);
         let named = |e| arlequin_core::Error::of_model(hosts.sides[0].model.name(), e);
         self.0.check_start(&near).map_err(named)?;
@@ -187,7 +187,8 @@ impl PairEffect<f64> for Contacts {
         let [a, b] = &mut self.grains;
         a.place(instants[0].q);
         b.place(instants[1].q);
-        self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
+        self.list
+            .refresh([&a.now, &b.now], [&a.rest_spheres, &b.rest_spheres]);
         if first {
             self.check_start(&self.list)?;
         }

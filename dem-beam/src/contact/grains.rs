@@ -16,7 +16,7 @@ const CHUNK: usize = 2_048;
 /// Particles with their positions, masses, and the forces of one effect on them.
 #[derive(Debug)]
 pub(crate) struct Grains {
-    pub(crate) rest: Vec<Sphere>,
+    pub(crate) rest_spheres: Vec<Sphere>,
     pub(crate) now: Vec<Sphere>,
     /// Unweighted masses \[kg\].
     unweighted_mass: Vec<f64>,
@@ -34,7 +34,7 @@ impl Grains {
     pub(crate) fn new(body: ContactBody) -> Self {
         Self {
             now: body.spheres.clone(),
-            rest: body.spheres,
+            rest_spheres: body.spheres,
             unweighted_mass: body.mass,
             share: Vec::new(),
             mass: Vec::new(),
@@ -44,7 +44,7 @@ impl Grains {
     }
 
     pub(crate) fn len(&self) -> usize {
-        self.rest.len()
+        self.rest_spheres.len()
     }
 
     /// Keeps the particles of this rank's part of a partitioned body. [`Self::attach`] must then be given the
@@ -62,15 +62,15 @@ impl Grains {
             });
         }
         let owned = || (0..portion.nodes()).map(|i| portion.global(i));
-        self.rest = owned().map(|i| self.rest[i]).collect();
+        self.rest_spheres = owned().map(|i| self.rest_spheres[i]).collect();
         self.unweighted_mass = owned().map(|i| self.unweighted_mass[i]).collect();
-        self.now.clone_from(&self.rest);
+        self.now.clone_from(&self.rest_spheres);
         Ok(())
     }
 
     /// Contact data of particle `i` that is sent to other ranks.
     pub(super) fn contact_data(&self, i: usize) -> ContactData {
-        let [x, y, z, r] = self.rest[i];
+        let [x, y, z, r] = self.rest_spheres[i];
         let [a, b, c, d, e, f] = self.unknowns(i).map(|o| self.inverse_inertia[o]);
         [x, y, z, r, self.share[i], self.mass[i], a, b, c, d, e, f]
     }
@@ -79,7 +79,7 @@ impl Grains {
     pub(crate) fn from_contact_data(data: &[ContactData]) -> Self {
         let count = data.len();
         let mut out = Self {
-            rest: data.iter().map(gathered::sphere).collect(),
+            rest_spheres: data.iter().map(gathered::sphere).collect(),
             now: data.iter().map(gathered::sphere).collect(),
             unweighted_mass: Vec::new(),
             share: data.iter().map(|x| x[4]).collect(),
@@ -121,18 +121,18 @@ impl Grains {
     pub(crate) fn place(&mut self, q: &[f64]) {
         let n = self.now.len();
         let u = &q[..3 * n];
-        let put = |(now, (rest, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
-            (0..3).for_each(|c| now[c] = rest[c] + u[c]);
+        let put = |(now, (rest_sphere, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
+            (0..3).for_each(|c| now[c] = rest_sphere[c] + u[c]);
         };
         if n > 2 * CHUNK && rayon::current_num_threads() > 1 {
-            let moves = self.rest.par_iter().zip(u.as_chunks::<3>().0);
+            let moves = self.rest_spheres.par_iter().zip(u.as_chunks::<3>().0);
             self.now
                 .par_iter_mut()
                 .zip(moves)
                 .with_min_len(CHUNK)
                 .for_each(put);
         } else {
-            let moves = self.rest.iter().zip(u.as_chunks::<3>().0);
+            let moves = self.rest_spheres.iter().zip(u.as_chunks::<3>().0);
             self.now.iter_mut().zip(moves).for_each(put);
         }
     }
@@ -187,7 +187,7 @@ impl Grains {
     /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], with unweighted masses.
     pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
         let ratios = self
-            .rest
+            .rest_spheres
             .iter()
             .zip(&self.unweighted_mass)
             .map(|(s, m)| stiffness(s[3]) / m);
@@ -196,7 +196,7 @@ impl Grains {
 
     /// Largest radius \[m\].
     pub(crate) fn largest(&self) -> f64 {
-        self.rest.iter().fold(0.0, |m, s| m.max(s[3]))
+        self.rest_spheres.iter().fold(0.0, |m, s| m.max(s[3]))
     }
 }
 

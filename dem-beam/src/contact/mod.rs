@@ -145,10 +145,11 @@ impl Effect<f64> for Contacts {
         self.grains.place(instant.q);
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
-            self.list.add_broken(event, &self.grains.rest);
+            self.list.add_broken(event, &self.grains.rest_spheres);
         }
         self.seen = log.events().len();
-        self.list.refresh(&self.grains.now, &self.grains.rest, &log);
+        self.list
+            .refresh(&self.grains.now, &self.grains.rest_spheres, &log);
         drop(log);
         let grains = std::slice::from_mut(&mut self.grains);
         self.touching

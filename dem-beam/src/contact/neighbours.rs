@@ -17,7 +17,7 @@ const CHUNK: usize = 512;
 pub(crate) struct Candidate {
     pub(crate) ends: [u32; 2],
     /// Distance below which the pair pushes \[m\].
-    pub(crate) rest: f64,
+    pub(crate) rest_distance: f64,
 }
 
 pub(super) fn distance(a: &Sphere, b: &Sphere) -> f64 {
@@ -27,7 +27,7 @@ pub(super) fn distance(a: &Sphere, b: &Sphere) -> f64 {
 
 /// Distance \[m\] below which two particles that were never bonded push: the sum of radii, or the distance at
 /// rest if that is smaller.
-pub(super) fn rest_of(a: &Sphere, b: &Sphere) -> f64 {
+pub(super) fn rest_distance_of(a: &Sphere, b: &Sphere) -> f64 {
     (a[3] + b[3]).min(distance(a, b))
 }
 
@@ -82,7 +82,7 @@ pub(super) fn search(
                 return;
             }
             let ends = [i as u32, j];
-            part.extend(rest_distance(i, k).map(|rest| Candidate { ends, rest }));
+            part.extend(rest_distance(i, k).map(|rest_distance| Candidate { ends, rest_distance }));
         });
     };
     let part = |c: usize| {
@@ -187,7 +187,7 @@ impl Listed {
         for (p, s) in self.pairs.iter().zip(&self.springs) {
             out.integers
                 .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.closed)]);
-            out.numbers.push(p.rest);
+            out.numbers.push(p.rest_distance);
             out.numbers.extend(s.numbers());
         }
         out.numbers.extend(self.built.iter().flatten());
@@ -217,12 +217,14 @@ impl Listed {
         self.pairs.clear();
         self.springs.clear();
         let (ends, _) = ends.as_chunks::<3>();
-        for (&[i, j, closed], &[rest, a, b, c, d, e, f, g]) in ends.iter().zip(springs.as_chunks::<8>().0) {
+        for (&[i, j, closed], &[rest_distance, a, b, c, d, e, f, g]) in
+            ends.iter().zip(springs.as_chunks::<8>().0)
+        {
             if i >= counts[0] as u64 || j >= counts[1] as u64 {
                 return None;
             }
             let ends = [i as u32, j as u32];
-            self.pairs.push(Candidate { ends, rest });
+            self.pairs.push(Candidate { ends, rest_distance });
             self.springs
                 .push(Spring::from_numbers(closed == 1, [a, b, c, d, e, f, g]));
         }
@@ -271,21 +273,21 @@ impl PairList {
     }
 
     /// Lists the pair of a bond that just broke.
-    pub(crate) fn add_broken(&mut self, event: &Break, rest: &[Sphere]) {
+    pub(crate) fn add_broken(&mut self, event: &Break, rest_spheres: &[Sphere]) {
         self.broken_at[event.bond as usize] = event.distance;
-        let [a, b] = event.pair.map(|i| &rest[i as usize]);
+        let [a, b] = event.pair.map(|i| &rest_spheres[i as usize]);
         self.listed.pairs.push(Candidate {
             ends: event.pair,
-            rest: rest_of(a, b).min(event.distance),
+            rest_distance: rest_distance_of(a, b).min(event.distance),
         });
         self.listed.springs.push(Spring::default());
     }
 
     /// Searches again if a particle has moved by half the skin since the last search.
-    pub(crate) fn refresh(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
+    pub(crate) fn refresh(&mut self, now: &[Sphere], rest_spheres: &[Sphere], log: &BreakLog) {
         let (adjacency, broken_at) = (&self.adjacency, &self.broken_at);
         self.listed.refresh(now, None, |i, k| {
-            let limit = rest_of(&rest[i], &rest[k]);
+            let limit = rest_distance_of(&rest_spheres[i], &rest_spheres[k]);
             match bond_between(adjacency, i as u32, k as u32) {
                 Some(b) => log.is_broken(b).then(|| limit.min(broken_at[b])),
                 None => Some(limit),
@@ -311,10 +313,10 @@ impl CrossList {
     }
 
     /// Searches again if a particle of either body has moved by half the skin since the last search.
-    pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest: [&[Sphere]; 2]) {
+    pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest_spheres: [&[Sphere]; 2]) {
         let tied = &self.tied;
         self.listed.refresh(now[0], Some(now[1]), |i, k| {
-            (!(tied[0][i] && tied[1][k])).then(|| rest_of(&rest[0][i], &rest[1][k]))
+            (!(tied[0][i] && tied[1][k])).then(|| rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]))
         });
     }
 }
@@ -327,10 +329,10 @@ fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
 }
 
 /// Returns the spheres displaced by `q` \[m\].
-pub(crate) fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
+pub(crate) fn displaced(rest_spheres: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
     let put = |(s, u): (&Sphere, &[f64; 3])| [s[0] + u[0], s[1] + u[1], s[2] + u[2], s[3]];
-    rest.iter().zip(moves).map(put).collect()
+    rest_spheres.iter().zip(moves).map(put).collect()
 }
 
 /// Counts unbonded pairs within a body that overlap beyond rest by more than `tolerance` times the sum of
@@ -353,9 +355,13 @@ pub(crate) fn overlaps(
 }
 
 /// Counts overlapping pairs between two bodies, like [`overlaps`].
-pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
-    let [first, second] = [0, 1].map(|m: usize| displaced(rest[m], q[m]));
-    count_overlaps(rest, [&first, &second], tolerance, |_, _| true)
+pub(crate) fn overlaps_between(
+    rest_spheres: [&[Sphere]; 2],
+    q: [&[f64]; 2],
+    tolerance: f64,
+) -> Option<(usize, f64)> {
+    let [first, second] = [0, 1].map(|m: usize| displaced(rest_spheres[m], q[m]));
+    count_overlaps(rest_spheres, [&first, &second], tolerance, |_, _| true)
 }
 
 /// Counts pairs of a sphere of the first and one of the second slice that overlap beyond rest by more than
@@ -364,7 +370,7 @@ pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: 
 /// Returns the number of pairs and the largest overlap over the sum of radii, or `None` if there are no
 /// pairs.
 pub(crate) fn count_overlaps(
-    rest: [&[Sphere]; 2],
+    rest_spheres: [&[Sphere]; 2],
     now: [&[Sphere]; 2],
     tolerance: f64,
     may_touch: impl Fn(usize, usize) -> bool,
@@ -380,7 +386,8 @@ pub(crate) fn count_overlaps(
         }
         cells.around(a, |j| {
             let (k, b) = (j as usize, &now[1][j as usize]);
-            let overlap = (rest_of(&rest[0][i], &rest[1][k]) - distance(a, b)) / (a[3] + b[3]);
+            let overlap =
+                (rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]) - distance(a, b)) / (a[3] + b[3]);
             if overlap > tolerance && may_touch(i, k) {
                 count += 1;
                 largest = largest.max(overlap);

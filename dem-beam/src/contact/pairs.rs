@@ -2,7 +2,7 @@
 
 use super::grains::Grains;
 use super::law::Spring;
-use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_of};
+use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_distance_of};
 use super::surrounding::Surrounding;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
@@ -50,7 +50,7 @@ struct Near {
     key: Key,
     /// Distance \[m\] below which the pair pushes; the distance at the break as long as the second particle
     /// is unknown.
-    rest: f64,
+    rest_distance: f64,
     /// Local numbers in [`Surrounding`]; `None` as long as the second particle is unknown.
     local: Option<[u32; 2]>,
 }
@@ -122,7 +122,7 @@ impl PartitionedPairs {
                     broken: self.breaks,
                     ends: event.pair,
                 },
-                rest: event.distance,
+                rest_distance: event.distance,
                 local: None,
             });
         }
@@ -156,7 +156,7 @@ impl PartitionedPairs {
                 // Each pair belongs to the rank of its end with the lower number.
                 return None;
             }
-            let limit = rest_of(&around.rest[i], &around.rest[k]);
+            let limit = rest_distance_of(&around.rest_spheres[i], &around.rest_spheres[k]);
             match bond_between(bonds, i as u32, second) {
                 Some(b) if !log.is_broken(b) => None,
                 Some(b) => Some(limit.min(broken_at.get(&(b as u32)).copied().unwrap_or(f64::INFINITY))),
@@ -176,7 +176,7 @@ impl PartitionedPairs {
                 broken: 0,
                 ends: c.ends.map(|k| around.global(k as usize)),
             },
-            rest: c.rest,
+            rest_distance: c.rest_distance,
             local: Some(c.ends),
         });
         self.near = near.collect();
@@ -216,8 +216,9 @@ impl PartitionedPairs {
                 continue;
             };
             if n.local.is_none() && n.key.broken > 0 {
-                let limit = rest_of(&around.rest[i as usize], &around.rest[k as usize]);
-                n.rest = n.rest.min(limit);
+                let limit =
+                    rest_distance_of(&around.rest_spheres[i as usize], &around.rest_spheres[k as usize]);
+                n.rest_distance = n.rest_distance.min(limit);
             }
             n.local = Some([i, k]);
         }
@@ -230,13 +231,13 @@ impl PartitionedPairs {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
             n.local
-                .is_some_and(|[i, k]| n.rest - distance(&now[i as usize], &now[k as usize]) > 0.0)
+                .is_some_and(|[i, k]| n.rest_distance - distance(&now[i as usize], &now[k as usize]) > 0.0)
         };
         let pushing = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
         let pushing: Vec<&Near> = pushing.collect();
         let words = pushing.iter().flat_map(|n| {
             let [broken, ends] = n.key.words();
-            [broken, ends, n.rest.to_bits().cast_signed()]
+            [broken, ends, n.rest_distance.to_bits().cast_signed()]
         });
         let gathered = self.portion.listed(&words.collect::<Vec<i64>>())?;
         let gathered = gathered.as_chunks::<3>().0.iter();
@@ -255,7 +256,7 @@ impl PartitionedPairs {
     pub(super) fn gather_list(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
-            [f64::from(n.key.broken), i, j, n.rest]
+            [f64::from(n.key.broken), i, j, n.rest_distance]
         };
         let sent: Vec<f64> = self.near.iter().flat_map(numbers).collect();
         let gathered = self.portion.listed_on_first(&sent)?;
@@ -274,7 +275,7 @@ impl PartitionedPairs {
             .iter()
             .map(|x| Candidate {
                 ends: ends(x),
-                rest: x[3],
+                rest_distance: x[3],
             })
             .collect();
         list.springs = vec![Spring::default(); gathered.len()];
@@ -323,7 +324,7 @@ impl PartitionedPairs {
         self.near = near
             .map(|(key, pair)| Near {
                 key: *key,
-                rest: pair.rest,
+                rest_distance: pair.rest_distance,
                 local: None,
             })
             .collect();

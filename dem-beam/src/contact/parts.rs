@@ -110,7 +110,7 @@ impl PartitionedContacts {
         let springs = self.springs(&pairs);
         let candidate = |(key, distance): &(Key, f64)| Candidate {
             ends: key.ends.map(place),
-            rest: *distance,
+            rest_distance: *distance,
         };
         self.closed.pairs = pairs.iter().map(candidate).collect();
         self.closed.springs = springs;

@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub(super) struct Surrounding {
     near: Halo,
     messages: Vec<Message>,
-    pub(super) rest: Vec<Sphere>,
+    pub(super) rest_spheres: Vec<Sphere>,
     pub(super) now: Vec<Sphere>,
     /// Number in the whole body (ascending) and local number of each surrounding particle.
     places: Vec<[u32; 2]>,
@@ -22,7 +22,7 @@ impl Surrounding {
         let centres: Vec<[f64; 3]> = grains.now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
         let near = Halo::near(portion.clone(), &centres, reach)?;
         let owned = grains.len();
-        let mut rest_spheres = grains.rest.clone();
+        let mut rest_spheres = grains.rest_spheres.clone();
         rest_spheres.resize(owned + near.ghosts().len(), [0.0; 4]);
         let (local, around) = rest_spheres.split_at_mut(owned);
         near.exchange::<4>(&mut near.messages(4), |i| local[i], |ghost, s| around[ghost] = s)?;
@@ -33,7 +33,7 @@ impl Surrounding {
             messages: near.messages(3),
             now: rest_spheres.clone(),
             near,
-            rest: rest_spheres,
+            rest_spheres,
             places,
         };
         out.place(&grains.now)?;
@@ -53,8 +53,8 @@ impl Surrounding {
     /// Local number of a particle of the whole body, if it is owned or surrounding.
     pub(super) fn local(&self, id: u32) -> Option<u32> {
         let portion = self.near.portion();
-        if let Some(own) = portion.local(id as usize) {
-            return Some(own as u32);
+        if let Some(owned) = portion.local(id as usize) {
+            return Some(owned as u32);
         }
         let k = self.places.binary_search_by_key(&id, |p| p[0]).ok()?;
         Some(self.places[k][1])

@@ -86,7 +86,7 @@ impl Touching {
         let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
         let gap = |(g, p): (&mut f64, &Candidate)| {
             let (a, b) = (&first[p.ends[0] as usize], &second[p.ends[1] as usize]);
-            *g = p.rest - distance(a, b);
+            *g = p.rest_distance - distance(a, b);
         };
         if pairs.len() > 2 * CHUNK && rayon::current_num_threads() > 1 {
             self.gaps

@@ -55,8 +55,8 @@ impl Cracks {
             parent: new,
             in_overlap: usize::from(overlap),
         });
-        for other in self.near(new) {
-            self.join(other, new);
+        for neighbour in self.near(new) {
+            self.join(neighbour, new);
         }
         self.cubes.entry(self.cube(&place)).or_default().push(new);
         let crack = self.representative(new);

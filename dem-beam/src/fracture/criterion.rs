@@ -131,7 +131,7 @@ impl Criterion {
     pub fn loads(self, body: &BondedParticles, q: &[f64]) -> Result<Vec<f64>> {
         expect_len("unknowns", q.len(), 6 * body.len())?;
         let section = Section::new(body.rigidity());
-        let three = |at: usize| Vector3::new(q[at], q[at + 1], q[at + 2]);
+        let three = |first: usize| Vector3::new(q[first], q[first + 1], q[first + 2]);
         let twist = |i: u32| Twist {
             linear: three(3 * i as usize),
             angular: three(3 * (body.len() + i as usize)),

@@ -248,7 +248,7 @@ pub(crate) struct FiniteNear<L: Lanes> {
     /// `l - l0`.
     pub(super) stretch: L::V,
     /// `l0`.
-    pub(super) rest: L::V,
+    pub(super) rest_length: L::V,
     s: L::V,
     q: Vec3<L>,
 }
@@ -257,7 +257,7 @@ impl<L: Lanes> FiniteNear<L> {
     /// `(l0/g)²`.
     #[inline(always)]
     pub(super) fn square(&self, l: L, k: &Rigidity<L>) -> L::V {
-        let steps = l.mul(self.rest, k.per_step);
+        let steps = l.mul(self.rest_length, k.per_step);
         l.mul(steps, steps)
     }
 }
@@ -316,7 +316,7 @@ impl Law for Finite {
             n: scale(l, d, shrink),
             shrink,
             stretch: l.mul(gain, l.mul(inverse_product, length)),
-            rest: rest_length,
+            rest_length,
             s: neighbour_rows[3],
             q: [neighbour_rows[4], neighbour_rows[5], neighbour_rows[6]],
         }

@@ -112,12 +112,12 @@ impl Layout {
         for i in self.lanes(block) {
             // Whole bonds move up into the first slots; `FractureState::follow` orders their limits alike.
             let whole_bonds = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
-            for (s, &[other, b]) in whole_bonds.enumerate() {
+            for (s, &[neighbour, b]) in whole_bonds.enumerate() {
                 let bond = body.bond(b as usize);
                 let is_first_end = body.pairs()[b as usize][0] as usize == i;
                 let bond = if is_first_end { bond } else { bond.reversed() };
                 self.slots[first_slot + s].set(i - first, &bond, &self.grid);
-                self.neighbours[first_slot + s][i - first] = self.row(other);
+                self.neighbours[first_slot + s][i - first] = self.row(neighbour);
                 if self.lengths {
                     self.rests[first_slot + s].0[i - first] = bond.span().norm();
                 }

@@ -252,7 +252,7 @@ impl Screened for Finite {
         near: &FiniteNear<L>,
         ratio: Option<L::V>,
     ) -> L::V {
-        let rest_length = near.rest;
+        let rest_length = near.rest_length;
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.scaled(l, l.mul(t.young, stretch), ratio), rest_length);

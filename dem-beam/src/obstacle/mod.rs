@@ -123,15 +123,15 @@ impl Obstacle {
         }
         let turning = shape.turning(&motion)?;
         let grains = Grains::new(ContactBody::of(model));
-        start::check(name, &shape, &motion.displacement(0.0), &grains.rest)?;
-        let allowed = allowed(&shape, &grains.rest);
+        start::check(name, &shape, &motion.displacement(0.0), &grains.rest_spheres)?;
+        let allowed = allowed(&shape, &grains.rest_spheres);
         Ok(Self(Body {
             name: name.to_owned(),
             host: model.name().to_owned(),
             allowed,
             partition: None,
             springs: vec![Spring::default(); grains.len()],
-            near: Near::new(&grains.rest),
+            near: Near::new(&grains.rest_spheres),
             active: Vec::new(),
             started: false,
             turning,
@@ -150,7 +150,7 @@ impl Obstacle {
             first_energy: 0.0,
             peak: 0.0,
             largest: grains.largest(),
-            smallest: grains.rest.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
+            smallest: grains.rest_spheres.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
             shape,
             motion,
             law: BudgetedLaw::new(law),
@@ -255,7 +255,7 @@ impl Body {
         normal: Vector3<f64>,
         instant: &Instant<'_, f64>,
     ) -> Pair {
-        let r = self.grains.rest[i][3];
+        let r = self.grains.rest_spheres[i][3];
         Pair {
             normal,
             gap,
@@ -342,7 +342,7 @@ impl Body {
         };
         let u = &instant.q[..3 * self.grains.len()];
         self.near
-            .refresh(&self.shape, &self.moved, u, &self.grains.rest, lost);
+            .refresh(&self.shape, &self.moved, u, &self.grains.rest_spheres, lost);
         let near = std::mem::take(&mut self.near.particles);
         self.act_on(&near, instant, f);
         self.near.particles = near;
@@ -359,7 +359,7 @@ impl Body {
         for n in 0..count {
             let n = if self.backwards { count - 1 - n } else { n };
             let i = particles[n] as usize;
-            let sphere = self.grains.rest[i];
+            let sphere = self.grains.rest_spheres[i];
             let (distance, normal) = self.shape.distance(&near::place(&sphere, u, i), &self.moved);
             let gap = sphere[3] + self.allowed[i] - distance;
             if gap > 0.0 {

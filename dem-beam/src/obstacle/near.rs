@@ -24,11 +24,11 @@ pub(super) struct Near {
 }
 
 impl Near {
-    pub(super) fn new(rest: &[Sphere]) -> Self {
+    pub(super) fn new(rest_spheres: &[Sphere]) -> Self {
         Self {
-            skin: SKIN * mean_radius(rest),
-            particles: Vec::with_capacity(rest.len()),
-            built: Vec::with_capacity(3 * rest.len()),
+            skin: SKIN * mean_radius(rest_spheres),
+            particles: Vec::with_capacity(rest_spheres.len()),
+            built: Vec::with_capacity(3 * rest_spheres.len()),
             moved: Vector3::zeros(),
             searches: 0,
         }
@@ -71,7 +71,7 @@ impl Near {
         shape: &RigidShape,
         moved: &Vector3<f64>,
         u: &[f64],
-        rest: &[Sphere],
+        rest_spheres: &[Sphere],
         mut lost: impl FnMut(usize),
     ) {
         if self.holds(u, moved) {
@@ -82,7 +82,7 @@ impl Near {
         self.built.extend_from_slice(u);
         self.moved = *moved;
         self.particles.clear();
-        for (i, s) in rest.iter().enumerate() {
+        for (i, s) in rest_spheres.iter().enumerate() {
             let (distance, _) = shape.distance(&place(s, u, i), moved);
             if distance < s[3] + self.skin {
                 self.particles.push(i as u32);

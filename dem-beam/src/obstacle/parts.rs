@@ -41,7 +41,7 @@ impl Body {
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
         self.partition = Some(PartitionState {
             portion: portion.clone(),
-            allowed: allowed(&self.shape, &grains.rest),
+            allowed: allowed(&self.shape, &grains.rest_spheres),
             near: self.near.for_particles(grains.len()),
             grains,
             gathered: Gathered::default(),
@@ -58,7 +58,7 @@ impl Body {
         f: &mut [f64],
     ) -> Result<(), RankError> {
         let u = &instant.q[..3 * partition.grains.len()];
-        let rest_spheres = &partition.grains.rest;
+        let rest_spheres = &partition.grains.rest_spheres;
         partition
             .near
             .refresh(&self.shape, &self.moved, u, rest_spheres, |_| ());
@@ -90,7 +90,7 @@ impl Body {
             let id = known.ids[a.particle as usize];
             a.particle = gathered.place(id).unwrap_or_default() as u32;
         }
-        self.allowed = allowed(&self.shape, &grains.rest);
+        self.allowed = allowed(&self.shape, &grains.rest_spheres);
         (self.grains, self.springs) = (grains, springs);
         let now = gathered.instant(instant);
         self.settle_budgets(&now);

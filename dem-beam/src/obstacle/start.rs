@@ -107,7 +107,7 @@ impl Body {
             return Ok(());
         }
         let partition = self.partition.as_ref();
-        let rest_spheres = &partition.map_or(&self.grains, |c| &c.grains).rest;
+        let rest_spheres = &partition.map_or(&self.grains, |c| &c.grains).rest_spheres;
         let displaced = rest_spheres
             .iter()
             .enumerate()
