@@ -428,8 +428,8 @@ impl<L: Lanes, W: Screened, F: Finish> Blocks<'_, '_, L, W, F> {
     fn visit_blocks<K: Visitor<L, W>>(&mut self, l: L, visitor: &mut K) {
         let far = self.rows.len() > FAR;
         for b in 0..self.finish.blocks() {
-            // One block ahead; with the constants above this saves 5 % of the linear law's time at 20 000 particles,
-            // 20 % at a million.
+            // One block ahead; with the constants above this saves 5 % of the linear law's time at 20 000
+            // particles, 20 % at a million.
             if far || W::LIGHT {
                 self.finish.fetch(l, b + 1);
             }
