@@ -51,7 +51,7 @@ impl Grains {
     /// part.
     ///
     /// # Errors
-    /// A partition with another number of particles; `effect` is its name in errors.
+    /// A partition with another number of particles; `effect` is the effect's name in errors.
     pub(crate) fn restrict(&mut self, portion: &Portion, effect: &str) -> arlequin_core::Result<()> {
         let count = portion.division().nodes();
         if count != self.len() {
@@ -95,7 +95,7 @@ impl Grains {
         out
     }
 
-    /// Takes the weighted masses from the subdomain; `effect` is its name in errors.
+    /// Takes the weighted masses from the subdomain; `effect` is the effect's name in errors.
     pub(crate) fn attach(&mut self, host: &Host<'_, f64>, effect: &str) -> arlequin_core::Result<()> {
         let count = host.model.layout().nodes;
         if count != self.unweighted_mass.len() {

@@ -37,7 +37,7 @@ pub(super) struct PartitionedContacts {
 }
 
 impl PartitionedContacts {
-    /// This rank's part of the contact in a whole body; `effect` is its name in errors.
+    /// This rank's part of the contact in a whole body; `effect` is the effect's name in errors.
     pub(super) fn new(
         whole: Contacts,
         portion: &Arc<Portion>,

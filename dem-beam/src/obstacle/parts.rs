@@ -28,7 +28,7 @@ impl PartitionState {
 }
 
 impl Body {
-    /// Restricts the obstacle to the owned particles; `effect` is its name in errors.
+    /// Restricts the obstacle to the owned particles; `effect` is the effect's name in errors.
     pub(super) fn restrict(
         &mut self,
         portion: &Arc<Portion>,
