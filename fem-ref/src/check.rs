@@ -7,7 +7,7 @@ use arlequin_core::geometry::bounds_of;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// Smallest Jacobian accepted, relative to the cube of the longest edge; coarser for single precision.
+/// Smallest accepted Jacobian, relative to the cube of the longest edge; larger in single precision.
 fn flat_limit<T: Real>() -> T {
     T::of(1e-10).max(T::epsilon() * T::of(8.0))
 }
@@ -16,7 +16,8 @@ fn plain<T: Real>(p: &Point3<T>) -> [f64; 3] {
     [p.x.as_f64(), p.y.as_f64(), p.z.as_f64()]
 }
 
-/// Checks of [`crate::Mesh::new`], cheapest first; nodes that coincide, which lips of a slit may.
+/// Performs the checks of [`crate::Mesh::new`], cheapest first. Returns pairs of coincident nodes, which are
+/// allowed on the lips of slits.
 pub(crate) fn mesh<T: Real>(
     kind: ElementKind,
     nodes: &[Point3<T>],
@@ -75,8 +76,8 @@ fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u
     }
 }
 
-/// Refuses two elements with the same set of nodes, in whatever order: their mass and stiffness would count
-/// twice, and their faces would all be inner ones.
+/// Returns an error for two elements with the same set of nodes in any order: their mass and stiffness would
+/// count twice, and all their faces would be inner faces.
 fn repeated<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
     let elements = connectivity.chunks_exact(kind.corners());
     let mut keyed: Vec<(NodeSet, u32)> = elements.map(node_set).zip(0..).collect();
@@ -93,10 +94,10 @@ fn repeated<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32
     }
 }
 
-/// Nodes of an element in ascending order; entries beyond its corners hold the largest number.
+/// Nodes of an element in ascending order; unused entries hold the largest number.
 pub(crate) type NodeSet = [u32; 8];
 
-/// The nodes of an element without their order.
+/// Returns the set of an element's nodes.
 pub(crate) fn node_set(corners: &[u32]) -> NodeSet {
     let mut out = [u32::MAX; 8];
     out[..corners.len()].copy_from_slice(corners);
@@ -112,24 +113,25 @@ fn centre<T: Real>(nodes: &[Point3<T>], corners: &[u32]) -> [f64; 3] {
     plain(&Point3::from(sum / T::of(corners.len() as f64)))
 }
 
-/// Distance below which nodes coincide: 1e-9 of the mesh diagonal (more in single precision).
+/// Distance below which nodes coincide: 1e-9 of the mesh diagonal (more in single precision) \[m\].
 fn nearness<T: Real>(nodes: &[Point3<T>]) -> f64 {
     let [low, high] = bounds_of(nodes.iter());
     let relative = T::of(1e-9).max(T::epsilon() * T::of(4.0));
     ((high - low).norm() * relative).as_f64()
 }
 
-/// Nodes that coincide, each with one before it.
+/// Pairs of coincident nodes: each node with an earlier one.
 pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> {
     let [low, _] = bounds_of(nodes.iter());
     let limit = nearness(nodes);
     if limit <= 0.0 {
         return match nodes {
             [_] => Ok(Vec::new()),
-            _ => Err(same_place(nodes, 0, 1)),
+            _ => Err(coincident_error(nodes, 0, 1)),
         };
     }
-    // A node is filed under every cell of a grid that its surroundings touch: nearly always one.
+    // A node is entered in every grid cell that its surroundings touch: nearly always one cell, as cells are
+    // 64 limits wide.
     let mut pairs = Vec::new();
     let mut bins: HashMap<[i64; 3], Vec<u32>> = HashMap::with_capacity(nodes.len());
     for (k, p) in nodes.iter().enumerate() {
@@ -158,8 +160,8 @@ pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> 
     Ok(pairs)
 }
 
-/// Two nodes that coincide.
-pub(crate) fn same_place<T: Real>(nodes: &[Point3<T>], first: usize, second: usize) -> Error {
+/// Error for two coincident nodes.
+pub(crate) fn coincident_error<T: Real>(nodes: &[Point3<T>], first: usize, second: usize) -> Error {
     Error::CoincidentNodes {
         first,
         second,
@@ -214,7 +216,7 @@ fn shapes<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32])
     Ok(())
 }
 
-/// Corner with the smallest Jacobian `∂x/∂(edges)` \[m³\].
+/// Returns the corner with the smallest Jacobian `∂x/∂(edges)`, and the Jacobian \[m³\].
 fn worst_corner<T: Real>(kind: ElementKind, p: &[Point3<T>; 8]) -> (usize, T) {
     if kind == ElementKind::Tet4 {
         return (0, element::tet_gradients(p).1);

@@ -1,4 +1,4 @@
-//! Cracks: elements are parted along faces, and every lip gets nodes of its own.
+//! Cracks: separates elements along faces and gives every lip its own nodes.
 
 use crate::error::{Error, Result};
 use crate::mesh::{Facet, Mesh};
@@ -9,12 +9,12 @@ use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 impl<T: Real> Mesh<T> {
-    /// Number of nodes that lie at the place of another one, across a slit.
+    /// Number of nodes that lie at the place of another node, across a slit.
     pub fn doubled(&self) -> usize {
         self.doubled
     }
 
-    /// For every node the first node at its place: itself, but across a slit.
+    /// For every node, the first node at its place: the node itself except across a slit.
     ///
     /// # Errors
     /// [`Error::CoincidentNodes`] for a mesh without extent.
@@ -29,23 +29,24 @@ impl<T: Real> Mesh<T> {
         Ok(out)
     }
 
-    /// The mesh with a crack along the faces between two elements all of whose nodes are on it, by number
-    /// and place. The lips have nodes of their own, the front is shared. Groups of facets stay with their
-    /// elements; groups of nodes get the copies of their nodes as well.
+    /// Inserts a crack along the faces between two elements whose nodes are all on the crack, given by
+    /// `on_crack` of node number and position. The lips have their own nodes; the front is shared. Groups of
+    /// facets stay with their elements; groups of nodes also get the copies of their nodes.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(4.0, 4.0, 1.0), [4, 4, 1])?;
-    /// // From y = 0 to 2 across the middle: the mouth and an edge behind it, but not the front.
+    /// let high = Point3::new(4.0, 4.0, 1.0);
+    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 4, 1])?;
+    /// // From y = 0 to 2 across the middle: doubles the mouth and one edge behind, not the front.
     /// let cut = bar.with_crack(|_, x| x.x == 2.0 && x.y <= 2.0)?;
     /// assert_eq!(cut.nodes().len(), bar.nodes().len() + 4);
     /// # Ok::<(), fem_ref::Error>(())
     /// ```
     ///
     /// # Errors
-    /// [`Error::EmptyGroup`] if no face between two elements is on it; [`Error::SeparatePieces`] if it cuts
-    /// the mesh in two; as [`Mesh::new`], for a crack around a single element.
+    /// [`Error::EmptyGroup`] if no face between two elements is on the crack; [`Error::SeparatePieces`] if
+    /// the crack cuts the mesh in two; the errors of [`Mesh::new`] for a crack around a single element.
     pub fn with_crack(&self, on_crack: impl Fn(usize, &Point3<T>) -> bool) -> Result<Self> {
         let on: Vec<bool> = self
             .nodes()
@@ -80,17 +81,22 @@ impl<T: Real> Mesh<T> {
             let slots = around.row(k as usize);
             let elements: Vec<u32> = slots.iter().map(|s| s / corners as u32).collect();
             let lips = lips(&elements, joined.get(&k).map_or(&[], Vec::as_slice));
+            // Lip 0 keeps the node; every other lip gets a copy.
             for lip in 1..lips.iter().max().map_or(0, |n| n + 1) {
                 let copy = nodes.len() as u32;
                 nodes.push(self.nodes()[k as usize]);
                 copies.entry(k).or_default().push(copy);
-                for (slot, _) in slots.iter().zip(&lips).filter(|(_, of)| **of == lip) {
+                for (slot, _) in slots
+                    .iter()
+                    .zip(&lips)
+                    .filter(|(_, lip_number)| **lip_number == lip)
+                {
                     connectivity[*slot as usize] = copy;
                 }
             }
         }
         let (volumes, regions) = (self.volumes().to_vec(), self.regions().to_vec());
-        let mut out = Self::of_volumes(self.kind(), nodes, connectivity, volumes, regions)?
+        let mut out = Self::with_volumes(self.kind(), nodes, connectivity, volumes, regions)?
             .with_section(self.section())?;
         for (name, group) in self.groups() {
             let copies = group.nodes.iter().filter_map(|k| copies.get(k)).flatten();
@@ -104,7 +110,8 @@ impl<T: Real> Mesh<T> {
         Ok(out)
     }
 
-    /// Faces that two elements share and that have a node that is `on`: their nodes and the two elements.
+    /// Faces with two elements and at least one node that is `on` the crack: their nodes and the two
+    /// elements.
     fn inner_faces(&self, on: &[bool]) -> Vec<(Vec<u32>, [u32; 2])> {
         let mut faces: BTreeMap<Vec<u32>, Vec<u32>> = BTreeMap::new();
         for element in 0..self.element_count() as u32 {
@@ -124,8 +131,8 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Number of the lip that each of the elements around a node belongs to, from 0; `joined` are pairs that no
-/// wall parts.
+/// For each of the elements around a node, the number of its lip, from 0. `joined` are pairs of elements that
+/// no crack face separates.
 fn lips(elements: &[u32], joined: &[[u32; 2]]) -> Vec<u32> {
     let mut lip = vec![u32::MAX; elements.len()];
     let mut count = 0;

@@ -1,16 +1,16 @@
 //! The three elements: shape functions, Gauss points, inverse mapping.
 //!
-//! Node order is that of Gmsh and VTK: a tetrahedron has corner 3 on the side of `(1 − 0) × (2 − 0)`, a
-//! hexahedron its bottom loop and then its top loop. The hexahedron is integrated with 2 × 2 × 2 Gauss
-//! points, simplices with one.
+//! The node order is that of Gmsh and VTK. Corner 3 of a tetrahedron lies on the side of `(1 − 0) × (2 − 0)`;
+//! a hexahedron lists its bottom loop and then its top loop. The hexahedron is integrated with 2 × 2 × 2
+//! Gauss points, bars and tetrahedra with one.
 
 use arlequin_core::Real;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Kind of the elements of a mesh.
+/// Kind of all elements of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ElementKind {
-    /// Two-node bar with a cross-section; carries axial displacement only.
+    /// Two-node bar with a cross-section; has axial displacements only.
     Bar2,
     /// Four-node tetrahedron, linear.
     Tet4,
@@ -18,7 +18,7 @@ pub enum ElementKind {
     Hex8,
 }
 
-/// Most corners any element has.
+/// Largest number of corners of any element kind.
 pub(crate) const MAX_CORNERS: usize = 8;
 
 impl ElementKind {
@@ -48,8 +48,8 @@ impl ElementKind {
         }
     }
 
-    /// Local corners of every face, in the order that makes its loop normal point outwards. A bar's faces
-    /// are its ends.
+    /// Local corners of every face, in the order that makes the normal of the loop point outwards. The faces
+    /// of a bar are its ends.
     pub const fn faces(self) -> &'static [&'static [usize]] {
         match self {
             Self::Bar2 => &[&[0], &[1]],
@@ -88,7 +88,7 @@ impl ElementKind {
     }
 }
 
-/// Corner `k` of the reference cube `[−1, 1]³`.
+/// Corners of the reference cube `[−1, 1]³`.
 pub(crate) const HEX_CORNERS: [[f64; 3]; 8] = [
     [-1.0, -1.0, -1.0],
     [1.0, -1.0, -1.0],
@@ -100,7 +100,7 @@ pub(crate) const HEX_CORNERS: [[f64; 3]; 8] = [
     [-1.0, 1.0, 1.0],
 ];
 
-/// Values `N_i(ξ) = Π_a (1 + ξ_ia ξ_a) / 8` of the hexahedron.
+/// Shape functions `N_i(ξ) = Π_a (1 + ξ_ia ξ_a) / 8` of the hexahedron \[–\].
 pub(crate) fn hex_values<T: Real>(xi: &Vector3<T>) -> [T; 8] {
     let eighth = T::of(0.125);
     HEX_CORNERS.map(|c| {
@@ -114,7 +114,7 @@ pub(crate) fn hex_values<T: Real>(xi: &Vector3<T>) -> [T; 8] {
     })
 }
 
-/// Gradients of [`hex_values`] with respect to `ξ`.
+/// Gradients of [`hex_values`] with respect to `ξ` \[–\].
 pub(crate) fn hex_gradients<T: Real>(xi: &Vector3<T>) -> [Vector3<T>; 8] {
     let eighth = T::of(0.125);
     HEX_CORNERS.map(|c| {
@@ -124,7 +124,7 @@ pub(crate) fn hex_gradients<T: Real>(xi: &Vector3<T>) -> [Vector3<T>; 8] {
     })
 }
 
-/// Jacobian `∂x/∂ξ` of a hexahedron from its local gradients.
+/// Jacobian `∂x/∂ξ` of a hexahedron \[m\], from its local gradients.
 pub(crate) fn hex_jacobian<T: Real>(p: &[Point3<T>; 8], gradients: &[Vector3<T>; 8]) -> Matrix3<T> {
     let mut j = Matrix3::zeros();
     for (x, g) in p.iter().zip(gradients) {
@@ -133,7 +133,7 @@ pub(crate) fn hex_jacobian<T: Real>(p: &[Point3<T>; 8], gradients: &[Vector3<T>;
     j
 }
 
-/// The map of a hexahedron.
+/// Position of the local coordinates `xi` in a hexahedron \[m\].
 pub(crate) fn hex_map<T: Real>(p: &[Point3<T>; 8], xi: &Vector3<T>) -> Point3<T> {
     let values = hex_values(xi);
     let sum = p
@@ -143,7 +143,7 @@ pub(crate) fn hex_map<T: Real>(p: &[Point3<T>; 8], xi: &Vector3<T>) -> Point3<T>
     Point3::from(sum)
 }
 
-/// One integration point of an element; entries beyond its corners mean nothing.
+/// One integration point of an element; entries beyond the element's corners are undefined.
 #[derive(Debug, Clone)]
 pub struct GaussPoint<T: Real> {
     /// Weight times Jacobian \[m³\].
@@ -154,7 +154,7 @@ pub struct GaussPoint<T: Real> {
     pub gradients: [Vector3<T>; MAX_CORNERS],
 }
 
-/// Gradients of the barycentric coordinates of a tetrahedron \[1/m\] and six times its volume.
+/// Gradients of the barycentric coordinates of a tetrahedron \[1/m\], and six times its volume \[m³\].
 pub(crate) fn tet_gradients<T: Real>(p: &[Point3<T>; 8]) -> ([Vector3<T>; 4], T) {
     let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
     let six = a.cross(&b).dot(&c);
@@ -162,7 +162,7 @@ pub(crate) fn tet_gradients<T: Real>(p: &[Point3<T>; 8]) -> ([Vector3<T>; 4], T)
     ([-(g[0] + g[1] + g[2]), g[0], g[1], g[2]], six)
 }
 
-/// Visits the Gauss points of an element. Corners beyond those of the kind are ignored.
+/// Calls `visit` for each Gauss point of an element. Entries of `p` beyond the element's corners are ignored.
 pub(crate) fn for_each_gauss<T: Real>(
     kind: ElementKind,
     p: &[Point3<T>; 8],
@@ -199,7 +199,7 @@ pub(crate) fn for_each_gauss<T: Real>(
                 let j = hex_jacobian(p, &local);
                 point.weight = j.determinant();
                 point.values = hex_values(&xi);
-                // A valid mesh has an invertible Jacobian; zero gradients mark the impossible case.
+                // The Jacobian of a valid mesh is invertible; zero gradients mark the impossible case.
                 let inverse = j.try_inverse().unwrap_or_else(Matrix3::zeros).transpose();
                 point.gradients = local.map(|g| inverse * g);
                 visit(&point);
@@ -208,7 +208,7 @@ pub(crate) fn for_each_gauss<T: Real>(
     }
 }
 
-/// `∫ N_i dV` of every corner \[m³\]: the row sums of the consistent mass over the density.
+/// `∫ N_i dV` of every corner \[m³\]: row sums of the consistent mass, divided by the density.
 pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], section: T) -> [T; 8] {
     let mut out = [T::zero(); 8];
     for_each_gauss(kind, p, section, |g| {
@@ -219,8 +219,8 @@ pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], sect
     out
 }
 
-/// Local coordinates of `x` in a hexahedron by Newton's method, `None` where it does not settle near the
-/// element.
+/// Local coordinates of `x` in a hexahedron by Newton's method; `None` if the iteration does not converge
+/// near the element.
 pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<Vector3<T>> {
     let reach = T::of(3.0);
     let settled = T::epsilon() * T::of(16.0);
@@ -233,7 +233,7 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
         if !size.is_finite() {
             return None;
         }
-        // Near the solution the steps shrink until round-off stops them.
+        // Near the solution, steps shrink until round-off stops them.
         let stalled = size >= step && size < T::epsilon().sqrt();
         xi = (xi + d).map(|c| c.clamp(-reach, reach));
         step = size;
@@ -244,18 +244,20 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
     None
 }
 
-/// Cuts a hexahedron into six tetrahedra by coning its lowest-numbered corner with the three faces that do
-/// not hold it, each cut along the diagonal from its own lowest corner. Neighbours cut their common face
-/// alike, and so do the two lips of a slit if `rank` is that of a node's place.
+/// Cuts a hexahedron into six tetrahedra.
+///
+/// The corner of lowest `rank` is the apex. Each of the three faces without the apex is cut along the
+/// diagonal from its own lowest corner and joined to the apex. Neighbours therefore cut their common face
+/// alike; so do the two lips of a slit if `rank` is the same for nodes at the same place.
 pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[u32; 4]; 6] {
     let apex = (0..8).min_by_key(|&k| rank(corners[k])).unwrap_or(0);
     let mut out = [[0; 4]; 6];
     let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));
     for (slot, face) in out.chunks_exact_mut(2).zip(far) {
         let low = (0..4).min_by_key(|&k| rank(corners[face[k]])).unwrap_or(0);
-        let at = |k: usize| corners[face[(low + k) % 4]];
-        slot[0] = [corners[apex], at(0), at(1), at(2)];
-        slot[1] = [corners[apex], at(0), at(2), at(3)];
+        let corner = |k: usize| corners[face[(low + k) % 4]];
+        slot[0] = [corners[apex], corner(0), corner(1), corner(2)];
+        slot[1] = [corners[apex], corner(0), corner(2), corner(3)];
     }
     out
 }

@@ -1,20 +1,20 @@
-//! Errors of this crate: each names the object, the value, the limit and a way out.
+//! Errors of this crate. Each one names the object, the value, the limit and a remedy.
 
-/// What can go wrong while a mesh or a finite element model is made.
+/// Errors in making a mesh or a finite element model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A parameter has a value that makes no sense.
+    /// A parameter is out of its range.
     #[error("{name} = {value}: {rule}")]
     Parameter {
         /// Name of the parameter.
         name: &'static str,
         /// Its value.
         value: String,
-        /// What it must satisfy.
+        /// Condition that it must satisfy.
         rule: &'static str,
     },
-    /// Nothing to compute on.
+    /// The mesh has no nodes or no elements.
     #[error(
         "mesh has {nodes} nodes and {elements} elements; give at least one element and the nodes it refers to"
     )]
@@ -24,7 +24,7 @@ pub enum Error {
         /// Number of elements.
         elements: usize,
     },
-    /// The connectivity cannot be cut into elements.
+    /// The connectivity does not consist of whole elements.
     #[error(
         "connectivity has {found} entries, which is no multiple of the {corners} corners of a {kind}; complete the last element"
     )]
@@ -58,7 +58,7 @@ pub enum Error {
         /// Largest valid index.
         last: usize,
     },
-    /// No element uses a node.
+    /// A node belongs to no element.
     #[error("node {node} at ({:.6e}, {:.6e}, {:.6e}) m belongs to no element and would have no mass; remove it", point[0], point[1], point[2])]
     UnreferencedNode {
         /// Node index.
@@ -66,7 +66,7 @@ pub enum Error {
         /// Its position \[m\].
         point: [f64; 3],
     },
-    /// Two nodes lie on top of each other.
+    /// Two nodes coincide.
     #[error("nodes {first} and {second} coincide at ({:.6e}, {:.6e}, {:.6e}) m (distance {distance:.1e} m, limit {limit:.1e} m); merge them", point[0], point[1], point[2])]
     CoincidentNodes {
         /// First node.
@@ -80,18 +80,18 @@ pub enum Error {
         /// Smallest distance accepted \[m\].
         limit: f64,
     },
-    /// Pieces of a mesh touch and share no node.
+    /// Pieces of a mesh touch but share no node.
     #[error("the mesh is in {count} pieces that touch and share no node: {pieces}; nodes {first} and {second} both lie at ({:.6e}, {:.6e}, {:.6e}) m; merge the nodes where the pieces meet (Coherence or fragments of the geometry in Gmsh), or take a mesh of each piece", point[0], point[1], point[2])]
     SeparatePieces {
         /// Number of pieces.
         count: usize,
-        /// The pieces: elements, places, volumes.
+        /// Description of the pieces: elements, positions, volumes.
         pieces: String,
         /// A node of one piece.
         first: usize,
         /// A node of another piece at the same place.
         second: usize,
-        /// Their place \[m\].
+        /// Their position \[m\].
         point: [f64; 3],
     },
     /// Two elements have the same nodes.
@@ -138,7 +138,7 @@ pub enum Error {
         /// Smallest value accepted.
         limit: f64,
     },
-    /// A bar of the axial model is not parallel to x.
+    /// A bar is not parallel to x, as the axial model requires.
     #[error(
         "bar element {element} leaves the x direction by {angle:.3e} rad; the bar model carries axial displacements along x only: turn the mesh"
     )]
@@ -151,12 +151,12 @@ pub enum Error {
     /// No group has the name.
     #[error("mesh has no group '{name}'; it has: {known}")]
     UnknownGroup {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// Names of the groups.
         known: String,
     },
-    /// A group of nodes is asked for its surface.
+    /// The surface is requested of a group that has only nodes.
     #[error("group '{name}' has {nodes} nodes but no facets; name a surface instead")]
     NotASurface {
         /// Name of the group.
@@ -164,22 +164,22 @@ pub enum Error {
         /// Number of its nodes.
         nodes: usize,
     },
-    /// A selection found nothing.
+    /// A selection is empty.
     #[error("group '{name}' is empty: no {what} of the mesh satisfies its condition; check it")]
     EmptyGroup {
         /// Name of the group.
         name: String,
-        /// What was looked for.
+        /// Kind of the selected objects.
         what: &'static str,
     },
-    /// The operation is not made for this element kind.
+    /// The operation is not available for this element kind.
     #[error("{what} cannot be made of {kind} elements; use {remedy}")]
     Kind {
-        /// What was asked for.
+        /// The requested result.
         what: &'static str,
         /// Element kind.
         kind: &'static str,
-        /// What to use.
+        /// Kinds that can be used.
         remedy: &'static str,
     },
     /// A file cannot be read.
@@ -193,10 +193,10 @@ pub enum Error {
     /// A Gmsh file is not understood.
     #[error("Gmsh mesh: {message}")]
     Gmsh {
-        /// What is wrong, where, and what to do.
+        /// Description of the fault, its location and a remedy.
         message: String,
     },
-    /// An error of the core.
+    /// An error from the core.
     #[error(transparent)]
     Core(#[from] arlequin_core::Error),
 }

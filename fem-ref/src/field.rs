@@ -1,10 +1,10 @@
-//! The displacement field of a mesh: point location, shape functions, integration cells. A mediator is such
-//! a field.
+//! The displacement field of a mesh: point location, shape functions, integration cells. A mediator on finite
+//! elements is a field of this kind.
 //!
-//! A point is located through a box tree in `O(log n)`. It belongs to the element of lowest number whose
-//! local coordinates it violates by no more than 1e-9 of the element's size (more in single precision), so
-//! the choice on a common face is reproducible. Values within that tolerance are the element's own
-//! polynomial, which keeps partition of unity and linear completeness exact.
+//! A point is located through a box tree in `O(log n)`. An element holds the point if its local coordinates
+//! leave the element by at most 1e-9 (more in single precision). Of several such elements the one of lowest
+//! number is chosen, so that the choice on a common face is reproducible. Within the tolerance the element's
+//! own polynomial is evaluated, which keeps partition of unity and linear completeness exact.
 
 use crate::element::{self, ElementKind};
 use crate::error::Result;
@@ -14,14 +14,14 @@ use arlequin_core::{Interpolation, Mediator, Real, ShapeRow, outside};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
 
-/// How local coordinates of a hexahedron are found, and how far its faces are from planes.
+/// Data that give the local coordinates of a hexahedron, and the distance of its faces from planes.
 #[derive(Debug, Clone)]
 struct HexShape<T: Real> {
     centre: Point3<T>,
-    /// Inverse Jacobian where the map is affine (a parallelepiped), or nearly so.
+    /// Inverse Jacobian if the map is affine (a parallelepiped) or nearly affine.
     inverse: Option<Matrix3<T>>,
-    /// Whether it is affine to the last digits. Otherwise a correction with the same inverse doubles their
-    /// number.
+    /// True if the map is affine to round-off. Otherwise one correction with the same inverse doubles the
+    /// number of correct digits.
     affine: bool,
     /// Largest distance of a face's corners from a plane, relative to the element's size.
     warp: T,
@@ -33,10 +33,11 @@ pub struct FemField<T: Real> {
     mesh: Arc<Mesh<T>>,
     tree: BoxTree<T>,
     hexes: Vec<HexShape<T>>,
-    /// Gradients of the functions of corners 1 to 3 of every tetrahedron, by which points are found in it.
+    /// Gradients of the shape functions of corners 1 to 3 of every tetrahedron, which give the local
+    /// coordinates.
     tets: Vec<[Vector3<T>; 3]>,
     tolerance: T,
-    /// Whether some hexahedron has warped faces and is cut into several cells.
+    /// True if a hexahedron has warped faces and is cut into several cells.
     warped: bool,
 }
 
@@ -45,16 +46,18 @@ struct Located<T: Real> {
     element: usize,
     /// Barycentric coordinates (bars, tetrahedra) or `ξ` (hexahedra).
     local: [T; 4],
+    /// Distance by which the local coordinates leave the element; zero or below inside.
     violation: T,
 }
 
 impl<T: Real> FemField<T> {
-    /// Field on a mesh.
+    /// Makes the field of a mesh.
     ///
     /// ```
     /// use arlequin_core::{Interpolation, ShapeRow, nalgebra::Point3};
     /// use fem_ref::{ElementKind, FemField, generate};
-    /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(2.0, 1.0, 1.0), [4, 2, 2])?;
+    /// let high = Point3::new(2.0, 1.0, 1.0);
+    /// let mesh = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 2, 2])?;
     /// let field = FemField::new(mesh);
     /// let mut row = ShapeRow::default();
     /// field.shape_at(&Point3::new(0.3, 0.4, 0.1), true, &mut row)?;
@@ -63,6 +66,7 @@ impl<T: Real> FemField<T> {
     /// ```
     pub fn new(mesh: impl Into<Arc<Mesh<T>>>) -> Self {
         let mesh = mesh.into();
+        // In single precision 1e-9 is below round-off: there, 32 units of it.
         let tolerance = T::of(1e-9).max(T::epsilon() * T::of(32.0));
         let hexes: Vec<_> = match mesh.kind() {
             ElementKind::Hex8 => (0..mesh.element_count())
@@ -83,6 +87,7 @@ impl<T: Real> FemField<T> {
             let p = mesh.corners(e);
             let [low, high] = bounds_of(p[..mesh.kind().corners()].iter());
             let slack = hexes.get(e).map_or(T::zero(), |h: &HexShape<T>| h.warp);
+            // Wide enough for all points that `locate` accepts.
             let margin = Vector3::repeat((high - low).norm() * (tolerance + slack) * T::of(2.0));
             [low - margin, high + margin]
         });
@@ -96,8 +101,9 @@ impl<T: Real> FemField<T> {
         }
     }
 
-    /// Piecewise linear field on points along a line \[m\], such as the particles of a chain, with cells of
-    /// the given cross-section \[m²\]. The points may come in any order; the field keeps their numbers.
+    /// Makes a piecewise linear field on points along a line \[m\], for example the particles of a chain,
+    /// with cells of the given cross-section \[m²\]. The points may come in any order; the field keeps their
+    /// numbers.
     ///
     /// ```
     /// use arlequin_core::{Interpolation, nalgebra::Point3};
@@ -108,7 +114,8 @@ impl<T: Real> FemField<T> {
     /// ```
     ///
     /// # Errors
-    /// As [`Mesh::new`] (fewer than two points, coincident points, NaN) and [`Mesh::with_section`].
+    /// The errors of [`Mesh::new`] (fewer than two points, coincident points, coordinates that are not
+    /// finite) and of [`Mesh::with_section`].
     pub fn on_line(points: Vec<Point3<T>>, section: T) -> Result<Self> {
         let origin = points.first().copied().unwrap_or_else(Point3::origin);
         let far = |p: &Point3<T>| (p - origin).norm_squared();
@@ -128,13 +135,13 @@ impl<T: Real> FemField<T> {
         &self.mesh
     }
 
-    /// Adds the integration cells of element `e`: one, or several where its faces are not planar.
+    /// Adds the integration cells of element `e`: one cell, or several if its faces are not planar.
     pub fn cells_of(&self, e: usize, out: &mut Vec<Cell<T>>) {
         let planar = self.hexes.get(e).is_none_or(|h| h.warp <= self.tolerance);
         self.mesh.cells_of(e, planar, out);
     }
 
-    /// Local coordinates of `x` in hexahedron `e`.
+    /// Local coordinates of `x` in hexahedron `e`; `None` far outside of a hexahedron that is not affine.
     fn hex_local(&self, e: usize, x: &Point3<T>) -> Option<Vector3<T>> {
         let shape = &self.hexes[e];
         let Some(inverse) = &shape.inverse else {
@@ -147,7 +154,7 @@ impl<T: Real> FemField<T> {
         Some(xi)
     }
 
-    /// Local coordinates of `x` in element `e` and by how much they leave it.
+    /// Local coordinates of `x` in element `e`, with the distance by which they leave it.
     fn local(&self, e: usize, x: &Point3<T>) -> Option<Located<T>> {
         let (zero, one) = (T::zero(), T::one());
         let (local, violation) = match self.mesh.kind() {
@@ -166,7 +173,8 @@ impl<T: Real> FemField<T> {
             }
             ElementKind::Hex8 => {
                 let xi = self.hex_local(e, x)?;
-                // A point off a face by round-off is taken onto it, so that the far nodes have no part in it.
+                // A point that is off a face by round-off is moved onto it, so that nodes not on the face get
+                // no weight.
                 let xi = xi.map(|c: T| {
                     if (c.abs() - one).abs() < T::epsilon() * T::of(128.0) {
                         one.copysign(c)
@@ -184,8 +192,8 @@ impl<T: Real> FemField<T> {
         })
     }
 
-    /// The element that holds `x`; where none does, one whose warped face makes `x` a point of its
-    /// integration cells.
+    /// Returns the element that holds `x`. If there is none, returns a warped hexahedron near `x`, because
+    /// its integration cells may extend beyond its curved face.
     fn locate(&self, x: &Point3<T>) -> Option<Located<T>> {
         let mut best: Option<Located<T>> = None;
         let mut near: Option<Located<T>> = None;
@@ -193,22 +201,22 @@ impl<T: Real> FemField<T> {
             if best.as_ref().is_some_and(|b| b.element < e) {
                 return false;
             }
-            let Some(found) = self.local(e, x) else {
+            let Some(located) = self.local(e, x) else {
                 return false;
             };
-            if found.violation <= self.tolerance {
-                best = Some(found);
+            if located.violation <= self.tolerance {
+                best = Some(located);
             } else if self
                 .hexes
                 .get(e)
-                .is_some_and(|h| found.violation <= h.warp * T::of(2.0))
+                .is_some_and(|h| located.violation <= h.warp * T::of(2.0))
             {
                 let closer = near.as_ref().is_none_or(|n| {
-                    found.violation < n.violation
-                        || (found.violation <= n.violation && found.element < n.element)
+                    located.violation < n.violation
+                        || (located.violation <= n.violation && located.element < n.element)
                 });
                 if closer {
-                    near = Some(found);
+                    near = Some(located);
                 }
             }
             false
@@ -216,51 +224,55 @@ impl<T: Real> FemField<T> {
         best.or(near)
     }
 
-    /// The element that holds a point, of several the one of lowest number.
+    /// Element that holds a point; of several, the one of lowest number.
     pub fn element_at(&self, x: &Point3<T>) -> Option<usize> {
-        self.locate(x).map(|found| found.element)
+        self.locate(x).map(|located| located.element)
     }
 
-    /// The element that holds a point, and the value there of a field given by its values at the nodes.
+    /// Element that holds a point, and the value at the point of a field given by its nodal `values`.
     ///
     /// # Panics
-    /// For fewer values than nodes.
+    /// If there are fewer values than nodes.
     pub fn value_at(&self, x: &Point3<T>, values: &[T]) -> Option<(usize, T)> {
-        let at = self.locate(x)?;
+        let located = self.locate(x)?;
         let mut shape = [T::zero(); 8];
         match self.mesh.kind() {
             ElementKind::Hex8 => {
-                shape = element::hex_values(&Vector3::new(at.local[0], at.local[1], at.local[2]));
+                shape = element::hex_values(&Vector3::new(
+                    located.local[0],
+                    located.local[1],
+                    located.local[2],
+                ));
             }
-            ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&at.local),
+            ElementKind::Tet4 | ElementKind::Bar2 => shape[..4].copy_from_slice(&located.local),
         }
-        let nodes = self.mesh.element(at.element).iter();
+        let nodes = self.mesh.element(located.element).iter();
         let sum = nodes.zip(shape).map(|(k, n)| values[*k as usize] * n).sum();
-        Some((at.element, sum))
+        Some((located.element, sum))
     }
 
-    /// Shape functions at a located point.
+    /// Evaluates the shape functions at a located point.
     fn evaluate(
         &self,
-        at: &Located<T>,
+        located: &Located<T>,
         x: &Point3<T>,
         gradient: bool,
         row: &mut ShapeRow<T>,
     ) -> arlequin_core::Result<()> {
         row.clear();
-        let nodes = self.mesh.element(at.element);
+        let nodes = self.mesh.element(located.element);
         let mut values = [T::zero(); 8];
         let mut gradients = [Vector3::zeros(); 8];
         match self.mesh.kind() {
             ElementKind::Hex8 => {
-                let xi = Vector3::new(at.local[0], at.local[1], at.local[2]);
+                let xi = Vector3::new(located.local[0], located.local[1], located.local[2]);
                 values = element::hex_values(&xi);
                 if gradient {
                     let local = element::hex_gradients(&xi);
-                    let shape = &self.hexes[at.element];
+                    let shape = &self.hexes[located.element];
                     let inverse = match &shape.inverse {
                         Some(inverse) if shape.affine => Some(*inverse),
-                        _ => element::hex_jacobian(&self.mesh.corners(at.element), &local).try_inverse(),
+                        _ => element::hex_jacobian(&self.mesh.corners(located.element), &local).try_inverse(),
                     };
                     let Some(inverse) = inverse else {
                         return Err(outside(x, self.kind()));
@@ -269,21 +281,21 @@ impl<T: Real> FemField<T> {
                 }
             }
             ElementKind::Tet4 => {
-                values[..4].copy_from_slice(&at.local);
+                values[..4].copy_from_slice(&located.local);
                 if gradient {
-                    let p = self.mesh.corners(at.element);
+                    let p = self.mesh.corners(located.element);
                     gradients[..4].copy_from_slice(&element::tet_gradients(&p).0);
                 }
             }
             ElementKind::Bar2 => {
-                values[..2].copy_from_slice(&at.local[..2]);
-                let p = self.mesh.corners(at.element);
+                values[..2].copy_from_slice(&located.local[..2]);
+                let p = self.mesh.corners(located.element);
                 let d = p[1] - p[0];
                 gradients[1] = d / d.norm_squared();
                 gradients[0] = -gradients[1];
             }
         }
-        // A value of a few units of round-off is that of a point on a face: the node has no part in it.
+        // A value of a few units of round-off belongs to a point on a face: the node gets no weight.
         let nothing = T::epsilon() * T::of(4.0);
         for (k, &node) in nodes.iter().enumerate() {
             if gradient {
@@ -311,7 +323,7 @@ fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
         d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
     });
     let warp = warp.fold(T::zero(), |a, b| a.max(b));
-    // Below the root of epsilon, one correction leaves round-off.
+    // Below the square root of epsilon, one correction leaves only round-off.
     let nearly = bent <= size * T::epsilon().sqrt();
     HexShape {
         centre,
@@ -328,7 +340,7 @@ impl<T: Real> Interpolation<T> for FemField<T> {
 
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> arlequin_core::Result<()> {
         match self.locate(x) {
-            Some(at) => self.evaluate(&at, x, gradient, row),
+            Some(located) => self.evaluate(&located, x, gradient, row),
             None => Err(outside(x, self.kind())),
         }
     }
@@ -340,13 +352,12 @@ impl<T: Real> Interpolation<T> for FemField<T> {
         gradient: bool,
         row: &mut ShapeRow<T>,
     ) -> arlequin_core::Result<()> {
-        // With warped hexahedra, which are cut into several cells, cells and elements are numbered
-        // differently.
+        // Warped hexahedra are cut into several cells, so that numbers of cells and elements differ.
         if self.warped {
             return self.shape_at(x, gradient, row);
         }
         match self.local(cell, x) {
-            Some(at) => self.evaluate(&at, x, gradient, row),
+            Some(located) => self.evaluate(&located, x, gradient, row),
             None => Err(outside(x, self.kind())),
         }
     }
@@ -361,7 +372,7 @@ impl<T: Real> Interpolation<T> for FemField<T> {
 
     fn cells_within(&self, bounds: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
         if self.warped {
-            // Cells and elements are numbered differently.
+            // Numbers of cells and elements differ.
             return Some(self.cells().into_iter().enumerate().collect());
         }
         let mut near = Vec::new();
@@ -370,10 +381,10 @@ impl<T: Real> Interpolation<T> for FemField<T> {
             false
         });
         near.sort_unstable();
-        let mut one = Vec::with_capacity(1);
+        let mut cells = Vec::with_capacity(1);
         let cell = |e: usize| {
-            self.cells_of(e, &mut one);
-            one.pop().map(|c| (e, c))
+            self.cells_of(e, &mut cells);
+            cells.pop().map(|c| (e, c))
         };
         Some(near.into_iter().filter_map(cell).collect())
     }
@@ -394,7 +405,7 @@ impl<T: Real> Interpolation<T> for FemField<T> {
     }
 }
 
-/// A multiplier space on a mesh that fills the overlap: `h_B` is the mean edge length.
+/// A multiplier space on a mesh that fills the overlap; its spacing `h_B` is the mean edge length.
 impl<T: Real> Mediator<T> for FemField<T> {
     fn spacing(&self) -> T {
         self.mesh.spacing()

@@ -1,7 +1,7 @@
 //! Structured meshes: bars, boxes, cylinders, balls.
 //!
-//! Nodes are numbered layer by layer along x, which keeps the bandwidth small for beams. Every solid names
-//! its faces; bars name their ends `x-min` and `x-max`.
+//! Nodes are numbered layer by layer along x, which keeps the bandwidth of beams small. All generated solids
+//! have groups for their faces; bars have groups for their ends, `x-min` and `x-max`.
 
 mod ball;
 
@@ -14,8 +14,8 @@ use arlequin_core::Real;
 use nalgebra::Point3;
 use std::ops::Range;
 
-/// Bar along x from `x0` to `x1` \[m\] with `n` equal elements and a cross-section \[m²\]. Groups `x-min`,
-/// `x-max`.
+/// Makes a bar along x from `x0` to `x1` \[m\] with `n` equal elements and a cross-section \[m²\]. Groups:
+/// `x-min`, `x-max`.
 ///
 /// ```
 /// let bar = fem_ref::generate::bar(0.0, 0.1, 20, 1e-4)?;
@@ -24,7 +24,7 @@ use std::ops::Range;
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for `n = 0`, ends that do not ascend, a section that is not positive.
+/// [`Error::Parameter`] for `n = 0`, ends that do not ascend, or a section that is not positive.
 pub fn bar<T: Real>(x0: T, x1: T, n: usize, section: T) -> Result<Mesh<T>> {
     count("bar elements", n)?;
     ascending("bar end x1", x0, x1)?;
@@ -34,11 +34,11 @@ pub fn bar<T: Real>(x0: T, x1: T, n: usize, section: T) -> Result<Mesh<T>> {
     )
 }
 
-/// Bar along x with nodes at the given ascending coordinates \[m\] and a cross-section \[m²\].
+/// Makes a bar along x with nodes at the given ascending coordinates \[m\] and a cross-section \[m²\].
 ///
 /// # Errors
-/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; as [`Mesh::new`]
-/// otherwise.
+/// [`Error::Parameter`] unless the coordinates ascend and the section is positive; otherwise the errors of
+/// [`Mesh::new`].
 pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     for w in x.windows(2) {
         ascending("bar coordinate", w[0], w[1])?;
@@ -51,8 +51,9 @@ pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     mesh.with_surfaces(&[("x-min", &|p| p.x <= low), ("x-max", &|p| p.x >= high)])
 }
 
-/// Box between two corners \[m\] with `counts` hexahedra along x, y, z, or six tetrahedra in place of each
-/// (Kuhn's conforming cut). Groups `x-min`, `x-max`, `y-min`, `y-max`, `z-min`, `z-max`.
+/// Makes a box between two corners \[m\] with `counts` hexahedra along x, y and z, or with six tetrahedra in
+/// place of each hexahedron (Kuhn's conforming cut). Groups: `x-min`, `x-max`, `y-min`, `y-max`, `z-min`,
+/// `z-max`.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;
@@ -74,9 +75,9 @@ pub fn block<T: Real>(
     cuboid(kind, &sides(low, high, counts)?, counts, |_| true)
 }
 
-/// The box of [`block`] without the hexahedra inside another box, `hole`: what a coarse model has around
-/// the region of a fine one. Faces of the hole lie on faces of hexahedra; where the hole reaches beyond the
-/// box, it is open.
+/// Makes the box of [`block`] without the hexahedra inside a second box, `hole`. This is the mesh of a coarse
+/// model around the region of a fine one. The faces of the hole must lie on faces of hexahedra. The hole is
+/// open where it reaches beyond the box.
 ///
 /// ```
 /// use arlequin_core::nalgebra::Point3;
@@ -89,8 +90,8 @@ pub fn block<T: Real>(
 /// ```
 ///
 /// # Errors
-/// As [`block`]; [`Error::Parameter`] for a face of the hole off the faces of hexahedra by more than 1e-6
-/// of their length, and for a hole that takes none or all of them.
+/// The errors of [`block`]; [`Error::Parameter`] if a face of the hole is off the faces of hexahedra by more
+/// than 1e-6 of an element's edge, and for a hole that removes no hexahedron or all of them.
 pub fn hollow_block<T: Real>(
     kind: ElementKind,
     low: Point3<T>,
@@ -100,15 +101,15 @@ pub fn hollow_block<T: Real>(
 ) -> Result<Mesh<T>> {
     let sides = sides(low, high, counts)?;
     let gap = gap(low, high, counts, hole)?;
-    let inside = |at: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&at[c]));
-    cuboid(kind, &sides, counts, |at| !inside(at))
+    let inside = |cell: [usize; 3]| (0..3).all(|c| (gap[c][0]..gap[c][1]).contains(&cell[c]));
+    cuboid(kind, &sides, counts, |cell| !inside(cell))
 }
 
-/// The hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first of them, and the
-/// first behind them.
+/// Range of the hexahedra of [`hollow_block`] that lie in the hole, along each axis: the first one, and the
+/// first one behind the hole.
 ///
 /// # Errors
-/// Those of [`hollow_block`] that speak of the hole.
+/// The errors of [`hollow_block`] about the hole.
 pub fn gap<T: Real>(
     low: Point3<T>,
     high: Point3<T>,
@@ -123,6 +124,7 @@ pub fn gap<T: Real>(
         for (layer, corner) in gap.iter_mut().zip(&hole) {
             let place = (((corner[c] - low[c]) / (high[c] - low[c])) * n).clamp(T::zero(), n);
             let nearest = place.round();
+            // Round-off of `place` grows with the number of elements.
             if (place - nearest).abs() > T::of(1e-6).max(T::epsilon() * n * T::of(8.0)) {
                 let rule = "must lie on a face between elements [m]; move it, or choose another element size";
                 return Err(parameter(name, corner[c], rule));
@@ -147,7 +149,7 @@ pub fn gap<T: Real>(
     Ok(gap)
 }
 
-/// The sides of a box between two corners, with numbers of elements that can be meshed.
+/// Checks corners and counts, and returns the sides of the box.
 fn sides<T: Real>(low: Point3<T>, high: Point3<T>, counts: [usize; 3]) -> Result<[Range<T>; 3]> {
     for (c, name) in ["box corner x", "box corner y", "box corner z"]
         .into_iter()
@@ -161,7 +163,7 @@ fn sides<T: Real>(low: Point3<T>, high: Point3<T>, counts: [usize; 3]) -> Result
     Ok([0, 1, 2].map(|c| low[c]..high[c]))
 }
 
-/// A box of elements; `keep` tells which hexahedra, by their number along each axis, are there.
+/// Makes a box of elements with the hexahedra for which `keep` is true, given their number along each axis.
 fn cuboid<T: Real>(
     kind: ElementKind,
     sides: &[Range<T>; 3],
@@ -169,12 +171,19 @@ fn cuboid<T: Real>(
     keep: impl Fn([usize; 3]) -> bool,
 ) -> Result<Mesh<T>> {
     let [nx, ny, nz] = counts;
-    let at = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
+    let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
     let mut connectivity = Vec::with_capacity(8 * nx * ny * nz);
     for i in 0..nx {
         for j in 0..ny {
             for k in (0..nz).filter(|&k| keep([i, j, k])) {
-                let ring = |k| [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)];
+                let ring = |k| {
+                    [
+                        node(i, j, k),
+                        node(i + 1, j, k),
+                        node(i + 1, j + 1, k),
+                        node(i, j + 1, k),
+                    ]
+                };
                 connectivity.extend(ring(k));
                 connectivity.extend(ring(k + 1));
             }
@@ -188,8 +197,8 @@ fn cuboid<T: Real>(
     let mut number = vec![0; used.len()];
     for (v, _) in used.iter().enumerate().filter(|(_, used)| **used) {
         number[v] = nodes.len() as u32;
-        let at = [v / ((ny + 1) * (nz + 1)), v / (nz + 1) % (ny + 1), v % (nz + 1)];
-        let x = [0, 1, 2].map(|c| between(sides[c].start, sides[c].end, at[c], counts[c]));
+        let station = [v / ((ny + 1) * (nz + 1)), v / (nz + 1) % (ny + 1), v % (nz + 1)];
+        let x = [0, 1, 2].map(|c| between(sides[c].start, sides[c].end, station[c], counts[c]));
         nodes.push(Point3::from(x));
     }
     for v in &mut connectivity {
@@ -208,19 +217,19 @@ fn cuboid<T: Real>(
         .into_kind(kind, "a box")
 }
 
-/// Where the side nodes of a meshed cylinder lie.
+/// Position of the side nodes of a meshed cylinder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Rim {
-    /// On a circle slightly larger than the cylinder's, such that the polygon has the area of the circle:
-    /// mass, axial stiffness and end loads of a beam are then those of the true cylinder on every mesh. The
-    /// default, as these errors would otherwise dominate (2.6 % with 16 sides).
+    /// On a circle slightly larger than the cylinder, so that the polygon has the area of the circle. Mass,
+    /// axial stiffness and end loads of a beam are then those of the true cylinder on every mesh. This is the
+    /// default, because these errors would otherwise dominate (2.6 % with 16 sides).
     #[default]
     EqualArea,
-    /// On the cylinder: the mesh never leaves it.
+    /// On the cylinder: the mesh lies inside of it.
     Inscribed,
 }
 
-/// A circular cylinder along x around the x axis, meshed by a square core inside rings (butterfly).
+/// A circular cylinder around the x axis, meshed with a square core inside rings (butterfly).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cylinder<T> {
     /// End coordinates along x \[m\], ascending.
@@ -229,16 +238,16 @@ pub struct Cylinder<T> {
     pub radius: T,
     /// Elements along each side of the square core; the polygon has four times as many sides.
     pub core: usize,
-    /// Rings of elements around the core; half of `core` gives even elements.
+    /// Rings of elements around the core; half of `core` gives elements of even size.
     pub rings: usize,
     /// Layers of elements along x.
     pub layers: usize,
-    /// Where the side nodes lie.
+    /// Position of the side nodes.
     pub rim: Rim,
 }
 
 impl<T: Real> Cylinder<T> {
-    /// Cylinder whose elements have about the given size \[m\] in all directions.
+    /// Makes a cylinder whose elements have about the given size \[m\] in all directions.
     ///
     /// # Errors
     /// [`Error::Parameter`] unless the size is positive and finite and the ends ascend.
@@ -262,11 +271,13 @@ impl<T: Real> Cylinder<T> {
     }
 }
 
-/// Meshes a cylinder with hexahedra, or six tetrahedra in place of each. Groups `x-min`, `x-max`, `side`.
+/// Meshes a cylinder with hexahedra, or with six tetrahedra in place of each. Groups: `x-min`, `x-max`,
+/// `side`.
 ///
 /// ```
 /// use fem_ref::{ElementKind, generate::{self, Cylinder}};
-/// let shape = Cylinder { ends: [0.0, 20e-3], radius: 1e-3, core: 2, rings: 1, layers: 20, rim: Default::default() };
+/// let (ends, rim) = ([0.0, 20e-3], Default::default());
+/// let shape = Cylinder { ends, radius: 1e-3, core: 2, rings: 1, layers: 20, rim };
 /// let mesh = generate::cylinder(ElementKind::Hex8, &shape)?;
 /// assert_eq!(mesh.element_count(), 20 * (4 + 8));
 /// assert!((mesh.volume() / (std::f64::consts::PI * 20e-9) - 1.0).abs() < 1e-12);
@@ -274,7 +285,7 @@ impl<T: Real> Cylinder<T> {
 /// ```
 ///
 /// # Errors
-/// [`Error::Parameter`] for a zero count, ends that do not ascend or a radius that is not positive;
+/// [`Error::Parameter`] for a zero count, ends that do not ascend, or a radius that is not positive;
 /// [`Error::Kind`] for bars.
 pub fn cylinder<T: Real>(kind: ElementKind, shape: &Cylinder<T>) -> Result<Mesh<T>> {
     let [x0, x1] = shape.ends;
@@ -307,6 +318,7 @@ pub fn cylinder<T: Real>(kind: ElementKind, shape: &Cylinder<T>) -> Result<Mesh<
             connectivity.extend(quad.map(|k| k + (i + 1) * per_layer));
         }
     }
+    // The margin takes in round-off of the side nodes and leaves out the next ring.
     let inside = rim_radius(shape) * T::of(1.0 - 1e-4);
     Mesh::new(ElementKind::Hex8, nodes, connectivity)?
         .with_surfaces(&[
@@ -321,25 +333,26 @@ fn rim_radius<T: Real>(shape: &Cylinder<T>) -> T {
     match shape.rim {
         Rim::Inscribed => shape.radius,
         Rim::EqualArea => {
-            // Area of the polygon with 4·core equal sides inscribed in the unit circle.
+            // The polygon with 4·core sides has the area of the circle if its radius is larger by this
+            // factor.
             let sector = std::f64::consts::FRAC_PI_2 / shape.core as f64;
             shape.radius * T::of((sector / sector.sin()).sqrt())
         }
     }
 }
 
-/// Points `(y, z)` and counter-clockwise quadrilaterals of the cross-section.
+/// Points `(y, z)` \[m\] and counter-clockwise quadrilaterals of the cross-section.
 fn butterfly<T: Real>(shape: &Cylinder<T>) -> (Vec<[T; 2]>, Vec<[u32; 4]>) {
     let (n, rings) = (shape.core, shape.rings);
     let (rim, m) = (rim_radius(shape).as_f64(), n as f64);
     // Core and rings share the area in proportion to their numbers of elements.
     let core = rim * (m / (m + 4.0 * rings as f64)).sqrt();
     let mut points = Vec::new();
-    let at = |i: usize, j: usize| (i * (n + 1) + j) as u32;
+    let point = |i: usize, j: usize| (i * (n + 1) + j) as u32;
     for i in 0..=n {
         for j in 0..=n {
             let (u, v) = (2.0 * i as f64 / m - 1.0, 2.0 * j as f64 / m - 1.0);
-            // A square of side 0.8 bulged half-way towards a disc.
+            // A square bulged half-way towards a disc.
             let disc = [u * (1.0 - v * v / 2.0).sqrt(), v * (1.0 - u * u / 2.0).sqrt()];
             points.push([0.43 * u + 0.5 * disc[0], 0.43 * v + 0.5 * disc[1]].map(|c| c * core));
         }
@@ -347,14 +360,14 @@ fn butterfly<T: Real>(shape: &Cylinder<T>) -> (Vec<[T; 2]>, Vec<[u32; 4]>) {
     let mut quads = Vec::new();
     for i in 0..n {
         for j in 0..n {
-            quads.push([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+            quads.push([point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)]);
         }
     }
     // Border of the core, counter-clockwise from its lowest corner.
-    let sides = (0..n).map(|k| at(k, 0)).chain((0..n).map(|k| at(n, k)));
+    let sides = (0..n).map(|k| point(k, 0)).chain((0..n).map(|k| point(n, k)));
     let sides = sides
-        .chain((0..n).map(|k| at(n - k, n)))
-        .chain((0..n).map(|k| at(0, n - k)));
+        .chain((0..n).map(|k| point(n - k, n)))
+        .chain((0..n).map(|k| point(0, n - k)));
     let mut inner: Vec<u32> = sides.collect();
     let border: Vec<[f64; 2]> = inner.iter().map(|&k| points[k as usize]).collect();
     for ring in 1..=rings {
@@ -389,7 +402,7 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Station `i` of `n` between two ends, exact at both.
+/// Coordinate `i` of `n` equal steps between two ends, exact at both.
 fn between<T: Real>(low: T, high: T, i: usize, n: usize) -> T {
     if i == n {
         high

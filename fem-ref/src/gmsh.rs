@@ -1,12 +1,13 @@
 //! Import of Gmsh meshes, formats 4.1 and 2.2, ascii or binary.
 //!
-//! One element kind fills the domain: hexahedra, tetrahedra, or lines where there are no solids. Those of
-//! second order are read as linear ones, without the nodes in the middle of their edges, and the mesh says
-//! so. Physical groups become named groups: those of surfaces get facets (their boundary faces; inner
-//! surfaces are groups of nodes only), all get nodes. A group without a name in the file is called
-//! `point-1`, `curve-2`, `surface-3` or `volume-4` after its dimension and tag. An element that one entity
-//! lists twice is read once, whatever the order of its nodes; on two entities it is refused, as volumes in
-//! one place may be of two materials. Nodes are renumbered for locality; Gmsh's own tags are not kept.
+//! One element kind fills the domain: hexahedra, tetrahedra, or lines if there are no solids. Elements of
+//! second order are read as linear ones without their mid-edge nodes; [`Mesh::notices`] then says so.
+//!
+//! Physical groups become named groups of nodes; groups of surfaces also get facets if they lie on the
+//! boundary. A group without a name in the file is called `point-1`, `curve-2`, `surface-3` or `volume-4`
+//! after its dimension and tag. An element that one entity lists twice is read once, whatever the order of
+//! its nodes. Listed on two entities it is an error, because two volumes at one place may have different
+//! materials. Nodes are renumbered for locality; Gmsh's own tags are not kept.
 
 mod assemble;
 mod contents;
@@ -25,7 +26,7 @@ use std::path::Path;
 /// Reads a `.msh` file.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read, otherwise as [`parse`].
+/// [`Error::File`] if the file cannot be read, otherwise the errors of [`parse`].
 pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|e| Error::File {
@@ -35,7 +36,7 @@ pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
     parse(&bytes)
 }
 
-/// Reads the content of a `.msh` file. Bars get a section of 1 m²; see [`Mesh::with_section`].
+/// Parses the content of a `.msh` file. Bars get a section of 1 m²; see [`Mesh::with_section`].
 ///
 /// ```
 /// let text = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n\
@@ -47,16 +48,16 @@ pub fn load<T: Real>(path: impl AsRef<Path>) -> Result<Mesh<T>> {
 /// ```
 ///
 /// # Errors
-/// [`Error::Gmsh`] for another version, a broken section, mixed or unsupported elements, unknown or
-/// repeated node tags; as [`Mesh::new`] for meshes that are not valid.
+/// [`Error::Gmsh`] for another version, a broken section, mixed or unsupported elements, or unknown or
+/// repeated node tags; the errors of [`Mesh::new`] for meshes that are not valid.
 pub fn parse<T: Real>(bytes: &[u8]) -> Result<Mesh<T>> {
     assemble::mesh(&contents(bytes)?)
 }
 
-/// What a file holds.
+/// Reads nodes, elements and names of a file.
 fn contents(bytes: &[u8]) -> Result<Contents> {
     let header = v4::header(bytes)?;
-    let mut found = match header.version.as_str() {
+    let mut file = match header.version.as_str() {
         "4.1" => v4::read(bytes, &header)?,
         "2" | "2.0" | "2.1" | "2.2" => v2::read(bytes, &header)?,
         other => {
@@ -65,9 +66,9 @@ fn contents(bytes: &[u8]) -> Result<Contents> {
             )));
         }
     };
-    found.names = v4::physical_names(bytes)?;
-    found.linearise();
-    Ok(found)
+    file.names = v4::physical_names(bytes)?;
+    file.linearise();
+    Ok(file)
 }
 
 fn fault(message: impl Into<String>) -> Error {

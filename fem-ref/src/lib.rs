@@ -1,16 +1,16 @@
 //! Linear finite elements: the reference continuum model of the Arlequin workspace.
 //!
 //! Small-strain isotropic elastodynamics `M q̈ = F − K q` on bars, tetrahedra and hexahedra of first order
-//! with lumped mass, small enough to trust by reading. What it leaves out: higher order, several element
-//! kinds in one mesh, several materials in one model, shear-locking cures (a thin beam in bending needs at
-//! least four hexahedra across).
+//! with lumped mass, small enough to trust by reading. It leaves out elements of higher order, several
+//! element kinds in one mesh, and cures of shear locking: a thin beam in bending needs at least four
+//! hexahedra across.
 //!
 //! ```
 //! use arlequin_core::{LinearModel, Model};
 //! use arlequin_core::Real;
 //! use fem_ref::{Elastic, ElementKind, FemModel, generate::{self, Cylinder}};
 //!
-//! // A silica beam of 20 mm by 2 mm hangs at its end x = 0 and is pulled by 1 kN at the other.
+//! // A silica beam of 20 mm by 2 mm is clamped at x = 0 and pulled by 1 kN at its other end.
 //! let shape = Cylinder::with_size([0.0, 20e-3], 1e-3, 0.5e-3)?;
 //! let mesh = generate::cylinder(ElementKind::Hex8, &shape)?;
 //! let (clamped, pulled) = (mesh.group_nodes("x-min")?, mesh.surface("x-max")?);
@@ -23,7 +23,7 @@
 //!         u[3 * node] += 1000.0 * share / area;
 //!     }
 //! }
-//! // A stiff spring on every clamped unknown stands for the support.
+//! // A stiff spring on every clamped unknown acts as support.
 //! let mut support = arlequin_core::sprs::TriMat::new((u.len(), u.len()));
 //! for dof in clamped.iter().flat_map(|n| 3 * n..3 * n + 3) {
 //!     support.add_triplet(dof, dof, 1e16);

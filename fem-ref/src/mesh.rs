@@ -10,7 +10,7 @@ use arlequin_core::geometry::{Cell, Polyhedron};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// A face of an element, by element and local face number.
+/// A face of an element, given by the element and the local face number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Facet {
     /// Element index.
@@ -19,7 +19,7 @@ pub struct Facet {
     pub face: u8,
 }
 
-/// A named part of a mesh: nodes, and the facets between them if the part is a surface.
+/// A named part of a mesh: its nodes, and its facets if the part is a surface.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Group {
     /// Node indices, ascending.
@@ -39,7 +39,7 @@ pub struct Mesh<T: Real> {
     connectivity: Vec<u32>,
     groups: BTreeMap<String, Group>,
     volumes: Vec<String>,
-    /// Number of every element's volume; empty where nothing tells them apart.
+    /// For every element, the number of its volume; empty if the mesh does not distinguish volumes.
     regions: Vec<u32>,
     notices: Vec<String>,
     section: T,
@@ -47,8 +47,8 @@ pub struct Mesh<T: Real> {
 }
 
 impl<T: Real> Mesh<T> {
-    /// Mesh from node positions \[m\] and the corners of every element in a row. Bars get a section of 1
-    /// m², the problem per unit section; see [`Mesh::with_section`].
+    /// Makes a mesh from node positions \[m\] and the corners of all elements, one element after the other.
+    /// Bars get a section of 1 m², which gives results per unit section; see [`Mesh::with_section`].
     ///
     /// ```
     /// use fem_ref::{ElementKind, Mesh};
@@ -63,15 +63,15 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// A typed error for an empty mesh, NaN coordinates, indices out of range, inverted or flat elements
-    /// (hexahedra: Jacobian at all corners), elements with the same nodes, unreferenced nodes, or
-    /// coincident ones that are no lips of a slit.
+    /// A typed error for an empty mesh, coordinates that are not finite, indices out of range, inverted or
+    /// flat elements (hexahedra: Jacobian at all corners), elements with the same nodes, unreferenced nodes,
+    /// and coincident nodes that are not lips of a slit.
     pub fn new(kind: ElementKind, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Result<Self> {
-        Self::of_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
+        Self::with_volumes(kind, nodes, connectivity, Vec::new(), Vec::new())
     }
 
-    /// As [`Mesh::new`], with the names of volumes and the number of every element's volume.
-    pub(crate) fn of_volumes(
+    /// Like [`Mesh::new`], with the names of volumes and, for every element, the number of its volume.
+    pub(crate) fn with_volumes(
         kind: ElementKind,
         nodes: Vec<Point3<T>>,
         connectivity: Vec<u32>,
@@ -79,14 +79,19 @@ impl<T: Real> Mesh<T> {
         regions: Vec<u32>,
     ) -> Result<Self> {
         let pairs = check::mesh(kind, &nodes, &connectivity)?;
-        let mut mesh = Self::bare(kind, T::one(), nodes, connectivity);
+        let mut mesh = Self::unchecked(kind, T::one(), nodes, connectivity);
         mesh.set_volumes(volumes, regions);
         mesh.doubled = pairs.len();
         slit::checked(mesh, &pairs)
     }
 
-    /// A mesh without groups or slits, unchecked.
-    pub(crate) fn bare(kind: ElementKind, section: T, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
+    /// Makes a mesh without groups or slits, without checks.
+    pub(crate) fn unchecked(
+        kind: ElementKind,
+        section: T,
+        nodes: Vec<Point3<T>>,
+        connectivity: Vec<u32>,
+    ) -> Self {
         Self {
             kind,
             nodes,
@@ -100,7 +105,7 @@ impl<T: Real> Mesh<T> {
         }
     }
 
-    /// The same mesh with the given cross-section of its bars \[m²\].
+    /// Sets the cross-section of the bars \[m²\].
     ///
     /// # Errors
     /// [`Error::Parameter`] unless the section is positive and finite.
@@ -112,10 +117,10 @@ impl<T: Real> Mesh<T> {
         Ok(self)
     }
 
-    /// The same mesh with every node moved to `map(x)`; elements and groups stay.
+    /// Moves every node to `map(x)`; elements and groups stay.
     ///
     /// # Errors
-    /// As [`Mesh::new`], if the moved mesh is not valid.
+    /// The errors of [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
         let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
@@ -142,7 +147,7 @@ impl<T: Real> Mesh<T> {
         self.connectivity.len() / self.kind.corners()
     }
 
-    /// Corners of all elements in a row.
+    /// Corners of all elements, one element after the other.
     pub fn connectivity(&self) -> &[u32] {
         &self.connectivity
     }
@@ -153,7 +158,7 @@ impl<T: Real> Mesh<T> {
         &self.connectivity[e * n..(e + 1) * n]
     }
 
-    /// Positions of the corners of element `e` \[m\]; entries beyond its corners are the origin.
+    /// Positions of the corners of element `e` \[m\]; unused entries are the origin.
     pub(crate) fn corners(&self, e: usize) -> [Point3<T>; 8] {
         let mut p = [Point3::origin(); 8];
         for (p, &k) in p.iter_mut().zip(self.element(e)) {
@@ -175,20 +180,21 @@ impl<T: Real> Mesh<T> {
         sum / T::of(count as f64)
     }
 
-    /// Visits the integration points of the stiffness of element `e`.
+    /// Calls `visit` for each integration point of the stiffness of element `e`.
     pub fn for_each_gauss_point(&self, e: usize, visit: impl FnMut(&GaussPoint<T>)) {
         element::for_each_gauss(self.kind, &self.corners(e), self.section, visit);
     }
 
-    /// Volume \[m³\]; for bars length times section.
+    /// Volume \[m³\]; for bars, length times section.
     pub fn volume(&self) -> T {
         (0..self.element_count())
             .flat_map(|e| element::nodal_volumes(self.kind, &self.corners(e), self.section))
             .sum()
     }
 
-    /// Integration cells of element `e`: a segment, a tetrahedron, a hexahedron with planar faces, or,
-    /// where a face is warped, six tetrahedra that meet those of the neighbours.
+    /// Adds the integration cells of element `e`: a segment, a tetrahedron, or a hexahedron if all its faces
+    /// are `planar`. Otherwise a hexahedron is cut into six tetrahedra, whose faces match those of its
+    /// neighbours.
     pub(crate) fn cells_of(&self, e: usize, planar: bool, out: &mut Vec<Cell<T>>) {
         let p = self.corners(e);
         match self.kind {
@@ -211,11 +217,11 @@ impl<T: Real> Mesh<T> {
         }
     }
 
-    /// The same domain cut into tetrahedra, six per hexahedron, conforming; nodes and groups stay. The
-    /// structured box becomes a Kuhn triangulation. A mesh of tetrahedra is returned as it is.
+    /// Cuts hexahedra into six tetrahedra each; the mesh stays conforming, and nodes and groups stay. The
+    /// structured box becomes a Kuhn triangulation. A mesh of tetrahedra is returned unchanged.
     ///
     /// # Errors
-    /// [`Error::Kind`] for bars; as [`Mesh::new`] where a warped hexahedron has no valid cut.
+    /// [`Error::Kind`] for bars; the errors of [`Mesh::new`] if a warped hexahedron has no valid cut.
     pub fn into_tetrahedra(self) -> Result<Self> {
         match self.kind {
             ElementKind::Tet4 => return Ok(self),
@@ -229,6 +235,7 @@ impl<T: Real> Mesh<T> {
             }
         }
         let mut connectivity = Vec::with_capacity(self.element_count() * 24);
+        // Ranked by place, the two lips of a slit are cut alike.
         let places = self.places()?;
         for e in 0..self.element_count() {
             let tets = element::split_hexahedron(self.element(e), |k| places[k as usize]);
@@ -239,7 +246,7 @@ impl<T: Real> Mesh<T> {
             let mut facets = Vec::with_capacity(2 * group.facets.len());
             for hex_facet in &group.facets {
                 let quad = self.facet_nodes(*hex_facet);
-                // The six tetrahedra of hexahedron e have the numbers 6 e to 6 e + 5.
+                // Hexahedron e is cut into the tetrahedra 6 e to 6 e + 5.
                 let first = 6 * hex_facet.element;
                 let faces =
                     (first..first + 6).flat_map(|element| (0..4).map(move |face| Facet { element, face }));
@@ -254,25 +261,25 @@ impl<T: Real> Mesh<T> {
         Ok(mesh)
     }
 
-    /// Names of the volumes that the file told apart, in its order: physical groups, or entities where
-    /// there is none; empty for meshes of other sources.
+    /// Names of the volumes that the mesh file distinguishes, in the file's order: physical groups, or
+    /// entities without one. Empty for meshes from other sources.
     pub fn volumes(&self) -> &[String] {
         &self.volumes
     }
 
-    /// Number of every element's volume, in the order of [`Mesh::volumes`]; empty where nothing tells them
-    /// apart.
+    /// For every element, the number of its volume in [`Mesh::volumes`]; empty if the mesh does not
+    /// distinguish volumes.
     pub fn regions(&self) -> &[u32] {
         &self.regions
     }
 
-    /// Names the volumes, and says to which every element belongs.
+    /// Sets the names of volumes and, for every element, the number of its volume.
     pub(crate) fn set_volumes(&mut self, names: Vec<String>, regions: Vec<u32>) {
         self.volumes = names;
         self.regions = regions;
     }
 
-    /// What its file holds otherwise than it was read, in words.
+    /// Messages on what was read differently from how the mesh file holds it.
     pub fn notices(&self) -> &[String] {
         &self.notices
     }
@@ -281,15 +288,15 @@ impl<T: Real> Mesh<T> {
         self.notices = notices;
     }
 
-    /// Named groups.
+    /// Groups by name.
     pub fn groups(&self) -> &BTreeMap<String, Group> {
         &self.groups
     }
 
-    /// The group of the given name.
+    /// Group with the given name.
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`] with the names there are.
+    /// [`Error::UnknownGroup`] with the known names.
     pub fn group(&self, name: &str) -> Result<&Group> {
         self.groups.get(name).ok_or_else(|| Error::UnknownGroup {
             name: name.to_owned(),
@@ -304,19 +311,19 @@ impl<T: Real> Mesh<T> {
     /// Nodes of a group, ascending.
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`].
+    /// [`Error::UnknownGroup`] with the known names.
     pub fn group_nodes(&self, name: &str) -> Result<Vec<usize>> {
         Ok(self.group(name)?.nodes.iter().map(|&k| k as usize).collect())
     }
 
-    /// Nodes whose position satisfies the condition, ascending.
+    /// Nodes whose positions satisfy the condition, ascending.
     pub fn nodes_where(&self, condition: impl Fn(&Point3<T>) -> bool) -> Vec<usize> {
         (0..self.nodes.len())
             .filter(|&k| condition(&self.nodes[k]))
             .collect()
     }
 
-    /// Facets that belong to one element only, ascending.
+    /// Facets that belong to exactly one element, ascending.
     pub fn boundary(&self) -> Vec<Facet> {
         let mut keyed: Vec<([u32; 4], Facet)> = Vec::new();
         for e in 0..self.element_count() {
@@ -334,10 +341,11 @@ impl<T: Real> Mesh<T> {
                 keyed.push((key, facet));
             }
         }
+        // A face between two elements appears twice, with the same sorted nodes.
         keyed.sort_unstable();
-        let same = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
+        let same_face = |i: usize, j: usize| keyed.get(j).is_some_and(|k| k.0 == keyed[i].0);
         let mut out: Vec<Facet> = (0..keyed.len())
-            .filter(|&i| !same(i, i + 1) && (i == 0 || !same(i, i - 1)))
+            .filter(|&i| !same_face(i, i + 1) && (i == 0 || !same_face(i, i - 1)))
             .map(|i| keyed[i].1)
             .collect();
         out.sort_unstable();
@@ -353,7 +361,7 @@ impl<T: Real> Mesh<T> {
             .collect()
     }
 
-    /// The facets of a group as loads need them: shares `∫ N_i dA`, outward unit normals.
+    /// Facets of a group in the form that loads use: shares `∫ N_i dA` \[m²\] and outward unit normals.
     ///
     /// # Errors
     /// [`Error::UnknownGroup`], or [`Error::NotASurface`] if the group has no facets.
@@ -370,11 +378,11 @@ impl<T: Real> Mesh<T> {
 
     /// Boundary facets whose centre satisfies the condition.
     pub fn surface_where(&self, condition: impl Fn(&Point3<T>) -> bool) -> Vec<SurfaceFacet<T>> {
-        let all = self.boundary().into_iter().map(|f| self.surface_facet(f));
-        all.filter(|f| condition(&f.centre)).collect()
+        let facets = self.boundary().into_iter().map(|f| self.surface_facet(f));
+        facets.filter(|f| condition(&f.centre)).collect()
     }
 
-    /// Names the nodes that satisfy a condition.
+    /// Adds a group of the nodes that satisfy a condition.
     ///
     /// # Errors
     /// [`Error::EmptyGroup`] if there are none.
@@ -392,7 +400,7 @@ impl<T: Real> Mesh<T> {
         Ok(self)
     }
 
-    /// Names the boundary facets all of whose corners satisfy a condition, and their nodes.
+    /// Adds a group of the boundary facets whose corners all satisfy a condition, with their nodes.
     ///
     /// # Errors
     /// [`Error::EmptyGroup`] if there are none.
@@ -400,7 +408,7 @@ impl<T: Real> Mesh<T> {
         self.with_surfaces(&[(name, &condition)])
     }
 
-    /// [`Mesh::with_surface`] for several names at once: the boundary is found only once.
+    /// Like [`Mesh::with_surface`] for several names at once: the boundary is determined only once.
     pub(crate) fn with_surfaces(mut self, named: &[(&str, &Condition<'_, T>)]) -> Result<Self> {
         let boundary = self.boundary();
         for (name, condition) in named {
@@ -418,7 +426,7 @@ impl<T: Real> Mesh<T> {
         Ok(self)
     }
 
-    /// Stores a group; the nodes of its facets are added to its nodes.
+    /// Stores a group, with the nodes of its facets added to its nodes.
     pub(crate) fn set_group(&mut self, name: &str, mut nodes: Vec<u32>, mut facets: Vec<Facet>) {
         nodes.extend(facets.iter().flat_map(|f| self.facet_nodes(*f)));
         nodes.sort_unstable();
@@ -428,14 +436,14 @@ impl<T: Real> Mesh<T> {
         self.groups.insert(name.to_owned(), Group { nodes, facets });
     }
 
-    /// The same kind, section and groups with other nodes and elements, which must be a renumbering.
+    /// Replaces nodes and elements by a renumbering; kind, section and groups stay.
     pub(crate) fn with_parts(mut self, nodes: Vec<Point3<T>>, connectivity: Vec<u32>) -> Self {
         self.nodes = nodes;
         self.connectivity = connectivity;
         self
     }
 
-    /// Renumbers the groups.
+    /// Renumbers the nodes and facets of all groups.
     pub(crate) fn map_groups(&mut self, node: impl Fn(u32) -> u32, facet: impl Fn(Facet) -> Facet) {
         for group in self.groups.values_mut() {
             group.nodes.iter_mut().for_each(|k| *k = node(*k));
@@ -456,6 +464,7 @@ impl<T: Real> Mesh<T> {
                 (n, vec![n.norm() / T::of(3.0); 3])
             }
             [a, b, c, d] => {
+                // The product of the diagonals gives the mean normal, of warped facets as well.
                 let n = (c - a).cross(&(d - b));
                 (n, quadrilateral_shares([*a, *b, *c, *d]).to_vec())
             }
@@ -481,7 +490,7 @@ fn empty(name: &str, what: &'static str) -> Error {
     }
 }
 
-/// `∫ N_i dA` of a bilinear quadrilateral with 2 × 2 Gauss points.
+/// `∫ N_i dA` of a bilinear quadrilateral \[m²\], with 2 × 2 Gauss points.
 fn quadrilateral_shares<T: Real>(p: [Point3<T>; 4]) -> [T; 4] {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|c| c.map(T::of));
     let (quarter, gauss) = (T::of(0.25), T::of(1.0 / 3f64.sqrt()));

@@ -1,4 +1,5 @@
-//! The finite element model: weighted stiffness, lumped mass, both roles of the coupling.
+//! The finite element model: weighted stiffness and lumped mass; can be the coarse or the fine side of a
+//! coupling.
 //!
 //! `M_β q̈ = F_ext,γ − K_α q` with `K_α = Σ_e α_e K_e` and `M_β,i = Σ_e β_e ρ ∫_e N_i dV`, where `α_e` and
 //! `β_e` are the means of the weights over the element.
@@ -21,9 +22,9 @@ use rayon::prelude::*;
 use sprs::CsMat;
 use std::sync::{Arc, OnceLock};
 
-/// Locking of hexahedra and tetrahedra: Poisson's ratio, share by which a thick-walled ring under inner
-/// pressure is too stiff, error of its hoop stress at the inner face. Measured in
-/// `apps/scene/tests/locking.rs`.
+/// Locking of hexahedra and tetrahedra. Each row holds Poisson's ratio, the relative excess stiffness of a
+/// thick-walled ring under inner pressure, and the relative error of its hoop stress at the inner face.
+/// Measured in `apps/scene/tests/it/locking.rs`.
 const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
     (
         ElementKind::Hex8,
@@ -51,7 +52,7 @@ const LOCKING: [(ElementKind, &str, [[f64; 3]; 6]); 2] = [
     ),
 ];
 
-/// A linear elastic body meshed with finite elements; bars carry axial displacements only.
+/// A linear elastic body meshed with finite elements. Bars have axial displacements only.
 #[derive(Debug, Clone)]
 pub struct FemModel<T: Real> {
     pub(crate) name: String,
@@ -60,14 +61,14 @@ pub struct FemModel<T: Real> {
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     pub(crate) masses: Vec<T>,
     pub(crate) stiffness: BlockMatrix<T>,
-    /// How stresses come to the nodes, once they are asked for.
+    /// Patches that recover stresses at the nodes, built at the first request.
     pub(crate) patches: OnceLock<Patches<T>>,
-    /// What is here of a body in parts.
+    /// This rank's part, if the body is partitioned.
     pub(crate) part: Option<Part<T>>,
 }
 
 impl<T: Real> FemModel<T> {
-    /// Model with all weights one: a body that is not coupled.
+    /// Makes a model with all weights one, that is, an uncoupled body.
     ///
     /// ```
     /// use arlequin_core::Model;
@@ -79,8 +80,8 @@ impl<T: Real> FemModel<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::BarDirection`] for bars that are not parallel to x; [`Error::Parameter`] for materials of
-    /// another number of elements.
+    /// [`Error::BarDirection`] for bars that are not parallel to x; [`Error::Parameter`] if the materials are
+    /// for another number of elements.
     pub fn new(name: &str, mesh: Mesh<T>, material: impl Into<Materials<T>>) -> Result<Self> {
         let materials = material.into();
         if let Some(n) = materials.elements().filter(|n| *n != mesh.element_count()) {
@@ -108,22 +109,23 @@ impl<T: Real> FemModel<T> {
         })
     }
 
-    /// The mesh; of a part of a body the elements around its nodes and those around their nodes.
+    /// The mesh. In a part of a body it holds two layers: the elements around owned nodes, and the elements
+    /// around the nodes of the first layer.
     pub fn mesh(&self) -> &Mesh<T> {
         self.field.mesh()
     }
 
-    /// The material; of several the first, see [`FemModel::materials`].
+    /// The material; if there are several, the first one. See [`FemModel::materials`].
     pub fn material(&self) -> &Elastic<T> {
         &self.materials.all()[0]
     }
 
-    /// What every element is made of.
+    /// Materials of all elements.
     pub fn materials(&self) -> &Materials<T> {
         &self.materials
     }
 
-    /// What a user should know of results: elements that lock.
+    /// Warnings about the accuracy of results: locking of elements.
     pub fn warnings(&self) -> Vec<String> {
         let kind = self.mesh().kind();
         let largest = self
@@ -132,7 +134,7 @@ impl<T: Real> FemModel<T> {
             .iter()
             .map(|m| m.poisson().as_f64())
             .fold(-1.0, f64::max);
-        let rows = LOCKING.iter().filter(|(of, ..)| *of == kind);
+        let rows = LOCKING.iter().filter(|(element_kind, ..)| *element_kind == kind);
         let advice = rows.filter_map(|(_, elements, rows)| advice::locking(elements, largest, rows));
         advice.map(|a| a.to_string()).collect()
     }
@@ -141,12 +143,12 @@ impl<T: Real> FemModel<T> {
         self.patches.get_or_init(|| recovery::patches(self.mesh()))
     }
 
-    /// The displacement field; of a part of a body in the elements all of whose nodes are here.
+    /// The displacement field; in a part of a body it covers the elements whose nodes are all owned.
     pub fn field(&self) -> Arc<FemField<T>> {
         self.part.as_ref().map_or(&self.field, |p| &p.field).clone()
     }
 
-    /// Number among the nodes of the model of a node of the mesh, if it is one of them.
+    /// Number of a mesh node among the model's own nodes; `None` for a node of another rank.
     fn row(&self, node: u32) -> Option<usize> {
         self.part.as_ref().map_or(Some(node as usize), |p| p.row(node))
     }
@@ -178,6 +180,7 @@ fn bars_along_x<T: Real>(mesh: &Mesh<T>) -> Result<()> {
         let p = mesh.corners(element);
         let d = p[1] - p[0];
         let angle = d.yz().norm() / d.norm();
+        // Below this angle, an axial length differs from the true one by round-off only.
         if angle > T::epsilon().sqrt() {
             return Err(Error::BarDirection {
                 element,
@@ -246,10 +249,10 @@ impl<T: Real> Model<T> for FemModel<T> {
     fn advance_with_energy(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<T> {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
-            // What the forces have heard is still there.
+            // The forces have just received the displacements of ghosts.
             Some(part) => self
                 .stiffness
-                .energy_of_all(q, part.heard(), Some(part.portion())),
+                .energy_of_all(q, part.displacements(), Some(part.portion())),
             None => self.stiffness.energy(q),
         })
     }
@@ -259,8 +262,8 @@ impl<T: Real> Model<T> for FemModel<T> {
         let Some(part) = &self.part else {
             return self.stiffness.energy(q);
         };
-        // A failure is kept for the portion, whose sums are then not numbers.
-        let x = part.heard_at(q).unwrap_or_else(|_| part.heard().to_vec());
+        // The portion keeps the failure, and its sums are then NaN.
+        let x = part.receive(q).unwrap_or_else(|_| part.displacements().to_vec());
         self.stiffness.energy_of_all(q, &x, Some(part.portion()))
     }
 
@@ -294,7 +297,7 @@ impl<T: Real> Model<T> for FemModel<T> {
 }
 
 impl<T: Real> LinearModel<T> for FemModel<T> {
-    /// `K_α`; of a part of a body its rows of the nodes of [`FemModel::mesh`].
+    /// `K_α`; in a part of a body, the rows of owned nodes with columns for all nodes of [`FemModel::mesh`].
     fn stiffness(&self) -> CsMat<T> {
         self.stiffness.to_csr()
     }

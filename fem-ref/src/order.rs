@@ -1,13 +1,14 @@
-//! Numbering for locality: reverse Cuthill-McKee, so that neighbours in the mesh are neighbours in memory.
+//! Numbering for locality by reverse Cuthill-McKee: neighbours in the mesh become neighbours in memory.
 
 use crate::mesh::{Facet, Mesh};
 use arlequin_core::Real;
 use arlequin_core::adjacency::Adjacency;
 
 impl<T: Real> Mesh<T> {
-    /// The same mesh with nodes in reverse Cuthill-McKee order and elements in the order of their lowest
-    /// node; groups follow. For imported meshes, whose numbers jump; generated ones are in a good order
-    /// already.
+    /// Renumbers nodes in reverse Cuthill-McKee order and elements in the order of their lowest node; groups
+    /// follow.
+    ///
+    /// Meant for imported meshes, whose numbers jump; generated meshes are in a good order already.
     #[must_use]
     pub fn renumbered(self) -> Self {
         let order = node_order(&self);
@@ -30,10 +31,10 @@ impl<T: Real> Mesh<T> {
             connectivity.extend(self.element(old as usize).iter().map(|&k| place[k as usize]));
         }
         let nodes = order.iter().map(|&k| self.nodes()[k as usize]).collect();
-        let of = self.regions();
+        let old_regions = self.regions();
         let regions = elements
             .iter()
-            .filter_map(|&(_, old)| of.get(old as usize).copied());
+            .filter_map(|&(_, old)| old_regions.get(old as usize).copied());
         let (names, regions) = (self.volumes().to_vec(), regions.collect());
         let mut out = self.with_parts(nodes, connectivity);
         out.set_volumes(names, regions);
@@ -48,7 +49,7 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Old node numbers in their new order.
+/// Returns the old node numbers in their new order.
 fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
@@ -62,7 +63,7 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
         if seen[seed as usize] {
             continue;
         }
-        // The node found last in a first sweep lies at an end of the part.
+        // The last node of a first sweep lies at an end of the connected part, which gives a small bandwidth.
         let first = order.len();
         let mut start = seed;
         for sweep in 0..2 {
@@ -79,6 +80,8 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
                         }
                     }
                 }
+                // Nodes with few elements first; numbers decide between equals, so that the order is
+                // reproducible.
                 order[tail..].sort_unstable_by_key(degree);
                 head += 1;
             }

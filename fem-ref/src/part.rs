@@ -1,4 +1,4 @@
-//! Meshes made of a mesh: some of its elements, or all of them divided.
+//! Meshes derived from a mesh: a part of its elements, or a refinement.
 
 use crate::element::ElementKind;
 use crate::error::{Error, Result};
@@ -7,10 +7,11 @@ use arlequin_core::Real;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// Nodes that a new node lies in the middle of, ascending; unused places hold the largest number.
+/// Nodes whose mean position a new node has, ascending; unused entries hold the largest number.
 type Parents = [u32; 8];
 
-/// Places of the corners of a hexahedron, and of a part of its halves, on a lattice of two steps.
+/// Corners of the unit cube in the node order of hexahedra. Sums of two corners are places on the lattice of
+/// half edges.
 const CORNERS: [[usize; 3]; 8] = [
     [0, 0, 0],
     [1, 0, 0],
@@ -23,13 +24,14 @@ const CORNERS: [[usize; 3]; 8] = [
 ];
 
 impl<T: Real> Mesh<T> {
-    /// The mesh of the elements that are kept, with the nodes they have, in the same order; groups and
-    /// volumes are cut to them, and groups without a node left are gone.
+    /// Restricts the mesh to the elements for which `keep` is true, with their nodes, in the same order.
+    /// Groups and volumes are restricted as well; groups without nodes are dropped.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), Point3::new(4.0, 1.0, 1.0), [4, 1, 1])?;
+    /// let high = Point3::new(4.0, 1.0, 1.0);
+    /// let bar = generate::block(ElementKind::Hex8, Point3::origin(), high, [4, 1, 1])?;
     /// let half = bar.part(|e| e < 2)?;
     /// assert_eq!((half.element_count(), half.nodes().len()), (2, 12));
     /// assert!(half.groups().contains_key("x-min") && !half.groups().contains_key("x-max"));
@@ -37,11 +39,11 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::EmptyMesh`] if none is kept.
+    /// [`Error::EmptyMesh`] if no element is kept.
     pub fn part(&self, keep: impl Fn(usize) -> bool) -> Result<Self> {
-        let kept: Vec<usize> = (0..self.element_count()).filter(|&e| keep(e)).collect();
+        let kept_elements: Vec<usize> = (0..self.element_count()).filter(|&e| keep(e)).collect();
         let mut used = vec![false; self.nodes().len()];
-        for &k in kept.iter().flat_map(|&e| self.element(e)) {
+        for &k in kept_elements.iter().flat_map(|&e| self.element(e)) {
             used[k as usize] = true;
         }
         let mut place = vec![u32::MAX; used.len()];
@@ -50,11 +52,11 @@ impl<T: Real> Mesh<T> {
             place[k] = nodes.len() as u32;
             nodes.push(self.nodes()[k]);
         }
-        let corners = kept.iter().flat_map(|&e| self.element(e));
+        let corners = kept_elements.iter().flat_map(|&e| self.element(e));
         let connectivity = corners.map(|&k| place[k as usize]).collect();
         let mut out = Self::new(self.kind(), nodes, connectivity)?.with_section(self.section())?;
         let mut number = vec![u32::MAX; self.element_count()];
-        for (new, &old) in kept.iter().enumerate() {
+        for (new, &old) in kept_elements.iter().enumerate() {
             number[old] = new as u32;
         }
         for (name, group) in self.groups() {
@@ -69,20 +71,23 @@ impl<T: Real> Mesh<T> {
                 out.set_group(name, nodes, facets);
             }
         }
-        let regions = kept.iter().filter_map(|&e| self.regions().get(e).copied());
+        let regions = kept_elements
+            .iter()
+            .filter_map(|&e| self.regions().get(e).copied());
         let (names, regions) = (self.volumes().to_vec(), regions.collect());
         out.set_volumes(names, regions);
         out.set_notices(self.notices().to_vec());
         Ok(out)
     }
 
-    /// Every element divided into eight, with new nodes in the middle of edges, faces and hexahedra; groups
-    /// and volumes go along. The body stays what it is: polygons do not become rounder.
+    /// Divides every element into eight, with new nodes in the middle of edges, faces and hexahedra. Groups
+    /// and volumes are refined as well. The shape stays: polygons do not become rounder.
     ///
     /// ```
     /// use arlequin_core::nalgebra::Point3;
     /// use fem_ref::{ElementKind, generate};
-    /// let cube = generate::block(ElementKind::Tet4, Point3::origin(), Point3::new(1.0, 1.0, 1.0), [2, 2, 2])?;
+    /// let high = Point3::new(1.0, 1.0, 1.0);
+    /// let cube = generate::block(ElementKind::Tet4, Point3::origin(), high, [2, 2, 2])?;
     /// let fine = cube.refined()?;
     /// assert_eq!(fine.element_count(), 8 * cube.element_count());
     /// assert!((fine.volume() - 1.0f64).abs() < 1e-12);
@@ -91,9 +96,9 @@ impl<T: Real> Mesh<T> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Kind`] for bars; as [`Mesh::new`], where halves of warped hexahedra are inverted.
+    /// [`Error::Kind`] for bars; the errors of [`Mesh::new`] if parts of warped hexahedra are inverted.
     pub fn refined(&self) -> Result<Self> {
-        let mut halves = Halves::of(self);
+        let mut halves = Halves::new(self);
         let mut connectivity = Vec::with_capacity(8 * self.connectivity().len());
         for e in 0..self.element_count() {
             match self.kind() {
@@ -110,13 +115,13 @@ impl<T: Real> Mesh<T> {
         }
         let Halves { nodes, parents, .. } = halves;
         let mut out = Self::new(self.kind(), nodes, connectivity)?;
-        let within = |k: u32, of: &[u32]| {
+        let within = |k: u32, allowed: &[u32]| {
             let mut of_node = parents[k as usize].iter().take_while(|p| **p != u32::MAX);
-            of_node.all(|p| of.binary_search(p).is_ok())
+            of_node.all(|p| allowed.binary_search(p).is_ok())
         };
         for (name, group) in self.groups() {
-            // Middles on a surface are those of its facets: between two of its nodes may be an edge through
-            // the body.
+            // New nodes of a surface come from its facets only: an edge between two of its nodes may lead
+            // through the body.
             let new = if group.facets.is_empty() {
                 parents.len()
             } else {
@@ -129,8 +134,10 @@ impl<T: Real> Mesh<T> {
                 corners.sort_unstable();
                 let parts = 8 * f.element..8 * f.element + 8;
                 let faces = 0..self.kind().faces().len() as u8;
-                let all = parts.flat_map(|element| faces.clone().map(move |face| Facet { element, face }));
-                facets.extend(all.filter(|f| out.facet_nodes(*f).iter().all(|&k| within(k, &corners))));
+                let candidates =
+                    parts.flat_map(|element| faces.clone().map(move |face| Facet { element, face }));
+                facets
+                    .extend(candidates.filter(|f| out.facet_nodes(*f).iter().all(|&k| within(k, &corners))));
             }
             out.set_group(name, nodes.collect(), facets);
         }
@@ -142,7 +149,7 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// Nodes of a mesh and those in the middle of some of them.
+/// Nodes of a mesh and the new nodes between them.
 struct Halves<T: Real> {
     nodes: Vec<Point3<T>>,
     parents: Vec<Parents>,
@@ -150,42 +157,42 @@ struct Halves<T: Real> {
 }
 
 impl<T: Real> Halves<T> {
-    fn of(mesh: &Mesh<T>) -> Self {
-        let own = |k: u32| {
+    fn new(mesh: &Mesh<T>) -> Self {
+        let single_parent = |k: u32| {
             let mut parents = [u32::MAX; 8];
             parents[0] = k;
             parents
         };
         Self {
             nodes: mesh.nodes().to_vec(),
-            parents: (0..mesh.nodes().len() as u32).map(own).collect(),
+            parents: (0..mesh.nodes().len() as u32).map(single_parent).collect(),
             known: HashMap::new(),
         }
     }
 
-    /// The node in the middle of others; a single one is itself.
-    fn middle(&mut self, of: &[u32]) -> u32 {
-        if let [one] = of {
-            return *one;
+    /// Returns the node in the middle of the given ones, new or known; a single node is its own middle.
+    fn middle(&mut self, nodes: &[u32]) -> u32 {
+        if let [node] = nodes {
+            return *node;
         }
         let mut key = [u32::MAX; 8];
-        key[..of.len()].copy_from_slice(of);
+        key[..nodes.len()].copy_from_slice(nodes);
         key.sort_unstable();
         if let Some(&k) = self.known.get(&key) {
             return k;
         }
-        // In one order, so that neighbours find the same place.
-        let sum = key[..of.len()]
+        // Summed in ascending order, so that all neighbours get the same bits.
+        let sum = key[..nodes.len()]
             .iter()
             .fold(Vector3::zeros(), |s, &k| s + self.nodes[k as usize].coords);
         let k = self.nodes.len() as u32;
-        self.nodes.push(Point3::from(sum / T::of(of.len() as f64)));
+        self.nodes.push(Point3::from(sum / T::of(nodes.len() as f64)));
         self.parents.push(key);
         self.known.insert(key, k);
         k
     }
 
-    /// Four corners, and the octahedron between them about its shortest diagonal.
+    /// Cuts off the four corners and divides the octahedron between them around its shortest diagonal.
     fn tetrahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
         let mut m = |i: usize, j: usize| self.middle(&[v[i], v[j]]);
         let [a, b, c, d, e, f] = [m(0, 1), m(0, 2), m(0, 3), m(1, 2), m(1, 3), m(2, 3)];
@@ -209,27 +216,28 @@ impl<T: Real> Halves<T> {
             let t = [top, bottom, ring[k], ring[(k + 1) % 4]];
             let p = t.map(|k| self.nodes[k as usize]);
             let volume = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+            // The sense of the ring depends on the diagonal.
             let turned = [t[0], t[1], t[3], t[2]];
             out.extend(if volume > T::zero() { t } else { turned });
         }
     }
 
-    /// Eight boxes on the lattice of halves.
+    /// Divides a hexahedron into eight on the lattice of half edges.
     fn hexahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
-        let at = |halves: &mut Self, place: [usize; 3]| {
+        let lattice_node = |halves: &mut Self, place: [usize; 3]| {
             let near = |corner: &[usize; 3]| (0..3).all(|c| place[c] == 1 || place[c] == 2 * corner[c]);
-            let mut of = [0; 8];
+            let mut nodes = [0; 8];
             let mut n = 0;
             for (k, _) in CORNERS.iter().enumerate().filter(|(_, corner)| near(corner)) {
-                of[n] = v[k];
+                nodes[n] = v[k];
                 n += 1;
             }
-            halves.middle(&of[..n])
+            halves.middle(&nodes[..n])
         };
         for first in CORNERS {
             for corner in CORNERS {
                 let place = [0, 1, 2].map(|c| first[c] + corner[c]);
-                out.push(at(self, place));
+                out.push(lattice_node(self, place));
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Pieces of a mesh: elements that nodes join.
+//! Connected pieces of a mesh: elements joined by common nodes.
 
 use crate::error::Error;
 use crate::mesh::Mesh;
@@ -8,19 +8,19 @@ use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-/// Most pieces that a message lists.
+/// Largest number of pieces in a message.
 const LISTED: usize = 4;
 
-/// Elements of a mesh that hang together, and share no node with those of another piece.
+/// Connected elements of a mesh, which share no node with other pieces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshPiece {
     /// Number of elements.
     pub elements: usize,
-    /// Lowest corner of the box around it \[m\].
+    /// Lowest corner of the bounding box \[m\].
     pub low: [f64; 3],
-    /// Highest corner of the box around it \[m\].
+    /// Highest corner of the bounding box \[m\].
     pub high: [f64; 3],
-    /// Names of the volumes that its elements belong to; see [`Mesh::volumes`].
+    /// Names of the volumes of its elements; see [`Mesh::volumes`].
     pub volumes: BTreeSet<String>,
 }
 
@@ -38,7 +38,7 @@ impl fmt::Display for MeshPiece {
     }
 }
 
-/// The pieces in words, the largest first.
+/// Describes the first four pieces in words, and counts the rest.
 pub fn list_pieces(pieces: &[MeshPiece]) -> String {
     let mut words: Vec<String> = pieces.iter().take(LISTED).map(MeshPiece::to_string).collect();
     if pieces.len() > LISTED {
@@ -48,14 +48,15 @@ pub fn list_pieces(pieces: &[MeshPiece]) -> String {
 }
 
 impl<T: Real> Mesh<T> {
-    /// The pieces of the mesh, the largest first; one if it hangs together.
+    /// Connected pieces of the mesh, the largest first; one piece if the mesh is connected.
     ///
     /// ```
     /// use fem_ref::generate;
     /// let bar = generate::bar(0.0, 3.0, 3, 1.0)?;
     /// assert_eq!(bar.pieces().len(), 1);
     /// let ends = bar.part(|e| e != 1)?.pieces();
-    /// assert_eq!(ends[1].to_string(), "1 element from (2.0000e0, 0.0000e0, 0.0000e0) to (3.0000e0, 0.0000e0, 0.0000e0) m");
+    /// let text = "1 element from (2.0000e0, 0.0000e0, 0.0000e0) to (3.0000e0, 0.0000e0, 0.0000e0) m";
+    /// assert_eq!(ends[1].to_string(), text);
     /// # Ok::<(), fem_ref::Error>(())
     /// ```
     pub fn pieces(&self) -> Vec<MeshPiece> {
@@ -68,8 +69,8 @@ impl<T: Real> Mesh<T> {
                 .push(e);
         }
         let mut lists: Vec<Vec<usize>> = elements.into_values().collect();
-        lists.sort_by_key(|of| (std::cmp::Reverse(of.len()), of[0]));
-        lists.iter().map(|of| self.piece(of)).collect()
+        lists.sort_by_key(|list| (std::cmp::Reverse(list.len()), list[0]));
+        lists.iter().map(|list| self.piece(list)).collect()
     }
 
     fn piece(&self, elements: &[usize]) -> MeshPiece {
@@ -88,8 +89,8 @@ impl<T: Real> Mesh<T> {
         }
     }
 
-    /// Two nodes at one place that belong to different pieces.
-    pub(crate) fn apart(&self, first: u32, second: u32) -> Error {
+    /// Error for two nodes at one place that belong to different pieces.
+    pub(crate) fn separate_pieces_error(&self, first: u32, second: u32) -> Error {
         let (pieces, x) = (self.pieces(), &self.nodes()[first as usize]);
         Error::SeparatePieces {
             count: pieces.len(),
@@ -101,20 +102,20 @@ impl<T: Real> Mesh<T> {
     }
 }
 
-/// A number for every node, the same for all that elements join.
+/// Returns a number for every node, the same for all nodes of one connected piece.
 pub(crate) fn node_parts<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
     let mut root: Vec<u32> = (0..mesh.nodes().len() as u32).collect();
     for corners in mesh.connectivity().chunks_exact(mesh.kind().corners()) {
         let first = find(&mut root, corners[0]);
         for n in &corners[1..] {
-            let other = find(&mut root, *n);
-            root[other as usize] = first;
+            let corner_root = find(&mut root, *n);
+            root[corner_root as usize] = first;
         }
     }
     (0..root.len() as u32).map(|k| find(&mut root, k)).collect()
 }
 
-/// The node that stands for all that were joined to this one.
+/// Returns the node that represents all nodes joined with `k`, and shortens the path to it.
 pub(crate) fn find(root: &mut [u32], mut k: u32) -> u32 {
     while root[k as usize] != k {
         root[k as usize] = root[root[k as usize] as usize];

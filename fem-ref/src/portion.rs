@@ -1,10 +1,10 @@
-//! A body in parts on several ranks.
+//! A finite element body partitioned among ranks.
 //!
-//! A rank has whole units of nodes in their order, and the rows of the stiffness that belong to them, as
-//! they stand in the whole body: products with them have its bits. Displacements of nodes of other ranks
-//! that these rows name come from there, once per evaluation. Elements around these nodes are here as well,
-//! in the order of the whole body, so that masses and stiffnesses of other weights and recovered stresses
-//! are sums of the same terms: a patch asks for the elements around the nodes of the own ones.
+//! A rank owns whole units of nodes in their order, with the rows of the stiffness as they stand in the whole
+//! body: products with them have the same bits. The displacements of the ghosts in these rows are received
+//! once per evaluation. The rank also keeps the elements around the nodes of its elements, in the order of
+//! the whole body. Masses, stiffnesses for other weights and recovered stresses are therefore sums of the
+//! same terms; a patch needs the elements around the neighbours of owned nodes.
 
 use crate::field::FemField;
 use crate::mesh::Mesh;
@@ -17,35 +17,34 @@ use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
 
-/// Blocks of the stiffness that take as long as moving a node.
+/// Stiffness blocks that take as long as moving one node.
 const MOVING: usize = 3;
 
-/// Rows of the stiffness per thread between two looks at messages that are on their way: fractions of a
-/// millisecond.
+/// Stiffness rows per thread between two checks of messages in transit: fractions of a millisecond.
 const PIECE: usize = 1_024;
 
-/// Number of a node that is not there.
+/// Row of a mesh node that this rank does not own.
 const NONE: u32 = u32::MAX;
 
-/// What a rank holds of a body.
+/// A rank's part of a body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part<T: Real> {
-    /// Own nodes \[m\].
+    /// Owned nodes \[m\].
     pub(crate) nodes: Vec<Point3<T>>,
-    /// The field in the elements that have own nodes only.
+    /// The field on the elements whose nodes are all owned.
     pub(crate) field: Arc<FemField<T>>,
-    /// Numbers in the whole body of the nodes of the mesh, ascending.
+    /// Numbers in the whole body of the mesh nodes, ascending.
     numbers: Vec<u32>,
-    /// Own numbers of the nodes of the mesh.
+    /// For each mesh node its number among the owned nodes, or [`NONE`].
     rows: Vec<u32>,
     components: usize,
-    /// Of the stiffness, and the units whose rows name its ghosts.
+    /// Owned nodes and ghosts of the stiffness, and the units whose rows contain ghosts.
     reach: Reach,
     borders: Vec<bool>,
-    /// Of recovered stresses, once they are asked for.
+    /// Owned nodes and ghosts of stress recovery, built at the first request.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
-    /// Displacements of the nodes of the mesh that the stiffness names.
+    /// Displacements of the mesh nodes that the stiffness needs, from the last evaluation.
     x: Vec<T>,
 }
 
@@ -58,19 +57,21 @@ impl<T: Real> Part<T> {
         self.reach.halo().portion().clone()
     }
 
-    /// Own number of a node of the mesh, if it is one.
+    /// Number of a mesh node among the owned nodes; `None` for a node of another rank.
     pub(crate) fn row(&self, node: u32) -> Option<usize> {
         let row = self.rows[node as usize];
         (row != NONE).then_some(row as usize)
     }
 
-    /// Places in the mesh of own nodes.
+    /// Numbers in the mesh of owned nodes.
     pub(crate) fn places(&self, model: &str, nodes: &[usize]) -> Result<Vec<usize>> {
         self.reach.places(model, nodes)
     }
 
-    /// Subtracts the product of the stiffness with displacements `q` of own nodes from forces: of rows that
-    /// name no others while displacements of these are on their way, then of the rest.
+    /// Subtracts the product of the stiffness with displacements `q` of owned nodes from the forces `f`.
+    ///
+    /// Rows without ghosts are computed while the ghosts' displacements are in transit, all other rows
+    /// afterwards. Collective.
     pub(crate) fn subtract_product(
         &mut self,
         stiffness: &BlockMatrix<T>,
@@ -93,42 +94,49 @@ impl<T: Real> Part<T> {
                 .reach
                 .spread_meanwhile::<T, 3>(messages, q, &mut self.x, meanwhile)?,
         }
+        // Each row is summed in one go, in one of the two passes: it has the same bits as in the whole body.
         stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
         Ok(())
     }
 
-    /// What was heard last.
-    pub(crate) fn heard(&self) -> &[T] {
+    /// Displacements of the mesh nodes, from the last evaluation of forces.
+    pub(crate) fn displacements(&self) -> &[T] {
         &self.x
     }
 
-    /// As [`Self::hear`], kept apart.
-    pub(crate) fn heard_at(&self, q: &[T]) -> Result<Vec<T>> {
-        self.told(&self.reach, q)
+    /// Displacements of the mesh nodes for `q` of owned nodes, in a new vector. Collective.
+    pub(crate) fn receive(&self, q: &[T]) -> Result<Vec<T>> {
+        self.receive_within(&self.reach, q)
     }
 
-    /// Displacements of all nodes of the mesh that own patches name.
-    pub(crate) fn heard_around(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
-        self.told(self.around.get_or_init(|| self.patched(mesh)), q)
+    /// Displacements for `q` of all mesh nodes that the patches of owned nodes need, in a new vector.
+    /// Collective.
+    pub(crate) fn receive_for_patches(&self, mesh: &Mesh<T>, q: &[T]) -> Result<Vec<T>> {
+        self.receive_within(self.around.get_or_init(|| self.patch_reach(mesh)), q)
     }
 
-    fn told(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
+    fn receive_within(&self, reach: &Reach, q: &[T]) -> Result<Vec<T>> {
         let c = self.components;
         let mut x = vec![T::zero(); self.x.len()];
         spread(c, reach, &mut reach.halo().messages(c), q, &mut x)?;
         Ok(x)
     }
 
-    /// Nodes of the elements around the nodes of the elements around own nodes.
-    fn patched(&self, mesh: &Mesh<T>) -> Reach {
+    /// Reach of stress recovery: nodes of the elements around the neighbours of owned nodes.
+    fn patch_reach(&self, mesh: &Mesh<T>) -> Reach {
         let corners = mesh.kind().corners();
-        let at = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
+        let incidence = Adjacency::of_slots(self.rows.len(), mesh.connectivity());
         let near = |k: u32| {
-            let elements = at.row(k as usize).iter().map(|slot| *slot as usize / corners);
+            let elements = incidence
+                .row(k as usize)
+                .iter()
+                .map(|slot| *slot as usize / corners);
             elements.flat_map(|e| mesh.element(e)).copied()
         };
-        let other = |k: u32| self.rows[k as usize] == NONE;
-        let touches: Vec<bool> = (0..self.rows.len() as u32).map(|k| near(k).any(other)).collect();
+        let is_foreign = |k: u32| self.rows[k as usize] == NONE;
+        let touches: Vec<bool> = (0..self.rows.len() as u32)
+            .map(|k| near(k).any(is_foreign))
+            .collect();
         let mut links = Vec::new();
         let mut wide: Vec<u32> = Vec::new();
         for i in self.reach.own().iter().copied() {
@@ -137,7 +145,11 @@ impl<T: Real> Part<T> {
             wide.sort_unstable();
             wide.dedup();
             wide.retain(|k| touches[*k as usize]);
-            let mut named: Vec<u32> = wide.iter().flat_map(|k| near(*k)).filter(|j| other(*j)).collect();
+            let mut named: Vec<u32> = wide
+                .iter()
+                .flat_map(|k| near(*k))
+                .filter(|j| is_foreign(*j))
+                .collect();
             named.sort_unstable();
             named.dedup();
             links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
@@ -165,18 +177,18 @@ fn spread<T: Real>(
     }
 }
 
-/// Nodes and elements that a rank needs, ascending.
+/// Nodes and elements that a rank keeps, ascending.
 struct Needed {
     nodes: Vec<u32>,
     elements: Vec<u32>,
-    /// Pairs of nodes of elements that have own nodes and others.
+    /// Node pairs of the elements that have both owned nodes and nodes of other ranks.
     links: Vec<[u32; 2]>,
 }
 
 impl Needed {
     fn new<T: Real>(mesh: &Mesh<T>, portion: &Portion) -> Self {
-        let mut mine: Vec<bool> = vec![false; mesh.nodes().len()];
-        (0..portion.nodes()).for_each(|i| mine[portion.global(i)] = true);
+        let mut owned: Vec<bool> = vec![false; mesh.nodes().len()];
+        (0..portion.nodes()).for_each(|i| owned[portion.global(i)] = true);
         let touching = |nodes: &[bool]| -> Vec<u32> {
             let touches = |e: &u32| mesh.element(*e as usize).iter().any(|k| nodes[*k as usize]);
             (0..mesh.element_count() as u32).filter(touches).collect()
@@ -187,15 +199,15 @@ impl Needed {
             corners.for_each(|k| nodes[*k as usize] = true);
             nodes
         };
-        let first = touching(&mine);
+        let first = touching(&owned);
         let mut links = Vec::new();
         for e in &first {
             let corners = mesh.element(*e as usize);
-            if corners.iter().all(|k| mine[*k as usize]) {
+            if corners.iter().all(|k| owned[*k as usize]) {
                 continue;
             }
-            for (at, i) in corners.iter().enumerate() {
-                links.extend(corners[..at].iter().map(|j| [*i, *j]));
+            for (position, i) in corners.iter().enumerate() {
+                links.extend(corners[..position].iter().map(|j| [*i, *j]));
             }
         }
         let elements = touching(&all_of(&first));
@@ -209,21 +221,22 @@ impl Needed {
 }
 
 impl<T: Real> FemModel<T> {
-    /// The units of the body: middle \[m\], and blocks of the stiffness, the motion of nodes included.
+    /// Units of the body: centre \[m\] and work, as the number of stiffness blocks with the motion of nodes
+    /// included.
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let blocks = |i: usize| self.stiffness.columns(i).len() + MOVING;
         Unit::all(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
     }
 
-    /// What a rank exchanges: nodes of others that it hears of, own ones that it tells of, and ranks on the
-    /// other side. None for a whole body.
+    /// The halo of this rank: ghosts that it receives, owned nodes that it sends, and the ranks it exchanges
+    /// with. `None` for a body that is not partitioned.
     #[must_use]
     pub fn halo(&self) -> Option<&Halo> {
         self.part.as_ref().map(|p| p.reach.halo())
     }
 
-    /// Becomes the part of the rank of `communicator`, of a division by the work of units.
+    /// Partitions the body by the work of its units and restricts it to the part of this rank. Collective.
     pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
         if self.part.is_some() {
             return Err(Error::Unsupported {
@@ -235,43 +248,49 @@ impl<T: Real> FemModel<T> {
         let digest = (&*what, self.digest());
         let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
         let needed = Needed::new(self.mesh(), &portion);
-        self.part = Some(self.cut(&portion, &needed));
+        self.part = Some(self.restrict(&portion, &needed));
         let field = self.field();
         Ok(Shared { portion, field })
     }
 
-    /// Keeps what is needed; returns what is new of the part.
-    fn cut(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
+    /// Restricts the matrices, masses and mesh of the model to what the part needs, and returns the part.
+    fn restrict(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
         let whole = self.mesh();
         let (kind, section) = (whole.kind(), whole.section());
+        // Places ascend with the numbers in the whole body, so that sums over rows keep their order.
         let place = |k: u32| among(&needed.nodes, k);
         let reach = Reach::new(
             Halo::of_links(portion.clone(), needed.links.iter().copied()),
             place,
         );
-        let own = reach.own();
+        let owned = reach.own();
         let mut rows = vec![NONE; needed.nodes.len()];
-        (0..).zip(own).for_each(|(i, k)| rows[*k as usize] = i);
+        (0..).zip(owned).for_each(|(i, k)| rows[*k as usize] = i);
         let nodes: Vec<Point3<T>> = needed.nodes.iter().map(|k| whole.nodes()[*k as usize]).collect();
         let corners = needed.elements.iter().flat_map(|e| whole.element(*e as usize));
         let connectivity: Vec<u32> = corners.map(|k| place(*k)).collect();
-        let here: Vec<Point3<T>> = own.iter().map(|k| nodes[*k as usize]).collect();
+        let owned_nodes: Vec<Point3<T>> = owned.iter().map(|k| nodes[*k as usize]).collect();
         let numbered = connectivity.iter().map(|k| rows[*k as usize]);
         let numbered: Vec<u32> = numbered.collect();
         let inner = numbered.chunks(kind.corners()).filter(|e| !e.contains(&NONE));
-        let inner = Mesh::bare(kind, section, here.clone(), inner.flatten().copied().collect());
+        let inner = Mesh::unchecked(
+            kind,
+            section,
+            owned_nodes.clone(),
+            inner.flatten().copied().collect(),
+        );
         let globals = (0..portion.nodes()).map(|i| portion.global(i));
         self.stiffness = self.stiffness.some_rows(globals, nodes.len(), place);
-        let kept = || needed.elements.iter().map(|e| *e as usize);
+        let elements = || needed.elements.iter().map(|e| *e as usize);
         let n = kind.corners();
-        self.masses = kept()
+        self.masses = elements()
             .flat_map(|e| self.masses[e * n..(e + 1) * n].to_vec())
             .collect();
-        self.materials = self.materials.of_some(kept());
-        self.field = Arc::new(FemField::new(Mesh::bare(kind, section, nodes, connectivity)));
+        self.materials = self.materials.of_some(elements());
+        self.field = Arc::new(FemField::new(Mesh::unchecked(kind, section, nodes, connectivity)));
         self.patches = OnceLock::new();
         Part {
-            nodes: here,
+            nodes: owned_nodes,
             field: Arc::new(FemField::new(inner)),
             numbers: needed.nodes.clone(),
             x: vec![T::zero(); kind.components() * rows.len()],
@@ -284,7 +303,8 @@ impl<T: Real> FemModel<T> {
         }
     }
 
-    /// A number that tells bodies apart.
+    /// Checksum of positions, masses, stiffness and connectivity: ranks compare it to detect different
+    /// bodies.
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());

@@ -1,4 +1,4 @@
-//! Stress and strain at the nodes: patch recovery from the element means.
+//! Stress and strain at the nodes, by patch recovery from the element means.
 
 use crate::element::ElementKind;
 use crate::mesh::Mesh;
@@ -9,34 +9,39 @@ use arlequin_core::{
 };
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Centroid and mean shape gradients of an element, where displacements of linear elements have their best
-/// gradients.
+/// Centroid and mean shape gradients of an element: displacement gradients of linear elements are most
+/// accurate there.
 struct Centre<T: Real> {
-    at: Point3<T>,
+    position: Point3<T>,
     gradients: [Vector3<T>; 8],
 }
 
 fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
     let corners = mesh.element(e);
-    let (mut at, mut gradients, mut volume) = (Vector3::zeros(), [Vector3::zeros(); 8], T::zero());
+    let (mut position, mut gradients, mut volume) = (Vector3::zeros(), [Vector3::zeros(); 8], T::zero());
     mesh.for_each_gauss_point(e, |g| {
         volume += g.weight;
         for (k, node) in corners.iter().enumerate() {
-            at += mesh.nodes()[*node as usize].coords * (g.values[k] * g.weight);
+            position += mesh.nodes()[*node as usize].coords * (g.values[k] * g.weight);
             gradients[k] += g.gradients[k] * g.weight;
         }
     });
     Centre {
-        at: Point3::from(at / volume),
+        position: Point3::from(position / volume),
         gradients: gradients.map(|g| g / volume),
     }
 }
 
-/// Patches of all nodes: the elements around an inner node; for a node of the surface those around the
-/// nearest inner nodes that share an element with it, or its own and their neighbours where there is none.
+/// Makes the patches of all nodes.
+///
+/// The patch of an inner node holds the elements around it. A surface node uses the patches of the nearest
+/// inner nodes that share an element with it. If there are none, its patch holds the elements around it and
+/// their neighbours.
 pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
     let corners = mesh.kind().corners();
-    let samples: Vec<Point3<T>> = (0..mesh.element_count()).map(|e| centre(mesh, e).at).collect();
+    let samples: Vec<Point3<T>> = (0..mesh.element_count())
+        .map(|e| centre(mesh, e).position)
+        .collect();
     let slots = mesh.connectivity().iter().enumerate();
     let around = Adjacency::new(
         mesh.nodes().len(),
@@ -67,6 +72,8 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
             .fold(None, |m: Option<T>, d| Some(m.map_or(d, |m| m.min(d))));
         match least {
             Some(least) => {
+                // Nodes at the same distance up to round-off count alike: regular meshes have several nearest
+                // ones.
                 let reach = least * T::of(1.0 + 1e-6);
                 let close = inner().filter(|k| distance(k) <= reach);
                 out.extend(close.map(|k| around.row(*k as usize).to_vec()));
@@ -86,8 +93,8 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
 }
 
 impl<T: Real> FemModel<T> {
-    /// Strain and stress of one element.
-    fn of_element(&self, e: usize, q: &[T]) -> [SymmetricTensor<T>; 2] {
+    /// Strain \[–\] and stress \[Pa\] of one element.
+    fn strain_and_stress(&self, e: usize, q: &[T]) -> [SymmetricTensor<T>; 2] {
         let mesh = self.mesh();
         let c = mesh.kind().components();
         let centre = centre(mesh, e);
@@ -119,18 +126,21 @@ impl<T: Real> Recovery<T> for FemModel<T> {
         true
     }
 
-    /// Of a part of a body all ranks must ask.
+    /// Collective on a partitioned body.
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
         let elements = self.mesh().element_count();
         let Some(part) = &self.part else {
-            let of = |k: usize| self.of_element(k, q);
-            return self.patches().recover(self.name(), nodes, elements, of, out);
+            let strain_and_stress = |k: usize| self.strain_and_stress(k, q);
+            return self
+                .patches()
+                .recover(self.name(), nodes, elements, strain_and_stress, out);
         };
-        let x = part.heard_around(self.mesh(), q)?;
-        let of = |k: usize| self.of_element(k, &x);
+        let x = part.receive_for_patches(self.mesh(), q)?;
+        let strain_and_stress = |k: usize| self.strain_and_stress(k, &x);
         let places = part.places(self.name(), nodes)?;
-        self.patches().recover(self.name(), &places, elements, of, out)
+        self.patches()
+            .recover(self.name(), &places, elements, strain_and_stress, out)
     }
 }
 

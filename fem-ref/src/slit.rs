@@ -1,4 +1,4 @@
-//! Slits: two nodes at one place, one on each lip of a crack.
+//! Slits: pairs of nodes at one place, one on each lip of a crack.
 
 use crate::check;
 use crate::element::ElementKind;
@@ -9,35 +9,37 @@ use arlequin_core::Real;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// A mesh whose nodes coincide as `pairs` say, if it may have them.
+/// Returns the mesh if its coincident nodes, given by `pairs`, are the lips of slits.
 pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh<T>> {
     lips(&mesh, pairs).map(|()| mesh)
 }
 
-/// Refuses nodes that coincide unless they are the lips of a slit: every one of them lies on facets of the
-/// surface that face another facet at the same place, none lies on two that look the same way, the body
-/// hangs together around the slit, and no lip is wrapped around one element or around one node.
+/// Returns an error for coincident nodes that are not the lips of a slit.
+///
+/// Lips satisfy four conditions. Each of their nodes lies on surface facets that face another facet at the
+/// same place. No node lies on two facets at one place that look the same way. The body is connected around
+/// the slit. No lip wraps around a single element or a single node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
-    let same = |pair: &[u32; 2]| {
-        Err(check::same_place(
+    let refuse = |pair: &[u32; 2]| {
+        Err(check::coincident_error(
             mesh.nodes(),
             pair[0] as usize,
             pair[1] as usize,
         ))
     };
     if mesh.kind() == ElementKind::Bar2 {
-        return same(first);
+        return refuse(first);
     }
     let parts = node_parts(mesh);
     if let Some([a, b]) = pairs
         .iter()
         .find(|[a, b]| parts[*a as usize] != parts[*b as usize])
     {
-        return Err(mesh.apart(*a, *b));
+        return Err(mesh.separate_pieces_error(*a, *b));
     }
     let place = places(pairs);
-    let facing = Facing::of(mesh, &place);
+    let facing = Facing::from_mesh(mesh, &place);
     let mut opposed: HashMap<u32, bool> = HashMap::new();
     for (n, good) in facing
         .0
@@ -50,10 +52,10 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let pocket = facing.pocket(&place);
     let in_pocket = |n: &u32| pocket.is_some_and(|p| *n == p);
     let bad = |pair: &&[u32; 2]| !pair.iter().all(lip) || pair.iter().any(in_pocket);
-    pairs.iter().find(bad).map_or(Ok(()), same)
+    pairs.iter().find(bad).map_or(Ok(()), refuse)
 }
 
-/// Place of every node that shares it with another: the first of the nodes there.
+/// For every node that shares its place with another: the first node at this place.
 pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     let mut place: HashMap<u32, u32> = HashMap::new();
     for pair in pairs {
@@ -64,34 +66,35 @@ pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     place
 }
 
-/// Length of the sum of a lip's area vectors over its area, below which a lip with one node of its own is
-/// bent too much for a crack: a plane has 1, a right angle 0.71, the corner of a cube 0.58, that of a
-/// tetrahedron 0.33.
+/// Bound of a lip's flatness: the length of the sum of its area vectors over its area. Below this bound, a
+/// lip with one node of its own is bent too much for a crack.
+///
+/// A plane has 1, a right angle 0.71, the corner of a cube 0.58, the corner of a tetrahedron 0.33.
 const BENT: f64 = 0.7;
 
-/// A facet of the surface at whose place there is another one.
+/// A surface facet that has another facet at its place.
 struct LipFacet {
     element: u32,
     nodes: Vec<u32>,
-    /// Normal of the length of its area, times a number that is the same for all facets of a mesh.
+    /// Normal with the length of the facet's area, times a factor that is the same for all facets of a mesh.
     area: Vector3<f64>,
-    /// Facets of the same place have the same number.
+    /// Number of the place; facets at the same place have the same number.
     place: usize,
-    /// Whether two facets look at each other there.
+    /// True if exactly two facets lie at the place and face each other.
     opposed: bool,
 }
 
-/// All facets of lips.
+/// All facets of all lips.
 struct Facing(Vec<LipFacet>);
 
 impl Facing {
-    fn of<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
+    fn from_mesh<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
         let mut facets: BTreeMap<Vec<u32>, Vec<(u32, Vec<u32>)>> = BTreeMap::new();
         for facet in mesh.boundary() {
             let nodes = mesh.facet_nodes(facet);
             if nodes.iter().any(|n| place.contains_key(n)) {
-                let at = |n: &u32| place.get(n).copied().unwrap_or(*n);
-                let mut key: Vec<u32> = nodes.iter().map(at).collect();
+                let place_of = |n: &u32| place.get(n).copied().unwrap_or(*n);
+                let mut key: Vec<u32> = nodes.iter().map(place_of).collect();
                 key.sort_unstable();
                 facets.entry(key).or_default().push((facet.element, nodes));
             }
@@ -101,10 +104,11 @@ impl Facing {
             (x(1) - x(0)).cross(&(x(2) - x(0)))
         };
         let mut out = Vec::new();
-        for (place, all) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
-            let sum = all.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
-            let opposed = all.len() == 2 && sum.norm() < area(&all[0].1).norm();
-            out.extend(all.into_iter().map(|(element, nodes)| LipFacet {
+        for (place, facing) in facets.into_values().filter(|f| f.len() > 1).enumerate() {
+            let sum = facing.iter().fold(Vector3::zeros(), |s, f| s + area(&f.1));
+            // The area vectors of facing facets cancel; those of facets that look the same way add up.
+            let opposed = facing.len() == 2 && sum.norm() < area(&facing[0].1).norm();
+            out.extend(facing.into_iter().map(|(element, nodes)| LipFacet {
                 element,
                 area: area(&nodes),
                 nodes,
@@ -115,21 +119,21 @@ impl Facing {
         Self(out)
     }
 
-    /// A node of a lip that is wrapped around a single element, or around the few elements at a single
-    /// node, and faces one other lip. A mesh that lacks a connection looks so; the faces of a crack bend
+    /// Returns a node of a lip that faces one other lip and wraps around a single element, or around the few
+    /// elements at a single node. A mesh with a missing connection looks like this; the faces of a crack bend
     /// less.
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
-        // Facets that share a node that is not shared with the other side belong to one lip.
+        // Facets that share a doubled node belong to the same lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {
-            let own = f.nodes.iter().filter(|n| place.contains_key(n));
-            own.copied().collect()
+            let doubled_nodes = f.nodes.iter().filter(|n| place.contains_key(n));
+            doubled_nodes.copied().collect()
         };
         let last = self.0.iter().flat_map(|f| &f.nodes).max()?;
         let mut root: Vec<u32> = (0..=*last).collect();
         for f in &self.0 {
-            let own = doubled(f);
-            for n in &own {
-                let (a, b) = (find(&mut root, own[0]), find(&mut root, *n));
+            let nodes = doubled(f);
+            for n in &nodes {
+                let (a, b) = (find(&mut root, nodes[0]), find(&mut root, *n));
                 root[a.max(b) as usize] = a.min(b);
             }
         }
@@ -141,13 +145,13 @@ impl Facing {
             at_place.entry(f.place).or_default().push(lip);
         }
         let wrapped = |(lip, facets): &(&u32, &Vec<&LipFacet>)| {
-            let others = facets.iter().flat_map(|f| &at_place[&f.place]);
-            let others: BTreeSet<u32> = others.copied().filter(|o| o != *lip).collect();
+            let opposite_lips = facets.iter().flat_map(|f| &at_place[&f.place]);
+            let opposite_lips: BTreeSet<u32> = opposite_lips.copied().filter(|o| o != *lip).collect();
             let of_one = facets.iter().all(|f| f.element == facets[0].element);
             let alone = facets.iter().all(|f| doubled(f).len() == 1);
             let sum: Vector3<f64> = facets.iter().map(|f| f.area).sum();
             let bent = sum.norm() < BENT * facets.iter().map(|f| f.area.norm()).sum::<f64>();
-            facets.len() > 1 && others.len() == 1 && (of_one || alone && bent)
+            facets.len() > 1 && opposite_lips.len() == 1 && (of_one || alone && bent)
         };
         lips.iter().find(wrapped).map(|(lip, _)| *lip)
     }

@@ -1,12 +1,14 @@
-//! Contact between the particles of two models: a projectile and its target.
+//! Contact between the particles of two models, for example a projectile and its target.
 //!
-//! Law, search and energy budgets are those of [`super::Contact`]. Three rules say who may touch:
+//! Law, search and energy budgets are the same as in [`super::Contact`]. Three rules decide which particles
+//! may touch:
 //!
-//! - Particles that an interface between the two models ties to each other never touch: where two particle
-//!   models overlap they are the same material, and their motion is the multipliers' business.
-//! - Others that overlap at rest push only from their distance at rest on, as within one model. Where the
-//!   centre of one lies in the other before the first step, one body is inside the other: refused.
-//! - In an overlap with a third model a contact carries the smaller mass share of its two ends, as within
+//! - Particles that an interface between the two models ties never touch each other: where two particle
+//!   models overlap they are the same material, and the multipliers determine their motion.
+//! - Other particles that overlap at rest push only when they come closer than at rest, as within one model.
+//!   If the centre of one lies in the other before the first step, one body is inside the other, which is an
+//!   error.
+//! - In an overlap with a third model, a contact carries the smaller mass share of its two ends, as within
 //!   one model.
 
 use super::body::ContactBody;
@@ -20,11 +22,12 @@ use arlequin_core::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffect
 use arlequin_core::snapshot::Record;
 use std::collections::BTreeSet;
 
-/// Contact between two cohesive-beam bodies, an effect between their subdomains, in the order of the models.
+/// Specification of contact between two cohesive-beam bodies, a pair effect on their subdomains in the order
+/// of the models.
 #[derive(Debug)]
 pub struct ContactBetween(Contacts);
 
-/// The same at work.
+/// Contact at work in a run.
 #[derive(Debug)]
 struct Contacts {
     name: String,
@@ -52,9 +55,10 @@ impl ContactBetween {
 }
 
 impl Contacts {
-    /// Refuses listed pairs of which one holds the centre of the other, where they are now: contact begins
-    /// at their distance at rest, and one body would start inside the other. Bodies that an interface ties
-    /// to each other overlap by intention.
+    /// Returns an error if a sphere of a listed pair holds the centre of the other at the current positions.
+    ///
+    /// Contact begins only below the distance at rest, so one body would start inside the other. Bodies that
+    /// an interface ties overlap by intention and are not checked.
     fn check_start(&self, list: &CrossList) -> Result<()> {
         if list.tied.iter().flatten().any(|tied| *tied) {
             return Ok(());
@@ -100,22 +104,22 @@ impl PairEffectSpec<f64> for ContactBetween {
 
     fn attach(
         mut self: Box<Self>,
-        to: &HostPair<'_, f64>,
+        hosts: &HostPair<'_, f64>,
     ) -> arlequin_core::Result<Box<dyn PairEffect<f64>>> {
         let Contacts {
             name, grains, list, ..
         } = &mut self.0;
         for (m, grains) in grains.iter_mut().enumerate() {
-            grains.attach(&to.sides[m], name)?;
-            list.tied[m].clone_from(&to.tied[m]);
+            grains.attach(&hosts.sides[m], name)?;
+            list.tied[m].clone_from(&hosts.tied[m]);
             list.tied[m].resize(grains.len(), false);
         }
-        // A list of its own: that of the run begins with the first instant.
+        // A separate list: the run's list is filled at its first instant.
         let mut near = CrossList::new(0.0);
         near.tied.clone_from(&list.tied);
-        let [a, b] = [&grains[0].rest, &grains[1].rest].map(Vec::as_slice);
+        let [a, b] = [&grains[0].rest_spheres, &grains[1].rest_spheres].map(Vec::as_slice);
         near.refresh([a, b], [a, b]);
-        let named = |e| arlequin_core::Error::of_model(to.sides[0].model.name(), e);
+        let named = |e| arlequin_core::Error::of_model(hosts.sides[0].model.name(), e);
         self.0.check_start(&near).map_err(named)?;
         Ok(Box::new(self.0))
     }
@@ -147,18 +151,21 @@ impl AnyEffect<f64> for Contacts {
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let counts = self.counts();
-        let all = counts[0] + counts[1];
+        let sphere_count = counts[0] + counts[1];
         let touching = self.touching.restore(&from.integers, &from.numbers);
         let fits = touching.and_then(|(integers, numbers)| {
-            let rest = self.list.listed.restore(counts, all, integers, numbers)?;
-            if !rest.is_empty() {
+            let remaining = self
+                .list
+                .listed
+                .restore(counts, sphere_count, integers, numbers)?;
+            if !remaining.is_empty() {
                 return None;
             }
             self.touching.find(&self.list.listed)
         });
         fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
             what: format!("particles in the record of '{}'", self.name),
-            expected: all,
+            expected: sphere_count,
             found: from.numbers.len() / 4,
         })
     }
@@ -171,21 +178,22 @@ impl AnyEffect<f64> for Contacts {
 impl PairEffect<f64> for Contacts {
     fn add_forces(
         &mut self,
-        at: [&Instant<'_, f64>; 2],
+        instants: [&Instant<'_, f64>; 2],
         mut f: [&mut [f64]; 2],
     ) -> arlequin_core::Result<()> {
-        let at = at.map(|a| *a);
+        let instants = instants.map(|a| *a);
         let first = !self.touching.has_been_called();
-        self.touching.settle(&mut self.list.listed, &at);
+        self.touching.settle(&mut self.list.listed, &instants);
         let [a, b] = &mut self.grains;
-        a.place(at[0].q);
-        b.place(at[1].q);
-        self.list.refresh([&a.now, &b.now], [&a.rest, &b.rest]);
+        a.place(instants[0].q);
+        b.place(instants[1].q);
+        self.list
+            .refresh([&a.now, &b.now], [&a.rest_spheres, &b.rest_spheres]);
         if first {
             self.check_start(&self.list)?;
         }
         self.touching
-            .respond(&mut self.list.listed, &mut self.grains, &at, &mut f);
+            .respond(&mut self.list.listed, &mut self.grains, &instants, &mut f);
         Ok(())
     }
 
@@ -198,11 +206,13 @@ impl PairEffect<f64> for Contacts {
         true
     }
 
-    /// The same for both sides, that of the lighter particles: the stiffest mode of a contact is that of
-    /// its two ends.
+    /// Returns one demand for both sides, from the lighter particles, because the stiffest mode of a contact
+    /// involves both ends.
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
         let [a, b] = &self.grains;
-        let top = |mine: &Grains, other: f64| mine.top(|r| self.touching.stiffness([r, other]));
+        let top = |particles: &Grains, other_radius: f64| {
+            particles.top(|r| self.touching.stiffness([r, other_radius]))
+        };
         let demand = self.touching.demand(top(a, b.largest()).max(top(b, a.largest())));
         [demand, demand]
     }

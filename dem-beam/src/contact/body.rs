@@ -1,11 +1,11 @@
-//! What contact between two models needs to know of either.
+//! Data of a model that contact with another model needs.
 
 use super::neighbours;
 use crate::model::DemModel;
 use crate::packing::cells::{Sphere, spheres};
 use arlequin_core::Model;
 
-/// The spheres of a model at rest with their masses: outlives the model's move into a run.
+/// The spheres of a model at rest with their masses: remains available when the model has moved into a run.
 #[derive(Debug, Clone)]
 pub struct ContactBody {
     pub(super) name: String,
@@ -15,7 +15,7 @@ pub struct ContactBody {
 }
 
 impl ContactBody {
-    /// Of a model.
+    /// Copies the spheres and masses of a model.
     #[must_use]
     pub fn of(model: &DemModel) -> Self {
         Self {
@@ -31,9 +31,11 @@ impl ContactBody {
         &self.name
     }
 
-    /// Pairs of particles of this and another model, displaced by `q` \[m\], that overlap by more than
-    /// `tolerance` of the sum of their radii beyond rest: how many, and the largest overlap over that sum;
-    /// `None` if there are none.
+    /// Counts pairs of a particle of this and one of another model, displaced by `q` \[m\], that overlap
+    /// beyond rest by more than `tolerance` times the sum of their radii.
+    ///
+    /// Returns the number of pairs and the largest overlap over the sum of radii, or `None` if there are no
+    /// pairs.
     #[must_use]
     pub fn overlaps(&self, other: &Self, q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
         neighbours::overlaps_between([&self.spheres, &other.spheres], q, tolerance)

@@ -1,36 +1,37 @@
-//! A contact gives back at most what it took in.
+//! Energy budgets: a contact gives back at most the energy that it took in.
 //!
-//! In velocity Verlet the force `F` of an instant works on the mean of the velocities around it. Scaled by
-//! `s` it does
+//! In velocity Verlet the force `F` of an instant works on the mean of the velocities before and after it.
+//! Scaled by `s` it does the work
 //!
 //! ```text
 //! W(s) = s b + s^2 a      b = dt F.u      a = dt^2/2 F.M^-1 F      u = v_- + dt/2 M^-1 f + dt M^-1 g
 //! ```
 //!
-//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Taken one
-//! after the other like this, the works of all contacts sum to what the ledger books, `dt F.(v_- + v_+)/2`,
-//! however many share a particle. Each contact has an energy budget, what it took in since touch, and `s`
-//! is the largest number up to one whose work the budget covers. A spring alone would not do: it closes and
-//! opens between two instants, which gives or takes up to `(omega dt)^2/4` of the energy of the approach.
+//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Contacts
+//! are taken one after the other, so their works sum to what the ledger books, `dt F.(v_- + v_+)/2`, however
+//! many contacts share a particle. The budget of a contact is the energy that it took in since touch, and `s`
+//! is the largest number up to one whose work the budget covers. A spring alone does not conserve energy: it
+//! closes and opens between two instants, which adds or removes up to `(omega dt)^2/4` of the energy of the
+//! approach.
 //!
-//! An elastic contact that the step is about to open gives back what is left in its budget. The rebound is
-//! then elastic to round-off at any step; without it every other collision would lose a few per cent.
+//! An elastic contact that is about to open in this step gives back the rest of its budget. The rebound is
+//! then elastic to round-off with any step; otherwise every other collision would lose a few per cent.
 
 use super::law::{ContactLaw, Pair, Response, Spring};
 use nalgebra::Vector3;
 
-/// One end of a contact as the step sees it: three displacements and three rotations.
+/// One end of a contact during the step: three displacements and three rotations.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct End {
-    /// Velocity `u` on which the next contact works.
+    /// Velocity `u` on which the next contact does its work.
     pub(crate) middle: [f64; 6],
-    /// Velocity after the step, as far as forces are known.
+    /// Velocity after the step from the forces known so far.
     pub(crate) after: [f64; 6],
-    /// Inverse inertia, zero where the motion is prescribed.
-    pub(crate) light: [f64; 6],
+    /// Inverse inertia; zero where the motion is prescribed.
+    pub(crate) inverse_inertia: [f64; 6],
 }
 
-/// The work of a response over the step: `s linear + s^2 square` when it is scaled by `s`.
+/// Work of a response over the step: `s linear + s^2 square` if the response is scaled by `s` \[J\].
 #[derive(Debug, Clone, Copy)]
 struct Work {
     linear: f64,
@@ -38,7 +39,7 @@ struct Work {
 }
 
 impl Work {
-    fn of(r: &Response, ends: [&End; 2], dt: f64) -> Self {
+    fn from_response(r: &Response, ends: [&End; 2], dt: f64) -> Self {
         let (mut linear, mut square) = (0.0, 0.0);
         for (e, (end, sign)) in ends.into_iter().zip([-1.0, 1.0]).enumerate() {
             for c in 0..6 {
@@ -48,7 +49,7 @@ impl Work {
                     r.torque[e][c - 3]
                 };
                 linear += f * end.middle[c];
-                square += f * f * end.light[c];
+                square += f * f * end.inverse_inertia[c];
             }
         }
         Self {
@@ -57,20 +58,20 @@ impl Work {
         }
     }
 
-    fn at(&self, s: f64) -> f64 {
+    fn at_scale(&self, s: f64) -> f64 {
         s * (self.linear + s * self.square)
     }
 
-    /// Largest scale whose work is at most `budget`; where none is (a budget below zero), that of the least
-    /// work.
+    /// Returns the largest scale whose work is at most `budget`. If there is none (a negative budget),
+    /// returns the scale with the least work.
     fn scale(&self, budget: f64) -> f64 {
         let (a, b) = (self.square, self.linear);
         if a <= 0.0 {
-            // Both ends are driven: the work is what it is.
+            // Both ends are driven, so the work is linear in the scale.
             return if b > 0.0 { (budget / b).max(0.0) } else { 1.0 };
         }
         let root = (b * b + 4.0 * a * budget).max(0.0).sqrt();
-        // The sum without cancellation.
+        // Avoids cancellation in `root - b`.
         let s = if b > 0.0 && budget > 0.0 {
             2.0 * budget / (b + root)
         } else {
@@ -80,12 +81,12 @@ impl Work {
     }
 }
 
-/// The law of contacts and what all of them have in common over a run.
+/// The contact law with the state that all contacts of a run share.
 #[derive(Debug)]
 pub(crate) struct BudgetedLaw {
     pub(crate) law: ContactLaw,
     damping_ratio: f64,
-    /// Whether a step was made.
+    /// True once a step has been made.
     pub(crate) begun: bool,
     /// Energy of contacts that were closed when the run began \[J\].
     pub(crate) supplied: f64,
@@ -101,20 +102,22 @@ impl BudgetedLaw {
         }
     }
 
-    /// To be called before the contacts of a step.
+    /// Must be called before the contacts of a step.
     pub(crate) fn begin(&mut self, dt: f64) {
         if dt > 0.0 && !self.begun {
+            // The first step replaces the energies of the instant before it.
             self.supplied = 0.0;
         }
     }
 
-    /// To be called after the contacts of a step.
+    /// Must be called after the contacts of a step.
     pub(crate) fn end(&mut self, dt: f64) {
         self.begun |= dt > 0.0;
     }
 
-    /// What a closed contact does within its budget. `ends` is asked in steps only; the first body feels no
-    /// torque unless it `turns`.
+    /// Computes the response of a closed contact within its budget.
+    ///
+    /// `ends` is called only in steps (`dt > 0`). The first body feels no torque unless `turns`.
     pub(crate) fn respond(
         &mut self,
         pair: &Pair,
@@ -123,15 +126,15 @@ impl BudgetedLaw {
         dt: f64,
         spring: &mut Spring,
     ) -> Response {
-        let old = spring.on;
+        let old = spring.closed;
         let mut r = self.law.respond(pair, self.damping_ratio, dt, spring);
         if !turns {
             r.torque[0] = Vector3::zeros();
         }
         if dt > 0.0 {
             if old && !self.begun {
-                // `k/2 q_0 q_1` of a contact that was closed when the run began, from the energies at both
-                // instants.
+                // Starting energy `k/2 q_0 q_1` of a contact that was closed when the run began: the
+                // geometric mean of its energies at both instants.
                 spring.budget = (spring.budget * r.stored).sqrt();
                 self.supplied += spring.budget;
             }
@@ -145,27 +148,40 @@ impl BudgetedLaw {
     }
 }
 
-/// Scales the response of a contact to what its budget covers, books it, and sets the energy it holds at
-/// this instant. `elastic` contacts hand back the rest where they open.
+/// Scales a response so that its budget covers the work, deducts the work from the budget and sets the stored
+/// energy at this instant. An `elastic` contact that opens gives back the rest.
 fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
-    let work = Work::of(r, ends, dt);
+    let work = Work::from_response(r, ends, dt);
     let mut wanted = 1.0;
     if elastic {
         let three = |x: &[f64; 6]| Vector3::new(x[0], x[1], x[2]);
-        let lightness = |end: &End| Vector3::new(end.light[0], end.light[1], end.light[2]);
-        let kick = r.force.component_mul(&(lightness(ends[0]) + lightness(ends[1]))) * dt;
+        let inverse_mass = |end: &End| {
+            Vector3::new(
+                end.inverse_inertia[0],
+                end.inverse_inertia[1],
+                end.inverse_inertia[2],
+            )
+        };
+        let kick = r
+            .force
+            .component_mul(&(inverse_mass(ends[0]) + inverse_mass(ends[1])))
+            * dt;
         let leaving = (three(&ends[1].after) - three(&ends[0].after) + kick).dot(&p.normal);
         let far = dt * leaving;
         if far >= p.gap {
-            // What touching and parting between two instants can differ by, twice.
+            // Twice the energy by which touching and parting between two instants can differ.
             let slack = 0.25 * r.stiffness * far * far;
-            wanted = work.scale((work.at(1.0) + slack).min(spring.budget)).max(wanted);
+            // May exceed one: a contact that opens gives back all that is left.
+            wanted = work
+                .scale((work.at_scale(1.0) + slack).min(spring.budget))
+                .max(wanted);
         }
     }
     let s = wanted.min(work.scale(spring.budget));
     r.force *= s;
     r.torque.iter_mut().for_each(|t| *t *= s);
-    let done = work.at(s);
+    let done = work.at_scale(s);
+    // Half of the work is done in the half step before this instant.
     r.stored = r.stored.min(spring.budget - 0.5 * done).max(0.0);
     spring.budget -= done;
 }

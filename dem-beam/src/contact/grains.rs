@@ -1,8 +1,8 @@
-//! The particles of one model as contacts see them.
+//! The particles of one model with the data that contacts need.
 
 use super::body::ContactBody;
 use super::budget::End;
-use super::company::{self, Seen};
+use super::gathered::{self, ContactData};
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::{Host, Instant};
@@ -13,20 +13,20 @@ use rayon::prelude::*;
 /// Particles per unit of parallel work.
 const CHUNK: usize = 2_048;
 
-/// Particles with their places, masses and the forces of one effect on them.
+/// Particles with their positions, masses, and the forces of one effect on them.
 #[derive(Debug)]
 pub(crate) struct Grains {
-    pub(crate) rest: Vec<Sphere>,
+    pub(crate) rest_spheres: Vec<Sphere>,
     pub(crate) now: Vec<Sphere>,
-    /// Unweighted masses.
-    full: Vec<f64>,
-    /// Share of the weighted in the whole mass.
+    /// Unweighted masses \[kg\].
+    unweighted_mass: Vec<f64>,
+    /// Weighted over unweighted mass.
     pub(crate) share: Vec<f64>,
     mass: Vec<f64>,
     /// Inverse inertia of every unknown.
-    light: Vec<f64>,
+    inverse_inertia: Vec<f64>,
     /// Forces of the effect so far in this step; zero between steps.
-    own: Vec<f64>,
+    forces: Vec<f64>,
 }
 
 impl Grains {
@@ -34,108 +34,114 @@ impl Grains {
     pub(crate) fn new(body: ContactBody) -> Self {
         Self {
             now: body.spheres.clone(),
-            rest: body.spheres,
-            full: body.mass,
+            rest_spheres: body.spheres,
+            unweighted_mass: body.mass,
             share: Vec::new(),
             mass: Vec::new(),
-            light: Vec::new(),
-            own: Vec::new(),
+            inverse_inertia: Vec::new(),
+            forces: Vec::new(),
         }
     }
 
     pub(crate) fn len(&self) -> usize {
-        self.rest.len()
+        self.rest_spheres.len()
     }
 
-    /// Keeps those that are here of a body that is now in parts; what they are attached to is the part.
+    /// Keeps the particles of this rank's part of a partitioned body. [`Self::attach`] must then be given the
+    /// part.
     ///
     /// # Errors
-    /// A portion of another body; `of` names the effect.
-    pub(crate) fn share_out(&mut self, portion: &Portion, of: &str) -> arlequin_core::Result<()> {
-        let found = portion.division().nodes();
-        if found != self.len() {
+    /// A partition with another number of particles; `effect` is the effect's name in errors.
+    pub(crate) fn restrict(&mut self, portion: &Portion, effect: &str) -> arlequin_core::Result<()> {
+        let count = portion.division().nodes();
+        if count != self.len() {
             return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of {of}"),
+                what: format!("particles of {effect}"),
                 expected: self.len(),
-                found,
+                found: count,
             });
         }
-        let own = || (0..portion.nodes()).map(|i| portion.global(i));
-        self.rest = own().map(|i| self.rest[i]).collect();
-        self.full = own().map(|i| self.full[i]).collect();
-        self.now.clone_from(&self.rest);
+        let owned = || (0..portion.nodes()).map(|i| portion.global(i));
+        self.rest_spheres = owned().map(|i| self.rest_spheres[i]).collect();
+        self.unweighted_mass = owned().map(|i| self.unweighted_mass[i]).collect();
+        self.now.clone_from(&self.rest_spheres);
         Ok(())
     }
 
-    /// What other ranks are told of particle `i`.
-    pub(super) fn told(&self, i: usize) -> Seen {
-        let [x, y, z, r] = self.rest[i];
-        let [a, b, c, d, e, f] = self.unknowns(i).map(|o| self.light[o]);
+    /// Contact data of particle `i` that is sent to other ranks.
+    pub(super) fn contact_data(&self, i: usize) -> ContactData {
+        let [x, y, z, r] = self.rest_spheres[i];
+        let [a, b, c, d, e, f] = self.unknowns(i).map(|o| self.inverse_inertia[o]);
         [x, y, z, r, self.share[i], self.mass[i], a, b, c, d, e, f]
     }
 
-    /// Of particles that are told of.
-    pub(crate) fn heard(told: &[Seen]) -> Self {
-        let count = told.len();
+    /// Makes particles from received contact data.
+    pub(crate) fn from_contact_data(data: &[ContactData]) -> Self {
+        let count = data.len();
         let mut out = Self {
-            rest: told.iter().map(company::sphere).collect(),
-            now: told.iter().map(company::sphere).collect(),
-            full: Vec::new(),
-            share: told.iter().map(|x| x[4]).collect(),
-            mass: told.iter().map(|x| x[5]).collect(),
-            light: vec![0.0; 6 * count],
-            own: vec![0.0; 6 * count],
+            rest_spheres: data.iter().map(gathered::sphere).collect(),
+            now: data.iter().map(gathered::sphere).collect(),
+            unweighted_mass: Vec::new(),
+            share: data.iter().map(|x| x[4]).collect(),
+            mass: data.iter().map(|x| x[5]).collect(),
+            inverse_inertia: vec![0.0; 6 * count],
+            forces: vec![0.0; 6 * count],
         };
-        for (i, x) in told.iter().enumerate() {
+        for (i, x) in data.iter().enumerate() {
             for (c, o) in out.unknowns(i).into_iter().enumerate() {
-                out.light[o] = x[6 + c];
+                out.inverse_inertia[o] = x[6 + c];
             }
         }
         out
     }
 
-    /// Takes weighted masses from the subdomain; `of` names the effect in errors.
-    pub(crate) fn attach(&mut self, to: &Host<'_, f64>, of: &str) -> arlequin_core::Result<()> {
-        let found = to.model.layout().nodes;
-        if found != self.full.len() {
+    /// Takes the weighted masses from the subdomain; `effect` is the effect's name in errors.
+    pub(crate) fn attach(&mut self, host: &Host<'_, f64>, effect: &str) -> arlequin_core::Result<()> {
+        let count = host.model.layout().nodes;
+        if count != self.unweighted_mass.len() {
             return Err(arlequin_core::Error::SizeMismatch {
-                what: format!("particles of {of}"),
-                expected: self.full.len(),
-                found,
+                what: format!("particles of {effect}"),
+                expected: self.unweighted_mass.len(),
+                found: count,
             });
         }
-        self.mass = (0..found).map(|i| to.inertia[3 * i]).collect();
-        self.share = self.mass.iter().zip(&self.full).map(|(m, f)| m / f).collect();
-        self.light = to.inverse_inertia.to_vec();
-        self.own = vec![0.0; self.light.len()];
+        self.mass = (0..count).map(|i| host.inertia[3 * i]).collect();
+        self.share = self
+            .mass
+            .iter()
+            .zip(&self.unweighted_mass)
+            .map(|(m, f)| m / f)
+            .collect();
+        self.inverse_inertia = host.inverse_inertia.to_vec();
+        self.forces = vec![0.0; self.inverse_inertia.len()];
         Ok(())
     }
 
-    /// Moves the particles to where they are.
+    /// Updates the current positions from the displacements in `q` \[m\].
     pub(crate) fn place(&mut self, q: &[f64]) {
         let n = self.now.len();
         let u = &q[..3 * n];
-        let put = |(now, (rest, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
-            (0..3).for_each(|c| now[c] = rest[c] + u[c]);
+        let put = |(now, (rest_sphere, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
+            (0..3).for_each(|c| now[c] = rest_sphere[c] + u[c]);
         };
         if n > 2 * CHUNK && rayon::current_num_threads() > 1 {
-            let moves = self.rest.par_iter().zip(u.as_chunks::<3>().0);
+            let moves = self.rest_spheres.par_iter().zip(u.as_chunks::<3>().0);
             self.now
                 .par_iter_mut()
                 .zip(moves)
                 .with_min_len(CHUNK)
                 .for_each(put);
         } else {
-            let moves = self.rest.iter().zip(u.as_chunks::<3>().0);
+            let moves = self.rest_spheres.iter().zip(u.as_chunks::<3>().0);
             self.now.iter_mut().zip(moves).for_each(put);
         }
     }
 
-    /// Velocity and spin half a step ago.
-    pub(crate) fn motion(&self, at: &Instant<'_, f64>, i: usize) -> Twist {
+    /// Velocity and spin of particle `i` half a step ago.
+    pub(crate) fn motion(&self, instant: &Instant<'_, f64>, i: usize) -> Twist {
         Twist {
-            linear: three(at.v_half, 3 * i),
-            angular: three(at.v_half, 3 * (self.len() + i)),
+            linear: three(instant.v_half, 3 * i),
+            angular: three(instant.v_half, 3 * (self.len() + i)),
         }
     }
 
@@ -143,18 +149,19 @@ impl Grains {
         1.0 / self.mass[i]
     }
 
-    /// Particle `i` under the forces `f` of others and those of this effect so far.
-    pub(crate) fn end(&self, at: &Instant<'_, f64>, f: &[f64], i: usize) -> End {
+    /// Velocities of particle `i` during the step, under the forces `f` of others and those of this effect so
+    /// far.
+    pub(crate) fn end(&self, instant: &Instant<'_, f64>, f: &[f64], i: usize) -> End {
         let place = self.unknowns(i);
-        let light = place.map(|o| self.light[o]);
+        let inverse_inertia = place.map(|o| self.inverse_inertia[o]);
         let kick = |c: usize, others: f64| {
             let o = place[c];
-            at.v_half[o] + at.dt * light[c] * (others * f[o] + self.own[o])
+            instant.v_half[o] + instant.dt * inverse_inertia[c] * (others * f[o] + self.forces[o])
         };
         End {
             middle: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 0.5)),
             after: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 1.0)),
-            light,
+            inverse_inertia,
         }
     }
 
@@ -163,38 +170,42 @@ impl Grains {
         [o, o + 1, o + 2, turn, turn + 1, turn + 2]
     }
 
-    /// Adds a force and a torque.
+    /// Adds a force and a torque of this effect on particle `i`.
     pub(crate) fn push(&mut self, i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
         for (c, o) in self.unknowns(i).into_iter().enumerate() {
-            self.own[o] += if c < 3 { force[c] } else { torque[c - 3] };
+            self.forces[o] += if c < 3 { force[c] } else { torque[c - 3] };
         }
     }
 
-    /// Moves the forces on particle `i` to `f`; nothing is left to move if it comes up again.
+    /// Moves this effect's forces on particle `i` to `f`. A second call for the same particle adds nothing.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         for o in self.unknowns(i) {
-            f[o] += std::mem::take(&mut self.own[o]);
+            f[o] += std::mem::take(&mut self.forces[o]);
         }
     }
 
-    /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], unweighted.
+    /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], with unweighted masses.
     pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
-        let ratios = self.rest.iter().zip(&self.full).map(|(s, m)| stiffness(s[3]) / m);
+        let ratios = self
+            .rest_spheres
+            .iter()
+            .zip(&self.unweighted_mass)
+            .map(|(s, m)| stiffness(s[3]) / m);
         ratios.fold(0.0, f64::max)
     }
 
     /// Largest radius \[m\].
     pub(crate) fn largest(&self) -> f64 {
-        self.rest.iter().fold(0.0, |m, s| m.max(s[3]))
+        self.rest_spheres.iter().fold(0.0, |m, s| m.max(s[3]))
     }
 }
 
-/// Power \[W\] of a force and a torque on particle `i` of `n`.
+/// Power \[W\] of a force and a torque on particle `i`.
 pub(crate) fn power(v: &[f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
     force.dot(&three(v, 3 * i)) + torque.dot(&three(v, v.len() / 2 + 3 * i))
 }
 
-/// Adds a force and a torque on particle `i` of `n`.
+/// Adds a force and a torque on particle `i` to the force array `f`.
 pub(crate) fn add(f: &mut [f64], i: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
     let half = f.len() / 2;
     for c in 0..3 {

@@ -12,28 +12,28 @@ use crate::bond::Twist;
 use crate::error::{Error, Result, positive};
 use nalgebra::Vector3;
 
-/// Restitution of a critically damped contact is exp(-2) = 0.135.
+/// Slightly above the restitution of a critically damped contact, exp(-2) = 0.135.
 const LEAST_RESTITUTION: f64 = 0.15;
 
-/// Parameters of contact.
+/// Parameters of the contact law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactLaw {
-    /// Modulus `E` of the normal spring \[Pa\]; that of the packing is a good value.
+    /// Modulus `E` of the normal spring \[Pa\]. The modulus of the packing is a good value.
     pub modulus: f64,
     /// Coefficient of restitution of a collision of two free spheres, 0.15 to 1 (elastic).
     pub restitution: f64,
-    /// Coulomb friction, 0 for none.
+    /// Coefficient of Coulomb friction, 0 for none.
     pub friction: f64,
-    /// Tangential over normal stiffness.
+    /// Ratio of tangential to normal stiffness.
     pub shear_ratio: f64,
     /// Rolling resistance (lever over reduced radius), 0 for none.
     pub rolling: f64,
-    /// Skin of the neighbour list in mean radii.
+    /// Skin of the neighbour list in mean radii: a larger skin lists more pairs and searches less often.
     pub skin: f64,
 }
 
 impl ContactLaw {
-    /// Elastic and without friction, with a skin of 0.4 mean radii.
+    /// Law of an elastic contact without friction, with a skin of 0.4 mean radii.
     #[must_use]
     pub fn elastic(modulus: f64) -> Self {
         Self {
@@ -46,10 +46,10 @@ impl ContactLaw {
         }
     }
 
-    /// Checks every parameter, as an effect that takes it does.
+    /// Checks all parameters. Effects that use the law call this themselves.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`].
+    /// [`Error::OutOfRange`] for the first parameter out of its range.
     pub fn check(&self) -> Result<()> {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
@@ -67,7 +67,7 @@ impl ContactLaw {
         Ok(())
     }
 
-    /// Share of critical damping that gives the coefficient of restitution.
+    /// Returns the fraction of critical damping that gives the coefficient of restitution.
     pub(crate) fn damping_ratio(&self) -> f64 {
         if self.restitution >= 1.0 {
             return 0.0;
@@ -76,7 +76,8 @@ impl ContactLaw {
             let s = (1.0 - z * z).sqrt();
             (-z / s * (std::f64::consts::PI - (2.0 * z * s).atan2(1.0 - 2.0 * z * z))).exp()
         };
-        // Falls from 1 to exp(-2) between no and critical damping.
+        // Bisection: the restitution falls from 1 to exp(-2) between no and critical damping.
+        // Not quite critical, where `s` would be zero. 60 halvings reach the last bit.
         let (mut low, mut high) = (0.0, 1.0 - 1e-9);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
@@ -94,8 +95,10 @@ impl ContactLaw {
         2.0 * self.modulus * a * b / (a + b)
     }
 
-    /// `omega^2` and damping rate of one contact on a particle, `top = k/m`. A pair holds at most twice
-    /// what its ends hold alone; sliding turns the sphere as well, `1/m + r^2/I = 3.5/m`.
+    /// Returns `omega^2` \[1/s²\] and the damping rate \[1/s\] of one contact on a particle with `top = k/m`.
+    ///
+    /// The `omega^2` of a pair, `k (1/m_i + 1/m_j)`, is at most twice the larger `k/m` of its ends. Sliding
+    /// also rotates the sphere: `1/m + r^2/I = 3.5/m`.
     pub(crate) fn demand(&self, top: f64) -> [f64; 2] {
         let slide = if self.friction > 0.0 {
             3.5 * self.shear_ratio
@@ -111,8 +114,11 @@ impl ContactLaw {
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 
-    /// Force on the second sphere for the damping ratio `zeta`, torques on both, energy of the springs;
-    /// moves them on by a step `dt`. What the budget of the contact covers, `budget.rs` says.
+    /// Computes the force on the second sphere, the torques on both and the energy of the springs, for the
+    /// damping ratio `zeta`.
+    ///
+    /// Advances the springs by a step `dt` \[s\]. The result is not yet limited by the energy budget (see
+    /// `budget.rs`).
     pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
         let k = p.share * self.stiffness(p.radii);
@@ -122,8 +128,9 @@ impl ContactLaw {
         let lever = i.angular * p.arms[0] + j.angular * p.arms[1];
         let v = j.linear - i.linear - lever.cross(&n);
         let vn = v.dot(&n);
+        // The dashpot may not pull: spheres that part have no adhesion.
         let push = (k * p.gap - damping * vn).max(0.0);
-        spring.on = true;
+        spring.closed = true;
         let mut out = Response {
             force: n * push,
             torque: [Vector3::zeros(); 2],
@@ -132,6 +139,7 @@ impl ContactLaw {
         };
         if self.friction > 0.0 {
             let moved = spring.slide + (v - n * vn) * dt;
+            // Only the part in the current tangent plane is kept: the plane rotates with the pair.
             spring.slide = capped(moved - n * n.dot(&moved), self.friction * push / kt);
             let drag = spring.slide * -kt;
             out.force += drag;
@@ -143,6 +151,7 @@ impl ContactLaw {
             let radius = p.radii[0] * p.radii[1] / (p.radii[0] + p.radii[1]);
             let kr = kt * radius * radius;
             let turned = spring.roll + (j.angular - i.angular) * dt;
+            // The springs never hold more than friction allows: the excess slides or rolls.
             spring.roll = capped(turned - n * n.dot(&turned), self.rolling * radius * push / kr);
             let moment = spring.roll * -kr;
             out.torque[0] -= moment;
@@ -161,42 +170,42 @@ fn capped(x: Vector3<f64>, limit: f64) -> Vector3<f64> {
 /// Two touching spheres.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pair {
-    /// From the first to the second.
+    /// Unit vector from the first to the second.
     pub(crate) normal: Vector3<f64>,
-    /// Overlap beyond rest \[m\].
+    /// Overlap beyond the overlap at rest \[m\].
     pub(crate) gap: f64,
     pub(crate) radii: [f64; 2],
-    /// Distances of the centres from the point of contact \[m\]; they sum to the distance of the centres.
+    /// Distances of the centres from the point of contact \[m\]; their sum is the distance of the centres.
     pub(crate) arms: [f64; 2],
-    /// Factor on the stiffness (weights).
+    /// Factor on the stiffness from the weights.
     pub(crate) share: f64,
-    /// Sum of the inverse weighted masses.
+    /// Sum of the inverse weighted masses \[1/kg\].
     pub(crate) inverse_mass: f64,
     /// Velocities and spins.
     pub(crate) motion: [Twist; 2],
 }
 
-/// What a contact remembers.
+/// State of one contact that lasts from step to step.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Spring {
-    pub(crate) on: bool,
+    pub(crate) closed: bool,
     pub(crate) slide: Vector3<f64>,
     pub(crate) roll: Vector3<f64>,
-    /// Energy taken in since touch and not given back \[J\].
+    /// Energy \[J\] that the contact took in since touch and has not given back.
     pub(crate) budget: f64,
 }
 
 impl Spring {
-    /// As numbers, `slide`, `roll` and the budget; whether it is on is an integer of its own.
+    /// Returns `slide`, `roll` and the budget as numbers. The flag `closed` is saved separately.
     pub(crate) fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
         [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
     }
 
-    /// Undoes [`Self::numbers`].
-    pub(crate) fn from_numbers(on: bool, x: [f64; 7]) -> Self {
+    /// Inverse of [`Self::numbers`].
+    pub(crate) fn from_numbers(closed: bool, x: [f64; 7]) -> Self {
         Self {
-            on,
+            closed,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
             budget: x[6],
@@ -204,7 +213,7 @@ impl Spring {
     }
 }
 
-/// What a contact does.
+/// Forces and energy of one contact at an instant.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Response {
     pub(crate) force: Vector3<f64>,

@@ -1,27 +1,26 @@
-//! Contact between particles that no bond joins: after a bond broke, and between particles that never had
-//! one.
+//! Contact between particles without a bond between them: particles that never had one, or whose bond broke.
 //!
-//! Particles are taken where they are, `x + u`. Pairs closer than their radii and a skin are listed by a
-//! cell search that is repeated only when a particle has moved by half the skin; bonds that break join the
-//! list as they break. A pair pushes from `min(r_i + r_j, distance at rest, distance when its bond broke)`
-//! on, so that no contact begins with a force: packings have overlaps at rest, and bonds break while
-//! compressed.
+//! Particles are taken at their current positions, `x + u`. A cell search lists pairs that are closer than
+//! their radii and a skin; it is repeated only when a particle has moved by half the skin. Pairs of bonds
+//! that break join the list at once. A pair pushes when its distance falls below the least of `r_i + r_j`,
+//! the distance at rest and the distance at which its bond broke. Contacts therefore never begin with a
+//! force: packings have overlaps at rest, and bonds break while compressed.
 //!
-//! In an overlap of models stiffness and dashpot carry the smaller mass share of the two particles, which
-//! keeps the critical step of the unweighted contact.
+//! In an overlap of models, stiffness and dashpot are multiplied by the smaller mass share of the two
+//! particles, which keeps the critical step of the unweighted contact.
 //!
-//! Gaps are computed in parallel; forces are added pair after pair in a fixed order, so results do not
-//! depend on the number of threads. A step allocates only where the lists grow.
+//! Gaps are computed in parallel. Forces are added pair after pair in a fixed order, so results do not depend
+//! on the number of threads. A step allocates only where the lists grow.
 //!
-//! A contact never gives back more than it took in, whatever the step: `budget.rs` says how. Contacts are
-//! taken one after the other, to and fro. The step must still resolve contacts that do not exist yet: an
-//! allowance of [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts per particle beside its
-//! bonds enters the critical step.
+//! A contact never gives back more energy than it took in, whatever the step (see `budget.rs`). Contacts are
+//! taken one after the other, in an order that is reversed in every step. The step must also resolve contacts
+//! that do not exist yet: an allowance of [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts
+//! per particle, beside its bonds, enters the critical step.
 
 mod between;
 mod body;
 pub(crate) mod budget;
-pub(crate) mod company;
+pub(crate) mod gathered;
 mod grains;
 mod law;
 pub(crate) mod neighbours;
@@ -45,15 +44,15 @@ use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{Arms, DofLayout};
 use neighbours::PairList;
-use parts::ContactsInParts;
+use parts::PartitionedContacts;
 use std::slice::from_ref;
 use touching::Touching;
 
-/// Contact within one cohesive-beam body, an effect on its subdomain.
+/// Specification of contact within one cohesive-beam body, an effect on its subdomain.
 #[derive(Debug)]
 pub struct Contact(Contacts);
 
-/// The same at work.
+/// Contact at work in a run.
 #[derive(Debug)]
 struct Contacts {
     grains: Grains,
@@ -64,7 +63,7 @@ struct Contacts {
 }
 
 impl Contact {
-    /// Contact between the particles of a model. Make it after the choice of fracture.
+    /// Contact between the particles of a model. Call this after the model's fracture has been chosen.
     ///
     /// # Errors
     /// [`crate::Error::OutOfRange`] for parameters of the law.
@@ -82,12 +81,14 @@ impl Contact {
 }
 
 impl EffectSpec<f64> for Contact {
-    fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
-        let of = format!("contact on '{}'", to.model.name());
-        if let Some(portion) = to.shared()? {
-            return Ok(Box::new(ContactsInParts::new(self.0, portion, to, &of)?));
+    fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+        let effect = format!("contact on '{}'", host.model.name());
+        if let Some(portion) = host.shared()? {
+            return Ok(Box::new(PartitionedContacts::new(
+                self.0, portion, host, &effect,
+            )?));
         }
-        self.0.grains.attach(to, &of)?;
+        self.0.grains.attach(host, &effect)?;
         Ok(Box::new(self.0))
     }
 }
@@ -138,19 +139,21 @@ impl AnyEffect<f64> for Contacts {
 }
 
 impl Effect<f64> for Contacts {
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.touching.settle(&mut self.list.listed, from_ref(at));
-        self.grains.place(at.q);
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        // Budgets refer to places in the list: settle them before a search reorders it.
+        self.touching.settle(&mut self.list.listed, from_ref(instant));
+        self.grains.place(instant.q);
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
-            self.list.add_broken(event, &self.grains.rest);
+            self.list.add_broken(event, &self.grains.rest_spheres);
         }
         self.seen = log.events().len();
-        self.list.refresh(&self.grains.now, &self.grains.rest, &log);
+        self.list
+            .refresh(&self.grains.now, &self.grains.rest_spheres, &log);
         drop(log);
         let grains = std::slice::from_mut(&mut self.grains);
         self.touching
-            .respond(&mut self.list.listed, grains, from_ref(at), &mut [f]);
+            .respond(&mut self.list.listed, grains, from_ref(instant), &mut [f]);
         Ok(())
     }
 
@@ -158,8 +161,8 @@ impl Effect<f64> for Contacts {
         self.touching.power([v, v])
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
-        self.touching.add_power(v, &Some, to);
+    fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
+        self.touching.add_power(v, &Some, sum);
         true
     }
 

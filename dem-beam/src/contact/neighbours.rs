@@ -1,4 +1,4 @@
-//! Which particles are near each other without being bonded.
+//! Lists of near pairs that no bond joins.
 
 use super::Spring;
 use crate::fracture::{Break, BreakLog};
@@ -16,8 +16,8 @@ const CHUNK: usize = 512;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Candidate {
     pub(crate) ends: [u32; 2],
-    /// Distance below which it pushes \[m\].
-    pub(crate) rest: f64,
+    /// Distance below which the pair pushes \[m\].
+    pub(crate) rest_distance: f64,
 }
 
 pub(super) fn distance(a: &Sphere, b: &Sphere) -> f64 {
@@ -25,26 +25,28 @@ pub(super) fn distance(a: &Sphere, b: &Sphere) -> f64 {
     (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
-/// Where two particles that were never bonded begin to push.
-pub(super) fn rest_of(a: &Sphere, b: &Sphere) -> f64 {
+/// Distance \[m\] below which two particles that were never bonded push: the sum of radii, or the distance at
+/// rest if that is smaller.
+pub(super) fn rest_distance_of(a: &Sphere, b: &Sphere) -> f64 {
     (a[3] + b[3]).min(distance(a, b))
 }
 
-/// Bond between two particles, if there ever was one.
+/// Number of the bond between two particles, whole or broken, if there is one.
 pub(super) fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> Option<usize> {
     let bonds = adjacency.row(i as usize);
     let k = bonds.partition_point(|e| e[0] < j);
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
 }
 
-/// Whether a sphere has moved by half the skin since it was `built` into a list, or that has another number
-/// of spheres.
+/// Returns whether a sphere has moved by more than half the skin since the list was `built`, or the number of
+/// spheres has changed.
 pub(super) fn is_stale<'a>(
     built: &[Sphere],
     skin: f64,
     count: usize,
     now: impl Iterator<Item = &'a Sphere>,
 ) -> bool {
+    // Two particles that each move by half the skin close a gap of one skin.
     let half = 0.5 * skin;
     let far = |(a, b): (&Sphere, &Sphere)| {
         let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
@@ -53,39 +55,42 @@ pub(super) fn is_stale<'a>(
     built.len() != count || built.iter().zip(now).any(far)
 }
 
-/// Pairs of a sphere of `first` and one of `other` that are closer than their radii and the skin, for which
-/// `rest` says where they begin to push, in parts; each with a higher one where both are the same spheres.
-/// Sorted by their ends.
+/// Finds pairs of a sphere of `first` and one of `partners` that are closer than their radii and the skin.
+///
+/// `rest_distance` returns the distance at which a pair begins to push, or `None` if it never does. With
+/// `within`, both slices are the same spheres, and each pair is listed once with the lower number first. The
+/// result comes in parts; the pairs in them are sorted by their ends.
 pub(super) fn search(
     cells: &mut CellList,
-    [first, other]: [&[Sphere]; 2],
+    [first, partners]: [&[Sphere]; 2],
     within: bool,
     [reach, skin]: [f64; 2],
-    rest: &(impl Fn(usize, usize) -> Option<f64> + Sync),
+    rest_distance: &(impl Fn(usize, usize) -> Option<f64> + Sync),
 ) -> Vec<Vec<Candidate>> {
-    let (low, high) = bounds(other, reach);
-    cells.build(other, reach);
+    let (low, high) = bounds(partners, reach);
+    cells.build(partners, reach);
     let cells = &*cells;
-    let of = |i: usize, part: &mut Vec<Candidate>| {
+    let list_pairs = |i: usize, part: &mut Vec<Candidate>| {
         let a = &first[i];
         if (0..3).any(|c| a[c] < low[c] || a[c] > high[c]) {
             return;
         }
         cells.around(a, |j| {
             let k = j as usize;
-            let b = &other[k];
+            let b = &partners[k];
             if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
                 return;
             }
             let ends = [i as u32, j];
-            part.extend(rest(i, k).map(|rest| Candidate { ends, rest }));
+            part.extend(rest_distance(i, k).map(|rest_distance| Candidate { ends, rest_distance }));
         });
     };
     let part = |c: usize| {
         let mut part = Vec::new();
         for i in c * CHUNK..((c + 1) * CHUNK).min(first.len()) {
             let start = part.len();
-            of(i, &mut part);
+            list_pairs(i, &mut part);
+            // Sorted, so that the list does not depend on the order of the cells.
             part[start..].sort_unstable_by_key(|c| c.ends);
         }
         part
@@ -96,7 +101,7 @@ pub(super) fn search(
         .collect()
 }
 
-/// Pairs near each other, with what their contacts remember.
+/// Near pairs and the springs of their contacts.
 #[derive(Debug)]
 pub(crate) struct Listed {
     pub(crate) pairs: Vec<Candidate>,
@@ -120,37 +125,45 @@ impl Listed {
         }
     }
 
-    /// Searches made, and pairs.
+    /// Number of searches, and of pairs.
     pub(crate) fn counts(&self) -> [usize; 2] {
         [self.searches, self.pairs.len()]
     }
 
-    /// Searches anew, if a sphere has moved by half the skin since the last search, for pairs of spheres of
-    /// `first` and `second`, or within `first`. `rest(i, k)` says where a pair begins to push, nothing if
-    /// it never does. Springs of pairs that are still listed stay.
+    /// Searches again if a sphere has moved by half the skin since the last search. Lists pairs between
+    /// `first` and `second`, or within `first` if there is no second.
+    ///
+    /// `rest_distance(i, k)` returns the distance at which a pair begins to push, or `None` if it never does.
+    /// Springs of pairs that are still listed are kept.
     fn refresh(
         &mut self,
         first: &[Sphere],
         second: Option<&[Sphere]>,
-        rest: impl Fn(usize, usize) -> Option<f64> + Sync,
+        rest_distance: impl Fn(usize, usize) -> Option<f64> + Sync,
     ) {
-        let all = || first.iter().chain(second.unwrap_or_default());
-        let (within, other) = (second.is_none(), second.unwrap_or(first));
-        if !is_stale(&self.built, self.skin, all().count(), all()) {
+        let all_spheres = || first.iter().chain(second.unwrap_or_default());
+        let (within, partners) = (second.is_none(), second.unwrap_or(first));
+        if !is_stale(&self.built, self.skin, all_spheres().count(), all_spheres()) {
             return;
         }
         self.searches += 1;
         self.built.clear();
-        self.built.extend(all());
-        let reach = 2.0 * all().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
-        let parts = search(&mut self.cells, [first, other], within, [reach, self.skin], &rest);
+        self.built.extend(all_spheres());
+        let reach = 2.0 * all_spheres().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
+        let parts = search(
+            &mut self.cells,
+            [first, partners],
+            within,
+            [reach, self.skin],
+            &rest_distance,
+        );
         self.relist(&parts);
     }
 
-    /// Replaces the list.
+    /// Replaces the list; closed contacts keep their springs.
     fn relist(&mut self, parts: &[Vec<Candidate>]) {
-        let both = self.pairs.iter().copied().zip(self.springs.iter().copied());
-        let mut old: Vec<(Candidate, Spring)> = both.filter(|(_, s)| s.on).collect();
+        let contacts = self.pairs.iter().copied().zip(self.springs.iter().copied());
+        let mut old: Vec<(Candidate, Spring)> = contacts.filter(|(_, s)| s.closed).collect();
         old.sort_unstable_by_key(|(c, _)| c.ends);
         self.pairs.clear();
         parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
@@ -164,54 +177,59 @@ impl Listed {
         }
     }
 
-    /// What a resumed run must know. Integers: searches, pairs, whether a search was made; ends and state
-    /// of each pair. Numbers: rest distance and springs of each pair, the spheres of the last search.
+    /// Writes what a resumed run needs. Integers: number of searches, number of pairs, whether a search was
+    /// made; ends and state of each pair. Numbers: rest distance and spring of each pair; the spheres of the
+    /// last search.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         let searched = u64::from(!self.built.is_empty());
         out.integers
             .extend([self.searches as u64, self.pairs.len() as u64, searched]);
         for (p, s) in self.pairs.iter().zip(&self.springs) {
             out.integers
-                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.on)]);
-            out.numbers.push(p.rest);
+                .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.closed)]);
+            out.numbers.push(p.rest_distance);
             out.numbers.extend(s.numbers());
         }
         out.numbers.extend(self.built.iter().flatten());
     }
 
-    /// Undoes [`Self::save`] and returns the numbers that follow; `None` for a record of other bodies.
-    /// First ends are below the first of `counts`, second ends below the second; `all` spheres are
-    /// searched.
+    /// Restores what [`Self::save`] wrote and returns the numbers that follow; `None` for a record of other
+    /// bodies.
+    ///
+    /// First ends must be below the first of `counts`, second ends below the second. `sphere_count` is the
+    /// number of spheres that are searched.
     pub(crate) fn restore<'a>(
         &mut self,
         counts: [usize; 2],
-        all: usize,
+        sphere_count: usize,
         integers: &[u64],
         numbers: &'a [f64],
     ) -> Option<&'a [f64]> {
         let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
         let pairs = usize::try_from(pairs).ok()?;
-        let built = if searched == 1 { all } else { 0 };
+        let built = if searched == 1 { sphere_count } else { 0 };
         if ends.len() != 3usize.checked_mul(pairs)? {
             return None;
         }
-        let (springs, rest) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
-        let (spheres, rest) = rest.split_at_checked(4 * built)?;
+        let (springs, remaining) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
+        let (spheres, remaining) = remaining.split_at_checked(4 * built)?;
         self.searches = searches as usize;
         self.pairs.clear();
         self.springs.clear();
         let (ends, _) = ends.as_chunks::<3>();
-        for (&[i, j, on], &[rest, a, b, c, d, e, f, g]) in ends.iter().zip(springs.as_chunks::<8>().0) {
+        for (&[i, j, closed], &[rest_distance, a, b, c, d, e, f, g]) in
+            ends.iter().zip(springs.as_chunks::<8>().0)
+        {
             if i >= counts[0] as u64 || j >= counts[1] as u64 {
                 return None;
             }
             let ends = [i as u32, j as u32];
-            self.pairs.push(Candidate { ends, rest });
+            self.pairs.push(Candidate { ends, rest_distance });
             self.springs
-                .push(Spring::from_numbers(on == 1, [a, b, c, d, e, f, g]));
+                .push(Spring::from_numbers(closed == 1, [a, b, c, d, e, f, g]));
         }
         self.built = spheres.as_chunks::<4>().0.to_vec();
-        Some(rest)
+        Some(remaining)
     }
 }
 
@@ -220,13 +238,12 @@ impl Listed {
 pub(crate) struct PairList {
     pub(crate) listed: Listed,
     pub(super) adjacency: Arc<Adjacency<[u32; 2]>>,
-    /// Distance at which each broken bond broke.
+    /// Distance at which each broken bond broke \[m\]; infinite for whole bonds.
     pub(super) broken_at: Vec<f64>,
 }
 
 impl PairList {
-    /// An empty list; the first refresh fills it. `skin` \[m\] is by how much more than touching the pairs
-    /// reach.
+    /// Makes an empty list, which the first refresh fills. Pairs are listed up to a gap of `skin` \[m\].
     pub(crate) fn new(body: &BondedParticles, skin: f64) -> Self {
         Self {
             listed: Listed::new(skin),
@@ -235,42 +252,42 @@ impl PairList {
         }
     }
 
-    /// The list, then where bonds broke.
+    /// Writes the list, then the distances at which bonds broke.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         self.listed.save(out);
-        // Infinite for whole bonds, which no finite record may hold: -1 stands for them.
+        // Records hold finite numbers only: -1 stands for infinity.
         let distance = |d: &f64| if d.is_finite() { *d } else { -1.0 };
         out.numbers.extend(self.broken_at.iter().map(distance));
     }
 
-    /// Undoes [`Self::save`]; `None` for a record of another body of `count` particles.
+    /// Restores what [`Self::save`] wrote; `None` for a record of a body with other than `count` particles.
     pub(crate) fn restore(&mut self, count: usize, integers: &[u64], numbers: &[f64]) -> Option<()> {
         let broken = self.listed.restore([count; 2], count, integers, numbers)?;
         if broken.len() != self.broken_at.len() {
             return None;
         }
-        for (to, d) in self.broken_at.iter_mut().zip(broken) {
-            *to = if *d < 0.0 { f64::INFINITY } else { *d };
+        for (target, d) in self.broken_at.iter_mut().zip(broken) {
+            *target = if *d < 0.0 { f64::INFINITY } else { *d };
         }
         Some(())
     }
 
     /// Lists the pair of a bond that just broke.
-    pub(crate) fn add_broken(&mut self, event: &Break, rest: &[Sphere]) {
+    pub(crate) fn add_broken(&mut self, event: &Break, rest_spheres: &[Sphere]) {
         self.broken_at[event.bond as usize] = event.distance;
-        let [a, b] = event.pair.map(|i| &rest[i as usize]);
+        let [a, b] = event.pair.map(|i| &rest_spheres[i as usize]);
         self.listed.pairs.push(Candidate {
             ends: event.pair,
-            rest: rest_of(a, b).min(event.distance),
+            rest_distance: rest_distance_of(a, b).min(event.distance),
         });
         self.listed.springs.push(Spring::default());
     }
 
-    /// Searches anew if a particle has moved by half the skin since the last search.
-    pub(crate) fn refresh(&mut self, now: &[Sphere], rest: &[Sphere], log: &BreakLog) {
+    /// Searches again if a particle has moved by half the skin since the last search.
+    pub(crate) fn refresh(&mut self, now: &[Sphere], rest_spheres: &[Sphere], log: &BreakLog) {
         let (adjacency, broken_at) = (&self.adjacency, &self.broken_at);
         self.listed.refresh(now, None, |i, k| {
-            let limit = rest_of(&rest[i], &rest[k]);
+            let limit = rest_distance_of(&rest_spheres[i], &rest_spheres[k]);
             match bond_between(adjacency, i as u32, k as u32) {
                 Some(b) => log.is_broken(b).then(|| limit.min(broken_at[b])),
                 None => Some(limit),
@@ -279,11 +296,11 @@ impl PairList {
     }
 }
 
-/// Pairs between two bodies, but for those whose particles an interface ties to each other's model.
+/// Pairs between two bodies, except pairs whose two particles an interface between the bodies ties.
 #[derive(Debug)]
 pub(crate) struct CrossList {
     pub(crate) listed: Listed,
-    /// Particles of either body that an interface between the two holds.
+    /// For each particle of either body: true if an interface between the two bodies ties it.
     pub(crate) tied: [Vec<bool>; 2],
 }
 
@@ -295,55 +312,65 @@ impl CrossList {
         }
     }
 
-    /// Searches anew if a particle of either body has moved by half the skin since the last search.
-    pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest: [&[Sphere]; 2]) {
+    /// Searches again if a particle of either body has moved by half the skin since the last search.
+    pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest_spheres: [&[Sphere]; 2]) {
         let tied = &self.tied;
         self.listed.refresh(now[0], Some(now[1]), |i, k| {
-            (!(tied[0][i] && tied[1][k])).then(|| rest_of(&rest[0][i], &rest[1][k]))
+            (!(tied[0][i] && tied[1][k])).then(|| rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]))
         });
     }
 }
 
-/// Box around the centres of spheres, wider by `margin` on every side.
+/// Box around the centres of spheres, widened by `margin` on every side \[m\].
 fn bounds(spheres: &[Sphere], margin: f64) -> ([f64; 3], [f64; 3]) {
     let low = |c: usize| spheres.iter().fold(f64::INFINITY, |m, s| m.min(s[c])) - margin;
     let high = |c: usize| spheres.iter().fold(f64::NEG_INFINITY, |m, s| m.max(s[c])) + margin;
     ([0, 1, 2].map(low), [0, 1, 2].map(high))
 }
 
-/// Spheres displaced by `q`.
-pub(crate) fn displaced(rest: &[Sphere], q: &[f64]) -> Vec<Sphere> {
+/// Returns the spheres displaced by `q` \[m\].
+pub(crate) fn displaced(rest_spheres: &[Sphere], q: &[f64]) -> Vec<Sphere> {
     let moves = q.as_chunks::<3>().0;
     let put = |(s, u): (&Sphere, &[f64; 3])| [s[0] + u[0], s[1] + u[1], s[2] + u[2], s[3]];
-    rest.iter().zip(moves).map(put).collect()
+    rest_spheres.iter().zip(moves).map(put).collect()
 }
 
-/// Unbonded pairs within a body that overlap by more than `tolerance` of their radii beyond rest: how many,
-/// and the largest overlap over the sum of radii.
+/// Counts unbonded pairs within a body that overlap beyond rest by more than `tolerance` times the sum of
+/// their radii. Bonds for which `broken` is true join nothing.
+///
+/// Returns the number of pairs and the largest overlap over the sum of radii, or `None` if there are no
+/// pairs.
 pub(crate) fn overlaps(
     body: &BondedParticles,
     q: &[f64],
     tolerance: f64,
     broken: impl Fn(usize) -> bool,
 ) -> Option<(usize, f64)> {
-    let rest = spheres(body.positions(), body.radii());
-    let now = displaced(&rest, q);
+    let rest_spheres = spheres(body.positions(), body.radii());
+    let now = displaced(&rest_spheres, q);
     let adjacency = body.adjacency();
     let may_touch =
         |i: usize, k: usize| k > i && bond_between(&adjacency, i as u32, k as u32).is_none_or(&broken);
-    count_overlaps([&rest; 2], [&now; 2], tolerance, may_touch)
+    count_overlaps([&rest_spheres; 2], [&now; 2], tolerance, may_touch)
 }
 
-/// The same for the pairs of two bodies.
-pub(crate) fn overlaps_between(rest: [&[Sphere]; 2], q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
-    let [first, second] = [0, 1].map(|m: usize| displaced(rest[m], q[m]));
-    count_overlaps(rest, [&first, &second], tolerance, |_, _| true)
+/// Counts overlapping pairs between two bodies, like [`overlaps`].
+pub(crate) fn overlaps_between(
+    rest_spheres: [&[Sphere]; 2],
+    q: [&[f64]; 2],
+    tolerance: f64,
+) -> Option<(usize, f64)> {
+    let [first, second] = [0, 1].map(|m: usize| displaced(rest_spheres[m], q[m]));
+    count_overlaps(rest_spheres, [&first, &second], tolerance, |_, _| true)
 }
 
-/// Pairs of a sphere of the first and one of the second that overlap by more than `tolerance` of their
-/// radii beyond rest, as far as they may touch: how many, and the largest overlap over the sum of radii.
+/// Counts pairs of a sphere of the first and one of the second slice that overlap beyond rest by more than
+/// `tolerance` times the sum of their radii and for which `may_touch` is true.
+///
+/// Returns the number of pairs and the largest overlap over the sum of radii, or `None` if there are no
+/// pairs.
 pub(crate) fn count_overlaps(
-    rest: [&[Sphere]; 2],
+    rest_spheres: [&[Sphere]; 2],
     now: [&[Sphere]; 2],
     tolerance: f64,
     may_touch: impl Fn(usize, usize) -> bool,
@@ -359,7 +386,8 @@ pub(crate) fn count_overlaps(
         }
         cells.around(a, |j| {
             let (k, b) = (j as usize, &now[1][j as usize]);
-            let overlap = (rest_of(&rest[0][i], &rest[1][k]) - distance(a, b)) / (a[3] + b[3]);
+            let overlap =
+                (rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]) - distance(a, b)) / (a[3] + b[3]);
             if overlap > tolerance && may_touch(i, k) {
                 count += 1;
                 largest = largest.max(overlap);

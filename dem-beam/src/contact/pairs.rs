@@ -1,8 +1,8 @@
-//! Pairs near each other in a body in parts: each rank lists those whose first particle it has.
+//! Near pairs in a partitioned body: each rank lists the pairs whose first particle it owns.
 
 use super::grains::Grains;
 use super::law::Spring;
-use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_of};
+use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_distance_of};
 use super::surrounding::Surrounding;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
@@ -16,16 +16,16 @@ use std::sync::Arc;
 /// Pairs per unit of parallel work.
 const CHUNK: usize = 2_048;
 
-/// How often a wider surrounding is looked for at most, twice as wide each time.
-const WIDER: usize = 60;
+/// Largest number of wider surroundings that are tried, each twice as wide as the one before.
+const MAX_WIDENINGS: usize = 60;
 
-/// Where a pair stands in the list of the whole body: what a search found by its ends, then those of broken
-/// bonds as they broke.
+/// Position of a pair in the list of the whole body: pairs of the last search ordered by their ends, then
+/// pairs of broken bonds in the order of their breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Key {
-    /// From one, in the order of breaks since the last search; zero for what that found.
+    /// Number of the break since the last search, from one; zero for pairs of the search.
     broken: u32,
-    /// Numbers in the whole body.
+    /// Particle numbers in the whole body.
     pub(super) ends: [u32; 2],
 }
 
@@ -35,7 +35,7 @@ impl Key {
         [i64::from(self.broken), (i << 32 | j).cast_signed()]
     }
 
-    fn of([broken, ends]: [i64; 2]) -> Self {
+    fn from_words([broken, ends]: [i64; 2]) -> Self {
         let ends = ends.cast_unsigned();
         Self {
             broken: broken as u32,
@@ -44,89 +44,92 @@ impl Key {
     }
 }
 
-/// A pair whose first particle is here.
+/// A pair whose first particle this rank owns.
 #[derive(Debug, Clone, Copy)]
 struct Near {
     key: Key,
-    /// Distance below which it pushes \[m\]; the distance at the break until the second particle is known.
-    rest: f64,
-    /// Numbers here and among those around; none as long as the second is not known.
-    here: Option<[u32; 2]>,
+    /// Distance \[m\] below which the pair pushes; the distance at the break as long as the second particle
+    /// is unknown.
+    rest_distance: f64,
+    /// Local numbers in [`Surrounding`]; `None` as long as the second particle is unknown.
+    local: Option<[u32; 2]>,
 }
 
-/// The pairs of this rank, and what all ranks know of theirs.
+/// The pairs of this rank, and counts over all ranks.
 #[derive(Debug)]
-pub(super) struct PairsInParts {
+pub(super) struct PartitionedPairs {
     portion: Arc<Portion>,
     skin: f64,
     /// Largest radius of the whole body \[m\].
     largest: f64,
     near: Vec<Near>,
-    /// Searches made, and pairs of all ranks.
+    /// Number of searches, and of pairs on all ranks.
     searches: usize,
-    all: usize,
-    /// Breaks since the last search.
+    total: usize,
+    /// Number of breaks since the last search.
     breaks: u32,
-    /// Spheres here at the last search, if one was made.
+    /// Spheres of this rank at the last search, if there was one.
     built: Option<Vec<Sphere>>,
     cells: CellList,
     around: Option<Surrounding>,
-    /// Whether there may be pairs whose second particle is not known here.
-    strange: bool,
-    /// Bonds of the particles here, with numbers of the whole body, and how many that has.
+    /// True if there may be pairs whose second particle is unknown on this rank.
+    has_unknown: bool,
+    /// Bonds of the owned particles with their numbers in the whole body, and the number of bonds of the
+    /// whole body.
     bonds: Adjacency<[u32; 2]>,
-    all_bonds: usize,
-    /// Distance at which bonds broke \[m\].
+    total_bonds: usize,
+    /// Distance at which each broken bond broke \[m\], by its number in the whole body.
     broken_at: BTreeMap<u32, f64>,
 }
 
-impl PairsInParts {
-    /// Of a whole body before its first step, whose largest particle has a radius of `largest` \[m\].
+impl PartitionedPairs {
+    /// This rank's part of the list of a whole body before its first step. The largest particle of the body
+    /// has the radius `largest` \[m\].
     pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
-        let own = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
+        let bond_rows = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
         Self {
             portion: portion.clone(),
             skin: whole.listed.skin,
             largest,
             near: Vec::new(),
             searches: 0,
-            all: 0,
+            total: 0,
             breaks: 0,
             built: None,
             cells: CellList::default(),
             around: None,
-            strange: true,
-            bonds: Adjacency::from_rows(own),
-            all_bonds: whole.broken_at.len(),
+            has_unknown: true,
+            bonds: Adjacency::from_rows(bond_rows),
+            total_bonds: whole.broken_at.len(),
             broken_at: BTreeMap::new(),
         }
     }
 
-    /// Searches made, and pairs of all ranks.
+    /// Number of searches, and of pairs on all ranks.
     pub(super) fn counts(&self) -> [usize; 2] {
-        [self.searches, self.all]
+        [self.searches, self.total]
     }
 
-    /// Lists the pair of a bond that just broke, on whatever rank.
+    /// Lists the pair of a bond that just broke on any rank.
     pub(super) fn add_broken(&mut self, event: &Break) {
         self.broken_at.insert(event.bond, event.distance);
         self.breaks += 1;
-        self.all += 1;
-        self.strange = true;
+        self.total += 1;
+        self.has_unknown = true;
         if self.portion.local(event.pair[0] as usize).is_some() {
             self.near.push(Near {
                 key: Key {
                     broken: self.breaks,
                     ends: event.pair,
                 },
-                rest: event.distance,
-                here: None,
+                rest_distance: event.distance,
+                local: None,
             });
         }
     }
 
-    /// Searches anew if a particle of any rank has moved by half the skin since the last search, and finds
-    /// out where the particles around are.
+    /// Searches again if a particle of any rank has moved by half the skin since the last search; otherwise
+    /// updates the positions of the surrounding particles. Collective.
     pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
         let stale = self
             .built
@@ -138,7 +141,7 @@ impl PairsInParts {
         if let Some(around) = &mut self.around {
             around.place(&grains.now)?;
         }
-        self.meet(grains)
+        self.find_second_particles(grains)
     }
 
     fn search(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
@@ -147,12 +150,13 @@ impl PairsInParts {
         let reach = 2.0 * self.largest + self.skin;
         let around = Surrounding::new(&self.portion, grains, reach)?;
         let (bonds, broken_at, portion) = (&self.bonds, &self.broken_at, &self.portion);
-        let rest = |i: usize, k: usize| {
-            let (first, second) = (portion.global(i) as u32, around.id(k));
+        let rest_distance = |i: usize, k: usize| {
+            let (first, second) = (portion.global(i) as u32, around.global(k));
             if second <= first {
+                // Each pair belongs to the rank of its end with the lower number.
                 return None;
             }
-            let limit = rest_of(&around.rest[i], &around.rest[k]);
+            let limit = rest_distance_of(&around.rest_spheres[i], &around.rest_spheres[k]);
             match bond_between(bonds, i as u32, second) {
                 Some(b) if !log.is_broken(b) => None,
                 Some(b) => Some(limit.min(broken_at.get(&(b as u32)).copied().unwrap_or(f64::INFINITY))),
@@ -160,33 +164,39 @@ impl PairsInParts {
             }
         };
         let spheres = [&grains.now[..], &around.now[..]];
-        let found = neighbours::search(&mut self.cells, spheres, false, [reach, self.skin], &rest);
-        let near = found.iter().flatten().map(|c| Near {
+        let pairs = neighbours::search(
+            &mut self.cells,
+            spheres,
+            false,
+            [reach, self.skin],
+            &rest_distance,
+        );
+        let near = pairs.iter().flatten().map(|c| Near {
             key: Key {
                 broken: 0,
-                ends: c.ends.map(|k| around.id(k as usize)),
+                ends: c.ends.map(|k| around.global(k as usize)),
             },
-            rest: c.rest,
-            here: Some(c.ends),
+            rest_distance: c.rest_distance,
+            local: Some(c.ends),
         });
         self.near = near.collect();
         self.near.sort_unstable_by_key(|n| n.key);
         let counts = self.portion.listed(&[self.near.len() as i64])?;
-        self.all = counts.iter().sum::<i64>() as usize;
-        (self.breaks, self.strange, self.around) = (0, false, Some(around));
+        self.total = counts.iter().sum::<i64>() as usize;
+        (self.breaks, self.has_unknown, self.around) = (0, false, Some(around));
         Ok(())
     }
 
-    /// Gets to know the second particles of pairs that a search has not found.
-    fn meet(&mut self, grains: &Grains) -> Result<(), RankError> {
-        if !std::mem::take(&mut self.strange) {
+    /// Finds the second particles of pairs that the search did not find. Collective.
+    fn find_second_particles(&mut self, grains: &Grains) -> Result<(), RankError> {
+        if !std::mem::take(&mut self.has_unknown) {
             return Ok(());
         }
-        // Particles have moved by less than half the skin each since they were near.
+        // Particles were near each other and have each moved by less than half the skin since then.
         let mut reach = 2.0 * (self.largest + self.skin);
-        for _ in 0..WIDER {
+        for _ in 0..MAX_WIDENINGS {
             let known = self.around.as_ref();
-            let unknown = |n: &Near| known.and_then(|a| a.find(n.key.ends[1])).is_none();
+            let unknown = |n: &Near| known.and_then(|a| a.local(n.key.ends[1])).is_none();
             if !self
                 .portion
                 .any(known.is_none() || self.near.iter().any(unknown))?
@@ -197,94 +207,99 @@ impl PairsInParts {
             self.near
                 .iter_mut()
                 .filter(|n| n.key.broken == 0)
-                .for_each(|n| n.here = None);
+                .for_each(|n| n.local = None);
             reach *= 2.0;
         }
         let Some(around) = &self.around else { return Ok(()) };
         for n in &mut self.near {
-            let [Some(i), Some(k)] = n.key.ends.map(|id| around.find(id)) else {
+            let [Some(i), Some(k)] = n.key.ends.map(|id| around.local(id)) else {
                 continue;
             };
-            if n.here.is_none() && n.key.broken > 0 {
-                let limit = rest_of(&around.rest[i as usize], &around.rest[k as usize]);
-                n.rest = n.rest.min(limit);
+            if n.local.is_none() && n.key.broken > 0 {
+                let limit =
+                    rest_distance_of(&around.rest_spheres[i as usize], &around.rest_spheres[k as usize]);
+                n.rest_distance = n.rest_distance.min(limit);
             }
-            n.here = Some([i, k]);
+            n.local = Some([i, k]);
         }
         Ok(())
     }
 
-    /// Pairs of all ranks that push now, in the order of the whole body, with the distance at which each
-    /// begins to.
-    pub(super) fn closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
+    /// Gathers the pairs of all ranks that push now, in the order of the whole body, with the distance \[m\]
+    /// at which each begins to push. Collective.
+    pub(super) fn gather_closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
-            n.here
-                .is_some_and(|[i, k]| n.rest - distance(&now[i as usize], &now[k as usize]) > 0.0)
+            n.local
+                .is_some_and(|[i, k]| n.rest_distance - distance(&now[i as usize], &now[k as usize]) > 0.0)
         };
-        let own = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
-        let own: Vec<&Near> = own.collect();
-        let words = own.iter().flat_map(|n| {
+        let pushing = self.near.par_iter().with_min_len(CHUNK).filter(pushes);
+        let pushing: Vec<&Near> = pushing.collect();
+        let words = pushing.iter().flat_map(|n| {
             let [broken, ends] = n.key.words();
-            [broken, ends, n.rest.to_bits().cast_signed()]
+            [broken, ends, n.rest_distance.to_bits().cast_signed()]
         });
-        let all = self.portion.listed(&words.collect::<Vec<i64>>())?;
-        let all = all.as_chunks::<3>().0.iter();
-        let all =
-            all.map(|[broken, ends, rest]| (Key::of([*broken, *ends]), f64::from_bits(rest.cast_unsigned())));
-        let mut all: Vec<(Key, f64)> = all.collect();
-        all.sort_unstable_by_key(|p| p.0);
-        Ok(all)
+        let gathered = self.portion.listed(&words.collect::<Vec<i64>>())?;
+        let gathered = gathered.as_chunks::<3>().0.iter();
+        let gathered = gathered.map(|[broken, ends, rest]| {
+            (
+                Key::from_words([*broken, *ends]),
+                f64::from_bits(rest.cast_unsigned()),
+            )
+        });
+        let mut gathered: Vec<(Key, f64)> = gathered.collect();
+        gathered.sort_unstable_by_key(|p| p.0);
+        Ok(gathered)
     }
 
-    /// The list of the whole body on the first rank, without its springs; none on the others. All ranks
-    /// must ask.
-    pub(super) fn whole(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
+    /// Gathers the list of the whole body, without its springs, on rank 0 (`None` elsewhere). Collective.
+    pub(super) fn gather_list(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
-            [f64::from(n.key.broken), i, j, n.rest]
+            [f64::from(n.key.broken), i, j, n.rest_distance]
         };
-        let own: Vec<f64> = self.near.iter().flat_map(numbers).collect();
-        let all = self.portion.listed_on_first(&own)?;
+        let sent: Vec<f64> = self.near.iter().flat_map(numbers).collect();
+        let gathered = self.portion.listed_on_first(&sent)?;
         let built = match &self.built {
             Some(spheres) => self.portion.collect(4, spheres.as_flattened())?,
             None => Some(Vec::new()),
         };
-        let (Some(all), Some(built)) = (all, built) else {
+        let (Some(gathered), Some(built)) = (gathered, built) else {
             return Ok(None);
         };
-        let mut all = all.as_chunks::<4>().0.to_vec();
-        all.sort_unstable_by(|a, b| a[..3].partial_cmp(&b[..3]).unwrap_or(std::cmp::Ordering::Equal));
+        let mut gathered = gathered.as_chunks::<4>().0.to_vec();
+        gathered.sort_unstable_by(|a, b| a[..3].partial_cmp(&b[..3]).unwrap_or(std::cmp::Ordering::Equal));
         let mut list = Listed::new(self.skin);
         let ends = |x: &[f64; 4]| [x[1] as u32, x[2] as u32];
-        list.pairs = all
+        list.pairs = gathered
             .iter()
             .map(|x| Candidate {
                 ends: ends(x),
-                rest: x[3],
+                rest_distance: x[3],
             })
             .collect();
-        list.springs = vec![Spring::default(); all.len()];
+        list.springs = vec![Spring::default(); gathered.len()];
         list.searches = self.searches;
         list.built = built.as_chunks::<4>().0.to_vec();
         let key = |x: &[f64; 4]| Key {
             broken: x[0] as u32,
             ends: ends(x),
         };
-        Ok(Some((all.iter().map(key).collect(), list)))
+        Ok(Some((gathered.iter().map(key).collect(), list)))
     }
 
-    /// Where bonds of the whole body broke, behind its list, as [`PairList::save`] has it.
+    /// Appends the distances at which bonds of the whole body broke, in the format of [`PairList::save`].
     pub(super) fn save_broken(&self, out: &mut Record<f64>) {
-        let all = 0..self.all_bonds as u32;
+        let bonds = 0..self.total_bonds as u32;
         out.numbers
-            .extend(all.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
+            .extend(bonds.map(|b| self.broken_at.get(&b).copied().unwrap_or(-1.0)));
     }
 
-    /// Goes back to a list of the whole body and the distances at which its bonds broke; where each of its
-    /// pairs stands. `None` for those of another body.
+    /// Restores this rank's pairs from a list of the whole body and the distances at which its bonds broke.
+    ///
+    /// Returns the key of each listed pair, or `None` for a list of another body.
     pub(super) fn restore(&mut self, list: &Listed, broken: &[f64]) -> Option<Vec<Key>> {
-        if broken.len() != self.all_bonds {
+        if broken.len() != self.total_bonds {
             return None;
         }
         let gone = (0..).zip(broken).filter(|(_, d)| **d >= 0.0);
@@ -293,7 +308,8 @@ impl PairsInParts {
         let mut last = [0, 0];
         let mut keys = Vec::with_capacity(list.pairs.len());
         for pair in &list.pairs {
-            // Behind what the last search found stand pairs of broken bonds.
+            // Pairs of broken bonds follow those of the last search, which are sorted: the first pair out of
+            // order ends the search's part.
             if self.breaks > 0 || pair.ends < last {
                 self.breaks += 1;
             }
@@ -303,19 +319,19 @@ impl PairsInParts {
                 ends: pair.ends,
             });
         }
-        let here = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
-        let near = keys.iter().zip(&list.pairs).filter(|(key, _)| here(key));
+        let is_owned = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
+        let near = keys.iter().zip(&list.pairs).filter(|(key, _)| is_owned(key));
         self.near = near
             .map(|(key, pair)| Near {
                 key: *key,
-                rest: pair.rest,
-                here: None,
+                rest_distance: pair.rest_distance,
+                local: None,
             })
             .collect();
-        (self.searches, self.all) = (list.searches, keys.len());
-        let own = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
-        self.built = (!list.built.is_empty()).then(|| own().collect());
-        (self.around, self.strange) = (None, true);
+        (self.searches, self.total) = (list.searches, keys.len());
+        let owned_spheres = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
+        self.built = (!list.built.is_empty()).then(|| owned_spheres().collect());
+        (self.around, self.has_unknown) = (None, true);
         Some(keys)
     }
 }

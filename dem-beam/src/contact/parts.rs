@@ -1,14 +1,14 @@
-//! Contact within a body in parts on several ranks.
+//! Contact within a partitioned body.
 //!
-//! A rank lists and measures the pairs whose first particle it has, with the particles of others that are
-//! around. Pairs that push are told to all ranks, and these take them together ([`Company`]).
+//! Each rank lists and measures the pairs whose first particle it owns, with the surrounding particles of
+//! other ranks. Closed pairs are gathered on all ranks, and every rank computes all of them ([`Gathered`]).
 
 use super::Contacts;
-use super::company::Company;
+use super::gathered::Gathered;
 use super::grains::Grains;
 use super::law::Spring;
 use super::neighbours::{Candidate, Listed};
-use super::pairs::{Key, PairsInParts};
+use super::pairs::{Key, PartitionedPairs};
 use super::touching::Touching;
 use super::{add, grains};
 use crate::fracture::{SharedLog, locked};
@@ -19,38 +19,37 @@ use arlequin_core::{Arms, DofLayout};
 use std::slice::{from_mut, from_ref};
 use std::sync::Arc;
 
-/// Contact between the particles of all ranks, as one of these takes part in it.
+/// Contact between the particles of all ranks, as one rank computes it.
 #[derive(Debug)]
-pub(super) struct ContactsInParts {
+pub(super) struct PartitionedContacts {
     portion: Arc<Portion>,
     grains: Grains,
     /// Largest radius of the whole body \[m\].
     largest: f64,
     log: SharedLog,
     seen: usize,
-    list: PairsInParts,
+    list: PartitionedPairs,
     touching: Touching,
-    /// Pairs that push, of all ranks in the order of the whole body, and where they stand in its list.
+    /// Closed pairs of all ranks in the order of the whole body, and their keys in its list.
     closed: Listed,
     keys: Vec<Key>,
-    company: Company,
+    gathered: Gathered,
 }
 
-impl ContactsInParts {
-    /// The part of contact in a whole body that belongs to the particles here; `of` names the effect in
-    /// errors.
+impl PartitionedContacts {
+    /// This rank's part of the contact in a whole body; `effect` is the effect's name in errors.
     pub(super) fn new(
         whole: Contacts,
         portion: &Arc<Portion>,
-        to: &Host<'_, f64>,
-        of: &str,
+        host: &Host<'_, f64>,
+        effect: &str,
     ) -> arlequin_core::Result<Self> {
         let mut grains = whole.grains;
         let largest = grains.largest();
-        grains.share_out(portion, of)?;
-        grains.attach(to, of)?;
+        grains.restrict(portion, effect)?;
+        grains.attach(host, effect)?;
         Ok(Self {
-            list: PairsInParts::new(whole.list, portion, largest),
+            list: PartitionedPairs::new(whole.list, portion, largest),
             portion: portion.clone(),
             grains,
             largest,
@@ -59,12 +58,13 @@ impl ContactsInParts {
             touching: whole.touching,
             closed: Listed::new(0.0),
             keys: Vec::new(),
-            company: Company::default(),
+            gathered: Gathered::default(),
         })
     }
 
-    /// All pairs that push now, on whatever rank, in the order of the whole body; where each begins to.
-    fn push(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
+    /// Gathers all pairs that push now on any rank, in the order of the whole body, with the distance at
+    /// which each begins to push. Collective.
+    fn gather_pushing(&mut self) -> Result<Vec<(Key, f64)>, RankError> {
         let log = locked(&self.log);
         for event in &log.events()[self.seen..] {
             self.list.add_broken(event);
@@ -72,27 +72,27 @@ impl ContactsInParts {
         self.seen = log.events().len();
         self.list.refresh(&self.grains, &log)?;
         drop(log);
-        self.list.closed()
+        self.list.gather_closed()
     }
 
-    /// What the contacts of all pairs remember of the last step.
+    /// Returns the springs of all pairs after the last step.
     fn springs(&self, pairs: &[(Key, f64)]) -> Vec<Spring> {
         let old = self.keys.iter().map(|k| k.ends).zip(&self.closed.springs);
         let mut old: Vec<([u32; 2], &Spring)> = old.collect();
         old.sort_unstable_by_key(|o| o.0);
-        let of = |(key, _): &(Key, f64)| {
+        let spring_of = |(key, _): &(Key, f64)| {
             let k = old.binary_search_by_key(&key.ends, |o| o.0).ok()?;
             Some(*old[k].1)
         };
-        pairs.iter().map(|p| of(p).unwrap_or_default()).collect()
+        pairs.iter().map(|p| spring_of(p).unwrap_or_default()).collect()
     }
 
-    /// Takes all contacts together with the other ranks.
-    fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
-        let pairs = self.push()?;
-        // Those that pushed in the last step too: their budgets are not settled yet.
-        let here = |place: usize| self.company.here(place);
-        let mut members: Vec<u32> = self.touching.on_ends(&here).map(|e| e.0 as u32).collect();
+    /// Computes all contacts together with the other ranks. Collective.
+    fn respond(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> Result<(), RankError> {
+        let pairs = self.gather_pushing()?;
+        // Particles that touched in the last step are included: their budgets are not settled yet.
+        let local = |place: usize| self.gathered.local(place);
+        let mut members: Vec<u32> = self.touching.end_forces(&local).map(|e| e.0 as u32).collect();
         let now = pairs.iter().flat_map(|p| p.0.ends);
         members.extend(
             now.filter_map(|id| self.portion.local(id as usize))
@@ -100,16 +100,17 @@ impl ContactsInParts {
         );
         members.sort_unstable();
         members.dedup();
-        let (company, mut grains, mut forces) = Company::hear(&self.portion, &members, &self.grains, at, f)?;
-        let place = |id: u32| company.place(id).unwrap_or_default() as u32;
-        let before = &self.company.ids;
+        let (gathered, mut grains, mut forces) =
+            Gathered::gather(&self.portion, &members, &self.grains, instant, f)?;
+        let place = |id: u32| gathered.place(id).unwrap_or_default() as u32;
+        let before = &self.gathered.ids;
         self.touching.renumber(|p| place(before[p as usize]));
-        let now = company.at(at);
+        let now = gathered.instant(instant);
         self.touching.settle(&mut self.closed, from_ref(&now));
         let springs = self.springs(&pairs);
-        let candidate = |(key, rest): &(Key, f64)| Candidate {
+        let candidate = |(key, distance): &(Key, f64)| Candidate {
             ends: key.ends.map(place),
-            rest: *rest,
+            rest_distance: *distance,
         };
         self.closed.pairs = pairs.iter().map(candidate).collect();
         self.closed.springs = springs;
@@ -120,14 +121,14 @@ impl ContactsInParts {
             from_ref(&now),
             &mut [&mut forces],
         );
-        company.deliver(&forces, f);
-        self.company = company;
+        gathered.deliver(&forces, f);
+        self.gathered = gathered;
         Ok(())
     }
 
-    /// As the whole body saves it, on the first rank; nothing on the others.
+    /// Returns the record that the whole body would save, on rank 0; empty elsewhere. Collective.
     fn recorded(&self) -> Result<Record<f64>, RankError> {
-        let Some((keys, mut list)) = self.list.whole()? else {
+        let Some((keys, mut list)) = self.list.gather_list()? else {
             return Ok(Record::default());
         };
         let place = |key: &Key| keys.binary_search(key).unwrap_or_default();
@@ -146,7 +147,7 @@ impl ContactsInParts {
         Ok(out)
     }
 
-    /// Undoes [`Self::recorded`] from the record of the whole body; `None` for one of another body.
+    /// Restores the record of the whole body; `None` for a record of another body.
     fn recall(&mut self, from: &Record<f64>) -> Option<()> {
         let count = self.portion.division().nodes();
         let (seen, integers) = from.integers.split_first()?;
@@ -156,26 +157,26 @@ impl ContactsInParts {
         let broken = list.restore([count; 2], count, integers, numbers)?;
         self.touching.find(&list)?;
         let keys = self.list.restore(&list, broken)?;
-        let on: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].on).collect();
-        let mut ids: Vec<u32> = on.iter().flat_map(|k| keys[*k].ends).collect();
+        let closed_pairs: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].closed).collect();
+        let mut ids: Vec<u32> = closed_pairs.iter().flat_map(|k| keys[*k].ends).collect();
         ids.sort_unstable();
         ids.dedup();
-        self.company = Company::of(ids);
-        self.company.find(&self.portion);
+        self.gathered = Gathered::from_ids(ids);
+        self.gathered.find_owned(&self.portion);
         for pair in self.touching.pushing() {
-            *pair = on.binary_search(pair).ok()?;
+            *pair = closed_pairs.binary_search(pair).ok()?;
         }
-        let company = &self.company;
+        let gathered = &self.gathered;
         self.touching
-            .renumber(|id| company.place(id).unwrap_or_default() as u32);
-        self.closed.pairs = on.iter().map(|k| list.pairs[*k]).collect();
-        self.closed.springs = on.iter().map(|k| list.springs[*k]).collect();
-        self.keys = on.iter().map(|k| keys[*k]).collect();
+            .renumber(|id| gathered.place(id).unwrap_or_default() as u32);
+        self.closed.pairs = closed_pairs.iter().map(|k| list.pairs[*k]).collect();
+        self.closed.springs = closed_pairs.iter().map(|k| list.springs[*k]).collect();
+        self.keys = closed_pairs.iter().map(|k| keys[*k]).collect();
         Some(())
     }
 }
 
-impl AnyEffect<f64> for ContactsInParts {
+impl AnyEffect<f64> for PartitionedContacts {
     fn name(&self) -> &str {
         "contact"
     }
@@ -188,7 +189,7 @@ impl AnyEffect<f64> for ContactsInParts {
         true
     }
 
-    /// What goes wrong between ranks is kept for [`Portion::failure`].
+    /// Errors between ranks are kept for [`Portion::failure`].
     fn save(&self) -> Record<f64> {
         self.recorded().unwrap_or_default()
     }
@@ -215,28 +216,29 @@ impl AnyEffect<f64> for ContactsInParts {
     }
 }
 
-impl Effect<f64> for ContactsInParts {
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.grains.place(at.q);
-        Ok(self.respond(at, f)?)
+impl Effect<f64> for PartitionedContacts {
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.grains.place(instant.q);
+        Ok(self.respond(instant, f)?)
     }
 
-    /// Of the particles here.
+    /// Power on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
-        let here = |place: usize| self.company.here(place);
-        let ends = self.touching.on_ends(&here);
+        let local = |place: usize| self.gathered.local(place);
+        let ends = self.touching.end_forces(&local);
         ends.map(|(i, force, torque)| grains::power(v, i, &force, &torque))
             .sum()
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
-        self.touching.add_power(v, &|place| self.company.here(place), to);
+    fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
+        self.touching
+            .add_power(v, &|place| self.gathered.local(place), sum);
         true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        let here = |place: usize| self.company.here(place);
-        for (i, force, torque) in self.touching.on_ends(&here) {
+        let local = |place: usize| self.gathered.local(place);
+        for (i, force, torque) in self.touching.end_forces(&local) {
             add(f, i, &force, &torque);
         }
         true

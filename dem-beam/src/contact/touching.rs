@@ -1,4 +1,4 @@
-//! Contacts that push, between the particles of one model or of two.
+//! Closed contacts between the particles of one model or of two.
 
 use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
@@ -10,37 +10,37 @@ use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Contacts with their full stiffness that a particle may have beside its bonds.
+/// Allowance for the critical step: contacts of full stiffness that a particle may have beside its bonds.
 pub const STIFF_CONTACTS: f64 = 4.0;
 
-/// Contacts that may be damped at a time.
+/// Allowance for the critical step: contacts of a particle that may be damped at the same time.
 pub const DAMPED_CONTACTS: f64 = 2.0;
 
 /// Pairs per unit of parallel work.
 const CHUNK: usize = 2_048;
 
-/// Numbers and integers of a push in a record.
+/// Numbers and integers of a closed contact in a record.
 const WIDTH: [usize; 2] = [11, 1];
 
-/// Where a contact acts and what it did in the last step.
+/// A closed contact: its particles and its response in the last step.
 #[derive(Debug, Clone, Copy)]
 struct Active {
-    /// Number in the list.
+    /// Place in the list.
     pair: usize,
     ends: [u32; 2],
-    /// Force on the second particle \[N\], the first feels its opposite.
+    /// Force on the second particle \[N\]; the first feels the opposite force.
     force: Vector3<f64>,
-    /// Generalised torques on both \[N m\].
+    /// Generalised torques on both particles \[N m\].
     torque: [Vector3<f64>; 2],
     stored: f64,
-    /// Power on the velocity after the step, as far as the forces on the particles were known \[W\].
+    /// Power on the velocity after the step, from the forces that were known \[W\].
     expected: f64,
 }
 
-/// The contacts of a list: their law, what they do, what they remember beside their springs.
+/// Contacts of a list: their law, their responses, and the state they keep beside their springs.
 ///
-/// `grains`, instants and forces come in slices of one (both ends in the same model) or two (first ends in
-/// the first).
+/// `grains`, instants and forces come in slices of one element (both ends in the same model) or of two (first
+/// ends in the first model).
 #[derive(Debug)]
 pub(crate) struct Touching {
     law: BudgetedLaw,
@@ -51,7 +51,7 @@ pub(crate) struct Touching {
 }
 
 impl Touching {
-    /// Integers of a record before the pairs that push.
+    /// Number of integers that precede the closed contacts in a record.
     pub(crate) const COUNTS: usize = 4;
 
     pub(crate) fn new(law: ContactLaw) -> Self {
@@ -64,29 +64,29 @@ impl Touching {
         }
     }
 
-    /// Corrects the budgets by what forces that were not known did in the step just made: multipliers,
-    /// prescribed motion, effects that come later. Call it before the list changes.
-    pub(crate) fn settle(&mut self, listed: &mut Listed, at: &[Instant<'_, f64>]) {
+    /// Corrects the budgets for the work of forces in the last step that were unknown when contacts were
+    /// computed: multipliers, prescribed motion, later effects. Must be called before the list changes.
+    pub(crate) fn settle(&mut self, listed: &mut Listed, instants: &[Instant<'_, f64>]) {
         self.calls += 1;
-        let dt = at[0].dt;
+        let dt = instants[0].dt;
         for a in &self.active {
-            let power = a.power([at[0].v_half, at[at.len() - 1].v_half]);
+            let power = a.power([instants[0].v_half, instants[instants.len() - 1].v_half]);
             listed.springs[a.pair].budget -= 0.5 * dt * (power - a.expected);
         }
     }
 
-    /// Whether there was an instant before.
+    /// Returns whether forces have been computed at an earlier instant.
     pub(crate) fn has_been_called(&self) -> bool {
         self.calls > 0
     }
 
-    /// Overlaps \[m\] of all listed pairs.
+    /// Computes the overlaps \[m\] of all listed pairs; negative for open pairs.
     fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
         self.gaps.resize(pairs.len(), 0.0);
         let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
         let gap = |(g, p): (&mut f64, &Candidate)| {
             let (a, b) = (&first[p.ends[0] as usize], &second[p.ends[1] as usize]);
-            *g = p.rest - distance(a, b);
+            *g = p.rest_distance - distance(a, b);
         };
         if pairs.len() > 2 * CHUNK && rayon::current_num_threads() > 1 {
             self.gaps
@@ -99,23 +99,22 @@ impl Touching {
         }
     }
 
-    /// Adds the forces of all closed contacts, pair after pair.
+    /// Computes all closed contacts and adds their forces to `f`, pair after pair.
     pub(crate) fn respond(
         &mut self,
         listed: &mut Listed,
         grains: &mut [Grains],
-        at: &[Instant<'_, f64>],
+        instants: &[Instant<'_, f64>],
         f: &mut [&mut [f64]],
     ) {
         self.measure(&listed.pairs, grains);
         self.active.clear();
-        self.law.begin(at[0].dt);
+        self.law.begin(instants[0].dt);
         let count = self.gaps.len();
-        // One after the other, unlike the gaps: a contact works on the velocity that those before it have
-        // left.
+        // Sequential, unlike the gaps: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
-            // To and fro: what a particle shared by two contacts carries from one budget to the other evens
-            // out.
+            // The order alternates: energy that a particle shared by two contacts moves between their budgets
+            // then evens out over the steps.
             let k = if self.calls.is_multiple_of(2) {
                 n
             } else {
@@ -123,20 +122,22 @@ impl Touching {
             };
             let spring = &mut listed.springs[k];
             if self.gaps[k] > 0.0 {
-                self.close(k, listed.pairs[k].ends, spring, grains, at, f);
-            } else if spring.on {
+                self.close(k, listed.pairs[k].ends, spring, grains, instants, f);
+            } else if spring.closed {
+                // An open contact forgets its sliding, its rolling and its budget.
                 *spring = Spring::default();
             }
         }
-        self.law.end(at[0].dt);
+        self.law.end(instants[0].dt);
         let last = grains.len() - 1;
+        // The expected power needs the forces of all contacts, so it follows the loop.
         for a in &mut self.active {
             let [i, j] = a.ends.map(|e| e as usize);
             let after = [
-                grains[0].end(&at[0], f[0], i).after,
-                grains[last].end(&at[last], f[last], j).after,
+                grains[0].end(&instants[0], f[0], i).after,
+                grains[last].end(&instants[last], f[last], j).after,
             ];
-            a.expected = a.on(after);
+            a.expected = a.power_of_ends(after);
         }
         for a in &self.active {
             for (m, e) in [0, last].into_iter().zip(a.ends) {
@@ -152,19 +153,19 @@ impl Touching {
         ends: [u32; 2],
         spring: &mut Spring,
         grains: &mut [Grains],
-        at: &[Instant<'_, f64>],
+        instants: &[Instant<'_, f64>],
         f: &[&mut [f64]],
     ) {
         let [i, j] = ends.map(|e| e as usize);
         let last = grains.len() - 1;
-        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], at);
-        let both = || {
+        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], instants);
+        let end_states = || {
             [
-                grains[0].end(&at[0], f[0], i),
-                grains[last].end(&at[last], f[last], j),
+                grains[0].end(&instants[0], f[0], i),
+                grains[last].end(&instants[last], f[last], j),
             ]
         };
-        let r = self.law.respond(&pair, true, both, at[0].dt, spring);
+        let r = self.law.respond(&pair, true, end_states, instants[0].dt, spring);
         grains[0].push(i, &-r.force, &r.torque[0]);
         grains[last].push(j, &r.force, &r.torque[1]);
         self.active.push(Active {
@@ -177,7 +178,7 @@ impl Touching {
         });
     }
 
-    /// Adds the forces on the particles of one side, or of both where they are of one model.
+    /// Adds the forces on the particles of one side, or of both sides if they belong to one model.
     pub(crate) fn add_to(&self, sides: &[usize], f: &mut [f64]) {
         for a in &self.active {
             for &side in sides {
@@ -191,31 +192,31 @@ impl Touching {
         self.active.iter().map(|a| a.power(v)).sum()
     }
 
-    /// The same within one model, a term per end that is `here`, with its number there.
-    pub(crate) fn add_power(&self, v: &[f64], here: &dyn Fn(usize) -> Option<usize>, to: &mut Exact) {
-        for (i, force, torque) in self.on_ends(here) {
-            to.add(grains::power(v, i, &force, &torque));
+    /// Adds the power of each end for which `local` returns a number, within one model, as separate terms.
+    pub(crate) fn add_power(&self, v: &[f64], local: &dyn Fn(usize) -> Option<usize>, sum: &mut Exact) {
+        for (i, force, torque) in self.end_forces(local) {
+            sum.add(grains::power(v, i, &force, &torque));
         }
     }
 
-    /// Forces and torques on all ends that are `here`, with their numbers there, within one model.
-    pub(crate) fn on_ends<'a>(
+    /// Iterates over forces and torques on all ends within one model for which `local` returns their number.
+    pub(crate) fn end_forces<'a>(
         &'a self,
-        here: &'a dyn Fn(usize) -> Option<usize>,
+        local: &'a dyn Fn(usize) -> Option<usize>,
     ) -> impl Iterator<Item = (usize, Vector3<f64>, Vector3<f64>)> + 'a {
-        let of = move |a: &'a Active| {
+        let both_ends = move |a: &'a Active| {
             let signed = [-a.force, a.force];
-            (0..2).filter_map(move |e| Some((here(a.ends[e] as usize)?, signed[e], a.torque[e])))
+            (0..2).filter_map(move |e| Some((local(a.ends[e] as usize)?, signed[e], a.torque[e])))
         };
-        self.active.iter().flat_map(of)
+        self.active.iter().flat_map(both_ends)
     }
 
-    /// Gives the ends of what pushed in the last step other numbers.
+    /// Renumbers the particles of the closed contacts.
     pub(crate) fn renumber(&mut self, number: impl Fn(u32) -> u32) {
         self.active.iter_mut().for_each(|a| a.ends = a.ends.map(&number));
     }
 
-    /// Pairs that pushed in the last step, by their places in the list.
+    /// Iterates over the list places of the pairs that pushed in the last step.
     pub(crate) fn pushing(&mut self) -> impl Iterator<Item = &mut usize> {
         self.active.iter_mut().map(|a| &mut a.pair)
     }
@@ -228,7 +229,7 @@ impl Touching {
         self.law.supplied
     }
 
-    /// What contacts demand of particles with the largest `k/m` of `top`.
+    /// Demand of contacts on the step, for particles with the largest `k/m` of `top` \[1/s²\].
     pub(crate) fn demand(&self, top: f64) -> StepDemand<f64> {
         let [stiffness, damping] = self.law.law.demand(top);
         StepDemand {
@@ -242,7 +243,7 @@ impl Touching {
         self.law.law.stiffness(radii)
     }
 
-    /// Figures, with the searches and pairs of the list.
+    /// Figures for reports, with the numbers of searches and pairs of the list.
     pub(crate) fn facts(&self, [searches, pairs]: [usize; 2]) -> Vec<(String, f64)> {
         vec![
             ("contacts".into(), self.active.len() as f64),
@@ -253,7 +254,8 @@ impl Touching {
         ]
     }
 
-    /// Integers: counts, then the pair of each push. Numbers: energy at the start, then each push.
+    /// Writes the state. Integers: counts, then the pair of each closed contact. Numbers: energy at the
+    /// start, then each contact.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         let counts = [
             self.calls,
@@ -272,7 +274,8 @@ impl Touching {
         }
     }
 
-    /// Undoes [`Self::save`] on the head of a record and returns its rest; the list must have been restored.
+    /// Restores what [`Self::save`] wrote and returns the remaining integers and numbers. The list must be
+    /// restored as well.
     pub(crate) fn restore<'a>(
         &mut self,
         integers: &'a [u64],
@@ -301,7 +304,7 @@ impl Touching {
         Some((integers, numbers))
     }
 
-    /// Tells the restored pushes which particles they are on; `None` if the list does not know a pair.
+    /// Sets the particles of the restored contacts from the list; `None` if a pair is not in the list.
     pub(crate) fn find(&mut self, listed: &Listed) -> Option<()> {
         for a in &mut self.active {
             a.ends = listed.pairs.get(a.pair)?.ends;
@@ -311,27 +314,28 @@ impl Touching {
 }
 
 impl Active {
-    /// Power on the velocities of the models of both ends.
+    /// Power on the velocities `v` of the models of both ends \[W\].
     fn power(&self, v: [&[f64]; 2]) -> f64 {
         let [i, j] = self.ends.map(|e| e as usize);
         grains::power(v[0], i, &-self.force, &self.torque[0])
             + grains::power(v[1], j, &self.force, &self.torque[1])
     }
 
-    /// Power on the velocities of both ends.
-    fn on(&self, ends: [[f64; 6]; 2]) -> f64 {
-        let one = |v: &[f64; 6], force: &Vector3<f64>, torque: &Vector3<f64>| {
+    /// Power on the velocities of both ends \[W\].
+    fn power_of_ends(&self, ends: [[f64; 6]; 2]) -> f64 {
+        let end_power = |v: &[f64; 6], force: &Vector3<f64>, torque: &Vector3<f64>| {
             force.dot(&grains::three(v, 0)) + torque.dot(&grains::three(v, 3))
         };
-        one(&ends[0], &-self.force, &self.torque[0]) + one(&ends[1], &self.force, &self.torque[1])
+        end_power(&ends[0], &-self.force, &self.torque[0]) + end_power(&ends[1], &self.force, &self.torque[1])
     }
 }
 
-fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f64>]) -> Pair {
+fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, instants: &[Instant<'_, f64>]) -> Pair {
     let (a, b) = (&grains[0].now[i], &grains[1].now[j]);
     let d = Vector3::new(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
     let distance = d.norm();
     Pair {
+        // Any direction will do for centres in one place.
         normal: if distance > 0.0 {
             d / distance
         } else {
@@ -339,12 +343,13 @@ fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, at: &[Instant<'_, f6
         },
         gap,
         radii: [a[3], b[3]],
+        // The point of contact divides the distance of the centres in proportion to the radii.
         arms: [a[3], b[3]].map(|r| distance * r / (a[3] + b[3])),
         share: grains[0].share[i].min(grains[1].share[j]),
         inverse_mass: grains[0].inverse_mass(i) + grains[1].inverse_mass(j),
         motion: [
-            grains[0].motion(&at[0], i),
-            grains[1].motion(&at[at.len() - 1], j),
+            grains[0].motion(&instants[0], i),
+            grains[1].motion(&instants[instants.len() - 1], j),
         ],
     }
 }

@@ -1,19 +1,21 @@
-//! Broken bonds that are near each other: cracks, and how many of their bonds lie in an overlap.
+//! Cracks: sets of broken bonds near each other, with the number of their bonds in overlaps.
 //!
-//! Two broken bonds belong to the same crack if their middles are no farther apart than [`NEAR`] times the
-//! longer of them is long: in a lattice that is the next bond of a plane crack, in a packing about twenty
-//! bonds are so near.
+//! Two broken bonds belong to the same crack if their middles are at most [`NEAR`] times the longer bond's
+//! length apart. In a lattice this reaches the next bond of a plane crack; in a packing about twenty bonds
+//! are that near.
 
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
-/// Broken bonds of one crack in overlaps from which on the crack has run into the overlap. A crack breaks two
-/// bonds per square of a particle's diameter, so these are three such squares of it. Strengths scatter, so
-/// that single bonds break far from every crack: of 20 stray bonds at random among 5 000, two are near each
-/// other in half of the draws, four in 2 of 1 000 and six in none of 6 000; of 50, six in 3 of 1 000.
+/// Number of a crack's bonds in overlaps from which on it has run into the overlap.
+///
+/// A crack breaks two bonds per square of a particle's diameter, so this is an area of three such squares.
+/// Strengths scatter, so that single bonds break far from every crack. Of 20 stray bonds at random among 5
+/// 000, two are near each other in half of the draws, four in 2 of 1 000 and six in none of 6 000; of 50, six
+/// in 3 of 1 000.
 pub const CRACK: usize = 6;
 
-/// Distance of the middles over the length of a bond up to which broken bonds belong to one crack.
+/// Largest distance of two broken bonds of one crack, from middle to middle, over the longer bond's length.
 const NEAR: f64 = 1.1;
 
 /// A broken bond.
@@ -21,27 +23,28 @@ const NEAR: f64 = 1.1;
 struct Broken {
     place: Vector3<f64>,
     length: f64,
-    /// Another bond of the crack, itself for the one that stands for it.
+    /// Another bond of the same crack; the bond itself if it represents the crack.
     parent: usize,
-    /// Bonds of the crack that lie in overlaps, for the one that stands for it.
+    /// Number of the crack's bonds in overlaps; valid for the bond that represents the crack.
     in_overlap: usize,
 }
 
-/// Broken bonds by their places.
+/// All broken bonds, sorted by position.
 #[derive(Debug, Default)]
 pub(super) struct Cracks {
     bonds: Vec<Broken>,
-    /// Bonds in cubes of the edge `edge` \[m\].
+    /// Bonds in each cube with edges of `edge` \[m\].
     cubes: HashMap<[i64; 3], Vec<usize>>,
     edge: f64,
     longest: f64,
 }
 
 impl Cracks {
-    /// Adds a broken bond of a length \[m\] with its middle at a place \[m\], in an overlap or not; the bonds
-    /// in overlaps of the crack that it belongs to.
+    /// Adds a broken bond with its length \[m\] and middle \[m\]. Returns the number of bonds in overlaps of
+    /// the crack that it belongs to.
     pub(super) fn add(&mut self, place: Vector3<f64>, length: f64, overlap: bool) -> usize {
         if self.bonds.is_empty() {
+            // The first length only sizes the cubes: `near` looks as far as the longest bond reaches.
             self.edge = NEAR * length;
         }
         self.longest = self.longest.max(length);
@@ -52,8 +55,8 @@ impl Cracks {
             parent: new,
             in_overlap: usize::from(overlap),
         });
-        for other in self.near(new) {
-            self.join(other, new);
+        for neighbour in self.near(new) {
+            self.join(neighbour, new);
         }
         self.cubes.entry(self.cube(&place)).or_default().push(new);
         let crack = self.representative(new);
@@ -64,19 +67,19 @@ impl Cracks {
         [0, 1, 2].map(|c: usize| (place[c] / self.edge).floor() as i64)
     }
 
-    /// Bonds near one that is in no cube yet.
+    /// Broken bonds near a new one that is not yet in a cube.
     fn near(&self, new: usize) -> Vec<usize> {
         let bond = &self.bonds[new];
         let reach = (NEAR * self.longest / self.edge).ceil() as i64;
         let [x, y, z] = self.cube(&bond.place);
         let around = |c: i64| c - reach..=c + reach;
         let cubes = around(x).flat_map(|a| around(y).flat_map(move |b| around(z).map(move |c| [a, b, c])));
-        let all = cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied();
-        let is_near = |other: &usize| {
-            let other = &self.bonds[*other];
-            (other.place - bond.place).norm() <= NEAR * other.length.max(bond.length)
+        let candidates = cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied();
+        let is_near = |candidate: &usize| {
+            let candidate = &self.bonds[*candidate];
+            (candidate.place - bond.place).norm() <= NEAR * candidate.length.max(bond.length)
         };
-        all.filter(is_near).collect()
+        candidates.filter(is_near).collect()
     }
 
     fn join(&mut self, first: usize, second: usize) {
@@ -87,11 +90,11 @@ impl Cracks {
         }
     }
 
-    /// The bond that stands for the crack of another.
+    /// Returns the bond that represents the crack of `bond`.
     fn representative(&mut self, bond: usize) -> usize {
         let mut last = bond;
         while self.bonds[last].parent != last {
-            // The next search is shorter.
+            // Halves the path, so that the next search is shorter.
             let next = self.bonds[last].parent;
             self.bonds[last].parent = self.bonds[next].parent;
             last = next;
@@ -123,7 +126,7 @@ mod tests {
                 counts.push(cracks.add(place, 1.0, overlap));
             }
             assert_eq!(counts.iter().max(), Some(&4), "{turn}: {counts:?}");
-            // It joins the crack and the last stray bond.
+            // Joins the crack and the last stray bond.
             assert_eq!(cracks.add(at(0.0, 5.0), 1.0, true), 5, "{turn}");
             assert_eq!(cracks.add(at(0.0, 6.0), 1.0, true), 7, "{turn}");
         }

@@ -1,4 +1,4 @@
-//! How hard a bond is loaded.
+//! Load of a bond, to be compared with its strength.
 
 use crate::bond::{BeamRigidity, LinearBond, Twist};
 use crate::error::Result;
@@ -6,7 +6,7 @@ use crate::finite::{Deformed, Pose};
 use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
-/// What is compared with the strength of a bond; formulas in [`crate::fracture`].
+/// Quantity that is compared with the strength of a bond; formulas in [`crate::fracture`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Criterion {
     /// Axial tension \[Pa\].
@@ -19,12 +19,12 @@ pub enum Criterion {
     Energy,
 }
 
-/// What loads a bond most when it breaks, in terms of its criterion.
+/// Largest contribution to the load of a bond when it breaks, by the terms of its criterion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BreakMode {
     /// Tension along the bond.
     Tension,
-    /// Compression along it.
+    /// Compression along the bond.
     Compression,
     /// Bending.
     Bending,
@@ -33,10 +33,10 @@ pub enum BreakMode {
 }
 
 impl BreakMode {
-    /// All, in the order of their numbers.
+    /// All modes, in the order of their numbers.
     pub(crate) const ALL: [Self; 4] = [Self::Tension, Self::Compression, Self::Bending, Self::Torsion];
 
-    /// Name for tables.
+    /// Name for tables and reports.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -73,8 +73,8 @@ impl Section {
     }
 }
 
-/// Deformation of one beam: strain, twist per length \[rad/m\], end rotations `a`, `b` against the chord
-/// \[rad\].
+/// Deformation of one beam: axial strain, twist per length \[rad/m\], end rotations `a`, `b` against the
+/// chord \[rad\].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Strain {
     length: f64,
@@ -121,16 +121,17 @@ impl Strain {
 }
 
 impl Criterion {
-    /// How hard every bond of a body is loaded \[Pa, or J/m² for [`Criterion::Energy`]\] in a state of the
-    /// small-rotation law: `3 n` displacements \[m\], then `3 n` rotations \[rad\]. Unweighted, broken
-    /// bonds included.
+    /// Load of every bond of a body \[Pa, or J/m² for [`Criterion::Energy`]\], unweighted and including
+    /// broken bonds.
+    ///
+    /// `q` is a state of the small-rotation law: `3 n` displacements \[m\], then `3 n` rotations \[rad\].
     ///
     /// # Errors
     /// [`crate::Error::LengthMismatch`] unless `q` has six numbers per particle.
     pub fn loads(self, body: &BondedParticles, q: &[f64]) -> Result<Vec<f64>> {
         expect_len("unknowns", q.len(), 6 * body.len())?;
         let section = Section::new(body.rigidity());
-        let three = |at: usize| Vector3::new(q[at], q[at + 1], q[at + 2]);
+        let three = |first: usize| Vector3::new(q[first], q[first + 1], q[first + 2]);
         let twist = |i: u32| Twist {
             linear: three(3 * i as usize),
             angular: three(3 * (body.len() + i as usize)),
@@ -141,7 +142,7 @@ impl Criterion {
         Ok(body.bonds().zip(body.pairs()).map(load).collect())
     }
 
-    /// What has the largest part in [`Self::value`].
+    /// Returns the mode with the largest contribution to [`Self::value`].
     pub(crate) fn mode(self, s: &Section, e: &Strain) -> BreakMode {
         let normal = s.young * e.axial;
         let along = if normal < 0.0 {
@@ -178,7 +179,7 @@ impl Criterion {
         }
     }
 
-    /// Largest stress of bending at an end \[Pa\].
+    /// Largest bending stress at either end \[Pa\].
     #[inline]
     fn bending(s: &Section, e: &Strain) -> f64 {
         let (m, n) = (e.a * 4.0 + e.b * 2.0, e.b * 4.0 + e.a * 2.0);
@@ -186,7 +187,7 @@ impl Criterion {
         s.young * s.radius / e.length * moment
     }
 
-    /// Value to be compared with the strength.
+    /// Load to be compared with the strength \[Pa, or J/m²\].
     #[inline]
     pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {
         let normal = s.young * e.axial;

@@ -1,31 +1,31 @@
-//! Bonds that break: criteria, strengths and the record of what broke.
+//! Breaking of bonds: criteria, strengths and the log of breaks.
 //!
-//! A bond breaks at the first instant at which its criterion reaches its strength; it then carries nothing,
-//! for ever. Masses stay: a particle that has lost all bonds moves freely, and one in an overlap stays tied
-//! by the multipliers, with the weight it had in the reference configuration. The model warns of it
-//! ([`arlequin_core::Watching::watch`]).
+//! A bond breaks at the first instant at which its criterion reaches its strength; from then on it carries no
+//! force. Masses stay: a particle that has lost all its bonds moves freely. A particle in an overlap remains
+//! tied by the multipliers, with the weight it had in the reference configuration, and the model warns of
+//! this ([`arlequin_core::Watching::watch`]).
 //!
-//! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 lengths of
-//! a bond apart. It has run into an overlap once [`CRACK`] of its bonds lie there; fewer are stray bonds,
-//! which break by the scatter of strengths ([`BreakLog::crack_in_overlap`]).
+//! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 bond lengths
+//! apart. A crack has run into an overlap once [`CRACK`] of its bonds lie there. Fewer are stray bonds, which
+//! break because strengths scatter ([`BreakLog::crack_in_overlap`]).
 //!
-//! The force kernel compares a bound of every bond's load with its strength on the way and marks blocks of
-//! particles; the criterion itself decides, bond by bond, in marked blocks only.
+//! The force kernel compares a bound of every bond's load with its strength and marks blocks of particles;
+//! only the bonds in marked blocks are then compared with the exact criterion.
 //!
-//! Stresses are those of the beam's section (radius `r_b`, area `S`), unweighted:
+//! Stresses refer to the beam's section (radius `r_b`, area `S`), unweighted:
 //!
 //! ```text
 //! sigma_N = E e    sigma_M = M r_b/I, M the larger end moment    tau = T r_b/I_O
 //! axial    sigma_N
 //! rankine  1/2 (sigma_N + sigma_M + sqrt((sigma_N + sigma_M)^2 + 4 tau^2))    largest principal tension
 //! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
-//! energy   U/S, elastic energy of the bond per section \[J/m²\]
+//! energy   U/S, elastic energy of the bond per section [J/m²]
 //! ```
 //!
-//! `rankine` is the usual one for cohesive beams of brittle materials (André et al. 2012, 2013). The stress
-//! of the beam is not that of the packing: beams are stiffer than the packing, carry a part of the section
-//! and are loaded unevenly, so the strength of the beams is several times that of the body: 4 times in
-//! tension for `axial`, 12 times for `rankine` and `mises`. [`crate::strength`] measures it,
+//! `rankine` is the usual criterion for cohesive beams of brittle materials (André et al. 2012, 2013). The
+//! stress of a beam is not that of the packing: beams are stiffer than the packing, cover a part of the
+//! section and are loaded unevenly. The strength of the beams is therefore several times that of the body: 4
+//! times in tension for `axial`, 12 times for `rankine` and `mises`. [`crate::strength`] measures it;
 //! docs/calibration.md has a table.
 
 mod cracks;
@@ -44,24 +44,25 @@ use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
-/// When bonds break.
+/// Specification of when bonds break.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fracture {
-    /// What is compared.
+    /// Quantity that is compared with the strength.
     pub criterion: Criterion,
-    /// Strength: Pa, or J/m^2 for [`Criterion::Energy`]. Characteristic (63.2 % broken) with Weibull
-    /// scatter, mean otherwise.
+    /// Strength \[Pa, or J/m² for [`Criterion::Energy`]\]. With Weibull scatter it is the characteristic
+    /// strength, at which 63.2 % of the bonds are broken; otherwise the mean.
     pub strength: f64,
     /// Scatter of the strengths between bonds.
     pub scatter: Scatter,
     /// Seed of the scatter.
     pub seed: u64,
-    /// Steps between two checks. A check rides in the force kernel and is cheap (decision 0011): more than
-    /// one pays only where strengths may be passed for some steps.
+    /// Steps between two checks. A check runs inside the force kernel and is cheap (decision 0011), so a
+    /// value above 1 pays only if bonds may break some steps too late.
     pub every: usize,
-    /// Whether bonds that lie in an overlap, wholly or in part, never break. No cure for a crack that
-    /// reaches the overlap: bonds that cannot break and the other model carry its load past the strength of
-    /// the body.
+    /// If true, bonds that lie wholly or partly in an overlap never break.
+    ///
+    /// This does not help against a crack that reaches the overlap: the unbreakable bonds and the other model
+    /// then carry its load beyond the strength of the body.
     pub spare_overlap: bool,
 }
 
@@ -79,10 +80,10 @@ impl Fracture {
         }
     }
 
-    /// Checks strength, scatter and interval, as a model that takes it does.
+    /// Checks strength, scatter and interval. A model with this specification calls it itself.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`].
+    /// [`Error::OutOfRange`] for the first value out of its range.
     pub fn check(&self) -> Result<()> {
         positive("bond strength", self.strength)?;
         self.scatter.check()?;
@@ -100,29 +101,29 @@ impl Fracture {
 /// A bond that broke.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Break {
-    /// When \[s\].
+    /// Time of the break \[s\].
     pub time: f64,
-    /// Number of the bond in the model; in the whole one where it is in parts, as those of particles.
+    /// Number of the bond in the model; in a partitioned model, its number in the whole model.
     pub bond: u32,
-    /// Its particles, in the model's numbers.
+    /// Its two particles, numbered like `bond`.
     pub pair: [u32; 2],
-    /// Energy it took out of the model \[J\].
+    /// Energy that left the model with the bond \[J\].
     pub released: f64,
-    /// Distance of the centres then \[m\].
+    /// Distance of the centres at the break \[m\].
     pub distance: f64,
     /// Middle of the bond in the reference configuration \[m\].
     pub place: Vector3<f64>,
-    /// Whether it lay in an overlap, wholly or in part.
+    /// True if the bond lay wholly or partly in an overlap.
     pub overlap: bool,
-    /// What loaded it most.
+    /// Largest contribution to its load.
     pub mode: BreakMode,
 }
 
-/// What broke so far. Shared between a model, contact and output.
+/// Log of all breaks so far, shared between a model, contact and output.
 #[derive(Debug, Default)]
 pub struct BreakLog {
     broken: Vec<bool>,
-    /// Numbers in the whole model of the bonds of a part; empty for a whole one.
+    /// Numbers in the whole model of the bonds of a rank's part; empty for a model that is not partitioned.
     numbers: Vec<u32>,
     events: Vec<Break>,
     released: f64,
@@ -132,44 +133,44 @@ pub struct BreakLog {
 }
 
 impl BreakLog {
-    /// Whether a bond is broken, by its number in the whole model; all are whole at the start.
+    /// Returns whether a bond is broken, by its number in the whole model. All bonds are whole at the start.
     #[must_use]
     pub fn is_broken(&self, bond: usize) -> bool {
         self.broken.get(bond).copied().unwrap_or(false)
     }
 
-    /// The same by the number of a bond on this rank.
+    /// Returns whether a bond is broken, by its number on this rank.
     pub(crate) fn is_broken_here(&self, bond: usize) -> bool {
         let bond = self.numbers.get(bond).map_or(bond, |b| *b as usize);
         self.is_broken(bond)
     }
 
-    /// Breaks in the order in which they happened, of a model in parts those on all ranks.
+    /// Breaks in the order in which they happened; for a partitioned model, the breaks of all ranks.
     #[must_use]
     pub fn events(&self) -> &[Break] {
         &self.events
     }
 
-    /// The break with which a crack first had [`CRACK`] bonds in an overlap: it has left the particles' own
-    /// region.
+    /// The break with which a crack first had [`CRACK`] bonds in an overlap: the crack has then left the
+    /// region that only particles model.
     #[must_use]
     pub fn crack_in_overlap(&self) -> Option<&Break> {
         self.events.get(self.into_overlap?)
     }
 
-    /// Energy that left with broken bonds \[J\].
+    /// Energy that left the model with broken bonds \[J\].
     #[must_use]
     pub fn released(&self) -> f64 {
         self.released
     }
 
-    /// How often all bonds were checked.
+    /// Number of checks of all bonds.
     #[must_use]
     pub fn checks(&self) -> usize {
         self.checks
     }
 
-    /// From now on bonds here have these numbers in the whole model.
+    /// Sets the numbers in the whole model of this rank's bonds.
     pub(crate) fn number(&mut self, numbers: &[u32]) {
         self.numbers = numbers.to_vec();
     }
@@ -178,7 +179,7 @@ impl BreakLog {
         self.broken = vec![false; bonds];
     }
 
-    /// What a resumed run must know: three numbers and four integers per break, and the number of checks.
+    /// Writes what a resumed run needs: three numbers and four integers per break, and the number of checks.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         out.integers.push(self.checks as u64);
         for e in &self.events {
@@ -188,8 +189,9 @@ impl BreakLog {
         }
     }
 
-    /// Undoes [`Self::save`]; `false` for a record that is not of this model. `known` is what is known of a
-    /// bond between two particles: its middle, and whether it lies in an overlap.
+    /// Restores what [`Self::save`] wrote; returns `false` for a record of another model.
+    ///
+    /// `known` returns the middle of the bond between two particles, and whether it lies in an overlap.
     pub(crate) fn restore(
         &mut self,
         from: &Record<f64>,
@@ -237,7 +239,7 @@ impl BreakLog {
             *b = true;
         }
         self.released += event.released;
-        // All breaks join cracks, those in overlaps count.
+        // All breaks join cracks; only bonds in overlaps count.
         let bonds = self.cracks.add(event.place, event.distance, event.overlap);
         if bonds >= CRACK && self.into_overlap.is_none() {
             self.into_overlap = Some(self.events.len());
@@ -246,16 +248,16 @@ impl BreakLog {
     }
 }
 
-/// A log in several hands.
+/// A log with several owners.
 pub type SharedLog = Arc<RwLock<BreakLog>>;
 
-/// The log to read, whatever happened to its other holders. Steps wait for readers: do not hold it during
-/// one.
+/// Locks the log for reading, even if another owner panicked. Steps wait for readers: do not hold the lock
+/// during a step.
 pub fn locked(log: &SharedLog) -> RwLockReadGuard<'_, BreakLog> {
     log.read().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The log to write.
+/// Locks the log for writing.
 pub(crate) fn writing(log: &SharedLog) -> RwLockWriteGuard<'_, BreakLog> {
     log.write().unwrap_or_else(PoisonError::into_inner)
 }

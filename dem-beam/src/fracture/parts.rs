@@ -1,9 +1,9 @@
-//! Bonds that break in a body in parts on several ranks.
+//! Breaking of bonds in a partitioned body.
 //!
-//! Who holds a bond between two ranks knows both ends with the same bits, so both come to the same verdict.
-//! But each looks at its own ends only ([`crate::kernel::screen`]): if anything breaks anywhere, all ranks
-//! compare these bonds one by one. Then all of them hear of all breaks and take them in the order of the
-//! whole body.
+//! A bond between two ranks is stored on both. Both know its two ends with the same bits, so both come to the
+//! same verdict. But each rank screens only the ends it owns ([`crate::kernel::screen`]): if a bond breaks on
+//! any rank, all ranks compare the bonds between ranks one by one. All breaks are then gathered on all ranks
+//! and logged in the order of the whole body.
 
 use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
@@ -16,33 +16,33 @@ use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Words of a break between ranks.
+/// Words per break in the all-gather.
 const WORDS: usize = 7;
 
-/// What ranks tell of their particles where bonds broke: the state one step before, and what the step
-/// changed.
-const TOLD: usize = 13;
+/// Numbers per ghost that are exchanged when bonds break: the state one step before, and its change over the
+/// step.
+const GHOST_WORDS: usize = 13;
 
-/// What a part of a body knows of the whole.
+/// Data about the whole body on one rank.
 #[derive(Debug)]
 pub(crate) struct Parts {
     halo: Halo,
     messages: Vec<Message>,
-    /// Numbers in the whole body: of the bonds here, ascending, and of the particles of other ranks.
+    /// Numbers in the whole body of this rank's bonds, ascending.
     numbers: Arc<[u32]>,
-    /// Bonds with particles of other ranks.
+    /// Local bonds that have a ghost.
     cross: Vec<u32>,
-    /// Bonds of the whole body.
+    /// Number of bonds of the whole body.
     pub(crate) bonds: usize,
-    /// Particles of other ranks: now.
+    /// Current states of the ghosts.
     pub(crate) ghosts: Vec<[f64; 7]>,
 }
 
-/// States of the particles of other ranks one step before, and what the step changed.
-type Heard = (Vec<[f64; 7]>, Vec<[f64; 6]>);
+/// States of the ghosts one step before, and their changes over the step.
+type GhostStates = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
-    /// Bonds of a part of a body, all of them whole.
+    /// State for a part of a body whose bonds are all whole.
     pub(crate) fn new_in_part(
         spec: Fracture,
         body: &BondedParticles,
@@ -50,41 +50,42 @@ impl FractureState {
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
         writing(&log).begin(numbered.total);
-        Self::of_part(spec, body, log, (halo, numbered))
+        Self::for_part(spec, body, log, (halo, numbered))
     }
 
-    /// The same for a part of the body; what broke stays broken.
-    pub(crate) fn part(self, body: &BondedParticles, of: (&Halo, &Numbered)) -> Self {
-        let mut out = Self::of_part(self.spec, body, self.log.clone(), of);
+    /// Restricts the state to a part of the body; broken bonds stay broken.
+    pub(crate) fn part(self, body: &BondedParticles, numbering: (&Halo, &Numbered)) -> Self {
+        let mut out = Self::for_part(self.spec, body, self.log.clone(), numbering);
         if self.is_plain() {
             out.check_plainly();
         }
         let broken: Vec<u32> = {
             let log = locked(&out.log);
-            let here = (0..).zip(&*of.1.bonds);
-            here.filter(|(_, b)| log.is_broken(**b as usize))
+            let local_bonds = (0..).zip(&*numbering.1.bonds);
+            local_bonds
+                .filter(|(_, b)| log.is_broken(**b as usize))
                 .map(|(k, _)| k)
                 .collect()
         };
-        out.forget(&broken);
+        out.make_unbreakable(&broken);
         out.now = broken;
         out
     }
 
-    fn of_part(
+    fn for_part(
         spec: Fracture,
         body: &BondedParticles,
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
-        let own = body.len() - halo.ghosts().len();
-        let mut out = Self::of(spec, body, own, log);
+        let owned = body.len() - halo.ghosts().len();
+        let mut out = Self::with_owned(spec, body, owned, log);
         writing(&out.log).number(&numbered.bonds);
-        let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= own);
+        let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= owned);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
         out.parts = Some(Parts {
             cross: cross.map(|(b, _)| b).collect(),
-            messages: halo.messages(TOLD),
+            messages: halo.messages(GHOST_WORDS),
             numbers: numbered.bonds.clone(),
             bonds: numbered.total,
             ghosts: Vec::with_capacity(halo.ghosts().len()),
@@ -93,7 +94,8 @@ impl FractureState {
         out
     }
 
-    /// Whether any bond of the whole body breaks now; [`Self::now`] are then all of those here.
+    /// Returns whether any bond of the whole body breaks now. [`Self::now`] then lists the breaking bonds of
+    /// this rank. Collective.
     pub(crate) fn find_on_all(
         &mut self,
         body: &BondedParticles,
@@ -101,12 +103,13 @@ impl FractureState {
         parts: &Parts,
     ) -> Result<bool, RankError> {
         if !self.find(body, reader) {
-            // No rank looks.
+            // The interval of checks is the same on all ranks, so no rank has checked.
             return Ok(false);
         }
         if !parts.halo.portion().any(!self.now.is_empty())? {
             return Ok(false);
         }
+        // A bond may break by the moment at an end that another rank owns and screened.
         let missed = parts
             .cross
             .iter()
@@ -118,8 +121,8 @@ impl FractureState {
         Ok(true)
     }
 
-    /// Takes the bonds that break now out of the balance of the particles here, and all of the whole body
-    /// to the log; the energy of all.
+    /// Removes the breaking bonds from the balance of the owned particles and logs the breaks of the whole
+    /// body. Returns the energy of all breaks \[J\]. Collective.
     pub(crate) fn release_in_parts(
         &mut self,
         body: &BondedParticles,
@@ -128,7 +131,7 @@ impl FractureState {
         parts: &mut Parts,
         inside: impl Fn(usize) -> bool,
     ) -> Result<f64, RankError> {
-        let (ghosts, changes) = parts.hear(readers[0], step)?;
+        let (ghosts, changes) = parts.receive_ghosts(readers[0], step)?;
         let before = Reader {
             ghosts: &ghosts,
             ..*readers[0]
@@ -137,26 +140,27 @@ impl FractureState {
             ghosts: &parts.ghosts,
             ..*readers[1]
         };
-        let mut told = Vec::new();
+        let mut sent = Vec::new();
         for k in 0..self.now.len() {
             let b = self.now[k] as usize;
-            let of = |i: usize| match i.checked_sub(self.own) {
+            let change_of = |i: usize| match i.checked_sub(self.owned) {
                 None => change(step, i),
                 Some(ghost) => changes[ghost],
             };
-            let (event, held) = self.break_of(body, b, [&before, &after], &of);
-            if (event.pair[0] as usize) < self.own {
+            let (event, held) = self.break_of(body, b, [&before, &after], &change_of);
+            // The rank that owns the first particle reports the break, so that it is logged once.
+            if (event.pair[0] as usize) < self.owned {
                 let overlap = inside(b);
-                told.extend(parts.words(&Break { overlap, ..event }));
+                sent.extend(parts.words(&Break { overlap, ..event }));
             }
-            self.let_go(body, b, &held, step);
+            self.remove_bond(body, b, &held, step);
         }
-        let mut all = parts.halo.portion().listed(&told)?;
-        let all = all.as_chunks_mut::<WORDS>().0;
-        all.sort_unstable_by_key(number);
+        let mut received = parts.halo.portion().listed(&sent)?;
+        let received = received.as_chunks_mut::<WORDS>().0;
+        received.sort_unstable_by_key(number);
         let mut log = writing(&self.log);
         let mut total = 0.0;
-        for words in all {
+        for words in received {
             let event = event(words, step.time);
             total += event.released;
             log.push(event);
@@ -166,23 +170,28 @@ impl FractureState {
 }
 
 impl Parts {
-    /// What other ranks tell of their particles.
-    fn hear(&mut self, before: &Reader<'_>, step: &Evolution<'_, f64>) -> Result<Heard, RankError> {
+    /// Exchanges the states and changes of the ghosts. Collective.
+    fn receive_ghosts(
+        &mut self,
+        before: &Reader<'_>,
+        step: &Evolution<'_, f64>,
+    ) -> Result<GhostStates, RankError> {
         let count = self.halo.ghosts().len();
         let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
-        let told = |i: usize| {
+        let message = |i: usize| {
             let (state, change) = (before.state_to_send(i), change(step, i));
             std::array::from_fn(|k| if k < 7 { state[k] } else { change[k - 7] })
         };
-        self.halo.exchange::<TOLD>(&mut self.messages, told, |g, x| {
-            out.0[g].copy_from_slice(&x[..7]);
-            out.1[g].copy_from_slice(&x[7..]);
-        })?;
+        self.halo
+            .exchange::<GHOST_WORDS>(&mut self.messages, message, |g, x| {
+                out.0[g].copy_from_slice(&x[..7]);
+                out.1[g].copy_from_slice(&x[7..]);
+            })?;
         Ok(out)
     }
 
-    /// Restores a log that all ranks have: what is known of a bond, the rank of its first particle tells
-    /// all others.
+    /// Restores the log that all ranks share. The rank that owns a bond's first particle sends the bond's
+    /// middle and overlap to all others. Collective.
     pub(super) fn restore(
         &self,
         log: &SharedLog,
@@ -191,10 +200,11 @@ impl Parts {
         inside: impl Fn(usize) -> bool,
     ) -> bool {
         let broken = from.integers.get(1..).unwrap_or_default().as_chunks::<4>().0;
-        let here = |bond: u64| self.here(u32::try_from(bond).ok()?);
-        let mut told = Vec::new();
+        let local_bond = |bond: u64| self.local_bond(u32::try_from(bond).ok()?);
+        let mut sent = Vec::new();
         for [bond, ..] in broken {
-            if let Some(b) = here(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
+            if let Some(b) =
+                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
             {
                 let (place, pair) = (
                     middle(body, b),
@@ -202,18 +212,20 @@ impl Parts {
                 );
                 let [x, y, z] = <[f64; 3]>::from(place).map(|x| x.to_bits().cast_signed());
                 let ends = (pair[0] << 32 | pair[1]).cast_signed();
-                told.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
+                sent.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
             }
         }
-        // What goes wrong between ranks is kept for [`Portion::failure`].
-        let Ok(mut all) = self.halo.portion().listed(&told) else {
+        // Errors between ranks are kept for [`Portion::failure`].
+        let Ok(mut received) = self.halo.portion().listed(&sent) else {
             return false;
         };
-        let all = all.as_chunks_mut::<6>().0;
-        all.sort_unstable_by_key(|k| k[0]);
+        let received = received.as_chunks_mut::<6>().0;
+        received.sort_unstable_by_key(|k| k[0]);
         writing(log).restore(from, &|bond, [i, j]| {
-            let k = all.binary_search_by_key(&bond.cast_signed(), |k| k[0]).ok()?;
-            let [_, ends, overlap, x, y, z] = all[k];
+            let k = received
+                .binary_search_by_key(&bond.cast_signed(), |k| k[0])
+                .ok()?;
+            let [_, ends, overlap, x, y, z] = received[k];
             let known = i <= u64::from(u32::MAX) && (i << 32 | j) == ends.cast_unsigned();
             let real = |x: i64| f64::from_bits(x.cast_unsigned());
             let place = Vector3::new(real(x), real(y), real(z));
@@ -221,12 +233,12 @@ impl Parts {
         })
     }
 
-    /// Number here of a bond of the whole body, if it is here.
-    pub(super) fn here(&self, bond: u32) -> Option<usize> {
+    /// Local number of a bond of the whole body, if this rank has it.
+    pub(super) fn local_bond(&self, bond: u32) -> Option<usize> {
         self.numbers.binary_search(&bond).ok()
     }
 
-    /// Number of a particle in the whole body.
+    /// Number in the whole body of a local particle.
     fn global(&self, particle: u32) -> u32 {
         let portion: &Portion = self.halo.portion();
         match (particle as usize).checked_sub(portion.nodes()) {
@@ -235,7 +247,7 @@ impl Parts {
         }
     }
 
-    /// A break in numbers of the whole body.
+    /// Packs a break with numbers of the whole body into words.
     fn words(&self, e: &Break) -> [i64; WORDS] {
         let two = |a: u32, b: u32| (u64::from(a) << 32 | u64::from(b)).cast_signed();
         let bits = |x: f64| x.to_bits().cast_signed();
@@ -259,7 +271,7 @@ fn number(words: &[i64; WORDS]) -> u32 {
     (words[0].cast_unsigned() >> 32) as u32
 }
 
-/// Undoes [`Parts::words`].
+/// Inverse of [`Parts::words`].
 fn event(words: &[i64; WORDS], time: f64) -> Break {
     let real = |k: usize| f64::from_bits(words[k].cast_unsigned());
     let (low, pair) = (words[0].cast_unsigned() as u32, words[1].cast_unsigned());

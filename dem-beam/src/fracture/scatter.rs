@@ -3,18 +3,18 @@
 use crate::error::{Error, Result};
 use nalgebra::Vector3;
 
-/// How strengths scatter. The strength of a bond depends on the seed and on where its two particles lie,
-/// not on how particles or bonds are numbered.
+/// Scatter of strengths. The strength of a bond depends on the seed and on the positions of its two
+/// particles, not on the numbering of particles or bonds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scatter {
-    /// All the same.
+    /// All bonds have the same strength.
     None,
-    /// Weibull with a modulus; the strength given is the characteristic one.
+    /// Weibull distribution; the given strength is the characteristic one.
     Weibull {
         /// Modulus, above zero: 5 to 20 for glass, larger for less scatter.
         modulus: f64,
     },
-    /// Normal, cut off at three deviations; the strength given is the mean.
+    /// Normal distribution, cut off at three deviations; the given strength is the mean.
     Normal {
         /// Standard deviation over mean, below 1/3.
         deviation: f64,
@@ -35,9 +35,9 @@ impl Scatter {
         }
     }
 
-    /// Factor on the strength of the bond between two centres.
+    /// Factor on the strength of the bond between two centres \[–\].
     pub(crate) fn factor(self, seed: u64, first: &Vector3<f64>, second: &Vector3<f64>) -> f64 {
-        // The sum makes the order of the two ends irrelevant.
+        // A sum, so that the order of the two ends does not matter.
         let identity = mix(seed ^ place(first).wrapping_add(place(second)));
         let u = uniform(identity);
         match self {
@@ -52,7 +52,7 @@ impl Scatter {
     }
 }
 
-/// In (0, 1): the middle of one of 2^52 equal parts.
+/// Maps bits to (0, 1): the middle of one of 2^52 equal parts, so that logarithms stay finite.
 fn uniform(bits: u64) -> f64 {
     ((bits >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
@@ -61,7 +61,7 @@ fn place(x: &Vector3<f64>) -> u64 {
     x.iter().fold(0x9e37_79b9_7f4a_7c15, |h, c| mix(h ^ c.to_bits()))
 }
 
-/// The finaliser of splitmix64.
+/// The finalizer of splitmix64.
 fn mix(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,4 +1,4 @@
-//! The bonds of one model while they break.
+//! Breaking of the bonds of one model.
 
 use super::criterion::{Section, Strain};
 use super::parts::Parts;
@@ -19,10 +19,10 @@ use std::sync::Arc;
 /// Bonds per unit of parallel work.
 const CHUNK: usize = 1_024;
 
-/// Bonds above which a second thread pays for its wake-up.
+/// Number of bonds above which a second thread pays for its wake-up.
 const LARGE: usize = 4 * CHUNK;
 
-/// Strengths and scratch of a model whose bonds can break.
+/// Strengths and working buffers of a model whose bonds can break.
 #[derive(Debug)]
 pub(crate) struct FractureState {
     pub(crate) spec: Fracture,
@@ -30,38 +30,39 @@ pub(crate) struct FractureState {
     /// Bonds of every particle.
     pub(crate) adjacency: Arc<Adjacency<[u32; 2]>>,
     section: Section,
-    /// Strength of each bond; infinite once it is broken, and for those that are spared.
+    /// Strength of each bond; infinite for broken and spared bonds.
     strength: Vec<f64>,
     flags: Vec<bool>,
-    /// Bonds that break in this step.
+    /// Bonds that break in this step; see [`Self::find`].
     pub(crate) now: Vec<u32>,
     wait: usize,
-    /// The look that rides in the force kernel; none where bonds must be compared one by one.
+    /// Screen inside the force kernel; `None` if bonds must be compared one by one.
     screen: Option<Screen>,
     plainly: bool,
     /// First slot of each block in the kernel.
     first_slots: Vec<u32>,
-    /// Blocks in which a bond may have reached its strength, and whether they are of the last positions.
+    /// Marks of blocks in which a bond may have reached its strength, and whether they belong to the current
+    /// positions.
     marks: Vec<bool>,
     fresh: bool,
     /// Bonds of marked blocks.
     suspects: Vec<u32>,
-    /// Particles that are here; others are those of other ranks.
-    pub(super) own: usize,
-    /// What it knows of the whole, in a part of a body.
+    /// Number of owned particles; the others are ghosts.
+    pub(super) owned: usize,
+    /// Data about the whole body, if it is partitioned.
     pub(crate) parts: Option<Parts>,
 }
 
 impl FractureState {
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
         writing(&log).begin(body.pairs().len());
-        Self::of(spec, body, body.len(), log)
+        Self::with_owned(spec, body, body.len(), log)
     }
 
-    /// The same where only the first `own` particles are here.
-    pub(super) fn of(spec: Fracture, body: &BondedParticles, own: usize, log: SharedLog) -> Self {
+    /// Like [`Self::new`], with only the first `owned` particles owned.
+    pub(super) fn with_owned(spec: Fracture, body: &BondedParticles, owned: usize, log: SharedLog) -> Self {
         let bonds = body.pairs().len();
-        let blocks = own.div_ceil(LANES);
+        let blocks = owned.div_ceil(LANES);
         let mut out = Self {
             spec,
             log,
@@ -77,7 +78,7 @@ impl FractureState {
             marks: vec![false; blocks],
             fresh: false,
             suspects: Vec::with_capacity(bonds),
-            own,
+            owned,
             parts: None,
         };
         out.set_up_screen(body);
@@ -92,36 +93,38 @@ impl FractureState {
         let lengths = body.bonds().map(length);
         let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
         self.screen = Screen::new(self.spec.criterion, self.section, &self.strength, [least, most]);
-        // As many slots as the particle with most bonds has.
+        // Numbers slots as the kernel does: a block has as many as its particle with most bonds.
         let mut slots = 0;
         for (b, first) in self.first_slots.iter_mut().enumerate() {
             *first = slots;
-            let particles = b * LANES..self.own.min((b + 1) * LANES);
+            let particles = b * LANES..self.owned.min((b + 1) * LANES);
             slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
+        // Only then do strengths differ between bonds; one limit for all needs no memory traffic.
         if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
-            self.screen = self.screen.take().map(|s| s.with_each(slots as usize));
-            let all: Vec<usize> = (0..self.first_slots.len()).collect();
-            self.follow(&all, &|_| true);
+            self.screen = self.screen.take().map(|s| s.with_ratios(slots as usize));
+            let blocks: Vec<usize> = (0..self.first_slots.len()).collect();
+            self.follow(&blocks, &|_| true);
         }
     }
 
-    /// Compares bond by bond from here on.
+    /// Compares bond by bond from now on, without a screen.
     pub(crate) fn check_plainly(&mut self) {
         self.plainly = true;
         self.screen = None;
     }
 
-    /// Orders the limits of blocks as the kernel orders their bonds, those that are `whole`.
+    /// Writes the limits of the bonds of `blocks` in the order in which the kernel stores them. Bonds for
+    /// which `whole` is false are left out.
     pub(crate) fn follow(&mut self, blocks: &[usize], whole: &dyn Fn(usize) -> bool) {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
             let first = self.first_slots[block] as usize;
-            let particles = block * LANES..((block + 1) * LANES).min(self.own);
+            let particles = block * LANES..((block + 1) * LANES).min(self.owned);
             for (lane, i) in particles.enumerate() {
                 let bonds = self.adjacency.row(i);
-                let left = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
-                let strengths = left
+                let whole_bonds = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
+                let strengths = whole_bonds
                     .map(|b| self.strength[b])
                     .chain(std::iter::repeat(f64::INFINITY));
                 for (slot, strength) in strengths.take(bonds.len()).enumerate() {
@@ -131,15 +134,16 @@ impl FractureState {
         }
     }
 
-    /// What the force kernel is to look at, if bonds are to be checked in this step.
+    /// Returns the screen and the marks for the force kernel if bonds are checked in this step.
     pub(crate) fn marks(&mut self) -> Option<Marks<'_>> {
+        // `wait` counts the steps since the last check and is raised in `find`, after the forces.
         self.fresh = self.screen.is_some() && self.wait + 1 >= self.spec.every;
         let screen = self.screen.as_ref().filter(|_| self.fresh)?;
         Some((screen, &mut self.marks))
     }
 
-    /// Makes whole bonds unbreakable where `inside` says that they lie in an overlap, if the scene wants
-    /// that.
+    /// Makes whole bonds for which `inside` is true unbreakable and the others breakable, if the
+    /// specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
         if !self.spec.spare_overlap {
             return;
@@ -158,7 +162,7 @@ impl FractureState {
         self.set_up_screen(body);
     }
 
-    /// Steps since the last check: the first integer of the record, then the log.
+    /// Writes the steps since the last check as first integer, then the log.
     pub(crate) fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         out.integers.push(self.wait as u64);
@@ -166,8 +170,8 @@ impl FractureState {
         out
     }
 
-    /// Undoes [`Self::save`] but for the bonds themselves, which [`Self::now`] lists; `false` for a record
-    /// that is not of this model.
+    /// Restores what [`Self::save`] wrote; returns `false` for a record of another model. [`Self::now`] then
+    /// lists the broken bonds, which the caller must remove.
     pub(crate) fn restore(
         &mut self,
         mut from: Record<f64>,
@@ -195,7 +199,7 @@ impl FractureState {
         let broken = (0..body.pairs().len()).filter(|b| log.is_broken_here(*b));
         let broken: Vec<u32> = broken.map(|b| b as u32).collect();
         drop(log);
-        self.forget(&broken);
+        self.make_unbreakable(&broken);
         self.now = broken;
         true
     }
@@ -209,33 +213,34 @@ impl FractureState {
         }
     }
 
-    /// Load of a bond over its strength.
+    /// Load of a bond over its strength \[–\].
     #[inline]
     pub(crate) fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
         let strain = Self::strain(body, reader, b);
         self.spec.criterion.value(&self.section, &strain) / self.strength[b]
     }
 
-    /// Number here of a bond of the whole body, if it is here.
-    pub(crate) fn here(&self, bond: u32) -> Option<usize> {
+    /// Local number of a bond of the whole body, if this rank has it.
+    pub(crate) fn local_bond(&self, bond: u32) -> Option<usize> {
         let parts = self.parts.as_ref();
-        parts.map_or(Some(bond as usize), |p| p.here(bond))
+        parts.map_or(Some(bond as usize), |p| p.local_bond(bond))
     }
 
-    /// Largest load over strength of all whole bonds, and how many are at or above one; in a part of a body
-    /// of those whose first particle is here.
+    /// Largest load over strength of all whole bonds, and the number of bonds at or above one. In a
+    /// partitioned body, counts the bonds whose first particle this rank owns.
     pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
-        let of_here = |b: &usize| (body.pairs()[*b][0] as usize) < self.own;
-        let all = (0..body.pairs().len()).filter(of_here);
-        all.fold((0.0, 0), |(top, count), b| {
+        let is_owned = |b: &usize| (body.pairs()[*b][0] as usize) < self.owned;
+        let bonds = (0..body.pairs().len()).filter(is_owned);
+        bonds.fold((0.0, 0), |(top, count), b| {
             let r = self.ratio(body, reader, b);
             (f64::max(top, r), count + usize::from(r >= 1.0))
         })
     }
 
-    /// Fills [`Self::now`] with the bonds that reach their strength, ascending. Where the force kernel has
-    /// looked at these positions, only the bonds of the blocks it marked are compared. Whether it looked at
-    /// all.
+    /// Fills [`Self::now`] with the bonds that reach their strength, in ascending order. Returns whether
+    /// bonds were checked in this step.
+    ///
+    /// If the force kernel has screened the current positions, only the bonds of marked blocks are compared.
     pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {
         self.now.clear();
         self.wait += 1;
@@ -255,16 +260,16 @@ impl FractureState {
         true
     }
 
-    /// Bonds of marked blocks, ascending, each once.
+    /// Lists the bonds of marked blocks, each once, in ascending order.
     fn suspect(&self, suspects: &mut Vec<u32>) {
         suspects.clear();
         for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
-            for i in block * LANES..((block + 1) * LANES).min(self.own) {
-                for &[other, bond] in self.adjacency.row(i) {
-                    let other = other as usize;
-                    // A bond between two marked blocks comes from its first end; those of other ranks'
-                    // particles have none here.
-                    if other > i || !self.marks[other / LANES] {
+            for i in block * LANES..((block + 1) * LANES).min(self.owned) {
+                for &[neighbour, bond] in self.adjacency.row(i) {
+                    let neighbour = neighbour as usize;
+                    // A bond between two marked blocks is taken from its first end. Ghosts are in no block
+                    // here.
+                    if neighbour > i || !self.marks[neighbour / LANES] {
                         suspects.push(bond);
                     }
                 }
@@ -273,7 +278,7 @@ impl FractureState {
         suspects.sort_unstable();
     }
 
-    /// Compares `count` bonds, the `k`-th of which is `bond(k)`.
+    /// Compares `count` bonds; the `k`-th of them is `bond(k)`.
     fn compare(
         &mut self,
         body: &BondedParticles,
@@ -286,6 +291,7 @@ impl FractureState {
         let breaks = |k: &usize| self.ratio(body, reader, bond(*k)) >= 1.0;
         let look = |(c, flag): (usize, &mut bool)| *flag = range(c).any(|k| breaks(&k));
         let chunks = &mut flags[..count.div_ceil(CHUNK)];
+        // Threads only flag chunks: the list of breaks is then filled in one order, whatever their number.
         if count > LARGE && rayon::current_num_threads() > 1 {
             chunks.par_iter_mut().enumerate().for_each(look);
         } else {
@@ -297,7 +303,8 @@ impl FractureState {
         (self.now, self.flags) = (now, flags);
     }
 
-    /// Takes the bonds of [`Self::now`] out of the balance; the energy they held.
+    /// Removes the bonds of [`Self::now`] from the balance and logs their breaks. Returns the energy they
+    /// held \[J\].
     pub(crate) fn release(
         &mut self,
         body: &BondedParticles,
@@ -317,13 +324,13 @@ impl FractureState {
                 overlap,
                 ..event
             });
-            self.let_go(body, b, &held, step);
+            self.remove_bond(body, b, &held, step);
         }
         total
     }
 
-    /// The record of a break but for its time and whether it is in an overlap, and the forces of the bond
-    /// one step before; `change` is what the step changed of a particle's unknowns.
+    /// Returns the record of a break, without time and overlap, and the forces of the bond one step before.
+    /// `change` returns the change of a particle's unknowns over the step.
     pub(super) fn break_of(
         &self,
         body: &BondedParticles,
@@ -350,6 +357,8 @@ impl FractureState {
             time: 0.0,
             bond: bond as u32,
             pair,
+            // The bond's share of the conserved energy: mean of both instants and work of the force
+            // difference.
             released: 0.5 * (e0 + e1) + 0.25 * work,
             distance: (now(ends[1]) - now(ends[0])).norm(),
             place: middle(body, bond),
@@ -362,8 +371,8 @@ impl FractureState {
         (event, g0)
     }
 
-    /// Takes a bond and its forces one step before out of the balance of the particles that are here.
-    pub(super) fn let_go(
+    /// Removes a bond and its forces one step before from the balance of the owned particles.
+    pub(super) fn remove_bond(
         &mut self,
         body: &BondedParticles,
         bond: usize,
@@ -373,7 +382,7 @@ impl FractureState {
         let half = step.q.len() / 2;
         for (i, held) in body.pairs()[bond].into_iter().zip(held) {
             let i = i as usize;
-            for c in (0..3).filter(|_| i < self.own) {
+            for c in (0..3).filter(|_| i < self.owned) {
                 step.f_before[3 * i + c] -= held.linear[c];
                 step.f_before[half + 3 * i + c] -= held.angular[c];
             }
@@ -381,8 +390,8 @@ impl FractureState {
         self.strength[bond] = f64::INFINITY;
     }
 
-    /// Makes bonds unbreakable that are broken already.
-    pub(super) fn forget(&mut self, bonds: &[u32]) {
+    /// Makes bonds unbreakable because they are broken already.
+    pub(super) fn make_unbreakable(&mut self, bonds: &[u32]) {
         bonds
             .iter()
             .for_each(|b| self.strength[*b as usize] = f64::INFINITY);
@@ -393,11 +402,11 @@ impl FractureState {
     }
 }
 
-/// What a step changes of the unknowns of a particle that is here.
+/// Change over the step of the unknowns of an owned particle.
 pub(super) fn change(step: &Evolution<'_, f64>, i: usize) -> [f64; 6] {
     let half = step.q.len() / 2;
-    let at = |c: usize| if c < 3 { 3 * i + c } else { half + 3 * i + c - 3 };
-    std::array::from_fn(|c| step.q[at(c)] - step.q_before[at(c)])
+    let index = |c: usize| if c < 3 { 3 * i + c } else { half + 3 * i + c - 3 };
+    std::array::from_fn(|c| step.q[index(c)] - step.q_before[index(c)])
 }
 
 /// Middle of a bond in the reference configuration \[m\].

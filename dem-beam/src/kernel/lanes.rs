@@ -1,17 +1,17 @@
 //! Eight lanes of arithmetic, for the instruction set found at run time.
 //!
-//! `Lanes` is the little of SIMD the kernels need: element-wise arithmetic, and rows of eight
-//! numbers of eight particles turned into eight vectors (a transposition in registers, faster
-//! than gather instructions). One particle row is one cache line.
+//! `Lanes` is the small part of SIMD that the kernels need: element-wise arithmetic, and the transposition of
+//! eight rows of eight numbers into eight vectors in registers, which is faster than gather instructions. One
+//! particle row is one cache line.
 //!
-//! Fused multiply-add is used where the processor has it: results may differ in the last bit
-//! between instruction sets, never between thread counts.
+//! Fused multiply-add is used where the processor has it: results may differ in the last bit between
+//! instruction sets, never between thread counts.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) use super::lanes_x86::{Wide256, Wide512};
 
-/// Array of `$e` for `$k` = 0 to 7, written out: closures and `map` are compiled on their own,
-/// without the instruction set of the caller, and cost a factor of three.
+/// Array of `$e` for `$k` = 0 to 7, written out. Closures and `map` are compiled on their own, without the
+/// instruction set of the caller, and cost a factor of three.
 macro_rules! eight {
     ($k:ident => $e:expr) => {
         eight!(@ $k $e, 0 1 2 3 4 5 6 7)
@@ -25,7 +25,7 @@ macro_rules! eight {
 }
 pub(crate) use eight;
 
-/// Methods of [`Lanes`] on vectors, one per line: `name(s, a, b) => value;` with the lanes `s`.
+/// Implements element-wise methods of [`Lanes`], one per line: `name(s, a, b) => value;` with the lanes `s`.
 macro_rules! elementwise {
     ($($name:ident($s:ident, $($x:ident),*) => $e:expr;)*) => {
         $(
@@ -47,7 +47,7 @@ pub(crate) const LANES: usize = 8;
 #[repr(C, align(64))]
 pub(crate) struct CacheLine(pub(crate) [f64; LANES]);
 
-/// Element-wise arithmetic on eight lanes. Values are tokens of a detected instruction set.
+/// Element-wise arithmetic on eight lanes. A value proves that the processor has the instruction set.
 pub(crate) trait Lanes: Copy + Send + Sync {
     type V: Copy;
 
@@ -55,15 +55,15 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn run<J: Job>(self, job: J);
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &[f64; LANES]) -> Self::V;
-    /// Eight integers, exact.
+    /// Converts eight integers, exactly.
     fn load_i32(self, x: &[i32; LANES]) -> Self::V;
-    /// Eight numbers of single precision, exact.
+    /// Converts eight numbers of single precision, exactly.
     fn load_f32(self, x: &[f32; LANES]) -> Self::V;
     fn store(self, x: Self::V) -> [f64; LANES];
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    /// `1/a` to a few units in the last place.
+    /// `1/a`, to a few units in the last place.
     fn recip(self, a: Self::V) -> Self::V;
     /// `sqrt(a)`.
     fn sqrt(self, a: Self::V) -> Self::V;
@@ -71,13 +71,13 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn madd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `c - a b`.
     fn nmadd(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
-    /// `a` where `a > b`, `b` elsewhere: `b` as well where `a` is not a number.
+    /// `a` where `a > b`, else `b`; also `b` where `a` is not a number.
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
-    /// Vector k holds entry k of the eight rows.
+    /// Transposes: vector k holds entry k of the eight rows.
     fn transpose(self, rows: [[f64; LANES]; LANES]) -> [Self::V; LANES];
-    /// Cache line `k` holds lane k of the eight vectors.
+    /// Transposes back: cache line `k` holds lane k of the eight vectors.
     fn untranspose(self, v: [Self::V; LANES]) -> [[f64; LANES]; LANES];
-    /// `x0 y0 z0 x1 y1 ...` of three vectors.
+    /// Interleaves three vectors to `x0 y0 z0 x1 y1 ...`.
     #[inline(always)]
     fn interleave(self, v: Vec3<Self>) -> [Self::V; 3] {
         let [x, y, z] = [self.store(v[0]), self.store(v[1]), self.store(v[2])];
@@ -87,16 +87,17 @@ pub(crate) trait Lanes: Copy + Send + Sync {
             self.load(&[y[5], z[5], x[6], y[6], z[6], x[7], y[7], z[7]]),
         ]
     }
-    /// Starts fetching a row; any address will do.
+    /// Prefetches a row. The address need not be valid.
     fn prefetch(self, row: *const CacheLine);
 }
 
-/// Work for [`Lanes::run`]; implementations must be `#[inline(always)]` to be compiled for it.
+/// Work for [`Lanes::run`]. Implementations must be `#[inline(always)]` to be compiled for its instruction
+/// set.
 pub(crate) trait Job {
     fn call(self);
 }
 
-/// Plain arrays: every target, and the reference for the others.
+/// Plain arrays: work on every target and are the reference for the other lanes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Portable;
 
@@ -132,7 +133,7 @@ impl Lanes for Portable {
         mul(_s, a, b) => eight!(k => a[k] * b[k]);
         recip(_s, a) => eight!(k => a[k].recip());
         sqrt(_s, a) => eight!(k => a[k].sqrt());
-        // Not `mul_add`: without the instruction it is a library call, ten times slower.
+        // Not `mul_add`: on a processor without the instruction it is a library call, ten times slower.
         madd(_s, a, b, c) => eight!(k => a[k] * b[k] + c[k]);
         nmadd(_s, a, b, c) => eight!(k => c[k] - a[k] * b[k]);
         max(_s, a, b) => eight!(k => if a[k] > b[k] { a[k] } else { b[k] });
@@ -149,7 +150,7 @@ impl Lanes for Portable {
     fn prefetch(self, _row: *const CacheLine) {}
 }
 
-/// Three lanes-wide coordinates.
+/// Three coordinates of eight lanes each.
 pub(crate) type Vec3<L> = [<L as Lanes>::V; 3];
 
 /// Dot product.
@@ -188,7 +189,7 @@ pub(crate) fn minus<L: Lanes>(l: L, a: Vec3<L>, s: L::V, c: Vec3<L>) -> Vec3<L> 
     ]
 }
 
-/// Three coordinates from memory.
+/// Loads three integer coordinates.
 #[inline(always)]
 pub(crate) fn load3<L: Lanes>(l: L, x: &[[i32; LANES]; 3]) -> Vec3<L> {
     [l.load_i32(&x[0]), l.load_i32(&x[1]), l.load_i32(&x[2])]
@@ -214,15 +215,15 @@ pub(crate) fn sum<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 
 /// Adds three vectors to `x0 y0 z0 x1 ...` of up to eight particles.
 #[inline(always)]
-pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, to: &mut [f64]) {
+pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, target: &mut [f64]) {
     let parts = l.interleave(v);
-    let (whole, rest) = to.as_chunks_mut::<LANES>();
+    let (whole, last) = target.as_chunks_mut::<LANES>();
     let done = whole.len();
-    for (to, part) in whole.iter_mut().zip(parts) {
-        *to = l.store(l.add(l.load(to), part));
+    for (target, part) in whole.iter_mut().zip(parts) {
+        *target = l.store(l.add(l.load(target), part));
     }
-    if !rest.is_empty() {
+    if !last.is_empty() {
         let tail = l.store(parts[done.min(2)]);
-        rest.iter_mut().zip(tail).for_each(|(to, x)| *to += x);
+        last.iter_mut().zip(tail).for_each(|(target, x)| *target += x);
     }
 }

@@ -1,4 +1,4 @@
-//! The lanes of AVX-512 (one register a vector) and AVX2 with FMA (two).
+//! The lanes of AVX-512 (one register per vector) and of AVX2 with FMA (two registers per vector).
 
 use super::lanes::{CacheLine, Job, LANES, Lanes, eight, elementwise};
 use core::arch::x86_64::{__m256d, __m512d};
@@ -19,7 +19,7 @@ impl<J: Job> NullaryFnOnce for Call<J> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wide512(pub(crate) V4);
 
-/// Two stages of 128-bit block shuffles after the pairwise unpacks: blocks k of four vectors.
+/// Shuffles 128-bit blocks of four vectors in two stages, after the pairwise unpacks.
 #[inline(always)]
 fn blocks(s: V4, t: [__m512d; 4]) -> [__m512d; 4] {
     let f = s.avx512f;
@@ -104,7 +104,7 @@ impl Lanes for Wide512 {
     #[inline(always)]
     fn interleave(self, [x, y, z]: [__m512d; 3]) -> [__m512d; 3] {
         let f = self.0.avx512f;
-        // Places of x and y (8 and above) in each part, then of z (8 and above) among them.
+        // Indices into x and y (8 and above) for each part, then into this part and z (8 and above).
         let a = f._mm512_permutex2var_pd(x, cast([0_u64, 8, 0, 1, 9, 0, 2, 10]), y);
         let b = f._mm512_permutex2var_pd(x, cast([0_u64, 3, 11, 0, 4, 12, 0, 5]), y);
         let c = f._mm512_permutex2var_pd(x, cast([13_u64, 0, 6, 14, 0, 7, 15, 0]), y);
@@ -122,7 +122,7 @@ impl Lanes for Wide512 {
     }
 }
 
-/// AVX2 with FMA, two registers a vector.
+/// AVX2 with FMA, two registers per vector.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wide256(pub(crate) V3);
 
@@ -141,7 +141,7 @@ macro_rules! both {
     };
 }
 
-/// 4 x 4 transposition.
+/// Transposes 4 x 4 numbers.
 #[inline(always)]
 fn turn4(s: V3, r: [__m256d; 4]) -> [__m256d; 4] {
     let a = s.avx;

@@ -1,6 +1,6 @@
-//! The two force laws, eight half-bonds at a time.
+//! The two force laws, for eight half-bonds at a time.
 //!
-//! Linear: as in [`crate::bond`]. Finite rotations: the exact gradient of
+//! The linear law is described in [`crate::bond`]. The law for finite rotations is the exact gradient of
 //!
 //! ```text
 //! U = w [ k_n (l-l0)^2/2 + k_t s^2/2 + 2 k_b ((1-c_i^2) + (t_i.t_j - c_i c_j) + (1-c_j^2)) ]
@@ -8,10 +8,9 @@
 //! t_i = R_i n_0   t_j = R_j n_0   c_i = n.t_i   c_j = n.t_j   s = 2 n.vec(q_j q_i*)
 //! ```
 //!
-//! with `q` the unit quaternions of the particles (identity at the start) and `n_0` the axis at
-//! rest. `s = 2 sin(phi/2)` for a twist `phi`. U depends on relative quantities only, so forces
-//! and torques balance and a rigid motion of any size costs nothing. With `r = vec(q_j q_i*)` and
-//! `r_0` its scalar part:
+//! where `q` are the unit quaternions of the particles (identity at the start) and `n_0` is the axis at rest.
+//! `s = 2 sin(phi/2)` for a twist `phi`. U depends on relative quantities only, so forces and torques balance
+//! and a rigid motion of any size costs no energy. With `r = vec(q_j q_i*)` and its scalar part `r_0`:
 //!
 //! ```text
 //! f_i = k_n (l-l0) n + [k_t s (2 r - s n) - 2 k_b ((2 c_i + c_j) e_i + (c_i + 2 c_j) e_j)] / l
@@ -19,8 +18,8 @@
 //! e_i = t_i - c_i n   e_j = t_j - c_j n
 //! ```
 //!
-//! All factors are strains: with `t` for `e` the same sums would be differences of numbers of the size of
-//! `k_b`, whose last digits push a body at rest the same way at every step.
+//! All factors are strains. With `t` in place of `e` the sums would be differences of numbers of the size of
+//! `k_b`, whose round-off would push a body at rest in the same direction at every step.
 
 use super::lanes::{Lanes, Vec3, axpy, cross, diff, dot, load3, minus, scale, sum};
 use super::span::{Grid, Slot};
@@ -28,51 +27,54 @@ use crate::bond::BeamRigidity;
 
 /// A force law on rows of eight numbers per particle.
 pub(crate) trait Law: Copy + Send + Sync {
-    /// Little arithmetic per byte: worth fetching constants ahead even out of the second-level cache.
+    /// True if the law does little arithmetic per byte, so that prefetching constants pays even from the
+    /// second-level cache.
     const LIGHT: bool;
-    /// Whether it needs the lengths of bonds at rest: roots would cost more than eight bytes.
+    /// True if the law needs the lengths of bonds at rest: computing roots costs more than loading eight
+    /// bytes.
     const LENGTHS: bool;
-    /// What the loop over bonds needs of the eight particles.
+    /// Values of the eight particles that the loop over their bonds uses.
     type Ready<L: Lanes>: Copy;
-    /// What it needs of eight neighbours.
+    /// Values of eight neighbours that the second stage uses.
     type Near<L: Lanes>: Copy;
 
-    /// From the rows of the eight particles.
-    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> Self::Ready<L>;
+    /// Prepares the eight particles from their rows.
+    fn ready<L: Lanes>(l: L, rows: &[L::V; 8]) -> Self::Ready<L>;
 
-    /// First stage of a slot (and its lengths), from the rows of the eight neighbours. It runs while the
-    /// second stage of the slot before is under way: the processor's own look-ahead is too short to hide
-    /// loads, shuffles and roots.
+    /// First stage of a slot: from the half-bonds with their lengths and the rows of the eight neighbours.
+    ///
+    /// It runs while the second stage of the previous slot is under way, because the processor's own
+    /// look-ahead is too short to hide loads, shuffles and roots.
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
         bonds: (&Slot, &[f64; 8]),
-        own: &Self::Ready<L>,
-        other: &[L::V; 8],
+        particles: &Self::Ready<L>,
+        neighbour_rows: &[L::V; 8],
     ) -> Self::Near<L>;
 
-    /// Second stage: adds forces and torques on the eight own particles.
+    /// Second stage of a slot: adds forces and torques on the eight own particles to `acc`.
     fn add<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
         acc: &mut [L::V; 6],
     );
 
-    /// Elastic energy of the eight bonds, weights included.
+    /// Elastic energy of the eight bonds, including their weights.
     fn energy<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
     ) -> L::V;
 }
 
-/// Section rigidities in all lanes, with the multiples the laws use, in the units of a [`Grid`]: `e =
-/// 1/u³`, `g` its step.
+/// Section rigidities in all lanes, with the multiples that the laws use, in units of a [`Grid`]: `e = 1/u³`,
+/// and `g` is the grid step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rigidity<L: Lanes> {
     /// `ES e g²`, `GI_O e g²`, `2 EI e g²`.
@@ -127,7 +129,7 @@ impl<L: Lanes> Rigidity<L> {
     }
 }
 
-/// Small rotations: rows are `u (3), -, th (3), -`; the free places may hold anything.
+/// Law for small rotations. A row holds `u (3), -, th (3), -`; the places marked `-` may hold anything.
 ///
 /// With `s = w/l³`, the span `d` and the shear `w = Du + d x (th_i + th_j) / 2`, a half-bond adds
 ///
@@ -136,10 +138,10 @@ impl<L: Lanes> Rigidity<L> {
 /// c += 6 EI s d x w + EI s l² (th_j - th_i) + (GI_O - EI) s (d.(th_j - th_i)) d
 /// ```
 ///
-/// `w` and `th_j - th_i` vanish where a body turns as a whole, and all but `6 EI s d x w` has the opposite
-/// sign seen from the other end: what products are rounded to leaves the moments of strains unbalanced, not
-/// those of a rotation common to all, which would add up over a run. Translations are differences, so a
-/// moved body feels no force at all.
+/// `w` and `th_j - th_i` vanish where the body rotates as a whole, and all terms but `6 EI s d x w` change
+/// sign when seen from the other end. Rounding of products therefore unbalances only the moments of strains,
+/// not moments of a common rotation, which would add up over a run. Translations enter as differences, so a
+/// translated body feels no force at all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Linear;
 
@@ -152,8 +154,8 @@ impl Law for Linear {
     type Near<L: Lanes> = [Vec3<L>; 2];
 
     #[inline(always)]
-    fn ready<L: Lanes>(_l: L, own: &[L::V; 8]) -> [Vec3<L>; 2] {
-        [[own[0], own[1], own[2]], [own[4], own[5], own[6]]]
+    fn ready<L: Lanes>(_l: L, rows: &[L::V; 8]) -> [Vec3<L>; 2] {
+        [[rows[0], rows[1], rows[2]], [rows[4], rows[5], rows[6]]]
     }
 
     #[inline(always)]
@@ -162,10 +164,10 @@ impl Law for Linear {
         _: &Rigidity<L>,
         _: (&Slot, &[f64; 8]),
         &[u, _]: &[Vec3<L>; 2],
-        other: &[L::V; 8],
+        neighbour_rows: &[L::V; 8],
     ) -> [Vec3<L>; 2] {
-        let du = diff(l, [other[0], other[1], other[2]], u);
-        [du, [other[4], other[5], other[6]]]
+        let du = diff(l, [neighbour_rows[0], neighbour_rows[1], neighbour_rows[2]], u);
+        [du, [neighbour_rows[4], neighbour_rows[5], neighbour_rows[6]]]
     }
 
     #[inline(always)]
@@ -178,17 +180,20 @@ impl Law for Linear {
         acc: &mut [L::V; 6],
     ) {
         let d: Vec3<L> = load3(l, &slot.span);
+        // Coefficients are computed rather than stored: memory is the limit, and two stored constants per
+        // half-bond cost more time than the ten operations that they save (decision 0009).
         let s = l.load_f32(&slot.stiffness);
+        // Empty lanes have a span of zero: at least one step keeps `1/q` finite, and their stiffness is zero.
         let q = l.max(dot(l, d, d), k.one);
         let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
         let lever = l.mul(k.lever, s);
-        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
-        let shear = axpy(l, cross(l, d, both), k.half_step, du);
+        let (rotation_sum, rotation_difference) = (sum(l, ti, tj), diff(l, tj, ti));
+        let shear = axpy(l, cross(l, d, rotation_sum), k.half_step, du);
         let f = axpy(l, shear, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
         let f = axpy(l, d, l.mul(stiff, dot(l, d, du)), f);
         let c = axpy(l, cross(l, d, shear), lever, [acc[3], acc[4], acc[5]]);
-        let c = axpy(l, apart, l.mul(l.mul(k.bending, s), q), c);
-        let c = axpy(l, d, l.mul(l.mul(k.along, s), dot(l, d, apart)), c);
+        let c = axpy(l, rotation_difference, l.mul(l.mul(k.bending, s), q), c);
+        let c = axpy(l, d, l.mul(l.mul(k.along, s), dot(l, d, rotation_difference)), c);
         *acc = [f[0], f[1], f[2], c[0], c[1], c[2]];
     }
 
@@ -203,24 +208,25 @@ impl Law for Linear {
         let d: Vec3<L> = load3(l, &slot.span);
         let s = l.load_f32(&slot.stiffness);
         let q = l.max(dot(l, d, d), k.one);
-        let (both, apart) = (sum(l, ti, tj), diff(l, tj, ti));
-        let (stretch, twist) = (dot(l, d, du), dot(l, d, apart));
+        let (rotation_sum, rotation_difference) = (sum(l, ti, tj), diff(l, tj, ti));
+        let (stretch, twist) = (dot(l, d, du), dot(l, d, rotation_difference));
         // End rotations against the chord: a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2.
         let chord = l.mul(l.mul(k.two, k.per_step), l.recip(q));
-        let y = minus(l, cross(l, d, du), chord, both);
-        let along = dot(l, d, both);
+        let y = minus(l, cross(l, d, du), chord, rotation_sum);
+        let along = dot(l, d, rotation_sum);
         let sums = l.nmadd(along, along, l.mul(q, dot(l, y, y)));
         let twist2 = l.mul(twist, twist);
-        let differences = l.sub(l.mul(q, dot(l, apart, apart)), twist2);
+        let differences = l.sub(l.mul(q, dot(l, rotation_difference, rotation_difference)), twist2);
         let bend = l.mul(l.mul(k.quarter, k.bending2), l.madd(k.three, sums, differences));
         let held = l.madd(k.axial, l.mul(stretch, stretch), l.mul(k.torsion, twist2));
         l.mul(s, l.madd(k.half, held, bend))
     }
 }
 
-/// Finite rotations: rows are `u (3), q (scalar, vector), -`.
+/// Law for finite rotations. A row holds `u (3), q (scalar, vector), -`.
 ///
-/// With spans `d` for axes, `D_i = R_i d` and `C_i = n.D_i`, all rigidities take the factor `s = w/l0³`.
+/// With spans `d` in place of unit axes, `D_i = R_i d` and `C_i = n.D_i`, all rigidities take the factor `s =
+/// w/l0³`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Finite;
 
@@ -233,7 +239,7 @@ pub(crate) struct FiniteReady<L: Lanes> {
     turn: [Vec3<L>; 3],
 }
 
-/// Direction and length change of eight bonds, quaternions of the neighbours.
+/// Direction and length change of eight bonds, and quaternions of their neighbours.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FiniteNear<L: Lanes> {
     pub(super) n: Vec3<L>,
@@ -242,7 +248,7 @@ pub(crate) struct FiniteNear<L: Lanes> {
     /// `l - l0`.
     pub(super) stretch: L::V,
     /// `l0`.
-    pub(super) rest: L::V,
+    pub(super) rest_length: L::V,
     s: L::V,
     q: Vec3<L>,
 }
@@ -251,7 +257,7 @@ impl<L: Lanes> FiniteNear<L> {
     /// `(l0/g)²`.
     #[inline(always)]
     pub(super) fn square(&self, l: L, k: &Rigidity<L>) -> L::V {
-        let steps = l.mul(self.rest, k.per_step);
+        let steps = l.mul(self.rest_length, k.per_step);
         l.mul(steps, steps)
     }
 }
@@ -263,10 +269,11 @@ impl Law for Finite {
     type Near<L: Lanes> = FiniteNear<L>;
 
     #[inline(always)]
-    fn ready<L: Lanes>(l: L, own: &[L::V; 8]) -> FiniteReady<L> {
-        let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+    fn ready<L: Lanes>(l: L, rows: &[L::V; 8]) -> FiniteReady<L> {
+        let (s, q): (L::V, Vec3<L>) = (rows[3], [rows[4], rows[5], rows[6]]);
         let (one, zero) = (l.splat(1.0), l.splat(0.0));
         let two = l.splat(2.0);
+        // One matrix per particle: a rotated span then costs nine products per bond.
         let (x, y, z) = ([one, zero, zero], [zero, one, zero], [zero, zero, one]);
         let (a, b, c) = (
             turned(l, two, s, q, x),
@@ -275,7 +282,7 @@ impl Law for Finite {
         );
         let turn = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
         FiniteReady {
-            u: [own[0], own[1], own[2]],
+            u: [rows[0], rows[1], rows[2]],
             s,
             q,
             turn,
@@ -286,28 +293,32 @@ impl Law for Finite {
     fn near<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
-        (slot, rest): (&Slot, &[f64; 8]),
-        own: &FiniteReady<L>,
-        other: &[L::V; 8],
+        (slot, rest_length): (&Slot, &[f64; 8]),
+        particles: &FiniteReady<L>,
+        neighbour_rows: &[L::V; 8],
     ) -> FiniteNear<L> {
         let d0: Vec3<L> = load3(l, &slot.span);
-        let rest = l.load(rest);
-        let du = diff(l, [other[0], other[1], other[2]], own.u);
+        let rest_length = l.load(rest_length);
+        let du = diff(
+            l,
+            [neighbour_rows[0], neighbour_rows[1], neighbour_rows[2]],
+            particles.u,
+        );
         let d = axpy(l, d0, k.step, du);
         // l^2 - l0^2 = (d + d0).du, without cancellation for small strains.
         let gain = dot(l, axpy(l, d0, k.step, d), du);
-        let length = l.sqrt(l.madd(rest, rest, gain));
-        let sum = l.add(length, rest);
+        let length = l.sqrt(l.madd(rest_length, rest_length, gain));
+        let sum = l.add(length, rest_length);
         // One division for both 1/l and 1/(l + l0).
-        let both = l.recip(l.mul(length, sum));
-        let shrink = l.mul(both, sum);
+        let inverse_product = l.recip(l.mul(length, sum));
+        let shrink = l.mul(inverse_product, sum);
         FiniteNear {
             n: scale(l, d, shrink),
             shrink,
-            stretch: l.mul(gain, l.mul(both, length)),
-            rest,
-            s: other[3],
-            q: [other[4], other[5], other[6]],
+            stretch: l.mul(gain, l.mul(inverse_product, length)),
+            rest_length,
+            s: neighbour_rows[3],
+            q: [neighbour_rows[4], neighbour_rows[5], neighbour_rows[6]],
         }
     }
 
@@ -316,7 +327,7 @@ impl Law for Finite {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
         acc: &mut [L::V; 6],
     ) {
@@ -328,8 +339,8 @@ impl Law for Finite {
             axes: [ti, tj],
             relative: r,
             twist,
-        } = turned_axes(l, k.two, slot, own, near);
-        let r0 = l.madd(own.s, near.s, dot(l, own.q, near.q));
+        } = turned_axes(l, k.two, slot, particles, near);
+        let r0 = l.madd(particles.s, near.s, dot(l, particles.q, near.q));
         let whole = l.mul(s, near.square(l, k));
         let kt = l.mul(l.mul(k.torsion, whole), twist);
         let kb = l.mul(k.bending2, s);
@@ -360,7 +371,7 @@ impl Law for Finite {
         l: L,
         k: &Rigidity<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
     ) -> L::V {
         let s = l.load_f32(&slot.stiffness);
@@ -368,7 +379,7 @@ impl Law for Finite {
             axes: [ti, tj],
             twist,
             ..
-        } = turned_axes(l, k.two, slot, own, near);
+        } = turned_axes(l, k.two, slot, particles, near);
         let n = near.n;
         // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.
         let (ei, ej) = (minus(l, n, dot(l, n, ti), ti), minus(l, n, dot(l, n, tj), tj));
@@ -379,7 +390,7 @@ impl Law for Finite {
     }
 }
 
-/// The spans at rest turned with either end, `vec(q_j q_i*)`, and the twist `s`.
+/// Spans at rest rotated with either end (`axes`), `vec(q_j q_i*)` (`relative`) and the twist `s`.
 pub(super) struct Turned<L: Lanes> {
     pub(super) axes: [Vec3<L>; 2],
     relative: Vec3<L>,
@@ -391,19 +402,19 @@ pub(super) fn turned_axes<L: Lanes>(
     l: L,
     two: L::V,
     slot: &Slot,
-    own: &FiniteReady<L>,
+    particles: &FiniteReady<L>,
     near: &FiniteNear<L>,
 ) -> Turned<L> {
     let n0: Vec3<L> = load3(l, &slot.span);
-    let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (own.q, near.q, near.s);
+    let (qi, qj, sj): (Vec3<L>, Vec3<L>, L::V) = (particles.q, near.q, near.s);
     let ti: Vec3<L> = [
-        dot(l, own.turn[0], n0),
-        dot(l, own.turn[1], n0),
-        dot(l, own.turn[2], n0),
+        dot(l, particles.turn[0], n0),
+        dot(l, particles.turn[1], n0),
+        dot(l, particles.turn[2], n0),
     ];
     let tj = turned(l, two, sj, qj, n0);
     // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j.
-    let r = axpy(l, qj, own.s, cross(l, qi, qj));
+    let r = axpy(l, qj, particles.s, cross(l, qi, qj));
     let r = minus(l, qi, sj, r);
     Turned {
         axes: [ti, tj],
@@ -412,7 +423,7 @@ pub(super) fn turned_axes<L: Lanes>(
     }
 }
 
-/// `R n`, by `n + 2 s (q x n) + 2 q x (q x n)`.
+/// Rotates `n` by the quaternion `(s, q)`: `n + 2 s (q x n) + 2 q x (q x n)`.
 #[inline(always)]
 fn turned<L: Lanes>(l: L, two: L::V, s: L::V, q: Vec3<L>, n: Vec3<L>) -> Vec3<L> {
     let c = scale(l, cross(l, q, n), two);

@@ -1,19 +1,19 @@
-//! Bonds in blocks: eight particles side by side, slot after slot of half-bonds.
+//! Bonds in blocks: eight particles side by side, with one slot of eight half-bonds after the other.
 //!
-//! Every bond is stored twice, once with each of its ends, so that a particle gathers all its
-//! forces itself: nothing is scattered, no two threads write the same place, and sums have one
-//! order whatever the number of threads.
+//! Every bond is stored twice, once with each of its ends, so that a particle gathers all its forces itself.
+//! Nothing is scattered, no two threads write to the same place, and sums have the same order for any number
+//! of threads.
 
 use super::lanes::{CacheLine, LANES};
 use super::span::{Grid, Slot};
 use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 
-/// The bonds of one body, whose numbers are places in the blocks.
+/// The bonds of one body; particles are numbered by their places in the blocks.
 #[derive(Debug)]
 pub(crate) struct Layout {
-    /// Particles in the blocks. Numbers from here on are those of particles of other ranks, whose rows come
-    /// behind the last block.
+    /// Number of particles in the blocks. Larger particle numbers are ghosts (particles of other ranks),
+    /// whose rows follow the last block.
     particles: usize,
     pub(crate) grid: Grid,
     /// First slot of each block, and one past the last.
@@ -22,30 +22,32 @@ pub(crate) struct Layout {
     pub(crate) slots: Vec<Slot>,
     /// The other particle of each half-bond; the particle itself in empty lanes.
     pub(crate) neighbours: Vec<[u32; LANES]>,
-    /// Lengths of half-bonds at rest \[m\], where the law needs them; a step of the grid in empty lanes.
+    /// Lengths at rest of the half-bonds \[m\] if the law needs them; one grid step in empty lanes.
     pub(crate) rests: Vec<CacheLine>,
     lengths: bool,
 }
 
-/// Half-bonds that take as long as moving a particle.
+/// Half-bonds that take as long as moving one particle.
 const MOVING: usize = 3;
 
-/// Slots of particles with so many bonds each: a block has those of its particle with most.
+/// Number of slots for particles with the given numbers of bonds: each block has as many slots as its
+/// particle with most bonds.
 fn slots(bonds: &[usize]) -> usize {
     let most = |block: &[usize]| block.iter().max().copied().unwrap_or(0);
     bonds.chunks(LANES).map(most).sum()
 }
 
-/// Half-bonds that the kernel passes over for particles with so many bonds each, empty lanes and the motion
-/// of particles included.
+/// Number of half-bonds the kernel processes for particles with the given numbers of bonds. Counts empty
+/// lanes and the equivalent of moving the particles.
 pub(crate) fn work(bonds: &[usize]) -> usize {
     (slots(bonds) + MOVING * bonds.len().div_ceil(LANES)) * LANES
 }
 
 impl Layout {
-    /// `adjacency` gives other end and bond of each bond of a particle, sorted by the other end: the sum
-    /// over a particle's bonds does not depend on how the caller numbered bonds. The first `particles` get
-    /// blocks.
+    /// Lays out the bonds of the first `particles` particles of a body, with lengths at rest if `lengths`.
+    ///
+    /// Each row of the body's adjacency is sorted by the other end, so the sum over a particle's bonds does
+    /// not depend on how the caller numbered the bonds.
     pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
         let adjacency = body.adjacency();
         let blocks = particles.div_ceil(LANES);
@@ -64,7 +66,7 @@ impl Layout {
             slots += most.unwrap_or(0);
             out.start.push(slots as u32);
         }
-        // As much room as it takes: the largest arrays of a body.
+        // Allocates the exact size: these are the largest arrays of a body.
         out.slots = vec![Slot::default(); slots];
         out.neighbours = vec![[0; LANES]; slots];
         out.rests = vec![CacheLine::default(); if lengths { slots } else { 0 }];
@@ -77,7 +79,7 @@ impl Layout {
         self.particles
     }
 
-    /// Row of a particle.
+    /// Row of a particle: ghosts stand behind the padding of the last block.
     fn row(&self, particle: u32) -> u32 {
         let n = self.particles;
         let behind = if particle as usize >= n {
@@ -92,7 +94,7 @@ impl Layout {
         block * LANES..self.particles.min((block + 1) * LANES)
     }
 
-    /// Writes the bonds of one block again, only those that are `whole`.
+    /// Rewrites the bonds of one block, keeping only bonds for which `whole` is true.
     pub(crate) fn refresh(
         &mut self,
         block: usize,
@@ -101,28 +103,29 @@ impl Layout {
         whole: &dyn Fn(usize) -> bool,
     ) {
         let first = block * LANES;
-        let (from, to) = (self.start[block] as usize, self.start[block + 1] as usize);
-        self.slots[from..to].fill(Slot::default());
-        self.neighbours[from..to].fill(std::array::from_fn(|k| (first + k) as u32));
+        let (first_slot, end_slot) = (self.start[block] as usize, self.start[block + 1] as usize);
+        self.slots[first_slot..end_slot].fill(Slot::default());
+        self.neighbours[first_slot..end_slot].fill(std::array::from_fn(|k| (first + k) as u32));
         if self.lengths {
-            self.rests[from..to].fill(CacheLine([self.grid.step(); LANES]));
+            self.rests[first_slot..end_slot].fill(CacheLine([self.grid.step(); LANES]));
         }
         for i in self.lanes(block) {
-            let left = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
-            for (s, &[other, b]) in left.enumerate() {
+            // Whole bonds move up into the first slots; `FractureState::follow` orders their limits alike.
+            let whole_bonds = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
+            for (s, &[neighbour, b]) in whole_bonds.enumerate() {
                 let bond = body.bond(b as usize);
-                let own = body.pairs()[b as usize][0] as usize == i;
-                let bond = if own { bond } else { bond.reversed() };
-                self.slots[from + s].set(i - first, &bond, &self.grid);
-                self.neighbours[from + s][i - first] = self.row(other);
+                let is_first_end = body.pairs()[b as usize][0] as usize == i;
+                let bond = if is_first_end { bond } else { bond.reversed() };
+                self.slots[first_slot + s].set(i - first, &bond, &self.grid);
+                self.neighbours[first_slot + s][i - first] = self.row(neighbour);
                 if self.lengths {
-                    self.rests[from + s].0[i - first] = bond.span().norm();
+                    self.rests[first_slot + s].0[i - first] = bond.span().norm();
                 }
             }
         }
     }
 
-    /// Bytes of bond data of particles with so many bonds each.
+    /// Bytes of bond data for particles with the given numbers of bonds.
     pub(crate) fn bytes(bonds: &[usize], lengths: bool) -> usize {
         let slots = slots(bonds);
         let lengths = if lengths { size_of::<CacheLine>() } else { 0 };

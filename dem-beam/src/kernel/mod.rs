@@ -1,4 +1,4 @@
-//! The fast kernel: forces of the bonds, gathered for eight particles at a time.
+//! The fast kernel: computes the bond forces of eight particles at a time.
 
 pub(crate) mod engine;
 pub(crate) mod lanes;

@@ -1,11 +1,12 @@
-//! Numbering for locality.
+//! Numbering of particles for memory locality.
 
 use nalgebra::Vector3;
 
-/// Morton key of a point in a box: 21 bits per axis, the axes scaled alike so that cells of the
-/// curve are cubes.
+/// Morton key of a point in a box, with 21 bits per axis. All axes have the same scale, so that the cells of
+/// the curve are cubes.
 pub(crate) fn morton_key(x: &Vector3<f64>, low: &Vector3<f64>, high: &Vector3<f64>) -> u64 {
     let extent = (high - low).max().max(f64::MIN_POSITIVE);
+    // Puts two zero bits between neighbouring bits of the integer, so that three axes fit into one key.
     let spread = |v: f64| {
         let t = (v / extent * 2_097_151.0).clamp(0.0, 2_097_151.0);
         let mut k = t as u64;
@@ -19,12 +20,13 @@ pub(crate) fn morton_key(x: &Vector3<f64>, low: &Vector3<f64>, high: &Vector3<f6
     spread(d.x) | (spread(d.y) << 1) | (spread(d.z) << 2)
 }
 
-/// Particles per window inside which degree decides the order: small enough to stay in cache.
+/// Particles per window inside which the number of bonds decides the order: small enough to stay in cache.
 const WINDOW: usize = 256;
 
-/// Order of particles for the block kernel: along a Morton curve, then, inside short windows, by
-/// number of bonds, so that the eight particles of a block have about equally many and few lanes
-/// stay empty. Entry k is the particle at place k.
+/// Returns the order of particles for the block kernel: entry k is the particle at place k.
+///
+/// The order follows a Morton curve. Inside short windows it follows the number of bonds, so that the eight
+/// particles of a block have about equally many bonds and few lanes stay empty.
 #[must_use]
 pub fn block_order(positions: &[Vector3<f64>], pairs: &[[u32; 2]]) -> Vec<u32> {
     let low = positions

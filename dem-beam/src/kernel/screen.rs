@@ -1,10 +1,10 @@
-//! The look at strengths that rides in the force kernel.
+//! Strength check inside the force kernel.
 //!
-//! Forces already hold what the criteria need: strain, twist and end rotations of eight bonds at a time.
-//! Each half-bond compares the moment at its own end, so that both ends of a bond are seen. The comparison
-//! is with a limit a [`MARGIN`] below the strength and marks whole blocks: who marked them looks again,
-//! bond by bond, with the exact criterion. No mark is missing unless round-off reaches the margin, which
-//! [`Screen::new`] rules out.
+//! The force kernel already has what the fracture criteria need: strain, twist and end rotations of eight
+//! bonds at a time. Each half-bond compares the moment at its own end, so that both ends of a bond are
+//! checked. The comparison uses a limit that lies [`MARGIN`] below the strength, and it marks whole blocks.
+//! The caller then checks the bonds of marked blocks with the exact criterion. No block with a breaking bond
+//! is missed unless round-off reaches the margin, which [`Screen::new`] rules out.
 //!
 //! ```text
 //! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
@@ -14,8 +14,8 @@
 //! energy    U >= s S
 //! ```
 //!
-//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root, all is divided by the least strength
-//! beforehand, and multiplied by a length where that saves a division.
+//! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root. All terms are divided by the lowest strength
+//! beforehand, and multiplied by a length where this saves a division.
 
 use super::engine::{Marks, Posed};
 use super::lanes::{CacheLine, LANES, Lanes, Vec3, axpy, cross, dot, load3, minus, scale, sum};
@@ -25,35 +25,35 @@ use super::visit::Visitor;
 use crate::fracture::Criterion;
 use crate::fracture::criterion::Section;
 
-/// Part of the strength by which the limits lie below it.
+/// Relative distance of the limits below the strengths.
 const MARGIN: f64 = 1e-3;
 
-/// Bound of rotations that no particle passes: products of it stay finite.
+/// Limit of [`Screen::turn`], in place of infinity: products with it stay finite.
 const NEVER: f64 = 1e60;
 
-/// Least strength, as a strain, that round-off of the kernel stays a thousandth below.
+/// Lowest strength, as a strain, of which round-off in the kernel stays below a thousandth.
 const LEAST_STRAIN: f64 = 1e-8;
 
-/// What bonds are compared with.
+/// Limits against which half-bonds are checked.
 #[derive(Debug, Clone)]
 pub(crate) struct Screen {
     pub(crate) criterion: Criterion,
     section: Section,
-    /// Least of the limits.
+    /// Lowest of all limits \[Pa or J/m²\].
     limit: f64,
-    /// It over the limit of each half-bond, where they differ.
-    each: Option<Vec<CacheLine>>,
-    /// Largest `|th|^2` of a particle for which the squares of the linear law are sharp enough.
+    /// The lowest limit over the limit of each half-bond, if strengths differ.
+    ratios: Option<Vec<CacheLine>>,
+    /// Largest `|th|^2` of a particle for which the squares of the linear law are accurate enough.
     turn: f64,
 }
 
 impl Screen {
-    /// `strengths` of all bonds \[Pa or J/m²\], least and largest of their `lengths` \[m\]. Nothing where
-    /// strengths are so small that round-off could hide a break.
+    /// Makes a screen from the `strengths` of all bonds \[Pa or J/m²\] and the smallest and largest of their
+    /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
     ///
-    /// In the linear law `|m|^2` comes from rotations that may cancel: its error is below `1e-12 (E r_b/l
+    /// In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
     /// th)^2`, which must stay a thousandth below the square of the strength. Blocks with larger rotations
-    /// are marked without a look.
+    /// are marked without a check.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,
@@ -62,6 +62,8 @@ impl Screen {
     ) -> Option<Self> {
         let [shortest, longest] = lengths;
         let least = strengths.iter().copied().fold(f64::INFINITY, f64::min);
+        // The stress at which the longest bond reaches the energy `w` in pure tension: `w = stress^2 l / (2
+        // E)`.
         let stress = match criterion {
             Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
@@ -71,26 +73,27 @@ impl Screen {
             criterion,
             section,
             limit: (1.0 - MARGIN) * least,
-            each: None,
+            ratios: None,
             turn: (turn * turn).min(NEVER),
         })
     }
 
-    /// One limit per half-bond from here on, `slots` rows of them, none to be reached.
-    pub(crate) fn with_each(mut self, slots: usize) -> Self {
-        self.each = Some(vec![CacheLine([0.0; LANES]); slots]);
+    /// Allocates one limit per half-bond, `slots` rows of them; at first no half-bond can reach its limit.
+    pub(crate) fn with_ratios(mut self, slots: usize) -> Self {
+        // Zero is the ratio to an infinite limit.
+        self.ratios = Some(vec![CacheLine([0.0; LANES]); slots]);
         self
     }
 
-    /// Writes the strength of the half-bond in a lane of a slot, if each has its own.
+    /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
-        if let Some(row) = self.each.as_mut().and_then(|e| e.get_mut(slot)) {
+        if let Some(row) = self.ratios.as_mut().and_then(|e| e.get_mut(slot)) {
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
 }
 
-/// Constants of a [`Screen`] in all lanes, over its limit.
+/// Constants of a [`Screen`] in all lanes, divided by its limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Test<L: Lanes> {
     criterion: Criterion,
@@ -102,7 +105,7 @@ pub(crate) struct Test<L: Lanes> {
     young: L::V,
     bend: L::V,
     shear: L::V,
-    /// Half of `E S` and of `G I_O`, `2 E I` times 3/4 and 1/4; over `S`.
+    /// Half of `E S` and of `G I_O`, and `2 E I` times 3/4 and 1/4, all over `S`.
     stretch: L::V,
     twist: L::V,
     sum: L::V,
@@ -139,17 +142,17 @@ impl<L: Lanes> Test<L> {
         }
     }
 
-    /// Above zero where normal stress `n`, bending stress of square `b` and shear stress of square `t`
-    /// reach 1.
+    /// Returns values above zero where normal stress `n`, bending stress of square `b` and shear stress of
+    /// square `t` reach 1.
     #[inline(always)]
-    fn of_stress(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
+    fn stress_excess(&self, l: L, n: L::V, b: L::V, t: L::V) -> L::V {
         if matches!(self.criterion, Criterion::Mises) {
-            let left = l.nmadd(self.three, t, self.one);
-            let kept = l.max(left, self.zero);
-            let room = l.sub(l.sqrt(kept), self.size(l, n));
-            // Shear beyond the limit alone leaves no room, and under it alone there is nothing to compare
-            // that with.
-            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(kept, left));
+            let remainder = l.nmadd(self.three, t, self.one);
+            let clamped = l.max(remainder, self.zero);
+            let room = l.sub(l.sqrt(clamped), self.size(l, n));
+            // Shear stress beyond the limit leaves no room for bending: `clamped - remainder` is then
+            // positive and marks the lane whatever the other stresses are.
+            return l.add(l.nmadd(room, self.size(l, room), b), l.sub(clamped, remainder));
         }
         let room = l.sub(l.sub(self.one, t), n);
         l.nmadd(room, self.size(l, room), b)
@@ -160,31 +163,31 @@ impl<L: Lanes> Test<L> {
         l.max(x, l.sub(self.zero, x))
     }
 
-    /// Stresses times the share of the limit, where limits differ; squares times its square.
+    /// Multiplies a stress by the ratio of limits where limits differ, or a square by its square.
     #[inline(always)]
-    fn shared(&self, l: L, x: L::V, share: Option<L::V>) -> L::V {
-        match share {
+    fn scaled(&self, l: L, x: L::V, ratio: Option<L::V>) -> L::V {
+        match ratio {
             Some(s) => l.mul(x, s),
             None => x,
         }
     }
 }
 
-/// A law that can be screened.
+/// A law whose bonds can be screened for strength.
 pub(crate) trait Screened: Posed {
-    /// Above zero where a half-bond may have reached its limit.
+    /// Returns values above zero where a half-bond may have reached its limit.
     fn excess<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
         t: &Test<L>,
         slot: &Slot,
-        own: &Self::Ready<L>,
+        particles: &Self::Ready<L>,
         near: &Self::Near<L>,
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V;
 
-    /// Square of the rotations of the own particles, where they decide how sharp the test is.
-    fn turn<L: Lanes>(l: L, own: &Self::Ready<L>) -> L::V;
+    /// Square of the rotations of the own particles if it limits the accuracy of the check, else zero.
+    fn turn<L: Lanes>(l: L, particles: &Self::Ready<L>) -> L::V;
 }
 
 impl Screened for Linear {
@@ -196,39 +199,40 @@ impl Screened for Linear {
         slot: &Slot,
         &[_, ti]: &[Vec3<L>; 2],
         &[du, tj]: &[Vec3<L>; 2],
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V {
         let d: Vec3<L> = load3(l, &slot.span);
-        // `n/l`, and nothing in empty lanes.
+        // `n/l`, and zero in empty lanes.
         let per = l.mul(k.per_step, l.recip(l.max(dot(l, d, d), k.one)));
         let p = scale(l, d, per);
         let strain = dot(l, p, du);
+        // The axial criterion needs only the strain: returning here skips the moments.
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(t.shared(l, l.mul(t.young, strain), share), t.one);
+            return l.sub(t.scaled(l, l.mul(t.young, strain), ratio), t.one);
         }
         let q = dot(l, p, p);
         let c = cross(l, p, du);
         let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
         let twist = l.sub(pj, pi);
-        let both = sum(l, ti, tj);
+        let rotation_sum = sum(l, ti, tj);
         if matches!(t.criterion, Criterion::Energy) {
-            let a = minus(l, c, t.two, both);
+            let a = minus(l, c, t.two, rotation_sum);
             let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let stretch = l.mul(t.stretch, l.mul(strain, strain));
             let held = l.madd(t.twist, l.mul(twist, twist), stretch);
             let held = l.madd(t.sum, across(l, q, a, l.add(pi, pj)), held);
             let held = l.madd(t.difference, across(l, q, b, twist), held);
-            return l.sub(t.shared(l, held, share), l.sqrt(q));
+            return l.sub(t.scaled(l, held, ratio), l.sqrt(q));
         }
-        let half = minus(l, c, t.three, sum(l, ti, both));
-        let square = squared(l, share);
-        let bend = t.shared(
+        let half = minus(l, c, t.three, sum(l, ti, rotation_sum));
+        let square = squared(l, ratio);
+        let bend = t.scaled(
             l,
             l.mul(t.bend, across(l, q, half, l.madd(t.two, pi, pj))),
             square,
         );
-        let shear = t.shared(l, l.mul(t.shear, l.mul(twist, twist)), square);
-        t.of_stress(l, t.shared(l, l.mul(t.young, strain), share), bend, shear)
+        let shear = t.scaled(l, l.mul(t.shear, l.mul(twist, twist)), square);
+        t.stress_excess(l, t.scaled(l, l.mul(t.young, strain), ratio), bend, shear)
     }
 
     #[inline(always)]
@@ -244,28 +248,28 @@ impl Screened for Finite {
         k: &Rigidity<L>,
         t: &Test<L>,
         slot: &Slot,
-        own: &FiniteReady<L>,
+        particles: &FiniteReady<L>,
         near: &FiniteNear<L>,
-        share: Option<L::V>,
+        ratio: Option<L::V>,
     ) -> L::V {
-        let rest = near.rest;
+        let rest_length = near.rest_length;
         let (n, stretch) = (near.n, near.stretch);
         if matches!(t.criterion, Criterion::Axial) {
-            return l.sub(t.shared(l, l.mul(t.young, stretch), share), rest);
+            return l.sub(t.scaled(l, l.mul(t.young, stretch), ratio), rest_length);
         }
-        let turned = turned_axes(l, t.two, slot, own, near);
+        let turned = turned_axes(l, t.two, slot, particles, near);
         let ([ti, tj], twist) = (turned.axes, turned.twist);
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
-        // Squares of turned spans over this are those of turned axes.
+        // Squares of rotated spans, multiplied by this, are squares of rotated axes.
         let unit = l.recip(near.square(l, k));
         if matches!(t.criterion, Criterion::Energy) {
-            let both = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
-            let apart = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
-            let apart = minus(l, n, l.sub(ci, cj), apart);
+            let axis_sum = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
+            let axis_difference = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
+            let axis_difference = minus(l, n, l.sub(ci, cj), axis_difference);
             let bent = l.madd(
                 t.sum,
-                dot(l, both, both),
-                l.mul(t.difference, dot(l, apart, apart)),
+                dot(l, axis_sum, axis_sum),
+                l.mul(t.difference, dot(l, axis_difference, axis_difference)),
             );
             let held = l.madd(
                 t.twist,
@@ -273,17 +277,17 @@ impl Screened for Finite {
                 l.mul(t.stretch, l.mul(stretch, stretch)),
             );
             let held = l.madd(bent, unit, held);
-            return l.sub(t.shared(l, held, share), rest);
+            return l.sub(t.scaled(l, held, ratio), rest_length);
         }
         let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
-        // Strains are lengths over that at rest.
-        let per = l.recip(rest);
-        let per = t.shared(l, per, share);
+        // Strains are length changes over the length at rest.
+        let per = l.recip(rest_length);
+        let per = t.scaled(l, per, ratio);
         let square = l.mul(per, per);
         let bent = l.mul(dot(l, half, half), unit);
         let bend = l.mul(l.mul(t.bend, bent), square);
         let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
-        t.of_stress(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
+        t.stress_excess(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
     }
 
     #[inline(always)]
@@ -292,31 +296,30 @@ impl Screened for Finite {
     }
 }
 
-/// `q |x_p|^2` of the part of `x` across an axis `p`, `q = p.p`, from `px = p.x`.
+/// `q |x_p|^2`, where `x_p` is the part of `x` across an axis `p`, `q = p.p` and `px = p.x`.
 #[inline(always)]
 fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
     l.nmadd(px, px, l.mul(q, dot(l, x, x)))
 }
 
-/// Square of a share, if there is one. Not `map`: closures are compiled without the instructions of the
-/// caller.
+/// Square of an optional ratio. Not `map`: closures are compiled without the instructions of the caller.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
-fn squared<L: Lanes>(l: L, share: Option<L::V>) -> Option<L::V> {
-    match share {
+fn squared<L: Lanes>(l: L, ratio: Option<L::V>) -> Option<L::V> {
+    match ratio {
         Some(s) => Some(l.mul(s, s)),
         None => None,
     }
 }
 
-/// The worst of what it saw in a block.
+/// Collects the largest excess in each block and marks blocks in which it is positive.
 pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
     test: Test<L>,
-    each: Option<&'a [CacheLine]>,
+    ratios: Option<&'a [CacheLine]>,
     turn: L::V,
     worst: L::V,
-    /// Blocks in which anything was beyond its limit.
+    /// Set for blocks in which a bond exceeded its limit.
     marks: &'a mut [bool],
 }
 
@@ -326,7 +329,7 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
         Self {
             l,
             test: Test::new(l, screen),
-            each: screen.each.as_deref(),
+            ratios: screen.ratios.as_deref(),
             turn: l.splat(screen.turn),
             worst: l.splat(-1.0),
             marks,
@@ -336,25 +339,33 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
 
 impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     #[inline(always)]
-    fn begin(&mut self, own: &W::Ready<L>) {
-        self.worst = self.l.sub(W::turn(self.l, own), self.turn);
+    fn begin(&mut self, particles: &W::Ready<L>) {
+        // Positive for particles with rotations too large for the squares: their block is always marked.
+        self.worst = self.l.sub(W::turn(self.l, particles), self.turn);
     }
 
     #[inline(always)]
-    fn visit(&mut self, k: &Rigidity<L>, index: usize, slot: &Slot, own: &W::Ready<L>, near: &W::Near<L>) {
+    fn visit(
+        &mut self,
+        k: &Rigidity<L>,
+        index: usize,
+        slot: &Slot,
+        particles: &W::Ready<L>,
+        near: &W::Near<L>,
+    ) {
         let l = self.l;
         #[allow(clippy::manual_map, reason = "as in `squared`")]
-        let share = match self.each {
+        let ratio = match self.ratios {
             Some(rows) => Some(l.load(&rows[index].0)),
             None => None,
         };
-        let excess = W::excess(l, k, &self.test, slot, own, near, share);
+        let excess = W::excess(l, k, &self.test, slot, particles, near, ratio);
         self.worst = l.max(excess, self.worst);
     }
 
     #[inline(always)]
     fn end(&mut self, b: usize) {
-        // At the limit is not enough: empty lanes are.
+        // Strictly above zero, because empty lanes give exactly zero.
         self.marks[b] = self.l.store(self.worst).iter().any(|x| *x > 0.0);
     }
 }

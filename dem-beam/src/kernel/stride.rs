@@ -1,18 +1,18 @@
-//! The passes of velocity Verlet in the kernel: unknowns move while rows are written, and are accelerated
-//! in the block that has just found their forces.
+//! The passes of a velocity Verlet step in the kernel. Unknowns move while rows are written, and particles
+//! are accelerated in the same block pass that has just computed their forces.
 //!
 //! ```text
 //! v' = v + h a   q += dt v'   rows(q)   |   f(rows)   a' = w f   v = v' + h a'
 //! ```
 //!
-//! The velocity `v'` of the half step is found twice instead of stored. Products and sums are rounded one
-//! by one, as the core does it: the same bits.
+//! The half-step velocity `v'` is computed twice instead of stored. Products and sums are rounded one by one
+//! as in the core, so the bits are the same.
 
 use super::engine::{Cut, Finish, OnLanes, PER_BLOCK, With, cut_unknowns, prefetch_lines};
 use super::lanes::{CacheLine, Job, LANES, Lanes, sum};
 use std::ops::Range;
 
-/// Unknowns of one sort on their way: displacements, velocities, accelerations.
+/// Job that moves unknowns of one kind by a step: displacements `q`, velocities `v`, accelerations `a`.
 pub(crate) struct Drift<'a> {
     /// `dt` and `dt/2` \[s\].
     pub(crate) step: [f64; 2],
@@ -45,6 +45,7 @@ impl<L: Lanes> Job for With<L, Drift<'_>> {
         let (vs, v) = v.as_chunks::<LANES>();
         let (accelerations, a) = a.as_chunks::<LANES>();
         for (q, (v, a)) in qs.iter_mut().zip(vs.iter().zip(accelerations)) {
+            // `mul` and `add` and no fused multiply-add: it would round once where the core rounds twice.
             let v = l.add(l.load(v), l.mul(half, l.load(a)));
             *q = l.store(l.add(l.load(q), l.mul(wide, v)));
         }
@@ -54,10 +55,10 @@ impl<L: Lanes> Job for With<L, Drift<'_>> {
     }
 }
 
-/// Rows and unknowns of a range of blocks: displacements and rotations.
+/// Rows and unknowns (displacements, rotations) of a range of blocks.
 pub(crate) struct Moving<'a> {
     pub(crate) rows: &'a mut [CacheLine],
-    /// Rotations reached; empty for a law that does not turn.
+    /// Rotations of the previous rows; empty for a law without orientations.
     pub(crate) reached: &'a mut [f64],
     pub(crate) q: [&'a mut [f64]; 2],
     pub(crate) v: [&'a [f64]; 2],
@@ -71,28 +72,28 @@ impl Cut for Moving<'_> {
 
     fn cut(self, blocks: usize) -> (Self, Self) {
         let (rows, later) = self.rows.split_at_mut(LANES * blocks);
-        let (reached, rest) = cut_unknowns(self.reached, blocks);
+        let (reached, later_reached) = cut_unknowns(self.reached, blocks);
         let [(q, x), (th, y)] = self.q.map(|q| cut_unknowns(q, blocks));
-        let at = PER_BLOCK * blocks;
+        let split = PER_BLOCK * blocks;
         let first = Moving {
             rows,
             reached,
             q: [q, th],
-            v: self.v.map(|v| &v[..at]),
-            a: self.a.map(|a| &a[..at]),
+            v: self.v.map(|v| &v[..split]),
+            a: self.a.map(|a| &a[..split]),
         };
         let second = Moving {
             rows: later,
-            reached: rest,
+            reached: later_reached,
             q: [x, y],
-            v: self.v.map(|v| &v[at..]),
-            a: self.a.map(|a| &a[at..]),
+            v: self.v.map(|v| &v[split..]),
+            a: self.a.map(|a| &a[split..]),
         };
         (first, second)
     }
 }
 
-/// Accelerates the particles of a range of blocks: displacements and rotations.
+/// Accelerates the particles of a range of blocks; the arrays are pairs of displacements and rotations.
 pub(crate) struct Accelerate<'a> {
     /// `dt` and `dt/2` \[s\].
     pub(crate) step: [f64; 2],
@@ -100,9 +101,9 @@ pub(crate) struct Accelerate<'a> {
     pub(crate) a: [&'a mut [f64]; 2],
     /// Inverse inertia.
     pub(crate) w: [&'a [f64]; 2],
-    /// Inertia, where the ledger is drawn.
+    /// Inertia, if the ledger needs the sum.
     pub(crate) m: Option<[&'a [f64]; 2]>,
-    /// `Σ ½ m v'² + ¼ dt v' (f' - f)` of this part.
+    /// `Σ ½ m v'² + ¼ dt v' (f' - f)` over this part \[J\].
     pub(crate) sum: f64,
 }
 
@@ -112,15 +113,15 @@ impl Cut for Accelerate<'_> {
     }
 
     fn cut(self, blocks: usize) -> (Self, Self) {
-        let at = PER_BLOCK * blocks;
+        let split = PER_BLOCK * blocks;
         let [(v, x), (spin, y)] = self.v.map(|v| cut_unknowns(v, blocks));
         let [(a, p), (b, q)] = self.a.map(|a| cut_unknowns(a, blocks));
-        let (w, r) = cut_both(self.w, at);
-        let (m, n) = match self.m.map(|m| cut_both(m, at)) {
+        let (w, r) = cut_both(self.w, split);
+        let (m, n) = match self.m.map(|m| cut_both(m, split)) {
             Some((m, n)) => (Some(m), Some(n)),
             None => (None, None),
         };
-        let one = Accelerate {
+        let first = Accelerate {
             step: self.step,
             v: [v, spin],
             a: [a, b],
@@ -128,7 +129,7 @@ impl Cut for Accelerate<'_> {
             m,
             sum: 0.0,
         };
-        let other = Accelerate {
+        let second = Accelerate {
             step: self.step,
             v: [x, y],
             a: [p, q],
@@ -136,12 +137,12 @@ impl Cut for Accelerate<'_> {
             m: n,
             sum: 0.0,
         };
-        (one, other)
+        (first, second)
     }
 }
 
-fn cut_both(x: [&[f64]; 2], at: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
-    (x.map(|x| &x[..at]), x.map(|x| &x[at..]))
+fn cut_both(x: [&[f64]; 2], split: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
+    (x.map(|x| &x[..split]), x.map(|x| &x[split..]))
 }
 
 impl Finish for Accelerate<'_> {
@@ -185,8 +186,8 @@ impl Finish for Accelerate<'_> {
 }
 
 impl Accelerate<'_> {
-    /// Displacements (`sort` 0) or rotations (1) of up to eight particles, by forces in the order of the
-    /// unknowns.
+    /// Kicks the displacements (`sort` 0) or rotations (1) of up to eight particles by forces in the order of
+    /// the unknowns.
     #[inline(always)]
     fn kick<L: Lanes>(&mut self, l: L, sort: usize, range: Range<usize>, f: [L::V; 3]) {
         let [dt, h] = self.step;
@@ -195,7 +196,7 @@ impl Accelerate<'_> {
         let (accelerations, a) = self.a[sort][range.clone()].as_chunks_mut::<LANES>();
         let (ws, w) = self.w[sort][range.clone()].as_chunks::<LANES>();
         let whole = vs.len().min(3);
-        // As if added to zeros: so that a zero has the same sign.
+        // As if added to zeros, so that a zero has the same sign as in the core.
         let f = sum(l, f, [l.splat(0.0); 3]);
         let m = match self.m {
             Some(m) => m[sort][range].as_chunks::<LANES>(),

@@ -1,13 +1,13 @@
-//! Orientations that turn on, eight particles at a time.
+//! Advances orientations, eight particles at a time.
 //!
-//! The row of a particle keeps the unit quaternion that was reached last; from there it turns by the spin
-//! added up since, `d = th - reached`: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`. Spins of spheres are constant
-//! between two kicks, so this is the motion itself, and the scheme the variational one.
+//! The row of a particle keeps the unit quaternion `q` of its last state. The spin added up since then, `d =
+//! th - reached`, rotates it: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`. Spins of spheres are constant between
+//! two kicks, so this is the exact motion, and the scheme is the variational one.
 
 use super::engine::OnLanes;
 use super::lanes::{CacheLine, Job, LANES, Lanes, Vec3, cross, dot, eight, scale};
 
-/// `cos(a/2)` and `sin(a/2)/a` as series in `(a/2)^2`. Constants, because ten divisions per particle would
+/// Series of `cos(a/2)` and `sin(a/2)/a` in `(a/2)^2`. Constants, because ten divisions per particle would
 /// cost as much as a bond.
 const COS: [f64; 6] = [
     1.0,
@@ -26,11 +26,11 @@ const SIN: [f64; 6] = [
     -0.5 / 39_916_800.0,
 ];
 
-/// Square of the angle below which the series are exact: the sixth power of `(a/2)^2 <= 1/16` is below the
+/// Square of the angle below which the series are exact: `(a/2)^2 <= 1/16`, whose sixth power is below the
 /// last bit.
 const SMALL: f64 = 0.25;
 
-/// `cos(a/2)` and `sin(a/2)/a` of a rotation by the angle `a`, `x = a^2`.
+/// Returns `cos(a/2)` and `sin(a/2)/a` for a rotation by the angle `a`, `x = a^2`.
 #[inline(always)]
 fn half_angle(x: f64) -> (f64, f64) {
     if x < SMALL {
@@ -43,7 +43,7 @@ fn half_angle(x: f64) -> (f64, f64) {
     (c, s / a)
 }
 
-/// The unit quaternion `q` (scalar first), turned further by the rotation vector `d`.
+/// Rotates the unit quaternion `q` (scalar first) by the rotation vector `d`.
 #[inline(always)]
 pub(crate) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
     let (c, s) = half_angle(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
@@ -54,12 +54,13 @@ pub(crate) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
         c * q[2] + y * q[0] + z * q[1] - x * q[3],
         c * q[3] + z * q[0] + x * q[2] - y * q[1],
     ];
-    // Round-off of the norm would add up: one step of Newton towards one.
+    // Round-off of the norm would add up: one Newton step towards norm one.
     let k = 1.5 - 0.5 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]);
     p.map(|p| k * p)
 }
 
-/// Rows on their way to displacements `u` and rotations `th`, from `reached`, which become `th`.
+/// Job that moves rows to displacements `u` and rotations `th`; `reached` holds the previous rotations and
+/// becomes `th`.
 pub(crate) struct Turn<'a> {
     pub(crate) rows: &'a mut [CacheLine],
     pub(crate) u: &'a [f64],
@@ -80,7 +81,7 @@ impl<L: Lanes> Job for With<'_, L> {
     #[inline(always)]
     fn call(self) {
         let Self(l, Turn { rows, u, th, reached }) = self;
-        let (blocks, rest) = rows.as_chunks_mut::<LANES>();
+        let (blocks, last_rows) = rows.as_chunks_mut::<LANES>();
         let (us, u) = u.as_chunks::<24>();
         let (ths, th) = th.as_chunks::<24>();
         let (reacheds, reached) = reached.as_chunks_mut::<24>();
@@ -89,7 +90,7 @@ impl<L: Lanes> Job for With<'_, L> {
                 one_by_one(rows, u, th, reached);
             }
         }
-        one_by_one(rest, u, th, reached);
+        one_by_one(last_rows, u, th, reached);
     }
 }
 
@@ -104,7 +105,8 @@ fn one_by_one(rows: &mut [CacheLine], u: &[f64], th: &[f64], reached: &mut [f64]
     }
 }
 
-/// Eight particles at once; `false`, with nothing done, where one of them turns too far for the series.
+/// Advances eight particles at once. Returns `false`, with nothing changed, if one of them rotates too far
+/// for the series.
 #[inline(always)]
 fn small_turn<L: Lanes>(
     l: L,
@@ -118,6 +120,7 @@ fn small_turn<L: Lanes>(
         way[k] = th[k] - reached[k];
     }
     let d = apart(l, &way);
+    // No branch per lane: one particle with a large rotation sends the whole block to the scalar code.
     let x = dot(l, d, d);
     let mut small = true;
     for x in l.store(x) {
@@ -129,8 +132,8 @@ fn small_turn<L: Lanes>(
     *reached = *th;
     let y = l.mul(x, l.splat(0.25));
     let (c, h) = (series(l, y, &COS), scale(l, d, series(l, y, &SIN)));
-    let own = l.transpose(eight!(r => rows[r].0));
-    let (s, q): (L::V, Vec3<L>) = (own[3], [own[4], own[5], own[6]]);
+    let columns = l.transpose(eight!(r => rows[r].0));
+    let (s, q): (L::V, Vec3<L>) = (columns[3], [columns[4], columns[5], columns[6]]);
     // (c, h) (s, q) = (c s - h.q, c q + s h + h x q)
     let scalar = l.sub(l.mul(c, s), dot(l, h, q));
     let turn = cross(l, h, q);
@@ -150,7 +153,7 @@ fn small_turn<L: Lanes>(
     true
 }
 
-/// Components of `x0 y0 z0 x1 ...`.
+/// Splits `x0 y0 z0 x1 ...` of eight particles into three vectors of components.
 #[inline(always)]
 fn apart<L: Lanes>(l: L, x: &[f64; 24]) -> Vec3<L> {
     [
@@ -175,7 +178,7 @@ mod tests {
     use super::{CacheLine, Turn, turned};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-    /// Against a library, for turns on either side of where the series end, on lanes and one by one.
+    /// Compares with nalgebra for rotations on both sides of the series' limit, on lanes and one by one.
     #[test]
     fn quaternions_turn_as_rotation_vectors_say() {
         for size in [1e-9, 1e-3, 0.28, 0.29, 0.3, 2.0, 40.0] {
@@ -206,12 +209,12 @@ mod tests {
                         th[3 * i + 2] - reached[3 * i + 2],
                     );
                     let wanted = UnitQuaternion::from_scaled_axis(way) * q;
-                    let found = Quaternion::new(row.0[3], row.0[4], row.0[5], row.0[6]);
-                    assert!((found - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
+                    let actual = Quaternion::new(row.0[3], row.0[4], row.0[5], row.0[6]);
+                    assert!((actual - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
                     assert_eq!(row.0[..3], u[3 * i..3 * i + 3]);
-                    let one = turned([q.w, q.i, q.j, q.k], way.into());
-                    let one = Quaternion::new(one[0], one[1], one[2], one[3]);
-                    assert!((one - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
+                    let single = turned([q.w, q.i, q.j, q.k], way.into());
+                    let single = Quaternion::new(single[0], single[1], single[2], single[3]);
+                    assert!((single - wanted.quaternion()).norm() < 4e-15, "{size} {i}");
                 }
             }
         }

@@ -42,7 +42,7 @@ impl DemModel {
         for event in log.events().iter().filter(|e| e.overlap) {
             broken += 1;
             // The log has the bonds of all ranks; the owner of a bond's particles reads its opening.
-            let Some(b) = fracture.here(event.bond) else {
+            let Some(b) = fracture.local_bond(event.bond) else {
                 continue;
             };
             let [i, j] = self.body.pairs()[b].map(|i| i as usize);

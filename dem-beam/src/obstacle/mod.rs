@@ -1,16 +1,18 @@
-//! Rigid bodies that particles run into: planes, spheres, cylinders; at rest, driven, or free with a mass
-//! of their own.
+//! Rigid bodies with which particles collide: planes, spheres and cylinders, at rest, driven, or free with a
+//! mass.
 //!
 //! The contact law is that of [`crate::contact`] with the obstacle as a sphere of infinite radius, so a
 //! particle of radius `r` has the stiffness `2 E r`. A particle that overlaps the obstacle at rest pushes
-//! only from there on; one whose centre lies inside is refused (`start.rs`).
+//! only when it comes closer; a particle whose centre lies inside is an error (`start.rs`).
 //!
-//! A free body is moved by the same velocity Verlet as everything else. A free ball turns as well: friction
-//! acts at its surface, so that the angular momentum of particles and ball is kept. Planes and cylinders
-//! have no centre that could be told from the shape, and do not turn. Fields of acceleration pull a free
-//! body as they do its particles. What an obstacle gives to the particles and their springs is its
-//! `supplied` energy: the work of what drives it, or its own kinetic energy. No contact gives back more
-//! than it took in ([`crate::contact`]).
+//! A free body moves by velocity Verlet like all particles. A free ball also rotates: friction acts at its
+//! surface, so that the angular momentum of particles and ball is conserved. Planes and cylinders do not
+//! rotate, because their shape defines no centre of mass. Fields of acceleration act on a free body as on its
+//! particles.
+//!
+//! The energy that an obstacle gives to particles and their springs is its `supplied` energy: the work of its
+//! drive, or a part of its own kinetic energy. No contact gives back more energy than it took in
+//! ([`crate::contact`]).
 
 mod near;
 mod parts;
@@ -32,78 +34,80 @@ use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Model, TimeFunction};
 use nalgebra::{Point3, Vector3};
 use near::Near;
-use parts::Crowd;
+use parts::PartitionState;
 
-/// Where an obstacle pushed in the last step.
+/// A closed contact of the obstacle and its response in the last step.
 #[derive(Debug, Clone, Copy)]
 struct Active {
     particle: u32,
     /// Force on the particle \[N\].
     force: Vector3<f64>,
-    /// Generalised torque on it \[N m\].
+    /// Generalised torque on the particle \[N m\].
     torque: Vector3<f64>,
-    /// Torque on the obstacle, if it turns \[N m\].
+    /// Torque on the obstacle if it rotates \[N m\].
     back: Vector3<f64>,
     stored: f64,
-    /// Power on the velocities of particle and obstacle after the step, as far as they were known \[W\].
+    /// Power on the velocities of particle and obstacle after the step, from the forces that were known
+    /// \[W\].
     expected: f64,
 }
 
-/// A rigid obstacle, an effect on one cohesive-beam body.
+/// Specification of a rigid obstacle, an effect on one cohesive-beam body.
 #[derive(Debug)]
 pub struct Obstacle(Body);
 
-/// The same at work.
+/// An obstacle at work in a run.
 #[derive(Debug)]
 struct Body {
     name: String,
-    /// Name of the model it acts on.
+    /// Name of the model on which it acts.
     host: String,
     shape: RigidShape,
     motion: Motion,
     law: BudgetedLaw,
     grains: Grains,
-    /// Gap of each particle at rest where that is an overlap, zero otherwise.
+    /// Gap of each particle at rest if it overlaps the obstacle (negative), else zero \[m\].
     allowed: Vec<f64>,
     springs: Vec<Spring>,
     near: Near,
     active: Vec<Active>,
     started: bool,
-    /// Radius and moment of inertia, if it turns.
+    /// Radius \[m\] and moment of inertia \[kg m²\] if the obstacle rotates.
     turning: Option<(f64, f64)>,
-    /// Angular velocity half a step earlier \[rad/s\], torque of the particles on it \[N m\].
+    /// Angular velocity half a step earlier \[rad/s\] and torque of the particles on the obstacle \[N m\].
     spin: Vector3<f64>,
     torque: Vector3<f64>,
-    /// Fields of acceleration \[m/s²\] and their time functions; force they exert now \[N\], work since the
-    /// first step \[J\].
+    /// Fields of acceleration \[m/s²\] with their time functions, the force they exert now \[N\], and their
+    /// work since the first step \[J\].
     fields: Vec<(Vector3<f64>, TimeFunction<f64>)>,
     weight: Vector3<f64>,
     fallen: f64,
-    /// Displacement, velocity half a step earlier, force of the particles on the obstacle.
+    /// Displacement, velocity half a step earlier, and force of the particles on the obstacle.
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
     reaction: Vector3<f64>,
     supplied: f64,
-    /// Whether the state before the first step was looked at.
+    /// True once the state before the first step has been checked.
     checked: bool,
-    /// Whether the next step takes the particles backwards: see [`crate::contact`].
+    /// True if the next step takes the particles in reverse order; see [`crate::contact`].
     backwards: bool,
-    /// Half of what the last instant supplied: the half step still to come.
+    /// Half of the energy supplied at the last instant, which belongs to the half step still to come \[J\].
     pending: f64,
     first_energy: f64,
     peak: f64,
     /// Smallest and largest radius of the whole body \[m\].
     smallest: f64,
     largest: f64,
-    /// What it knows of other ranks, on a body in parts: particles are then those that touch, of all ranks.
-    crowd: Option<Crowd>,
+    /// Gathered particles of all ranks, in a partitioned body; `grains` and `springs` are then those of the
+    /// touching particles.
+    partition: Option<PartitionState>,
 }
 
 impl Obstacle {
-    /// An obstacle for the particles of a model, with a name for reports.
+    /// Makes an obstacle for the particles of a model. The name appears in reports and errors.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for parameters that make no sense; [`crate::Error::StartsInside`] where
+    /// [`crate::Error::OutOfRange`] for parameters out of their range; [`crate::Error::StartsInside`] if
     /// centres of particles lie inside the shape.
     pub fn new(
         name: &str,
@@ -119,15 +123,15 @@ impl Obstacle {
         }
         let turning = shape.turning(&motion)?;
         let grains = Grains::new(ContactBody::of(model));
-        start::check(name, &shape, &motion.displacement(0.0), &grains.rest)?;
-        let allowed = allowed(&shape, &grains.rest);
+        start::check(name, &shape, &motion.displacement(0.0), &grains.rest_spheres)?;
+        let allowed = allowed(&shape, &grains.rest_spheres);
         Ok(Self(Body {
             name: name.to_owned(),
             host: model.name().to_owned(),
             allowed,
-            crowd: None,
+            partition: None,
             springs: vec![Spring::default(); grains.len()],
-            near: Near::new(&grains.rest),
+            near: Near::new(&grains.rest_spheres),
             active: Vec::new(),
             started: false,
             turning,
@@ -146,7 +150,7 @@ impl Obstacle {
             first_energy: 0.0,
             peak: 0.0,
             largest: grains.largest(),
-            smallest: grains.rest.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
+            smallest: grains.rest_spheres.iter().fold(f64::INFINITY, |m, s| m.min(s[3])),
             shape,
             motion,
             law: BudgetedLaw::new(law),
@@ -154,10 +158,10 @@ impl Obstacle {
         }))
     }
 
-    /// The same with an angular velocity at time zero \[rad/s\].
+    /// Sets the angular velocity at time zero \[rad/s\].
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] for all but free balls, which alone turn.
+    /// [`crate::Error::OutOfRange`] for an obstacle other than a free ball, as no other rotates.
     pub fn with_spin(mut self, spin: Vector3<f64>) -> Result<Self> {
         if self.0.turning.is_none() && spin.norm() > 0.0 {
             return Err(Error::out_of_range(
@@ -170,8 +174,8 @@ impl Obstacle {
         Ok(self)
     }
 
-    /// The same in a field of acceleration `field time(t)` \[m/s²\], gravity for one, in which a free body
-    /// falls; driven ones do not feel it.
+    /// Adds a field of acceleration `field time(t)` \[m/s²\], for example gravity, in which a free body
+    /// falls. Driven obstacles ignore it.
     #[must_use]
     pub fn with_acceleration(mut self, field: Vector3<f64>, time: TimeFunction<f64>) -> Self {
         self.0.fields.push((field, time));
@@ -180,31 +184,38 @@ impl Obstacle {
 }
 
 impl Body {
-    /// Moves the obstacle to the new instant.
-    fn advance(&mut self, at: &Instant<'_, f64>) -> arlequin_core::Result<()> {
+    /// Moves the obstacle to the new instant. Returns an error if it moves by more than the smallest radius.
+    fn advance(&mut self, instant: &Instant<'_, f64>) -> arlequin_core::Result<()> {
         let before = self.moved;
         match &self.motion {
             Motion::Free { mass, .. } => {
-                if at.dt > 0.0 {
-                    let kick = if self.started { at.dt } else { 0.5 * at.dt };
+                if instant.dt > 0.0 {
+                    // The first velocity is given at an instant, the later ones half a step earlier: the
+                    // first kick is half.
+                    let kick = if self.started {
+                        instant.dt
+                    } else {
+                        0.5 * instant.dt
+                    };
                     self.velocity += (self.reaction + self.weight) * (kick / mass);
-                    self.spin += self.torque * (kick * self.lightness()[1]);
+                    self.spin += self.torque * (kick * self.inverse_inertia()[1]);
                     if !self.started {
                         self.first_energy = self.kinetic(*mass, &self.velocity, &self.spin);
                     }
-                    self.moved += self.velocity * at.dt;
+                    self.moved += self.velocity * instant.dt;
                     self.started = true;
                 }
             }
             driven => {
-                self.moved = driven.displacement(at.time);
-                if at.dt > 0.0 {
-                    self.velocity = (self.moved - before) / at.dt;
+                self.moved = driven.displacement(instant.time);
+                if instant.dt > 0.0 {
+                    // The mean over the last step, because stored velocities are those of half a step ago.
+                    self.velocity = (self.moved - before) / instant.dt;
                 }
             }
         }
         let step = (self.moved - before).norm();
-        if at.dt > 0.0 && step > self.smallest {
+        if instant.dt > 0.0 && step > self.smallest {
             return Err(arlequin_core::invalid(
                 &format!("step of obstacle '{}'", self.name),
                 format_args!("{step:e} m"),
@@ -218,13 +229,14 @@ impl Body {
         Ok(())
     }
 
-    /// Corrects the budgets by what forces and motions that were not known did in the step just made.
-    fn settle_budgets(&mut self, at: &Instant<'_, f64>) {
+    /// Corrects the budgets for the work of forces and motions in the last step that were unknown when
+    /// contacts were computed.
+    fn settle_budgets(&mut self, instant: &Instant<'_, f64>) {
         for a in &self.active {
             let i = a.particle as usize;
-            let own = a.back.dot(&self.spin) - a.force.dot(&self.velocity);
-            let power = contact::power(at.v_half, i, &a.force, &a.torque) + own;
-            self.springs[i].budget -= 0.5 * at.dt * (power - a.expected);
+            let obstacle_power = a.back.dot(&self.spin) - a.force.dot(&self.velocity);
+            let power = contact::power(instant.v_half, i, &a.force, &a.torque) + obstacle_power;
+            self.springs[i].budget -= 0.5 * instant.dt * (power - a.expected);
         }
     }
 
@@ -235,40 +247,50 @@ impl Body {
         0.5 * (mass * velocity.norm_squared() + turning)
     }
 
-    fn pair(&self, i: usize, gap: f64, distance: f64, normal: Vector3<f64>, at: &Instant<'_, f64>) -> Pair {
-        let r = self.grains.rest[i][3];
+    fn pair(
+        &self,
+        i: usize,
+        gap: f64,
+        distance: f64,
+        normal: Vector3<f64>,
+        instant: &Instant<'_, f64>,
+    ) -> Pair {
+        let r = self.grains.rest_spheres[i][3];
         Pair {
             normal,
             gap,
-            // A partner so large that it is flat.
+            // A partner so large that its surface is flat.
             radii: [1e12 * r, r],
-            // To the surface from either side, so that the two torques balance the moment of the force.
+            // Distances to the surface from both centres, so that the two torques balance the moment of the
+            // force.
             arms: self
                 .turning
                 .map_or([0.0, r - gap], |(radius, _)| [radius, distance]),
             share: self.grains.share[i],
-            inverse_mass: self.grains.inverse_mass(i) + self.lightness()[0],
+            inverse_mass: self.grains.inverse_mass(i) + self.inverse_inertia()[0],
             motion: [
                 Twist {
                     linear: self.velocity,
                     angular: self.spin,
                 },
-                self.grains.motion(at, i),
+                self.grains.motion(instant, i),
             ],
         }
     }
 
-    /// Inverse mass, zero for a driven obstacle, and inverse moment of inertia, zero for one that does not
-    /// turn.
-    fn lightness(&self) -> [f64; 2] {
-        let light = match &self.motion {
+    /// Inverse mass (zero for a driven obstacle) and inverse moment of inertia (zero if it does not rotate).
+    fn inverse_inertia(&self) -> [f64; 2] {
+        let inverse_mass = match &self.motion {
             Motion::Free { mass, .. } => 1.0 / mass,
             _ => 0.0,
         };
-        [light, self.turning.map_or(0.0, |(_, inertia)| 1.0 / inertia)]
+        [
+            inverse_mass,
+            self.turning.map_or(0.0, |(_, inertia)| 1.0 / inertia),
+        ]
     }
 
-    /// What the fields exert on a free body \[N\].
+    /// Force of the fields on a free body at time `t` \[N\].
     fn weight_at(&self, t: f64) -> Vector3<f64> {
         let Motion::Free { mass, .. } = &self.motion else {
             return Vector3::zeros();
@@ -277,78 +299,81 @@ impl Body {
         sum.sum::<Vector3<f64>>() * *mass
     }
 
-    /// Velocity and angular velocity half a step from now, under the contacts taken so far.
+    /// Velocity and angular velocity half a step from now, under the contacts computed so far.
     fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
-        let [light, turn] = self.lightness();
+        let [inverse_mass, inverse_moment] = self.inverse_inertia();
         [
-            self.velocity + (self.reaction + self.weight) * (dt * light),
-            self.spin + self.torque * (dt * turn),
+            self.velocity + (self.reaction + self.weight) * (dt * inverse_mass),
+            self.spin + self.torque * (dt * inverse_moment),
         ]
     }
 
-    /// The obstacle as the step sees it, under the contacts taken so far.
-    fn end(&self, at: &Instant<'_, f64>) -> End {
+    /// Velocities of the obstacle during the step, under the contacts computed so far.
+    fn end(&self, instant: &Instant<'_, f64>) -> End {
         let (middle, after, spin) = match &self.motion {
             Motion::Free { .. } => {
-                let [v, spin] = self.next(at.dt);
+                let [v, spin] = self.next(instant.dt);
                 (v, v, spin)
             }
             driven => {
-                let next = (driven.displacement(at.time + at.dt) - self.moved) / at.dt;
+                // The motion of the next step is known, so that the contact can work on the mean of both
+                // velocities.
+                let next = (driven.displacement(instant.time + instant.dt) - self.moved) / instant.dt;
                 ((self.velocity + next) * 0.5, next, Vector3::zeros())
             }
         };
         let six = |v: Vector3<f64>, w: Vector3<f64>| [v.x, v.y, v.z, w.x, w.y, w.z];
-        let [light, turn] = self.lightness();
+        let [inverse_mass, inverse_moment] = self.inverse_inertia();
         End {
             middle: six(middle, spin),
             after: six(after, spin),
-            light: six(Vector3::repeat(light), Vector3::repeat(turn)),
+            inverse_inertia: six(Vector3::repeat(inverse_mass), Vector3::repeat(inverse_moment)),
         }
     }
 
-    /// Acts on the particles near it.
-    fn respond(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) {
+    /// Computes the contacts with the listed near particles.
+    fn respond(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) {
         let springs = &mut self.springs;
+        // A particle off the list cannot touch: its contact starts anew when it returns.
         let lost = |i: usize| {
-            if springs[i].on {
+            if springs[i].closed {
                 springs[i] = Spring::default();
             }
         };
-        let u = &at.q[..3 * self.grains.len()];
+        let u = &instant.q[..3 * self.grains.len()];
         self.near
-            .refresh(&self.shape, &self.moved, u, &self.grains.rest, lost);
+            .refresh(&self.shape, &self.moved, u, &self.grains.rest_spheres, lost);
         let near = std::mem::take(&mut self.near.particles);
-        self.act_on(&near, at, f);
+        self.act_on(&near, instant, f);
         self.near.particles = near;
     }
 
-    /// Acts on those of some particles that it touches; no others do.
-    fn act_on(&mut self, particles: &[u32], at: &Instant<'_, f64>, f: &mut [f64]) {
+    /// Computes the contacts with the given particles, which must include all that touch the obstacle.
+    fn act_on(&mut self, particles: &[u32], instant: &Instant<'_, f64>, f: &mut [f64]) {
         self.active.clear();
         (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
-        self.weight = self.weight_at(at.time);
-        self.law.begin(at.dt);
-        let u = &at.q[..3 * self.grains.len()];
+        self.weight = self.weight_at(instant.time);
+        self.law.begin(instant.dt);
+        let u = &instant.q[..3 * self.grains.len()];
         let count = particles.len();
         for n in 0..count {
             let n = if self.backwards { count - 1 - n } else { n };
             let i = particles[n] as usize;
-            let rest = self.grains.rest[i];
-            let (distance, normal) = self.shape.distance(&near::place(&rest, u, i), &self.moved);
-            let gap = rest[3] + self.allowed[i] - distance;
+            let sphere = self.grains.rest_spheres[i];
+            let (distance, normal) = self.shape.distance(&near::place(&sphere, u, i), &self.moved);
+            let gap = sphere[3] + self.allowed[i] - distance;
             if gap > 0.0 {
-                self.close(i, gap, distance, normal, at, f);
-            } else if self.springs[i].on {
+                self.close(i, gap, distance, normal, instant, f);
+            } else if self.springs[i].closed {
                 self.springs[i] = Spring::default();
             }
         }
-        self.law.end(at.dt);
+        self.law.end(instant.dt);
         self.backwards = !self.backwards;
-        if at.dt > 0.0 {
-            let obstacle = self.end(at).after;
+        if instant.dt > 0.0 {
+            let obstacle = self.end(instant).after;
             for a in &mut self.active {
-                let after = self.grains.end(at, f, a.particle as usize).after;
+                let after = self.grains.end(instant, f, a.particle as usize).after;
                 let rate = Vector3::new(after[3], after[4], after[5]);
                 let approach = [0, 1, 2].map(|c| after[c] - obstacle[c]);
                 let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
@@ -367,15 +392,17 @@ impl Body {
         gap: f64,
         distance: f64,
         normal: Vector3<f64>,
-        at: &Instant<'_, f64>,
+        instant: &Instant<'_, f64>,
         f: &[f64],
     ) {
-        let pair = self.pair(i, gap, distance, normal, at);
-        let obstacle = (at.dt > 0.0).then(|| self.end(at));
+        let pair = self.pair(i, gap, distance, normal, instant);
+        let obstacle = (instant.dt > 0.0).then(|| self.end(instant));
         let grains = &self.grains;
-        let ends = || [obstacle.unwrap_or_default(), grains.end(at, f, i)];
+        let ends = || [obstacle.unwrap_or_default(), grains.end(instant, f, i)];
         let turns = self.turning.is_some();
-        let r = self.law.respond(&pair, turns, ends, at.dt, &mut self.springs[i]);
+        let r = self
+            .law
+            .respond(&pair, turns, ends, instant.dt, &mut self.springs[i]);
         self.grains.push(i, &r.force, &r.torque[1]);
         self.reaction -= r.force;
         self.torque += r.torque[0];
@@ -389,17 +416,17 @@ impl Body {
         });
     }
 
-    /// Energy given to particles and springs so far, this instant included.
-    fn settle(&mut self, at: &Instant<'_, f64>) {
-        if at.dt <= 0.0 {
+    /// Updates the energy supplied to particles and springs, including this instant.
+    fn settle(&mut self, instant: &Instant<'_, f64>) {
+        if instant.dt <= 0.0 {
             return;
         }
         match &self.motion {
             Motion::Free { mass, .. } => {
-                let [next, spin] = self.next(at.dt);
+                let [next, spin] = self.next(instant.dt);
                 let after = self.kinetic(*mass, &next, &spin);
-                // What the fields gave the body it has not lost to the particles.
-                let fallen = 0.5 * at.dt * self.weight.dot(&(self.velocity + next));
+                // Energy that the fields gave to the body was not lost to the particles.
+                let fallen = 0.5 * instant.dt * self.weight.dot(&(self.velocity + next));
                 self.fallen += fallen;
                 self.supplied = self.first_energy + self.fallen - after;
                 let before = self.kinetic(*mass, &self.velocity, &self.spin);
@@ -407,8 +434,8 @@ impl Body {
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
-                let next = driven.displacement(at.time + at.dt) - self.moved;
-                let mean = (self.velocity * at.dt + next) * 0.5;
+                let next = driven.displacement(instant.time + instant.dt) - self.moved;
+                let mean = (self.velocity * instant.dt + next) * 0.5;
                 let work = -self.reaction.dot(&mean);
                 self.supplied += work;
                 self.pending = 0.5 * work;
@@ -418,13 +445,13 @@ impl Body {
 }
 
 impl EffectSpec<f64> for Obstacle {
-    fn attach(mut self: Box<Self>, to: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
-        let of = format!("obstacle '{}'", self.0.name);
-        if let Some(portion) = to.shared()? {
-            self.0.share_out(portion, to, &of)?;
+    fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
+        let effect = format!("obstacle '{}'", self.0.name);
+        if let Some(portion) = host.shared()? {
+            self.0.restrict(portion, host, &effect)?;
             return Ok(Box::new(self.0));
         }
-        self.0.grains.attach(to, &of)?;
+        self.0.grains.attach(host, &effect)?;
         Ok(Box::new(self.0))
     }
 }
@@ -481,49 +508,51 @@ impl AnyEffect<f64> for Body {
 }
 
 impl Effect<f64> for Body {
-    fn add_forces(&mut self, at: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.advance(at)?;
-        self.check_start(at.q)?;
-        match self.crowd.take() {
-            Some(mut crowd) => {
-                let done = self.respond_in_parts(&mut crowd, at, f);
-                self.crowd = Some(crowd);
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
+        self.advance(instant)?;
+        self.check_start(instant.q)?;
+        match self.partition.take() {
+            Some(mut partition) => {
+                let done = self.respond_partitioned(&mut partition, instant, f);
+                self.partition = Some(partition);
                 done?;
             }
             None => {
-                self.settle_budgets(at);
-                self.respond(at, f);
+                self.settle_budgets(instant);
+                self.respond(instant, f);
             }
         }
-        self.settle(at);
+        self.settle(instant);
         Ok(())
     }
 
-    /// Of a body in parts on the particles here.
+    /// Power on the particles; in a partitioned body, on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
-        let here = self.pushed();
-        here.map(|(i, a)| contact::power(v, i, &a.force, &a.torque)).sum()
+        let contacts = self.pushed();
+        contacts
+            .map(|(i, a)| contact::power(v, i, &a.force, &a.torque))
+            .sum()
     }
 
-    fn add_power(&self, _: &DofLayout, v: &[f64], to: &mut Exact) -> bool {
-        let here = self.pushed();
-        here.for_each(|(i, a)| to.add(contact::power(v, i, &a.force, &a.torque)));
+    fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
+        let contacts = self.pushed();
+        contacts.for_each(|(i, a)| sum.add(contact::power(v, i, &a.force, &a.torque)));
         true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        let here = self.pushed();
-        here.for_each(|(i, a)| contact::add(f, i, &a.force, &a.torque));
+        let contacts = self.pushed();
+        contacts.for_each(|(i, a)| contact::add(f, i, &a.force, &a.torque));
         true
     }
 
     fn step_demand(&self) -> StepDemand<f64> {
         let flat = |r: f64| self.law.law.stiffness([1e12 * r, r]);
-        let grains = self.crowd.as_ref().map_or(&self.grains, |c| &c.grains);
+        let grains = self.partition.as_ref().map_or(&self.grains, |c| &c.grains);
         let mut top = grains.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
-            // A body lighter than the particles it meets is the softer end of the spring.
-            // Sliding turns a ball of any inertia, the law's own allowance is for full ones.
+            // A body lighter than the particles is the softer end of the spring. Sliding also rotates a ball
+            // of any inertia, while the factor 3.5 in the law's demand is for a full ball.
             let slide = self
                 .turning
                 .map_or(0.0, |(r, inertia)| (1.0 / mass + r * r / inertia) / 3.5);
@@ -538,10 +567,10 @@ impl Effect<f64> for Body {
     }
 }
 
-/// Gap of each particle at rest where that is an overlap, zero otherwise.
-fn allowed(shape: &RigidShape, rest: &[Sphere]) -> Vec<f64> {
+/// Gap of each particle at rest if it overlaps the shape (negative), else zero \[m\].
+fn allowed(shape: &RigidShape, spheres: &[Sphere]) -> Vec<f64> {
     let gap = |s: &Sphere| (shape.distance(&centre(s), &Vector3::zeros()).0 - s[3]).min(0.0);
-    rest.iter().map(gap).collect()
+    spheres.iter().map(gap).collect()
 }
 
 fn centre(s: &Sphere) -> Point3<f64> {

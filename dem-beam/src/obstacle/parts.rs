@@ -1,142 +1,152 @@
-//! An obstacle on a body in parts: all ranks know the particles that it touches, and move it alike.
+//! Obstacle on a partitioned body: every rank gathers the touching particles and moves the obstacle
+//! identically.
 
 use super::near::{Near, place};
 use super::{Active, Body, allowed};
-use crate::contact::company::Company;
+use crate::contact::gathered::Gathered;
 use crate::contact::{Grains, Spring};
 use arlequin_core::effect::{Host, Instant};
 use arlequin_core::ranks::{Portion, RankError};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// The particles of this rank, and those that touch, of all ranks.
+/// The particles that this rank owns, and the gathered touching particles of all ranks.
 #[derive(Debug)]
-pub(super) struct Crowd {
+pub(super) struct PartitionState {
     portion: Arc<Portion>,
     pub(super) grains: Grains,
     allowed: Vec<f64>,
     near: Near,
-    pub(super) company: Company,
+    pub(super) gathered: Gathered,
 }
 
-impl Crowd {
-    /// The part of the body that is on this rank.
+impl PartitionState {
+    /// This rank's part of the partitioned body.
     pub(super) fn portion(&self) -> &Portion {
         &self.portion
     }
 }
 
 impl Body {
-    /// Goes on with the particles of this rank; `of` names the effect in errors.
-    pub(super) fn share_out(
+    /// Restricts the obstacle to the owned particles; `effect` is the effect's name in errors.
+    pub(super) fn restrict(
         &mut self,
         portion: &Arc<Portion>,
-        to: &Host<'_, f64>,
-        of: &str,
+        host: &Host<'_, f64>,
+        effect: &str,
     ) -> arlequin_core::Result<()> {
-        let mut grains = std::mem::replace(&mut self.grains, Grains::heard(&[]));
-        grains.share_out(portion, of)?;
-        grains.attach(to, of)?;
+        let mut grains = std::mem::replace(&mut self.grains, Grains::from_contact_data(&[]));
+        grains.restrict(portion, effect)?;
+        grains.attach(host, effect)?;
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
-        self.crowd = Some(Crowd {
+        self.partition = Some(PartitionState {
             portion: portion.clone(),
-            allowed: allowed(&self.shape, &grains.rest),
-            near: self.near.of_part(grains.len()),
+            allowed: allowed(&self.shape, &grains.rest_spheres),
+            near: self.near.for_particles(grains.len()),
             grains,
-            company: Company::default(),
+            gathered: Gathered::default(),
         });
         Ok(())
     }
 
-    /// Acts on the particles that it touches, on whatever rank, those here included.
-    pub(super) fn respond_in_parts(
+    /// Computes the contacts with all touching particles of all ranks and adds the forces on the owned ones.
+    /// Collective.
+    pub(super) fn respond_partitioned(
         &mut self,
-        crowd: &mut Crowd,
-        at: &Instant<'_, f64>,
+        partition: &mut PartitionState,
+        instant: &Instant<'_, f64>,
         f: &mut [f64],
     ) -> Result<(), RankError> {
-        let u = &at.q[..3 * crowd.grains.len()];
-        let rest = &crowd.grains.rest;
-        crowd.near.refresh(&self.shape, &self.moved, u, rest, |_| ());
+        let u = &instant.q[..3 * partition.grains.len()];
+        let rest_spheres = &partition.grains.rest_spheres;
+        partition
+            .near
+            .refresh(&self.shape, &self.moved, u, rest_spheres, |_| ());
         let touches = |i: &u32| {
             let i = *i as usize;
-            let (distance, _) = self.shape.distance(&place(&rest[i], u, i), &self.moved);
-            rest[i][3] + crowd.allowed[i] - distance > 0.0
+            let (distance, _) = self.shape.distance(&place(&rest_spheres[i], u, i), &self.moved);
+            rest_spheres[i][3] + partition.allowed[i] - distance > 0.0
         };
-        let mut members: Vec<u32> = crowd.near.particles.iter().copied().filter(touches).collect();
-        // Those that it touched in the last step too: their budgets are not settled yet.
+        let mut members: Vec<u32> = partition.near.particles.iter().copied().filter(touches).collect();
+        // Particles that touched in the last step are included: their budgets are not settled yet.
         let before = self
             .active
             .iter()
-            .filter_map(|a| crowd.company.here(a.particle as usize));
+            .filter_map(|a| partition.gathered.local(a.particle as usize));
         members.extend(before.map(|i| i as u32));
         members.sort_unstable();
         members.dedup();
-        let (company, grains, mut forces) = Company::hear(&crowd.portion, &members, &crowd.grains, at, f)?;
-        let known = std::mem::replace(&mut crowd.company, company);
-        let company = &crowd.company;
-        let mut springs = vec![Spring::default(); company.ids.len()];
+        let (gathered, grains, mut forces) =
+            Gathered::gather(&partition.portion, &members, &partition.grains, instant, f)?;
+        let known = std::mem::replace(&mut partition.gathered, gathered);
+        let gathered = &partition.gathered;
+        let mut springs = vec![Spring::default(); gathered.ids.len()];
         for (id, spring) in known.ids.iter().zip(&self.springs) {
-            if let Some(to) = company.place(*id) {
-                springs[to] = *spring;
+            if let Some(k) = gathered.place(*id) {
+                springs[k] = *spring;
             }
         }
         for a in &mut self.active {
             let id = known.ids[a.particle as usize];
-            a.particle = company.place(id).unwrap_or_default() as u32;
+            a.particle = gathered.place(id).unwrap_or_default() as u32;
         }
-        self.allowed = allowed(&self.shape, &grains.rest);
+        self.allowed = allowed(&self.shape, &grains.rest_spheres);
         (self.grains, self.springs) = (grains, springs);
-        let now = company.at(at);
+        let now = gathered.instant(instant);
         self.settle_budgets(&now);
-        let all: Vec<u32> = (0..company.ids.len() as u32).collect();
-        self.act_on(&all, &now, &mut forces);
-        company.deliver(&forces, f);
+        let places: Vec<u32> = (0..gathered.ids.len() as u32).collect();
+        self.act_on(&places, &now, &mut forces);
+        gathered.deliver(&forces, f);
         Ok(())
     }
 
-    /// Where it pushed in the last step, with the numbers of the particles; of those here.
+    /// Iterates over the closed contacts of the last step with owned particles, by their local numbers.
     pub(super) fn pushed(&self) -> impl Iterator<Item = (usize, &Active)> {
-        let here = |i: usize| match &self.crowd {
-            Some(crowd) => crowd.company.here(i),
+        let local = |i: usize| match &self.partition {
+            Some(partition) => partition.gathered.local(i),
             None => Some(i),
         };
-        let all = self.active.iter();
-        all.filter_map(move |a| Some((here(a.particle as usize)?, a)))
+        let contacts = self.active.iter();
+        contacts.filter_map(move |a| Some((local(a.particle as usize)?, a)))
     }
 
-    /// Particles of the whole body.
+    /// Number of particles of the whole body.
     pub(super) fn all_particles(&self) -> usize {
-        let crowd = self.crowd.as_ref();
-        crowd.map_or(self.springs.len(), |c| c.portion.division().nodes())
+        let partition = self.partition.as_ref();
+        partition.map_or(self.springs.len(), |c| c.portion.division().nodes())
     }
 
     /// Springs of all particles of the whole body.
     pub(super) fn all_springs(&self) -> Cow<'_, [Spring]> {
-        let Some(crowd) = &self.crowd else {
+        let Some(partition) = &self.partition else {
             return Cow::from(&self.springs);
         };
         let mut out = vec![Spring::default(); self.all_particles()];
-        for (id, spring) in crowd.company.ids.iter().zip(&self.springs) {
+        for (id, spring) in partition.gathered.ids.iter().zip(&self.springs) {
             out[*id as usize] = *spring;
         }
         out.into()
     }
 
-    /// Finds its way among the particles that touch, from springs and pushes of the whole body; nothing to
-    /// do for that.
-    pub(super) fn meet_again(&mut self) {
-        let Some(crowd) = &mut self.crowd else { return };
-        let on = (0..).zip(&self.springs).filter(|(_, s)| s.on).map(|(id, _)| id);
-        let mut ids: Vec<u32> = on.chain(self.active.iter().map(|a| a.particle)).collect();
+    /// Rebuilds the list of touching particles after a restore, when springs and closed contacts have numbers
+    /// of the whole body. Does nothing in a body that is not partitioned.
+    pub(super) fn restore_gathered(&mut self) {
+        let Some(partition) = &mut self.partition else {
+            return;
+        };
+        let closed = (0..)
+            .zip(&self.springs)
+            .filter(|(_, s)| s.closed)
+            .map(|(id, _)| id);
+        let mut ids: Vec<u32> = closed.chain(self.active.iter().map(|a| a.particle)).collect();
         ids.sort_unstable();
         ids.dedup();
         self.springs = ids.iter().map(|id| self.springs[*id as usize]).collect();
-        crowd.company = Company::of(ids);
-        crowd.company.find(&crowd.portion);
+        partition.gathered = Gathered::from_ids(ids);
+        partition.gathered.find_owned(&partition.portion);
         for a in &mut self.active {
-            a.particle = crowd.company.place(a.particle).unwrap_or_default() as u32;
+            a.particle = partition.gathered.place(a.particle).unwrap_or_default() as u32;
         }
-        crowd.near.clear();
+        partition.near.clear();
     }
 }

@@ -1,16 +1,18 @@
-//! What an obstacle must remember: of a body in parts the same on every rank, and as of the whole body.
+//! Saved state of an obstacle. In a partitioned body every rank writes the same record, that of the whole
+//! body.
 
 use super::{Active, Body};
 use crate::contact::Spring;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 
-/// Numbers of a record before those of springs and pushes.
+/// Number of values in a record that precede springs and closed contacts.
 const BALANCE: usize = 24;
 
 impl Body {
-    /// Integers: whether it started, a step was made, the next goes backwards; the state of each contact,
-    /// where it pushes. Numbers: its motion and balance, the springs, the pushes.
+    /// Writes the state. Integers: flags (started, a step was made, order of the next step reversed), the
+    /// state of each contact, the particle of each closed contact. Numbers: motion and energy balance, the
+    /// springs, the closed contacts.
     pub(super) fn recorded(&self) -> Record<f64> {
         let mut out = Record::default();
         let flags = [self.started, self.law.begun, self.backwards];
@@ -35,12 +37,12 @@ impl Body {
         out.numbers.extend(balance);
         out.numbers.push(self.law.supplied);
         for s in self.all_springs().iter() {
-            out.integers.push(u64::from(s.on));
+            out.integers.push(u64::from(s.closed));
             out.numbers.extend(s.numbers());
         }
         for a in &self.active {
-            let company = self.crowd.as_ref().map(|c| &c.company);
-            let particle = company.map_or(a.particle, |c| c.ids[a.particle as usize]);
+            let gathered = self.partition.as_ref().map(|c| &c.gathered);
+            let particle = gathered.map_or(a.particle, |c| c.ids[a.particle as usize]);
             out.integers.push(u64::from(particle));
             let vectors = [a.force, a.torque, a.back];
             out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
@@ -49,7 +51,7 @@ impl Body {
         out
     }
 
-    /// Undoes [`Self::recorded`].
+    /// Restores what [`Self::recorded`] wrote.
     pub(super) fn recall(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
         let n = self.all_particles();
         let pushes = from.integers.len().saturating_sub(3 + n);
@@ -71,9 +73,11 @@ impl Body {
             self.law.supplied,
         ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
         let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
-        let (on, particles) = from.integers[3..].split_at(n);
-        let all = on.iter().zip(springs.as_chunks::<7>().0);
-        self.springs = all.map(|(on, x)| Spring::from_numbers(*on == 1, *x)).collect();
+        let (closed, particles) = from.integers[3..].split_at(n);
+        let saved = closed.iter().zip(springs.as_chunks::<7>().0);
+        self.springs = saved
+            .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
+            .collect();
         self.active.clear();
         for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
             if *particle >= n as u64 {
@@ -89,7 +93,7 @@ impl Body {
             });
         }
         self.near.clear();
-        self.meet_again();
+        self.restore_gathered();
         Ok(())
     }
 }

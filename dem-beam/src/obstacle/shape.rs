@@ -1,18 +1,18 @@
-//! Shapes of obstacles and how they move.
+//! Shapes of obstacles and their motions.
 
 use crate::error::{Error, Result, positive};
 use arlequin_core::TimeFunction;
 use arlequin_core::geometry::closest_on_triangle;
 use nalgebra::{Point3, Vector3};
 
-/// A rigid shape at rest.
+/// A rigid shape in its initial position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RigidShape {
     /// Half-space behind a plane.
     Plane {
         /// A point of the plane \[m\].
         point: Point3<f64>,
-        /// Towards the particles, any length.
+        /// Direction towards the particles, of any length.
         normal: Vector3<f64>,
     },
     /// Ball.
@@ -22,11 +22,11 @@ pub enum RigidShape {
         /// Radius \[m\].
         radius: f64,
     },
-    /// Endless cylinder: a roller.
+    /// Infinite cylinder, for example a roller.
     Cylinder {
         /// A point of the axis \[m\].
         point: Point3<f64>,
-        /// Direction of the axis, any length.
+        /// Direction of the axis, of any length.
         axis: Vector3<f64>,
         /// Radius \[m\].
         radius: f64,
@@ -34,7 +34,7 @@ pub enum RigidShape {
 }
 
 impl RigidShape {
-    /// The same with directions of unit length.
+    /// Checks the shape and scales its direction to unit length.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] for a direction without length or a radius that is not positive.
@@ -68,14 +68,14 @@ impl RigidShape {
         })
     }
 
-    /// Radius and moment of inertia of a free ball; nothing for bodies that do not turn.
+    /// Radius and moment of inertia of a free ball; `None` for bodies that do not rotate.
     pub(crate) fn turning(&self, motion: &Motion) -> Result<Option<(f64, f64)>> {
         let Motion::Free { mass, inertia, .. } = motion else {
             return Ok(None);
         };
         match (self, inertia) {
-            (Self::Sphere { radius, .. }, given) => {
-                let inertia = given.unwrap_or(0.4 * mass * radius * radius);
+            (Self::Sphere { radius, .. }, value) => {
+                let inertia = value.unwrap_or(0.4 * mass * radius * radius);
                 positive("moment of inertia of an obstacle", inertia)?;
                 Ok(Some((*radius, inertia)))
             }
@@ -88,10 +88,15 @@ impl RigidShape {
         }
     }
 
-    /// Distance of a triangle from the surface of the shape moved by `by` \[m\], negative for one that
-    /// reaches inside, and the point of the triangle that is nearest to the shape, or deepest in it.
+    /// Distance of a triangle from the surface of the shape displaced by `displacement` \[m\], negative if
+    /// the triangle reaches inside; and the point of the triangle that is nearest to the shape, or deepest
+    /// inside.
     #[must_use]
-    pub fn distance_of_triangle(&self, corners: &[Point3<f64>; 3], by: &Vector3<f64>) -> (f64, Point3<f64>) {
+    pub fn distance_of_triangle(
+        &self,
+        corners: &[Point3<f64>; 3],
+        displacement: &Vector3<f64>,
+    ) -> (f64, Point3<f64>) {
         let nearest = match self {
             Self::Plane { normal, .. } => {
                 let height = |x: &Point3<f64>| normal.dot(&x.coords);
@@ -100,63 +105,64 @@ impl RigidShape {
                 *lower(lower(a, b), c)
             }
             Self::Sphere { centre, .. } => {
-                let all = corners.each_ref().map(|x| x.coords);
-                closest_on_triangle(&(centre.coords + by), &all).into()
+                let points = corners.each_ref().map(|x| x.coords);
+                closest_on_triangle(&(centre.coords + displacement), &points).into()
             }
             Self::Cylinder { point, axis, .. } => {
-                // In the plane across the axis; along it the middle of the triangle will do as a place.
-                let [a, b, c] = corners.each_ref().map(|x| x - point - by);
+                // Distances are measured in the plane across the axis; along the axis the triangle's middle
+                // serves as position.
+                let [a, b, c] = corners.each_ref().map(|x| x - point - displacement);
                 let flat = [a, b, c].map(|d| d - axis * axis.dot(&d));
                 let along = axis * (axis.dot(&(a + b + c)) / 3.0);
-                point + by + closest_on_triangle(&Vector3::zeros(), &flat) + along
+                point + displacement + closest_on_triangle(&Vector3::zeros(), &flat) + along
             }
         };
-        (self.distance(&nearest, by).0, nearest)
+        (self.distance(&nearest, displacement).0, nearest)
     }
 
-    /// Distance of a point from the surface of the shape moved by `by` (negative inside), and the outward
-    /// normal there.
+    /// Distance of a point from the surface of the shape displaced by `displacement` \[m\], negative inside;
+    /// and the outward normal at the nearest point of the surface.
     #[inline]
     #[must_use]
-    pub fn distance(&self, x: &Point3<f64>, by: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    pub fn distance(&self, x: &Point3<f64>, displacement: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let round = |d: Vector3<f64>, radius: f64| {
             let size = d.norm();
             let n = if size > 0.0 { d / size } else { Vector3::x() };
             (size - radius, n)
         };
         match self {
-            Self::Plane { point, normal } => (normal.dot(&(x - point - by)), *normal),
-            Self::Sphere { centre, radius } => round(x - centre - by, *radius),
+            Self::Plane { point, normal } => (normal.dot(&(x - point - displacement)), *normal),
+            Self::Sphere { centre, radius } => round(x - centre - displacement, *radius),
             Self::Cylinder { point, axis, radius } => {
-                let d = x - point - by;
+                let d = x - point - displacement;
                 round(d - axis * axis.dot(&d), *radius)
             }
         }
     }
 }
 
-/// How an obstacle moves.
+/// Motion of an obstacle.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Motion {
-    /// Not at all.
+    /// At rest.
     Fixed,
-    /// At a constant velocity \[m/s\] from time zero on.
+    /// Constant velocity \[m/s\] from time zero on.
     Velocity(Vector3<f64>),
     /// Displacement `amplitude f(t)` \[m\].
     Prescribed {
         /// Amplitude \[m\].
         amplitude: Vector3<f64>,
-        /// Time function.
+        /// Time function `f`.
         time: TimeFunction<f64>,
     },
-    /// By its own inertia.
+    /// Free motion of a body with a mass.
     Free {
         /// Mass \[kg\].
         mass: f64,
         /// Velocity at time zero \[m/s\].
         velocity: Vector3<f64>,
-        /// Moment of inertia of a ball \[kg m²\]; that of a full one, `2/5 m R^2`, by default. Other shapes
-        /// do not turn.
+        /// Moment of inertia of a ball \[kg m²\]; by default that of a full ball, `2/5 m R^2`. Other shapes
+        /// do not rotate.
         inertia: Option<f64>,
     },
 }
@@ -169,7 +175,7 @@ impl Motion {
         }
     }
 
-    /// Displacement at a time; zero for a free body, which is integrated.
+    /// Displacement at time `t` \[m\]; zero for a free body, whose motion is integrated.
     pub(crate) fn displacement(&self, t: f64) -> Vector3<f64> {
         match self {
             Self::Velocity(v) => v * t,

@@ -1,9 +1,9 @@
-//! Refuses particles that start deep inside an obstacle.
+//! Check that no particle starts inside an obstacle.
 //!
-//! A particle that overlaps the obstacle at rest pushes from there on, as if its radius were smaller by the
-//! overlap. That is no more than touching while the centre lies in front of the surface: packings end in
-//! spheres of which some stick out. Once the centre is behind the surface nothing is left of the radius, the
-//! particle is inside, and the obstacle is in the wrong place.
+//! A particle that overlaps the obstacle at rest pushes only when it comes closer, as if its radius were
+//! smaller by the overlap. As long as the centre lies in front of the surface this is harmless: packings end
+//! in spheres of which some stick out. If the centre lies behind the surface, no radius is left: the particle
+//! is inside, and the obstacle is in the wrong place.
 
 use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
@@ -20,11 +20,11 @@ struct Inside {
     place: [f64; 3],
 }
 
-/// Words of it between ranks.
+/// Words per rank of an [`Inside`] in the all-gather.
 const WORDS: usize = 6;
 
 impl Inside {
-    fn of<'a>(
+    fn find<'a>(
         shape: &RigidShape,
         moved: &Vector3<f64>,
         particles: impl Iterator<Item = (&'a f64, Point3<f64>)>,
@@ -52,14 +52,14 @@ impl Inside {
         self.count = count;
     }
 
-    /// Of all ranks, the same on all of them.
+    /// Combines the results of all ranks, with the same result on all of them. Collective.
     fn on_all_ranks(self, portion: &Portion) -> arlequin_core::Result<Self> {
         let [x, y, z] = self.place;
         let reals = [self.depth, self.radius, x, y, z].map(|v| v.to_bits().cast_signed());
         let words: Vec<i64> = [self.count.cast_signed()].into_iter().chain(reals).collect();
-        let all = portion.listed(&words)?;
+        let gathered = portion.listed(&words)?;
         let mut out = Self::default();
-        for [count, reals @ ..] in all.as_chunks::<WORDS>().0 {
+        for [count, reals @ ..] in gathered.as_chunks::<WORDS>().0 {
             let [depth, radius, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));
             out.add(&Self {
                 count: count.cast_unsigned(),
@@ -85,10 +85,10 @@ impl Inside {
     }
 }
 
-/// Refuses spheres with centres inside a shape where it is at time zero.
+/// Returns an error if centres of spheres lie inside a shape at time zero.
 ///
 /// # Errors
-/// [`Error::StartsInside`].
+/// [`Error::StartsInside`] with the number of spheres and the deepest one.
 pub(super) fn check(
     obstacle: &str,
     shape: &RigidShape,
@@ -96,25 +96,25 @@ pub(super) fn check(
     spheres: &[Sphere],
 ) -> Result<()> {
     let particles = spheres.iter().map(|s| (&s[3], Point3::new(s[0], s[1], s[2])));
-    Inside::of(shape, moved, particles).refuse(obstacle)
+    Inside::find(shape, moved, particles).refuse(obstacle)
 }
 
 impl Body {
-    /// Refuses the state before the first step if particles are displaced into the obstacle. On a body in
-    /// parts all ranks must ask.
+    /// Returns an error if particles are displaced into the obstacle before the first step. Collective on a
+    /// partitioned body.
     pub(super) fn check_start(&mut self, q: &[f64]) -> arlequin_core::Result<()> {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
         }
-        let crowd = self.crowd.as_ref();
-        let rest = &crowd.map_or(&self.grains, |c| &c.grains).rest;
-        let displaced = rest
+        let partition = self.partition.as_ref();
+        let rest_spheres = &partition.map_or(&self.grains, |c| &c.grains).rest_spheres;
+        let displaced = rest_spheres
             .iter()
             .enumerate()
             .map(|(i, s)| (&s[3], near::place(s, q, i)));
-        let mut inside = Inside::of(&self.shape, &self.moved, displaced);
-        if let Some(crowd) = crowd {
-            inside = inside.on_all_ranks(crowd.portion())?;
+        let mut inside = Inside::find(&self.shape, &self.moved, displaced);
+        if let Some(partition) = partition {
+            inside = inside.on_all_ranks(partition.portion())?;
         }
         let named = |e| arlequin_core::Error::of_model(&self.host, e);
         inside.refuse(&self.name).map_err(named)

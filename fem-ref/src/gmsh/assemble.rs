@@ -1,4 +1,4 @@
-//! From the contents of a file to a mesh.
+//! Makes a mesh from the contents of a file.
 
 use super::contents::{Block, Contents};
 use super::fault;
@@ -10,7 +10,7 @@ use arlequin_core::Real;
 use mshio::mshfile::ElementType;
 use std::collections::{BTreeMap, HashMap};
 
-/// The mesh of the elements that fill the domain.
+/// Makes the mesh of the elements that fill the domain.
 pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
     let kind = element_kind(&file.blocks)?;
     let nodes = file.nodes.iter().map(|x| x.map(T::of)).collect();
@@ -19,8 +19,8 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
         volumes,
         regions,
         repeated,
-    } = Filling::of(file, kind)?;
-    let mut mesh = Mesh::of_volumes(kind, nodes, connectivity, volumes, regions)?;
+    } = Filling::collect(file, kind)?;
+    let mut mesh = Mesh::with_volumes(kind, nodes, connectivity, volumes, regions)?;
     for (name, group) in collect_groups(file)? {
         add_group(&mut mesh, &name, group);
     }
@@ -40,22 +40,22 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
     Ok(mesh.renumbered())
 }
 
-/// The elements that fill the domain, each once, and the volumes that they belong to.
+/// Elements that fill the domain, each once, and their volumes.
 #[derive(Default)]
 struct Filling {
     connectivity: Vec<u32>,
-    /// Names of the volumes: physical groups, or else entities; none for bars.
+    /// Names of the volumes: physical groups, or entities without one; empty for bars.
     volumes: Vec<String>,
-    /// Number of every element's volume.
+    /// For every element, the number of its volume.
     regions: Vec<u32>,
-    /// Number of elements that were left out because they are there already.
+    /// Number of elements that were left out as repetitions.
     repeated: usize,
 }
 
 impl Filling {
-    /// Collects the elements. An element that its entity lists twice is the same one; on two entities it
-    /// belongs to two volumes that lie in one place, perhaps of two materials.
-    fn of(file: &Contents, kind: ElementKind) -> Result<Self> {
+    /// Collects the elements. A second listing on the same entity is a repetition and left out; on another
+    /// entity it means that two volumes lie at one place, perhaps of two materials, which is an error.
+    fn collect(file: &Contents, kind: ElementKind) -> Result<Self> {
         let mut out = Self::default();
         let mut known: HashMap<NodeSet, (i32, u64)> = HashMap::new();
         for block in domain(file, kind) {
@@ -82,12 +82,12 @@ impl Filling {
         Ok(out)
     }
 
-    /// Number of the volume that a block belongs to.
+    /// Number of the volume of a block; new names are added.
     fn volume(&mut self, file: &Contents, block: &Block) -> u32 {
         let name = match block.physical.first().map(|t| t.saturating_abs()) {
             Some(tag) => {
-                let given = file.names.get(&(3, tag)).cloned();
-                given.unwrap_or_else(|| format!("volume-{tag}"))
+                let group_name = file.names.get(&(3, tag)).cloned();
+                group_name.unwrap_or_else(|| format!("volume-{tag}"))
             }
             None => format!("entity {}", block.entity),
         };
@@ -113,11 +113,11 @@ fn gmsh_type(kind: ElementKind) -> ElementType {
     }
 }
 
-/// The one kind that fills the domain.
+/// Determines the one element kind that fills the domain.
 fn element_kind(blocks: &[Block]) -> Result<ElementKind> {
     let count = |t: ElementType| -> usize {
-        let those = blocks.iter().filter(|b| b.element_type == t);
-        those.map(|b| b.elements.len()).sum()
+        let matching = blocks.iter().filter(|b| b.element_type == t);
+        matching.map(|b| b.elements.len()).sum()
     };
     use ElementType::{Hex8, Lin2, Pnt, Qua4, Tet4, Tri3};
     let known = [Pnt, Lin2, Tri3, Qua4, Tet4, Hex8];
@@ -158,7 +158,7 @@ pub(super) fn collect_groups(file: &Contents) -> Result<BTreeMap<String, RawGrou
     for block in &file.blocks {
         let dimension = block.dimension;
         for tag in &block.physical {
-            // A negative tag means that the entity is turned around in the group.
+            // A negative tag means that the entity is reversed in the group.
             let tag = tag.saturating_abs();
             let word = usize::try_from(dimension).ok();
             let word = word.and_then(|d| ["point", "curve", "surface", "volume"].get(d));

@@ -1,4 +1,4 @@
-//! What a Gmsh file holds, whatever its format.
+//! Contents of a Gmsh file, independent of its format.
 
 use super::fault;
 use crate::error::Result;
@@ -6,7 +6,7 @@ use mshio::mshfile::{Element, ElementType};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// Index of every node tag.
+/// Node index of every node tag.
 pub(super) type NodeIndex = HashMap<u64, u32>;
 
 /// Elements of one type on one entity of the geometry.
@@ -14,7 +14,7 @@ pub(super) type NodeIndex = HashMap<u64, u32>;
 pub(super) struct Block {
     pub dimension: i32,
     pub entity: i32,
-    /// Physical groups of the entity; negative where it is turned around in the group.
+    /// Physical groups of the entity; negative if the entity is reversed in the group.
     pub physical: Vec<i32>,
     pub element_type: ElementType,
     pub elements: Vec<Element<u64>>,
@@ -28,12 +28,12 @@ pub(super) struct Contents {
     pub blocks: Vec<Block>,
     /// Names of the physical groups by dimension and tag.
     pub names: BTreeMap<(i32, i32), String>,
-    /// What was read otherwise than it stands there.
+    /// Messages on what was read differently from how the file holds it.
     pub notices: Vec<String>,
 }
 
 impl Contents {
-    /// Index of the node with a tag.
+    /// Returns the index of the node with a tag.
     pub(super) fn lookup(&self, tag: u64, element: u64) -> Result<u32> {
         self.index.get(&tag).copied().ok_or_else(|| {
             fault(format!(
@@ -42,14 +42,14 @@ impl Contents {
         })
     }
 
-    /// Indices of the corners of an element.
+    /// Returns the node indices of an element's corners.
     pub(super) fn corners(&self, element: &Element<u64>) -> Result<Vec<u32>> {
         let tags = element.nodes.iter();
         tags.map(|t| self.lookup(*t, element.element_tag)).collect()
     }
 
-    /// Makes elements of second order linear: their corners come first. Nodes that no corner is on are left
-    /// out.
+    /// Makes elements of second order linear by keeping only the corners, which come first. Drops nodes that
+    /// are no element's corner.
     pub(super) fn linearise(&mut self) {
         let mut middles = HashSet::new();
         let mut count = 0;
@@ -68,6 +68,7 @@ impl Contents {
         if middles.is_empty() {
             return;
         }
+        // A middle of one element that is a corner of another stays.
         for tag in self
             .blocks
             .iter()
@@ -87,25 +88,25 @@ impl Contents {
     }
 
     fn drop_nodes(&mut self, tags: &HashSet<u64>) {
-        let mut kept = vec![true; self.nodes.len()];
+        let mut is_kept = vec![true; self.nodes.len()];
         for tag in tags {
             if let Some(k) = self.index.remove(tag) {
-                kept[k as usize] = false;
+                is_kept[k as usize] = false;
             }
         }
-        let mut place = Vec::with_capacity(kept.len());
+        let mut place = Vec::with_capacity(is_kept.len());
         let mut next = 0;
-        for keep in &kept {
+        for keep in &is_kept {
             place.push(next);
             next += u32::from(*keep);
         }
         self.index.values_mut().for_each(|k| *k = place[*k as usize]);
-        let mut keep = kept.iter();
+        let mut keep = is_kept.iter();
         self.nodes.retain(|_| keep.next().copied().unwrap_or(true));
     }
 }
 
-/// The linear element with the corners of one of second order, and how many they are.
+/// Linear element with the corners of a second-order element, and the number of corners.
 fn first_order(element: ElementType) -> Option<(ElementType, usize)> {
     use ElementType as E;
     Some(match element {

@@ -1,4 +1,4 @@
-//! The surface of what a Gmsh file holds, as triangles: for bodies that are filled rather than meshed.
+//! Surface of a Gmsh file as triangles, for bodies that are filled with particles rather than meshed.
 
 use super::assemble::{self, collect_groups};
 use super::contents::Contents;
@@ -11,21 +11,23 @@ use nalgebra::Point3;
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
-/// Triangles of a surface. Those of solids face outwards, those of surface meshes as they do in the file.
+/// Triangles of a surface. Triangles of solids face outwards; triangles of surface meshes face as in the
+/// file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Triangles {
     /// Corners \[m\]; some may belong to no triangle.
     pub points: Vec<Point3<f64>>,
-    /// Triangles; quadrilaterals are cut in two.
+    /// Triangles; quadrilaterals are cut into two.
     pub triangles: Vec<[u32; 3]>,
-    /// Triangles of the physical surfaces, by name.
+    /// Triangles of the physical surfaces, by group name.
     pub groups: BTreeMap<String, Vec<[u32; 3]>>,
 }
 
-/// Reads a `.msh` file: the outer faces of its solids or, if it has none, its triangles and quadrilaterals.
+/// Reads a `.msh` file: the outer faces of its solids or, without solids, its triangles and quadrilaterals.
 ///
 /// # Errors
-/// [`Error::File`] if it cannot be read; [`Error::Gmsh`] as [`super::parse`], and for a file with neither.
+/// [`Error::File`] if the file cannot be read; [`Error::Gmsh`] as in [`super::parse`], and for a file without
+/// solids and faces.
 pub fn load_surface(path: impl AsRef<Path>) -> Result<Triangles> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|e| Error::File {
@@ -37,7 +39,7 @@ pub fn load_surface(path: impl AsRef<Path>) -> Result<Triangles> {
     if file.blocks.iter().any(|b| solid.contains(&b.element_type)) {
         return Ok(triangles_of(&assemble::mesh::<f64>(&file)?));
     }
-    of_faces(file)
+    face_triangles(file)
 }
 
 fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
@@ -46,12 +48,12 @@ fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// Facets of a solid mesh as triangles, outwards; quadrilaterals are cut in two.
+/// Facets of a solid mesh as outward triangles; quadrilaterals are cut into two.
 pub fn facets_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[u32; 3]> {
     facets.iter().flat_map(|f| cut(&mesh.facet_nodes(*f))).collect()
 }
 
-/// Outer faces of a solid mesh, and those of its groups.
+/// Outer faces of a solid mesh as triangles, and the faces of its groups.
 pub fn triangles_of(mesh: &Mesh<f64>) -> Triangles {
     let triangles = |facets: &[Facet]| facets_of(mesh, facets);
     let groups = mesh.groups().iter().filter(|(_, g)| !g.facets.is_empty());
@@ -62,15 +64,15 @@ pub fn triangles_of(mesh: &Mesh<f64>) -> Triangles {
     }
 }
 
-/// Faces of a surface mesh.
-fn of_faces(file: Contents) -> Result<Triangles> {
+/// Triangles of a surface mesh.
+fn face_triangles(file: Contents) -> Result<Triangles> {
     let mut triangles = Vec::new();
     let faces = [ElementType::Tri3, ElementType::Qua4];
     let mut known = HashSet::new();
     for block in file.blocks.iter().filter(|b| faces.contains(&b.element_type)) {
         for element in &block.elements {
             let corners = file.corners(element)?;
-            // Listed twice, a face would bound nothing.
+            // A face that is listed twice would enclose no volume.
             if known.insert((block.entity, node_set(&corners))) {
                 triangles.extend(cut(&corners));
             }

@@ -1,4 +1,4 @@
-//! Format 2.2, ascii or binary: elements bear the tags of their entity and of one physical group each.
+//! Format 2.2, ascii or binary: each element has the tags of its entity and of one physical group.
 
 use super::contents::{Block, Contents};
 use super::fault;
@@ -17,7 +17,7 @@ struct Listed {
     nodes: Vec<u64>,
 }
 
-/// Reads everything but names.
+/// Reads everything except names.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
     if header.width.is_some_and(|w| w != 8) {
         return Err(fault(
@@ -34,9 +34,9 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
         }
     };
     let start = |section: &str, name: &str| {
-        let at = behind(bytes, section)
+        let position = behind(bytes, section)
             .ok_or_else(|| fault(format!("there is no {section} section; the mesh has no {name}")))?;
-        let count = std::str::from_utf8(line(bytes, at))
+        let count = std::str::from_utf8(line(bytes, position))
             .ok()
             .and_then(|t| t.trim().parse::<u64>().ok());
         match count {
@@ -44,19 +44,19 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
             Some(0) => Err(fault(format!(
                 "section {section} is empty; mesh the geometry before saving"
             ))),
-            Some(n) => Ok((n, at + line(bytes, at).len() + 1)),
+            Some(n) => Ok((n, position + line(bytes, position).len() + 1)),
         }
     };
-    let source = |at: usize| Source {
-        bytes: bytes.get(at..).unwrap_or(&[]),
+    let source = |position: usize| Source {
+        bytes: bytes.get(position..).unwrap_or(&[]),
         binary: header.width.is_some(),
         little,
     };
-    let (count, at) = start("$Nodes", "nodes")?;
+    let (count, position) = start("$Nodes", "nodes")?;
     let mut out = Contents::default();
-    nodes(source(at), count, &mut out)?;
-    let (count, at) = start("$Elements", "elements")?;
-    let listed = elements(source(at), count)?;
+    nodes(source(position), count, &mut out)?;
+    let (count, position) = start("$Elements", "elements")?;
+    let listed = elements(source(position), count)?;
     out.blocks = blocks(listed);
     Ok(out)
 }
@@ -104,7 +104,7 @@ fn elements(mut source: Source<'_>, count: u64) -> Result<Vec<Listed>> {
     Ok(out)
 }
 
-/// `number type count-of-tags tags… nodes…` on a line.
+/// Reads an element of a text file: `number type count-of-tags tags… nodes…` on one line.
 fn text_element(source: &mut Source<'_>, out: &mut Vec<Listed>) -> Result<Option<()>> {
     let Some([number, code, tags]) = source.integers() else {
         return Ok(None);
@@ -125,7 +125,7 @@ fn text_element(source: &mut Source<'_>, out: &mut Vec<Listed>) -> Result<Option
     Ok(listed(source, number, element_type, [physical, entity], n).map(|e| out.push(e)))
 }
 
-/// A header `type count count-of-tags`, then `number tags… nodes…` each.
+/// Reads elements of a binary file: a header `type count count-of-tags`, then `number tags… nodes…` each.
 fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -> Result<Option<()>> {
     let Some([code, follow, tags]) = source.integers() else {
         return Ok(None);
@@ -138,16 +138,16 @@ fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -
         let Some(number) = source.integer() else {
             return Ok(None);
         };
-        let mut own = [0; 2];
+        let mut element_tags = [0; 2];
         for k in 0..tags {
             let Some(tag) = source.integer() else {
                 return Ok(None);
             };
-            if let Some(slot) = own.get_mut(k as usize) {
+            if let Some(slot) = element_tags.get_mut(k as usize) {
                 *slot = tag;
             }
         }
-        match listed(source, number, element_type, own, n) {
+        match listed(source, number, element_type, element_tags, n) {
             Some(e) => out.push(e),
             None => return Ok(None),
         }
@@ -172,26 +172,25 @@ fn listed(
     })
 }
 
-/// Blocks of elements of one type, entity and set of groups. An entity in several groups is listed once for
-/// each, turned around where the group's tag is negative: the set of nodes tells the element, not their
-/// order.
+/// Sorts elements into blocks of one type, entity and set of groups. The file lists an entity in several
+/// groups once per group, reversed if the group's tag is negative; elements are therefore identified by their
+/// set of nodes.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
-    let mut at: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
+    let mut indices: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
     for e in listed {
         let mut nodes = e.nodes.clone();
         nodes.sort_unstable();
         let key = (e.element_type as i32, e.entity, nodes);
         let groups = (e.physical != 0).then_some(e.physical);
-        match at.get(&key) {
-            // Listed again in a group that it is in already, an element stays for the check of the whole
-            // file.
+        match indices.get(&key) {
+            // A repetition in the same group is kept, for the check of repeated elements in `assemble`.
             Some(&k) if groups.is_none_or(|g| merged[k].1.contains(&g)) => {
                 merged.push((e, merged[k].1.clone()));
             }
             Some(&k) => merged[k].1.extend(groups),
             None => {
-                at.insert(key, merged.len());
+                indices.insert(key, merged.len());
                 merged.push((e, groups.into_iter().collect()));
             }
         }
@@ -218,7 +217,7 @@ fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     blocks
 }
 
-/// Types by their codes, with their numbers of nodes.
+/// Element type of a code, with its number of nodes.
 fn known(code: i64) -> Result<(ElementType, usize)> {
     use ElementType as E;
     Ok(match code {
@@ -255,7 +254,7 @@ fn dimension(element: ElementType) -> i32 {
     }
 }
 
-/// Numbers one after another: words of a text, or bytes.
+/// Reads one number after another, from words of text or from bytes.
 struct Source<'a> {
     bytes: &'a [u8],
     binary: bool,
@@ -264,8 +263,8 @@ struct Source<'a> {
 
 impl Source<'_> {
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.bytes.split_first_chunk::<N>()?;
-        self.bytes = rest;
+        let (first, remaining) = self.bytes.split_first_chunk::<N>()?;
+        self.bytes = remaining;
         let mut out = *first;
         if !self.little {
             out.reverse();
@@ -279,8 +278,8 @@ impl Source<'_> {
             .iter()
             .position(u8::is_ascii_whitespace)
             .unwrap_or(text.len());
-        let (word, rest) = text.split_at(end);
-        self.bytes = rest;
+        let (word, remaining) = text.split_at(end);
+        self.bytes = remaining;
         std::str::from_utf8(word).ok()
     }
 

@@ -1,4 +1,4 @@
-//! Format 4.1.
+//! Format 4.1, and the sections that all formats share.
 
 use super::contents::{Block, Contents, NodeIndex};
 use super::fault;
@@ -9,26 +9,26 @@ use std::collections::{BTreeMap, HashMap};
 
 type File = MshFile<u64, i32, f64>;
 
-/// What the first section of a file says.
+/// Contents of the first section of a file.
 #[derive(Debug)]
 pub(super) struct Header {
     pub version: String,
-    /// Bytes of an integer; none in text.
+    /// Bytes per integer; `None` for text.
     pub width: Option<usize>,
-    /// Whether the lowest byte of a number comes first.
+    /// True if the lowest byte of a number comes first.
     pub little: bool,
-    /// Position behind the section's line.
+    /// Position after the section's line.
     pub end: usize,
 }
 
 /// Reads the first section.
 pub(super) fn header(bytes: &[u8]) -> Result<Header> {
-    let Some(at) = behind(bytes, "$MeshFormat") else {
+    let Some(position) = behind(bytes, "$MeshFormat") else {
         return Err(fault(
             "the file does not start with $MeshFormat; is it a .msh file?",
         ));
     };
-    let text = String::from_utf8_lossy(line(bytes, at)).into_owned();
+    let text = String::from_utf8_lossy(line(bytes, position)).into_owned();
     let words: Vec<&str> = text.split_whitespace().collect();
     let [version, file_type, size] = words[..] else {
         return Err(fault(format!(
@@ -50,7 +50,7 @@ pub(super) fn header(bytes: &[u8]) -> Result<Header> {
             "size {size} of integers is not supported; use 4 or 8"
         )));
     }
-    let end = at + text.len() + 1;
+    let end = position + text.len() + 1;
     Ok(Header {
         version: version.to_owned(),
         width,
@@ -59,7 +59,7 @@ pub(super) fn header(bytes: &[u8]) -> Result<Header> {
     })
 }
 
-/// Reads everything but names.
+/// Reads everything except names.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
     let bytes = prepared(bytes, header)?;
     let file = mshio::parse_msh_bytes(&bytes).map_err(|e| {
@@ -97,44 +97,46 @@ fn physical_tags(entities: &Entities<i32, f64>) -> HashMap<(i32, i32), Vec<i32>>
     let curves = entities.curves.iter().map(|e| (1, e.tag, &e.physical_tags));
     let surfaces = entities.surfaces.iter().map(|e| (2, e.tag, &e.physical_tags));
     let volumes = entities.volumes.iter().map(|e| (3, e.tag, &e.physical_tags));
-    let all = points.chain(curves).chain(surfaces).chain(volumes);
-    all.map(|(dimension, tag, physical)| ((dimension, tag), physical.clone()))
+    let tagged = points.chain(curves).chain(surfaces).chain(volumes);
+    tagged
+        .map(|(dimension, tag, physical)| ((dimension, tag), physical.clone()))
         .collect()
 }
 
-/// Position behind a line that holds `word` alone.
+/// Position after the first line that ends with `word`.
 pub(super) fn behind(bytes: &[u8], word: &str) -> Option<usize> {
     let n = word.len();
-    let mut at = 0;
-    while let Some(k) = bytes[at..].windows(n).position(|w| w == word.as_bytes()) {
-        at += k + n;
-        match &bytes[at..] {
-            [b'\n', ..] => return Some(at + 1),
-            [b'\r', b'\n', ..] => return Some(at + 2),
+    let mut end = 0;
+    while let Some(k) = bytes[end..].windows(n).position(|w| w == word.as_bytes()) {
+        end += k + n;
+        match &bytes[end..] {
+            [b'\n', ..] => return Some(end + 1),
+            [b'\r', b'\n', ..] => return Some(end + 2),
             _ => {}
         }
     }
     None
 }
 
-pub(super) fn line(bytes: &[u8], at: usize) -> &[u8] {
-    let rest = &bytes[at..];
-    &rest[..rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len())]
+pub(super) fn line(bytes: &[u8], position: usize) -> &[u8] {
+    let tail = &bytes[position..];
+    &tail[..tail.iter().position(|&b| b == b'\n').unwrap_or(tail.len())]
 }
 
-/// Checks what the parser takes for granted, and makes it keep node tags: it drops them where the header
-/// says that they are dense, although blocks may list dense tags in any order. So the header's largest tag
-/// is raised.
+/// Checks what the parser takes for granted, and makes it keep node tags.
+///
+/// The parser drops the tags if the header says that they are dense, although blocks may list dense tags in
+/// any order. The header's largest tag is therefore raised.
 fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     let (width, little) = (header.width, header.little);
     let mut out = bytes.to_vec();
     for (section, name) in [("$Nodes", "nodes"), ("$Elements", "elements")] {
-        let Some(at) = behind(&out, section) else {
+        let Some(position) = behind(&out, section) else {
             return Err(fault(format!(
                 "there is no {section} section; the mesh has no {name}"
             )));
         };
-        let (counts, text) = section_counts(&out, at, width, little)
+        let (counts, text) = section_counts(&out, position, width, little)
             .ok_or_else(|| fault(format!("the header of section {section} is broken")))?;
         if counts[1] == 0 {
             return Err(fault(format!(
@@ -145,25 +147,30 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
             match width {
                 None => {
                     let new = format!("{} {} {} {}", counts[0], counts[1], counts[2], u64::MAX);
-                    out.splice(at..at + text, new.into_bytes());
+                    out.splice(position..position + text, new.into_bytes());
                 }
-                Some(w) => out[at + 3 * w..at + 4 * w].fill(u8::MAX),
+                Some(w) => out[position + 3 * w..position + 4 * w].fill(u8::MAX),
             }
         }
     }
     Ok(out)
 }
 
-/// The four numbers that open a section, and the length of their line (ascii).
-fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -> Option<([u64; 4], usize)> {
+/// The four numbers at the start of a section, and the length of their line (ascii only, else 0).
+fn section_counts(
+    bytes: &[u8],
+    position: usize,
+    width: Option<usize>,
+    little: bool,
+) -> Option<([u64; 4], usize)> {
     let Some(w) = width else {
-        let text = std::str::from_utf8(line(bytes, at)).ok()?.trim_end();
+        let text = std::str::from_utf8(line(bytes, position)).ok()?.trim_end();
         let numbers: Vec<u64> = text.split_whitespace().map_while(|s| s.parse().ok()).collect();
         return Some((numbers.try_into().ok()?, text.len()));
     };
     let mut out = [0; 4];
     for (k, out) in out.iter_mut().enumerate() {
-        let raw = bytes.get(at + k * w..at + (k + 1) * w)?;
+        let raw = bytes.get(position + k * w..position + (k + 1) * w)?;
         let fold = |n: u64, b: &u8| n << 8 | u64::from(*b);
         *out = if little {
             raw.iter().rev().fold(0, fold)
@@ -174,15 +181,15 @@ fn section_counts(bytes: &[u8], at: usize, width: Option<usize>, little: bool) -
     Some((out, 0))
 }
 
-/// Names of the physical groups by dimension and tag.
+/// Names of the physical groups, by dimension and tag.
 pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String>> {
     let mut names = BTreeMap::new();
-    let Some(mut at) = behind(bytes, "$PhysicalNames") else {
+    let Some(mut position) = behind(bytes, "$PhysicalNames") else {
         return Ok(names);
     };
-    at += line(bytes, at).len() + 1;
-    while at < bytes.len() {
-        let text = String::from_utf8_lossy(line(bytes, at)).into_owned();
+    position += line(bytes, position).len() + 1;
+    while position < bytes.len() {
+        let text = String::from_utf8_lossy(line(bytes, position)).into_owned();
         if text.starts_with("$EndPhysicalNames") {
             return Ok(names);
         }
@@ -201,12 +208,12 @@ pub(super) fn physical_names(bytes: &[u8]) -> Result<BTreeMap<(i32, i32), String
                 )));
             }
         };
-        at += line(bytes, at).len() + 1;
+        position += line(bytes, position).len() + 1;
     }
     Err(fault("$PhysicalNames is not closed by $EndPhysicalNames"))
 }
 
-/// Node positions and the index of every node tag.
+/// Node positions, and the index of every node tag.
 fn node_index(file: &File) -> Result<(Vec<Point3<f64>>, NodeIndex)> {
     let (mut nodes, mut index) = (Vec::new(), HashMap::new());
     for block in file.data.nodes.iter().flat_map(|n| &n.node_blocks) {

@@ -7,11 +7,11 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::{Materials, Real};
 use rayon::prelude::*;
 
-/// Elements whose matrices are in flight at once.
+/// Elements whose matrices are held in memory at once: about 2.4 MB in double precision.
 const BATCH: usize = 512;
 
-/// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with the weight `α_e` \[–\] of every element: blocks
-/// of 3 × 3 for solids, 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
+/// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with one weight `α_e` \[–\] per element, in blocks of
+/// 3 × 3 for solids and 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
 pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weights: &[T]) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
@@ -33,8 +33,8 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weigh
     matrix
 }
 
-/// Replaces the values of a stiffness by those of other weights `α_e`; `row` tells the row of a node, if it
-/// is here.
+/// Replaces the values of a stiffness by those for the weights `α_e`. `row` returns the row of a node, or
+/// `None` if this rank has no such row.
 pub(crate) fn assemble<T: Real>(
     matrix: &mut BlockMatrix<T>,
     mesh: &Mesh<T>,
@@ -42,7 +42,7 @@ pub(crate) fn assemble<T: Real>(
     weights: &[T],
     row: &(dyn Fn(u32) -> Option<usize> + Sync),
 ) {
-    let here = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
+    let has_row = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
     matrix.clear();
     let mut batch = Vec::with_capacity(BATCH);
     for first in (0..mesh.element_count()).step_by(BATCH) {
@@ -50,8 +50,9 @@ pub(crate) fn assemble<T: Real>(
         range
             .clone()
             .into_par_iter()
-            .map(|e| here(&e).then(|| element_stiffness(mesh, materials, e)))
+            .map(|e| has_row(&e).then(|| element_stiffness(mesh, materials, e)))
             .collect_into_vec(&mut batch);
+        // Added in the order of the elements: the sums have the same bits for any number of threads.
         for (e, k) in range.zip(&batch) {
             let nodes = mesh.element(e);
             for (i, k) in nodes.iter().zip(k.iter().flatten()) {
