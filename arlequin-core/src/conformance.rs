@@ -108,7 +108,7 @@ pub fn reaction<T: Real>(
 pub fn partition_of_unity<T: Real>(weights: &[Arc<dyn Weight<T>>], points: &[Point3<T>]) -> T {
     points
         .iter()
-        .map(|x| (weights.iter().map(|w| w.at(x)).sum::<T>() - T::one()).abs())
+        .map(|x| (weights.iter().map(|w| w.value(x)).sum::<T>() - T::one()).abs())
         .fold(T::zero(), |a, b| a.max(b))
 }
 

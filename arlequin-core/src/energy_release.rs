@@ -239,7 +239,7 @@ impl<T: Real> EnergyRelease<T> {
     fn check_weight(&self, model: &dyn Model<T>, alpha: &dyn Weight<T>) -> Result<()> {
         let slack = T::epsilon() * T::of(1e3);
         for n in &self.nodes {
-            let (x, w) = (model.nodes()[*n], alpha.at(&model.nodes()[*n]));
+            let (x, w) = (model.nodes()[*n], alpha.value(&model.nodes()[*n]));
             if (w - T::one()).abs() > slack {
                 let rule = format!(
                     "the domain around the crack front reaches into an overlap, where another model has a part of the energy \
@@ -391,7 +391,7 @@ impl<T: Real> EnergyRelease<T> {
                 .row(p)
                 .iter()
                 .fold(Matrix3::zeros(), |h, (n, g)| h + u(*n) * g.transpose());
-            let strain = SymmetricTensor::of(&h);
+            let strain = SymmetricTensor::from_matrix(&h);
             let stress = p.material.stress(&strain).matrix();
             let density = stress.component_mul(&strain.matrix()).sum() * T::of(0.5);
             let flux = h.transpose() * stress - Matrix3::from_diagonal_element(density);

@@ -32,7 +32,7 @@
 //!
 //! // The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one has the rest.
 //! let ramp = Ramp::new(Arc::new(Slab::between(at(1.0), at(0.0))?), Profile::Cubic, 1e-3)?;
-//! let coarse = Weights::same(Arc::new(ramp));
+//! let coarse = Weights::from_weight(Arc::new(ramp));
 //! let fine = Weights::complement_of(std::slice::from_ref(&coarse));
 //!
 //! let mediator = Arc::new(FemField::new(generate::bar(0.0, 1.0, 2, 1.0)?));

@@ -264,7 +264,7 @@ pub trait Model<T: Real>: Send {
     /// # Errors
     /// [`Error::Unsupported`] for a model that cannot be partitioned, which is the default; errors of the
     /// transport.
-    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
         let ranks = communicator.ranks();
         Err(Error::Unsupported {
             model: self.name().to_owned(),

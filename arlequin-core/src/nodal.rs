@@ -53,7 +53,7 @@ impl<T: Real> NodallyWeighted<T> {
     fn at_nodes(&self, weight: &dyn Weight<T>) -> Result<Vec<T>> {
         let (layout, nodes) = (self.model.layout(), self.model.nodes());
         let repeated = |nodes: &[Point3<T>], count: usize| -> Vec<T> {
-            let values = nodes.iter().map(|x| weight.at(x));
+            let values = nodes.iter().map(|x| weight.value(x));
             values.flat_map(|w| std::iter::repeat_n(w, count)).collect()
         };
         let mut out = repeated(nodes, layout.components);

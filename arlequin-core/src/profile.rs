@@ -92,7 +92,7 @@ impl<T: Real> Profile<T> {
     /// ```
     /// use arlequin_core::Profile;
     /// let sine = Profile::custom(|s: f64| 0.5 - 0.5 * (std::f64::consts::PI * s).cos())?;
-    /// assert!((sine.at(0.25) - 0.146_446_609).abs() < 1e-9);
+    /// assert!((sine.value(0.25) - 0.146_446_609).abs() < 1e-9);
     /// assert!(Profile::custom(|s: f64| 1.0 - s).is_err());
     /// # Ok::<(), arlequin_core::Error>(())
     /// ```
@@ -129,7 +129,7 @@ impl<T: Real> Profile<T> {
     }
 
     /// `p(s)` for `s` in `[0, 1]`.
-    pub fn at(&self, s: T) -> T {
+    pub fn value(&self, s: T) -> T {
         let k = T::of;
         match self {
             Self::Constant(c) => *c,

@@ -21,7 +21,7 @@ impl<T: Real> SymmetricTensor<T> {
     }
 
     /// Symmetric part of a matrix.
-    pub fn of(m: &Matrix3<T>) -> Self {
+    pub fn from_matrix(m: &Matrix3<T>) -> Self {
         let half = |a: usize, b: usize| (m[(a, b)] + m[(b, a)]) * T::of(0.5);
         Self([
             m[(0, 0)],

@@ -301,7 +301,7 @@ impl Space<'_> {
             ranks::add_products(layout, w, b, sum);
         }
         if let Some(p) = portion {
-            p.totals(&mut sums);
+            p.all_reduce(&mut sums);
         }
         for (b, c) in basis.iter().zip(&sums) {
             let c = T::of(c.value());

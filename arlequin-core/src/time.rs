@@ -27,7 +27,7 @@ impl Formula {
 
     /// Value at time `t` \[s\]. Before time zero the formula goes on; where it is not finite there, its value
     /// at zero is taken.
-    pub fn at(&self, t: f64) -> f64 {
+    pub fn value(&self, t: f64) -> f64 {
         let value = (self.function)(t);
         if t < 0.0 && !value.is_finite() {
             return (self.function)(0.0);
@@ -82,7 +82,7 @@ impl<T: Real> TimeFunction<T> {
     pub fn validate(&self) -> Result<()> {
         match self {
             Self::Step => Ok(()),
-            Self::Formula(f) if f.at(0.0).is_finite() => Ok(()),
+            Self::Formula(f) if f.value(0.0).is_finite() => Ok(()),
             Self::Formula(f) => Err(invalid(
                 "formula of the time function",
                 &f.text,
@@ -116,7 +116,7 @@ impl<T: Real> TimeFunction<T> {
     }
 
     /// Value at time `t` \[s\]; zero before time zero except for tables, formulas and their integrals.
-    pub fn at(&self, t: T) -> T {
+    pub fn value(&self, t: T) -> T {
         T::of(self.at_wide(t.as_f64()))
     }
 
@@ -135,7 +135,7 @@ impl<T: Real> TimeFunction<T> {
                     s * s
                 }
             }
-            Self::Formula(f) => f.at(t),
+            Self::Formula(f) => f.value(t),
             Self::Integral(integrand) => integrand.integral(t),
             Self::Table(rows) => {
                 let k = rows.partition_point(|r| r.0.as_f64() <= t);
@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn integrals_are_those_of_the_functions() {
-        let integral = |f: TimeFunction<f64>, t: f64| TimeFunction::Integral(Box::new(f)).at(t);
+        let integral = |f: TimeFunction<f64>, t: f64| TimeFunction::Integral(Box::new(f)).value(t);
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-14, "{a} {b}");
         near(integral(TimeFunction::Step, 3.0), 3.0);
         near(integral(TimeFunction::Step, -3.0), 0.0);
@@ -210,7 +210,7 @@ mod tests {
     fn formulas_say_what_they_are_and_must_be_finite_at_the_start() {
         let root = Formula::new("sqrt(t)", f64::sqrt);
         assert!(root == Formula::new("sqrt(t)", f64::sqrt) && root != Formula::new("t", |t| t));
-        assert!(root.at(-1.0).abs() < 1e-300 && (root.at(4.0) - 2.0).abs() < 1e-15);
+        assert!(root.value(-1.0).abs() < 1e-300 && (root.value(4.0) - 2.0).abs() < 1e-15);
         assert_eq!(format!("{root:?}"), "Formula sqrt(t)");
         let pole = Formula::new("1/t", |t| 1.0 / t);
         let told = TimeFunction::<f64>::Formula(pole)
@@ -224,11 +224,11 @@ mod tests {
     #[allow(clippy::float_cmp, reason = "these values are exact")]
     fn values() {
         let r = TimeFunction::Ramp { duration: 2.0 };
-        assert_eq!([r.at(-1.0), r.at(1.0), r.at(9.0)], [0.0, 0.5, 1.0]);
+        assert_eq!([r.value(-1.0), r.value(1.0), r.value(9.0)], [0.0, 0.5, 1.0]);
         let p = TimeFunction::SmoothPulse { duration: 2.0 };
-        assert!((p.at(1.0) - 1.0f64).abs() < 1e-15 && p.at(2.0) == 0.0);
+        assert!((p.value(1.0) - 1.0f64).abs() < 1e-15 && p.value(2.0) == 0.0);
         let t = TimeFunction::Table(vec![(0.0, 1.0), (1.0, 3.0)]);
-        assert_eq!([t.at(-1.0), t.at(0.25), t.at(2.0)], [1.0, 1.5, 3.0]);
+        assert_eq!([t.value(-1.0), t.value(0.25), t.value(2.0)], [1.0, 1.5, 3.0]);
     }
 
     #[test]

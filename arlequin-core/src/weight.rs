@@ -35,11 +35,11 @@ named!(Weighting, "weighting":
 /// A weight function. Over all models, the weights of one kind sum to one at every point.
 pub trait Weight<T: Real>: Send + Sync {
     /// Value at a point \[–\].
-    fn at(&self, x: &Point3<T>) -> T;
+    fn value(&self, x: &Point3<T>) -> T;
 
     /// Mean over a cell. The default integrates numerically; a weight that knows its kinks does it exactly.
     fn mean(&self, cell: &Cell<T>) -> T {
-        geometry::mean(cell, 2, &|x| self.at(x))
+        geometry::mean(cell, 2, &|x| self.value(x))
     }
 }
 
@@ -48,7 +48,7 @@ pub trait Weight<T: Real>: Send + Sync {
 pub struct Uniform<T>(pub T);
 
 impl<T: Real> Weight<T> for Uniform<T> {
-    fn at(&self, _: &Point3<T>) -> T {
+    fn value(&self, _: &Point3<T>) -> T {
         self.0
     }
     fn mean(&self, _: &Cell<T>) -> T {
@@ -67,8 +67,8 @@ impl<T: Real> std::fmt::Debug for Complement<T> {
 }
 
 impl<T: Real> Weight<T> for Complement<T> {
-    fn at(&self, x: &Point3<T>) -> T {
-        T::one() - self.0.iter().map(|w| w.at(x)).sum()
+    fn value(&self, x: &Point3<T>) -> T {
+        T::one() - self.0.iter().map(|w| w.value(x)).sum()
     }
     fn mean(&self, cell: &Cell<T>) -> T {
         T::one() - self.0.iter().map(|w| w.mean(cell)).sum()
@@ -88,8 +88,8 @@ impl<T: Real> std::fmt::Debug for Product<T> {
 }
 
 impl<T: Real> Weight<T> for Product<T> {
-    fn at(&self, x: &Point3<T>) -> T {
-        self.0.iter().fold(T::one(), |p, w| p * w.at(x))
+    fn value(&self, x: &Point3<T>) -> T {
+        self.0.iter().fold(T::one(), |p, w| p * w.value(x))
     }
     /// Exact where only one factor varies over the cell: its mean times the other factors. Otherwise
     /// numerical.
@@ -97,7 +97,7 @@ impl<T: Real> Weight<T> for Product<T> {
         let corners = cell.corners();
         // Profiles are monotone: a weight that is zero or one at all corners is so between them.
         let fixed = |w: &Arc<dyn Weight<T>>| {
-            let is_everywhere = |v: T| corners.iter().all(|x| w.at(x) == v);
+            let is_everywhere = |v: T| corners.iter().all(|x| w.value(x) == v);
             [T::zero(), T::one()]
                 .into_iter()
                 .find(|v| is_everywhere(*v) && w.mean(cell) == *v)
@@ -112,7 +112,7 @@ impl<T: Real> Weight<T> for Product<T> {
         match varying.as_slice() {
             [] => factor,
             [single] => factor * single.mean(cell),
-            _ => geometry::mean(cell, 2, &|x| self.at(x)),
+            _ => geometry::mean(cell, 2, &|x| self.value(x)),
         }
     }
 }
@@ -185,7 +185,7 @@ impl<T: Real> Ramp<T> {
             Place::Fine => T::zero(),
             Place::Overlap(s) => match self.profile {
                 Profile::Constant(c) => c,
-                _ => self.epsilon + (T::one() - self.epsilon - self.fine_epsilon) * self.profile.at(s),
+                _ => self.epsilon + (T::one() - self.epsilon - self.fine_epsilon) * self.profile.value(s),
             },
         }
     }
@@ -245,7 +245,7 @@ impl<T: Real> Ramp<T> {
 }
 
 impl<T: Real> Weight<T> for Ramp<T> {
-    fn at(&self, x: &Point3<T>) -> T {
+    fn value(&self, x: &Point3<T>) -> T {
         self.at_place(self.overlap.place(x))
     }
 
@@ -254,7 +254,7 @@ impl<T: Real> Weight<T> for Ramp<T> {
             (Some((gradient, offset)), _) => self.exact_mean(cell, gradient, offset),
             (None, Some(CellPlace::Coarse)) => T::one(),
             (None, Some(CellPlace::Fine)) => T::zero(),
-            (None, Some(CellPlace::Halved(levels))) => geometry::mean(cell, levels, &|x| self.at(x)),
+            (None, Some(CellPlace::Halved(levels))) => geometry::mean(cell, levels, &|x| self.value(x)),
             (None, None) => {
                 let places: Vec<_> = cell.corners().iter().map(|x| self.overlap.place(x)).collect();
                 let is_everywhere = |p: &dyn Fn(&Place<T>) -> bool| places.iter().all(p);
@@ -268,7 +268,7 @@ impl<T: Real> Weight<T> for Ramp<T> {
                 } else {
                     3
                 };
-                geometry::mean(cell, levels, &|x| self.at(x))
+                geometry::mean(cell, levels, &|x| self.value(x))
             }
         }
     }
@@ -297,7 +297,7 @@ impl<T: Real> std::fmt::Debug for Weights<T> {
 
 impl<T: Real> Weights<T> {
     /// One weight for all three energies, applied by elements and bonds ([`Weighting::Energy`]).
-    pub fn same(weight: Arc<dyn Weight<T>>) -> Self {
+    pub fn from_weight(weight: Arc<dyn Weight<T>>) -> Self {
         Self {
             internal: weight.clone(),
             kinetic: weight.clone(),
@@ -308,7 +308,7 @@ impl<T: Real> Weights<T> {
 
     /// Weights of one, for a model that is not coupled.
     pub fn uncoupled() -> Self {
-        Self::same(Arc::new(Uniform(T::one())))
+        Self::from_weight(Arc::new(Uniform(T::one())))
     }
 
     /// Weights of the fine model: one minus those of its coarse partners, applied like those of the first
@@ -321,7 +321,7 @@ impl<T: Real> Weights<T> {
         let internal = pick(&|w| w.internal.clone());
         // Weights that are one object stay so: set-ups then evaluate it once instead of three times.
         if coarse.iter().all(Self::are_one) {
-            return Self::same(internal).with_weighting(weighting);
+            return Self::from_weight(internal).with_weighting(weighting);
         }
         Self {
             internal,
@@ -348,7 +348,8 @@ impl<T: Real> Weights<T> {
             Arc::new(Product(vec![remainder.clone(), share]))
         };
         if self.are_one() && remainder.are_one() {
-            return Self::same(product(self.internal, &remainder.internal)).with_weighting(self.weighting);
+            return Self::from_weight(product(self.internal, &remainder.internal))
+                .with_weighting(self.weighting);
         }
         Self {
             internal: product(self.internal, &remainder.internal),

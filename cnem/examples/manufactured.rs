@@ -43,7 +43,7 @@ fn errors(options: Options, jitter: f64) {
 
 struct Fall;
 impl Weight<f64> for Fall {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         x.x.clamp(0.2, 0.8)
     }
 }

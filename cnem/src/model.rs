@@ -375,7 +375,10 @@ impl Model<f64> for CnemModel {
         spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
     }
 
-    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
+    fn partition_among(
+        &mut self,
+        communicator: &Arc<dyn Communicator>,
+    ) -> arlequin_core::Result<Shared<f64>> {
         self.keep_part(communicator)
     }
 

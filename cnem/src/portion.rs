@@ -177,7 +177,7 @@ impl CnemModel {
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let entries = |i: usize| self.forces.entries(i) + MOVING;
-        Unit::all(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
+        Unit::from_nodes(self.nodes(), |range| range.map(entries).sum::<usize>() as f64)
     }
 
     /// Returns the halo of this rank: ghosts to receive, owned nodes to send, and the ranks to exchange with.

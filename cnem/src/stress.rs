@@ -58,7 +58,7 @@ impl CnemModel {
             let u = Vector3::from_column_slice(&q[3 * *node as usize..3 * *node as usize + 3]);
             h += u * g.transpose();
         }
-        let strain = SymmetricTensor::of(&h);
+        let strain = SymmetricTensor::from_matrix(&h);
         [strain, self.material().stress(&strain)]
     }
 }

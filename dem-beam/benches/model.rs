@@ -17,7 +17,7 @@ use std::time::Instant;
 struct Along;
 
 impl Weight<f64> for Along {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.95 * (x.x / 20e-3).clamp(0.0, 1.0)
     }
 }
@@ -54,7 +54,7 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     };
     let (q, mut f) = (wave(1e-9, 1e-4), vec![0.0; n]);
     let run = |interval: usize| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
-        let side = Subdomain::fine(make()?, Weights::same(Arc::new(Along)))
+        let side = Subdomain::fine(make()?, Weights::from_weight(Arc::new(Along)))
             .with_partition(Partition::Unchecked)
             .with_initial(vec![0.0; n], wave(1e-3, 0.0))?;
         let guard = Guard {
@@ -131,7 +131,7 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
         let n = m.layout().dofs();
         let v = (0..n).map(|i| (i as f64).sin() * if i < n / 2 { 1e-3 } else { 0.0 });
         let v: Vec<f64> = v.collect();
-        let side = Subdomain::fine(m, Weights::same(Arc::new(Along)))
+        let side = Subdomain::fine(m, Weights::from_weight(Arc::new(Along)))
             .with_partition(Partition::Unchecked)
             .with_initial(vec![0.0; n], v)?;
         Ok(Coupled::new(

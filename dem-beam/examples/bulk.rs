@@ -31,7 +31,7 @@ fn main() -> Result<(), Error> {
         );
         all.push(found);
     }
-    let s = BulkStatistics::of(&all);
+    let s = BulkStatistics::from_samples(&all);
     println!(
         "E {:.3} +- {:.3} GPa, nu {:.4} +- {:.4}, anisotropy {:.4} +- {:.4}",
         s.young.mean / 1e9,

@@ -51,7 +51,7 @@ fn main() -> Result<(), Error> {
         nu.push(found.poisson);
     }
     let show = |name: &str, x: &[f64]| {
-        let s = Spread::of(x);
+        let s = Spread::from_samples(x);
         println!("{name} {:.4} +- {:.4}", s.mean, s.deviation);
     };
     show("E", &e);

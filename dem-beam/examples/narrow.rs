@@ -40,7 +40,7 @@ fn main() -> Result<(), Error> {
             ];
             columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
         }
-        let [x, young, poisson, bending, torsion] = columns.map(|c| Spread::of(&c));
+        let [x, young, poisson, bending, torsion] = columns.map(|c| Spread::from_samples(&c));
         let text = |s: Spread| format!("{:.3} ± {:.3}", s.mean, s.deviation);
         println!(
             "{:6.2} {count:>9}  {}  {}  {}  {}",

@@ -33,7 +33,7 @@ pub struct BeamMaterial {
     pub radius_ratio: f64,
 }
 
-/// Measured rows for [`BeamMaterial::of_bulk`]: beam radius over mean particle radius, Poisson's ratio of the
+/// Measured rows for [`BeamMaterial::from_bulk`]: beam radius over mean particle radius, Poisson's ratio of the
 /// packing, Young's modulus of the packing over that of the beams. Source: `arlequin calibrate --periodic
 /// --count 4000 --seeds 2 --young 1e9 --radius-ratio …`. Between two samples moduli differ by up to 0.4 %,
 /// Poisson's ratios by 5e-4.
@@ -63,7 +63,7 @@ impl BeamMaterial {
     ///
     /// ```
     /// use dem_beam::BeamMaterial;
-    /// let beam = BeamMaterial::of_bulk(72.9e9, 0.174)?;
+    /// let beam = BeamMaterial::from_bulk(72.9e9, 0.174)?;
     /// assert!((beam.radius_ratio - 0.71).abs() < 1e-3 && (beam.young / 265e9 - 1.0).abs() < 2e-3);
     /// # Ok::<(), dem_beam::Error>(())
     /// ```
@@ -71,7 +71,7 @@ impl BeamMaterial {
     /// # Errors
     /// [`Error::OutOfRange`] for a modulus that is not positive; [`Error::PoissonOutOfReach`] outside of
     /// [`Self::BULK_POISSON`].
-    pub fn of_bulk(young: f64, poisson: f64) -> Result<Self> {
+    pub fn from_bulk(young: f64, poisson: f64) -> Result<Self> {
         positive("wanted Young's modulus", young)?;
         let [low, high] = Self::BULK_POISSON;
         if !(low..=high).contains(&poisson) {
@@ -96,11 +96,11 @@ impl BeamMaterial {
         })
     }
 
-    /// Range of Poisson's ratios that [`Self::of_bulk`] accepts.
+    /// Range of Poisson's ratios that [`Self::from_bulk`] accepts.
     pub const BULK_POISSON: [f64; 2] = [BULK[BULK.len() - 1][1], BULK[0][1]];
 
     /// Returns Young's modulus \[Pa\] and Poisson's ratio of packings with these beams: the inverse of
-    /// [`Self::of_bulk`]. Radius ratios outside of the measured range are extrapolated.
+    /// [`Self::from_bulk`]. Radius ratios outside of the measured range are extrapolated.
     #[must_use]
     pub fn bulk(&self) -> [f64; 2] {
         // Only inner rows are compared, so that ratios beyond the table use its first or last interval.

@@ -174,7 +174,7 @@ pub struct Spread {
 impl Spread {
     /// Computes mean and deviation of several numbers.
     #[must_use]
-    pub fn of(x: &[f64]) -> Self {
+    pub fn from_samples(x: &[f64]) -> Self {
         let n = x.len().max(1) as f64;
         let mean = x.iter().sum::<f64>() / n;
         let square: f64 = x.iter().map(|x| (x - mean) * (x - mean)).sum();
@@ -199,8 +199,9 @@ pub struct Statistics {
 impl Statistics {
     /// Computes means and deviations of several tests.
     #[must_use]
-    pub fn of(tests: &[Elasticity]) -> Self {
-        let spread = |f: fn(&Elasticity) -> f64| Spread::of(&tests.iter().map(f).collect::<Vec<_>>());
+    pub fn from_samples(tests: &[Elasticity]) -> Self {
+        let spread =
+            |f: fn(&Elasticity) -> f64| Spread::from_samples(&tests.iter().map(f).collect::<Vec<_>>());
         Self {
             young: spread(|e| e.young),
             young_gauge: spread(|e| e.young_gauge),
@@ -229,7 +230,7 @@ pub fn measure(packings: &[Packing], beam: BeamMaterial, bar: &Bar) -> Result<St
         // Statics needs no mass, so any density does.
         tests.push(tension_test(&p.bonded(beam, 1.0)?, bar)?);
     }
-    Ok(Statistics::of(&tests))
+    Ok(Statistics::from_samples(&tests))
 }
 
 /// Beams that give packings the wanted elasticity.

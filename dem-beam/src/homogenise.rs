@@ -184,8 +184,8 @@ pub struct BulkStatistics {
 impl BulkStatistics {
     /// Computes means and deviations of several samples.
     #[must_use]
-    pub fn of(samples: &[Bulk]) -> Self {
-        let spread = |f: fn(&Bulk) -> f64| Spread::of(&samples.iter().map(f).collect::<Vec<_>>());
+    pub fn from_samples(samples: &[Bulk]) -> Self {
+        let spread = |f: fn(&Bulk) -> f64| Spread::from_samples(&samples.iter().map(f).collect::<Vec<_>>());
         Self {
             young: spread(|b| b.young),
             poisson: spread(|b| b.poisson),

@@ -43,7 +43,7 @@ fn forces_do_not_allocate() {
                 least(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
             });
             assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
-            let side = Subdomain::fine(m, Weights::same(Arc::new(Uniform(1.0))))
+            let side = Subdomain::fine(m, Weights::from_weight(Arc::new(Uniform(1.0))))
                 .with_initial(vec![0.0; n], vec![1e-3; n])
                 .unwrap();
             let bytes = pool.install(|| {

@@ -40,7 +40,12 @@ fn contact_between_two_models() {
         friction: 0.3,
         ..ContactLaw::elastic(70e9)
     };
-    let contact = ContactBetween::new(ContactBody::of(&below), ContactBody::of(&above), law).unwrap();
+    let contact = ContactBetween::new(
+        ContactBody::from_model(&below),
+        ContactBody::from_model(&above),
+        law,
+    )
+    .unwrap();
     let n = above.layout().dofs();
     let mut v = vec![0.0; n];
     (0..n / 6).for_each(|i| v[3 * i + 2] = -0.1);
@@ -57,7 +62,7 @@ fn contact_between_two_models() {
             effect: Box::new(contact),
         }],
     };
-    let mut run = Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap();
+    let mut run = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None).unwrap();
     run.run(3, &mut Silent).unwrap();
     let region = Region::new(GLOBAL);
     run.run(5, &mut Silent).unwrap();

@@ -275,7 +275,7 @@ impl<T: Real> Model<T> for FemModel<T> {
         spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
     }
 
-    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<T>> {
+    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<T>> {
         self.keep_part(communicator)
     }
 

@@ -226,7 +226,7 @@ impl<T: Real> FemModel<T> {
     #[must_use]
     pub fn units(&self) -> Vec<Unit> {
         let blocks = |i: usize| self.stiffness.columns(i).len() + MOVING;
-        Unit::all(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
+        Unit::from_nodes(self.nodes(), |range| range.map(blocks).sum::<usize>() as f64)
     }
 
     /// The halo of this rank: ghosts that it receives, owned nodes that it sends, and the ranks it exchanges

@@ -104,7 +104,7 @@ impl<T: Real> FemModel<T> {
                 (0..3).for_each(|b| h[(a, b)] += q[*node as usize * c + a] * g[b]);
             }
         }
-        let strain = SymmetricTensor::of(&h);
+        let strain = SymmetricTensor::from_matrix(&h);
         let material = self.materials().at(e);
         let stress = if mesh.kind() == ElementKind::Bar2 {
             let mut pull = SymmetricTensor::zero();

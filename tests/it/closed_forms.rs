@@ -145,7 +145,7 @@ fn shared_element(stiffer: f64) -> Coupled<f64> {
     };
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Slab::between(at(1.0), at(0.0)).unwrap();
-    let w = Weights::same(Arc::new(
+    let w = Weights::from_weight(Arc::new(
         Ramp::new(Arc::new(slab), Profile::Constant(0.5), 0.0).unwrap(),
     ));
     let rest = Weights::complement_of(std::slice::from_ref(&w));

@@ -205,7 +205,7 @@ impl Case {
         let at = |x: f64| self.turned(&Point3::new(x, 0.0, 0.0));
         let slab = Slab::between(at(self.end), at(2.0)).unwrap();
         let ramp = Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon).unwrap();
-        Weights::same(Arc::new(ramp))
+        Weights::from_weight(Arc::new(ramp))
     }
 
     /// The coupled run, from velocities that `start` gives each body.
@@ -333,7 +333,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
         prop_assert!(
             points
                 .iter()
-                .all(|x| kind.iter().all(|w| (0.0..=1.0).contains(&w.at(x))))
+                .all(|x| kind.iter().all(|w| (0.0..=1.0).contains(&w.value(x))))
         );
     }
     // Forces of any multiplier: the two sides are each other's transpose, their sum and their moment vanish.

@@ -93,7 +93,7 @@ fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: 
     };
     let at = |x: f64| turn * nalgebra::Point3::new(x, 0.0, 0.0);
     let slab = Slab::between(at(solid::OVERLAP[1]), at(solid::OVERLAP[0])).unwrap();
-    let w = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
+    let w = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
     let rest = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material().unwrap()).unwrap();
     let wave = |s: Subdomain<f64>| {

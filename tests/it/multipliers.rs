@@ -195,7 +195,7 @@ fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
         };
         let point = |x: f64| Point3::new(x * length, 0.0, 0.0);
         let slab = Slab::between(point(3.0), point(2.0)).unwrap();
-        let left = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
+        let left = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
         let right = Weights::complement_of(std::slice::from_ref(&left));
         let v: Vec<f64> = (0..=75).map(|k| length * (0.2 * f64::from(k)).sin()).collect();
         let fine = Subdomain::fine(bar("fine", 2.0, 75, density), right).with_partition(Partition::Unchecked);
@@ -358,7 +358,7 @@ fn a_mediator_of_bars_of_any_section_ties_alike() {
         };
         let point = |x: f64| Point3::new(x, 0.0, 0.0);
         let slab = Slab::between(point(3.0), point(2.0)).unwrap();
-        let left = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()));
+        let left = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()));
         let right = Weights::complement_of(std::slice::from_ref(&left));
         let v: Vec<f64> = (0..=75).map(|k| (0.2 * f64::from(k)).sin()).collect();
         let fine = Subdomain::fine(bar("fine", 2.0, 75), right);

@@ -17,7 +17,7 @@ use std::sync::Arc;
 fn weights(scale: f64, weighting: Weighting) -> Weights<f64> {
     let slab = Slab::between(Point3::new(4.0 * scale, 0.0, 0.0), Point3::origin()).unwrap();
     let ramp = Ramp::new(Arc::new(slab), Profile::Linear, 0.1).unwrap();
-    Weights::same(Arc::new(ramp)).with_weighting(weighting)
+    Weights::from_weight(Arc::new(ramp)).with_weighting(weighting)
 }
 
 /// A bar alone, displaced to and fro.
@@ -36,7 +36,7 @@ fn nodal_weights_multiply_forces_and_masses_of_the_unweighted_model() {
     let s = &weighted.subdomains()[0];
     for (k, x) in s.model().nodes().iter().enumerate() {
         let whole = if k == 0 || k == 16 { 0.125 } else { 0.25 };
-        assert_abs_diff_eq!(s.inertia()[k], whole * w.kinetic.at(x), epsilon = 1e-15);
+        assert_abs_diff_eq!(s.inertia()[k], whole * w.kinetic.value(x), epsilon = 1e-15);
         // Weights on forces and masses cancel.
         let q = |k: usize| s.state().q[k];
         let pull = |j: usize| 4.0 * (q(j) - q(k));

@@ -119,7 +119,7 @@ fn stepped(link: Option<Link>, own: [OwnStep<f64>; 2]) -> arlequin::core::Result
         interfaces: Vec::new(),
         pairs: pairs.collect(),
     };
-    Coupled::of(parts, TimeStep::Fraction(0.5), None)
+    Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn at(x: f64) -> Point3<f64> {
 
 fn ramp(fine: f64, coarse: f64, profile: Profile<f64>) -> Weights<f64> {
     let slab = Slab::between(at(fine), at(coarse)).unwrap();
-    Weights::same(Arc::new(Ramp::new(Arc::new(slab), profile, 0.05).unwrap()))
+    Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile, 0.05).unwrap()))
 }
 
 /// Two bars, coarse and fine, with given ends, over the overlap (2, 3), tied by a mediator.
@@ -224,7 +224,7 @@ fn structured_tetrahedra_have_an_overlap_of_the_exact_measure() {
             Slab::between(at(fine), at(coarse)).unwrap()
         };
         let ramp = Ramp::new(Arc::new(slab(3.0, 2.0)), Profile::Linear, 0.05).unwrap();
-        let w = Weights::same(Arc::new(ramp));
+        let w = Weights::from_weight(Arc::new(ramp));
         let rest = Weights::complement_of(std::slice::from_ref(&w));
         let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material()).unwrap();
         let bodies = vec![
@@ -251,7 +251,7 @@ fn a_model_alone_has_all_of_itself() {
     };
     assert!(build(Weights::uncoupled(), Partition::Checked).is_ok());
     for weight in [0.5, 1.5] {
-        let part = || Weights::same(Arc::new(Uniform(weight)));
+        let part = || Weights::from_weight(Arc::new(Uniform(weight)));
         assert!(build(part(), Partition::Unchecked).is_ok());
         let error = build(part(), Partition::Checked).unwrap_err();
         assert!(

@@ -23,7 +23,7 @@ fn on_axis(x: f64) -> Point3<f64> {
 
 fn ramp(fine: f64, coarse: f64, profile: Profile<f64>) -> Weights<f64> {
     let slab = Slab::between(on_axis(fine), on_axis(coarse)).unwrap();
-    Weights::same(Arc::new(Ramp::new(Arc::new(slab), profile, 0.05).unwrap()))
+    Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile, 0.05).unwrap()))
 }
 
 fn complement(w: &Weights<f64>) -> Weights<f64> {
@@ -67,9 +67,9 @@ struct Raised {
 }
 
 impl Weight<f64> for Raised {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         let raised = (self.between[0]..=self.between[1]).contains(&x.x);
-        self.weight.at(x) + if raised { self.values } else { 0.0 }
+        self.weight.value(x) + if raised { self.values } else { 0.0 }
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
@@ -86,7 +86,7 @@ const EVERYWHERE: [f64; 2] = [-1e4, 1e4];
 
 fn raised(w: &Weights<f64>, values: f64, factor: f64, between: [f64; 2]) -> Weights<f64> {
     let weight = w.internal.clone();
-    Weights::same(Arc::new(Raised {
+    Weights::from_weight(Arc::new(Raised {
         weight,
         values,
         factor,
@@ -361,7 +361,7 @@ fn blocks<T: Real>(size: f64, turn: Vector3<f64>, shift: Vector3<f64>, profile: 
     let mesh = |kind, x, counts| solid::block::<T>(kind, x, counts).mapped(place).unwrap();
     let ends = [3.0, 2.0].map(|x| place(&Point3::new(T::of(x), T::zero(), T::zero())));
     let slab = Slab::between(ends[0], ends[1]).unwrap();
-    let w = Weights::same(Arc::new(Ramp::new(Arc::new(slab), profile, T::of(0.05)).unwrap()));
+    let w = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile, T::of(0.05)).unwrap()));
     let rest = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material()).unwrap();
     let bodies = vec![

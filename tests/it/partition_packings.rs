@@ -20,7 +20,7 @@ use std::sync::Arc;
 fn ramp() -> Weights<f64> {
     let [fine, coarse] = [3e-3, 2e-3].map(|x| Point3::new(x, 0.0, 0.0));
     let slab = Slab::between(fine, coarse).unwrap();
-    Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
+    Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
 }
 
 /// A body of 3 mm and a packing of 3 mm and 0.5 mm over the overlap (2, 3) mm.

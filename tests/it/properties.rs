@@ -98,7 +98,7 @@ proptest! {
         let points: Vec<_> = points.into_iter().map(Point3::from).collect();
         let coarse: Arc<dyn Weight<f64>> = Arc::new(Ramp::new(overlap, profile, epsilon).unwrap());
         let fine: Arc<dyn Weight<f64>> = Arc::new(Complement(vec![coarse.clone()]));
-        prop_assert!(points.iter().all(|x| (0.0..=1.0).contains(&coarse.at(x))));
+        prop_assert!(points.iter().all(|x| (0.0..=1.0).contains(&coarse.value(x))));
         prop_assert!(conformance::partition_of_unity(&[coarse, fine], &points) <= 1e-15);
     }
 
@@ -113,7 +113,7 @@ proptest! {
         let cells = FemField::new(mesh);
         let total: f64 = arlequin::core::Interpolation::cells(&cells).iter().map(|c| w.mean(c) * c.measure()).sum();
         let n = 200_000;
-        let sum: f64 = (0..n).map(|k| w.at(&Point3::new(-2.0 + 4.0 * (f64::from(k) + 0.5) / f64::from(n), 0.0, 0.0))).sum();
+        let sum: f64 = (0..n).map(|k| w.value(&Point3::new(-2.0 + 4.0 * (f64::from(k) + 0.5) / f64::from(n), 0.0, 0.0))).sum();
         prop_assert!((total - 4.0 * sum / f64::from(n)).abs() < 3e-5, "{total} {}", 4.0 * sum / f64::from(n));
     }
 }

@@ -133,7 +133,7 @@ fn a_restart_keeps_the_work_of_pair_effects() {
                 effect: Box::new(Spring::default()),
             }],
         };
-        Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap()
+        Coupled::from_parts(parts, TimeStep::Fraction(0.5), None).unwrap()
     };
     let run = same_ledger(build, [60, 60]);
     let work = run.works()[0].work;

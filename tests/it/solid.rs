@@ -258,17 +258,17 @@ fn sandwich(gap: f64) -> Result<Coupled<f64>, Error> {
         )
     };
     let (left, right) = (ramp(3.0, 2.0), ramp(3.0 + gap, 4.0 + gap));
-    let middle = Weights::same(Arc::new(Complement(vec![left.clone(), right.clone()])));
+    let middle = Weights::from_weight(Arc::new(Complement(vec![left.clone(), right.clone()])));
     let model =
         |name, kind, x, counts| FemModel::new(name, solid::block(kind, x, counts), material()).unwrap();
     let subdomains = vec![
         Subdomain::coarse(
             model("left", ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
-            Weights::same(left),
+            Weights::from_weight(left),
         ),
         Subdomain::coarse(
             model("right", ElementKind::Hex8, [3.0 + gap, 6.0 + gap], [6, 2, 2]),
-            Weights::same(right),
+            Weights::from_weight(right),
         ),
         Subdomain::fine(
             model("middle", ElementKind::Hex8, [2.0, 4.0 + gap], [10, 4, 4]),

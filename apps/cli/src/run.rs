@@ -124,7 +124,7 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
 
 /// Watches for Ctrl-C where the set-up of a scene starts programs, which are to end with it.
 pub(crate) fn watch_links(scene: &Scene) -> Result<()> {
-    if !LinkLine::of(scene).is_empty() {
+    if !LinkLine::list(scene).is_empty() {
         watch_interrupt()?;
     }
     Ok(())

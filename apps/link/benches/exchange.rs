@@ -51,7 +51,7 @@ impl Participant<f64> for Idle {
 fn linked(address: Option<&str>, nodes: usize) -> Remote {
     let parse = |a: &str| a.parse::<Address>().expect("an address");
     let listener = match address {
-        Some(a) => Listener::at(&parse(a)),
+        Some(a) => Listener::bind(&parse(a)),
         None => Listener::private(),
     };
     let listener = listener.expect("a door");

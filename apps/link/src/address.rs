@@ -196,7 +196,7 @@ impl Listener {
     ///
     /// # Errors
     /// [`Error::System`], for example if the address is in use.
-    pub fn at(address: &Address) -> Result<Self> {
+    pub fn bind(address: &Address) -> Result<Self> {
         let failed = system("waiting at", address);
         let mut socket_file = None;
         let mut bound = address.clone();
@@ -251,7 +251,7 @@ impl Listener {
                         });
                     }
                     Ok(()) => {
-                        let listener = Self::at(&Address::Unix(folder.join("link")));
+                        let listener = Self::bind(&Address::Unix(folder.join("link")));
                         if listener.is_err() {
                             let _ = std::fs::remove_dir(&folder);
                         }
@@ -264,7 +264,7 @@ impl Listener {
             }
         }
         #[cfg(not(unix))]
-        Self::at(&Address::Tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, 0))))
+        Self::bind(&Address::Tcp(SocketAddr::from((Ipv4Addr::LOCALHOST, 0))))
     }
 
     /// Returns the address, with the port that the system has chosen if none was given.

@@ -382,7 +382,7 @@ impl Ask {
         message.begin(Kind::Shares);
         match &self.places {
             Places::Points(points) => points.iter().for_each(|x| {
-                message.f64(weight.at(x));
+                message.f64(weight.value(x));
             }),
             Places::Cells(cells) => cells.iter().for_each(|c| {
                 message.f64(weight.mean(c));

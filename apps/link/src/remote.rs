@@ -82,7 +82,7 @@ impl Remote {
     /// # Errors
     /// [`Error::System`] for an address that is in use; else those of [`Self::start`].
     pub fn await_at(name: &str, address: &Address, options: Options) -> Result<Self> {
-        Self::accept(name, &Listener::at(address)?, options)
+        Self::accept(name, &Listener::bind(address)?, options)
     }
 
     /// Waits for a solver at a listener that is already open.

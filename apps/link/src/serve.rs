@@ -56,7 +56,7 @@ impl Asked {
 }
 
 impl Weight<f64> for Asked {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         self.ask(|c| Ask::write_point(&mut c.out, self.share, x))
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {

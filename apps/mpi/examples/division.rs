@@ -60,7 +60,7 @@ fn elements(what: &str, mesh: &Mesh<f64>) -> Done<()> {
     table(what, &whole.units(), whole.nodes().len(), 24, |ranks| {
         let part = |c| {
             let mut model = whole.clone();
-            model.share_out(&c)?;
+            model.partition_among(&c)?;
             Ok::<_, arlequin_core::Error>(counts(model.nodes().len(), model.halo()))
         };
         let results = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();
@@ -88,7 +88,7 @@ fn times(mesh: &Mesh<f64>) -> Done<()> {
         for (least, ranks) in least.iter_mut().zip([1, 2, 4]) {
             let part = |c| {
                 let mut model = whole.clone();
-                model.share_out(&c)?;
+                model.partition_among(&c)?;
                 let q = vec![1e-6; model.layout().dofs()];
                 let mut f = vec![0.0; q.len()];
                 let start = busy();
@@ -115,7 +115,7 @@ fn particles(cells: usize) -> Done<()> {
     table("particles", &units, n, 56, |ranks| {
         let division = Division::bisect(n, &units, ranks)?;
         let part = |c| {
-            let part = model()?.share_out(&division, c)?;
+            let part = model()?.partition_among(&division, c)?;
             Ok::<_, dem_beam::Error>(counts(part.nodes().len(), part.halo()))
         };
         let results = threads::run(ranks, 1, Duration::from_secs(60), part).into_iter();

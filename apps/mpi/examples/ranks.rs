@@ -323,7 +323,7 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
     let (model, cell) = cube(deck, &ranks)?;
     let mut bodies = Vec::new();
     let mut interfaces = Vec::new();
-    let mut weights = Weights::same(Arc::new(Uniform(1.0)));
+    let mut weights = Weights::from_weight(Arc::new(Uniform(1.0)));
     if let Some(across) = cells.checked_div(deck.element) {
         let border = 2.0 * deck.element as f64 * cell;
         let edge = cells as f64 * cell;
@@ -333,7 +333,7 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         };
         let elements = FemModel::new("elements", block(-border, 4)?, Elastic::new(72e9, 0.17, 2200.0)?)?;
         let slab = Slab::between(Point3::new(border, 0.0, 0.0), Point3::origin())?;
-        let ramp = Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05)?));
+        let ramp = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05)?));
         weights = Weights::complement_of(std::slice::from_ref(&ramp));
         bodies.push(Subdomain::coarse(elements, ramp).with_partition(Partition::Unchecked));
         let mut spec = InterfaceSpec::new("tie", 1, 0, Arc::new(FemField::new(block(0.0, 2)?)), L2);

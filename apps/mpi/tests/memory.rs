@@ -24,8 +24,8 @@ const CELLS: [usize; 3] = [32, 16, 16];
 const RADIUS: f64 = 1e-4;
 
 fn stepped(model: DemModel, shared: Option<Arc<dyn Communicator>>) -> usize {
-    let side =
-        Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0)))).with_partition(Partition::Unchecked);
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Uniform(1.0))))
+        .with_partition(Partition::Unchecked);
     let side = match shared {
         Some(c) => side.shared(c),
         None => side,

@@ -50,7 +50,7 @@ fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     let place = |i: usize| model.portion().map_or(i, |p| p.global(i));
     let velocity = |k: usize| [1.0, 2e3][k / (3 * n)] * (1.7 * (6 * place(k / 3 % n) + k % 3) as f64).sin();
     let v = (0..6 * n).map(velocity).collect();
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Uniform(1.0))))
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; 6 * n], v)?;
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None)?;
@@ -71,7 +71,7 @@ fn worker(work: &str, c: Arc<dyn Communicator>) -> arlequin_core::Result<()> {
         ("odd", rank) => {
             let m = cube(rank == 1);
             let division = Division::bisect(m.nodes().len(), &m.units(), c.ranks())?;
-            m.share_out(&division, c)?;
+            m.partition_among(&division, c)?;
             return Ok(());
         }
         _ => {}
@@ -79,7 +79,7 @@ fn worker(work: &str, c: Arc<dyn Communicator>) -> arlequin_core::Result<()> {
     for finite in [false, true] {
         let m = cube(finite);
         let division = Division::bisect(m.nodes().len(), &m.units(), c.ranks())?;
-        let (digest, sums) = steps(m.share_out(&division, c.clone())?)?;
+        let (digest, sums) = steps(m.partition_among(&division, c.clone())?)?;
         let mut digests = [digest];
         c.reduce(&mut digests, Reduction::Sum)?;
         if c.rank() == 0 {

@@ -152,7 +152,7 @@ impl Ramp {
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         use arlequin::core::Weight;
         let all = points("points", &x)?;
-        Ok(array(py, all.iter().map(|x| self.0.at(x)).collect()))
+        Ok(array(py, all.iter().map(|x| self.0.value(x)).collect()))
     }
 }
 
@@ -166,7 +166,7 @@ impl Weights {
     /// The same share of all three.
     #[staticmethod]
     fn same(ramp: &Ramp) -> Self {
-        Self(arlequin::core::Weights::same(ramp.0.clone()))
+        Self(arlequin::core::Weights::from_weight(ramp.0.clone()))
     }
 
     /// All of everything: a model that is not coupled.
@@ -198,7 +198,7 @@ impl Weights {
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
         let all = points("points", &x)?;
         Ok([&self.0.internal, &self.0.kinetic, &self.0.external]
-            .map(|w| array(py, all.iter().map(|x| w.at(x)).collect())))
+            .map(|w| array(py, all.iter().map(|x| w.value(x)).collect())))
     }
 }
 
@@ -276,7 +276,7 @@ impl TimeFunction {
 
     /// Its value at time `t` [s].
     fn at(&self, t: f64) -> f64 {
-        self.0.at(t)
+        self.0.value(t)
     }
 }
 

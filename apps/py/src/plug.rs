@@ -131,7 +131,7 @@ impl Described {
         match &self.places {
             Places::Elements(all) => all.iter().map(over).collect(),
             Places::Bonds(all) => all.iter().map(|c| weight.mean(c)).collect(),
-            Places::Nodes => self.nodes.iter().map(|x| weight.at(x)).collect(),
+            Places::Nodes => self.nodes.iter().map(|x| weight.value(x)).collect(),
         }
     }
 

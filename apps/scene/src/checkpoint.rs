@@ -120,7 +120,7 @@ impl Origin {
             folder: self.folder.clone(),
             text: self.text.clone(),
         };
-        Scene::of(source)?.assign(&self.set)
+        Scene::from_source(source)?.assign(&self.set)
     }
 }
 

@@ -82,7 +82,7 @@ pub struct LinkLine {
 
 impl LinkLine {
     /// Lists the external solvers of a scene before anything is started.
-    pub fn of(scene: &Scene) -> Vec<Self> {
+    pub fn list(scene: &Scene) -> Vec<Self> {
         let line = |(model, does)| Self {
             model,
             does,
@@ -93,7 +93,7 @@ impl LinkLine {
 
     /// Lists the external solvers of a run, with their masses.
     fn connected(scene: &Scene, run: &Coupled<f64>) -> Vec<Self> {
-        let mut out = Self::of(scene);
+        let mut out = Self::list(scene);
         for line in &mut out {
             let mut subdomains = run.subdomains().iter();
             let Some(s) = subdomains.find(|s| s.model().name() == line.model) else {

@@ -100,7 +100,7 @@ impl Scene {
     /// # Errors
     /// A file that cannot be read; a text that is no scene, with its place.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        Self::of(Source::read(path)?)
+        Self::from_source(Source::read(path)?)
     }
 
     /// Reads a text; paths in it are relative to the current folder.
@@ -108,14 +108,14 @@ impl Scene {
     /// # Errors
     /// A text that is no scene, with its place.
     pub fn from_text(text: impl Into<String>) -> Result<Self> {
-        Self::of(Source::new("scene", text))
+        Self::from_source(Source::new("scene", text))
     }
 
     /// Parses the text of a file.
     ///
     /// # Errors
     /// A text that is no scene, with its place.
-    pub fn of(source: Source) -> Result<Self> {
+    pub fn from_source(source: Source) -> Result<Self> {
         let syntax = |e: toml::de::Error| Error::Syntax {
             message: in_words(e.message()),
             span: e.span(),

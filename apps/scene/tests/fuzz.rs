@@ -30,7 +30,7 @@ fn read(bytes: &[u8]) -> bool {
         &["time.end=1e-3".to_owned()],
         &["a.b.c=1".to_owned(), "model=[]".to_owned()],
     ] {
-        match Scene::of(source.clone()).and_then(|s| s.assign(set)) {
+        match Scene::from_source(source.clone()).and_then(|s| s.assign(set)) {
             Ok(_) if set.is_empty() => return true,
             Ok(_) => {}
             Err(e) => assert!(!e.to_string().is_empty()),

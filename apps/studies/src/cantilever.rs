@@ -47,7 +47,7 @@ pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     let [left, right] = [LENGTH / 2.0 - overlap / 2.0, LENGTH / 2.0 + overlap / 2.0];
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(Arc::new(Slab::between(at(right), at(left))?), Profile::Cubic, 0.0)?;
-    let coarse = Weights::same(Arc::new(ramp));
+    let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let material = Elastic::new(6.895e9, 0.25, 2768.0)?;
     let clamped = FemModel::new("clamped", block([0.0, right], FINE / ratio)?, material)?;

@@ -187,7 +187,7 @@ impl Bar {
 
     /// The coupled body.
     fn coupled(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
-        let weights = Weights::same(self.weight()?);
+        let weights = Weights::from_weight(self.weight()?);
         let mesh = self.box_of(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
         let held = nodes
@@ -283,7 +283,7 @@ impl Bar {
             };
             Some(Pair {
                 s,
-                alpha: 1.0 - weight.at(&middle),
+                alpha: 1.0 - weight.value(&middle),
                 coupled: *load,
                 alone: *alone.get(key)?,
             })

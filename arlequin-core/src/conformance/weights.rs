@@ -67,6 +67,6 @@ pub fn weights<T: Real>(
 /// parts of the cell (four of a line). Zero up to round-off for a weight that is a polynomial of at most
 /// fifth degree on each part.
 pub fn weight_means<T: Real>(weight: &dyn Weight<T>, cells: &[Cell<T>]) -> T {
-    let gap = |c: &Cell<T>| (weight.mean(c) - geometry::mean(c, 2, &|x| weight.at(x))).abs();
+    let gap = |c: &Cell<T>| (weight.mean(c) - geometry::mean(c, 2, &|x| weight.value(x))).abs();
     cells.iter().map(gap).fold(T::zero(), |m, x| m.max(x))
 }

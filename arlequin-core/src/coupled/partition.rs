@@ -368,7 +368,7 @@ impl<'a, T: Real> Group<'a, T> {
         let member = &self.members[0];
         for x in member.subdomain.model().nodes() {
             for kind in 0..3 {
-                let w = member.weight(kind).at(x);
+                let w = member.weight(kind).value(x);
                 if !w.is_finite() || (w - T::one()).abs() > tolerance() {
                     return Err(self.violation(0, x, kind, Cover::Inside));
                 }

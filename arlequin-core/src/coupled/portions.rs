@@ -58,11 +58,11 @@ pub(super) fn partition_models<T: Real>(
     let portions: Vec<_> = portions.collect::<Result<_>>()?;
     for ((i, overlap), held) in interfaces.iter_mut().zip(overlaps).zip(held) {
         let side_portions = i.sides().map(|s| portions[s].as_ref());
-        i.share_out(side_portions);
+        i.partition_among(side_portions);
         overlap.restrict(side_portions);
         held.restrict(side_portions);
     }
-    joints.iter_mut().for_each(|j| j.share_out(&portions));
+    joints.iter_mut().for_each(|j| j.partition_among(&portions));
     Ok(())
 }
 

@@ -128,7 +128,7 @@ impl<T: Real> Coupled<T> {
             interfaces,
             pairs: Vec::new(),
         };
-        Self::of(parts, step, guard)
+        Self::from_parts(parts, step, guard)
     }
 
     /// Builds a run from all its parts, effects between two subdomains included.
@@ -136,7 +136,7 @@ impl<T: Real> Coupled<T> {
     /// # Errors
     /// Errors of [`Self::starting_at`] and of the effects; [`Error::InvalidParameter`] for an effect between
     /// a subdomain and itself.
-    pub fn of(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
+    pub fn from_parts(parts: Parts<T>, step: TimeStep<T>, guard: Option<Guard<T>>) -> Result<Self> {
         Self::announced(parts, step, guard, &mut |_| ())
     }
 

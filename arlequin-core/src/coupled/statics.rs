@@ -78,7 +78,7 @@ impl<T: Real> System<T> {
         for motion in s.supports() {
             for &d in &motion.dofs {
                 self.fixed[start + d] = true;
-                self.values[start + d] = motion.amplitude * motion.time.at(t);
+                self.values[start + d] = motion.amplitude * motion.time.value(t);
             }
         }
         Ok(())

@@ -75,7 +75,7 @@ pub(super) fn tied_shares<T: Real>(interface: &Interface<T>, subdomains: &[Subdo
         for (k, x) in s.model().nodes().iter().enumerate() {
             // Both weights must be shared, as a model may share other places with other partners.
             let inside = [s, partner].into_iter().all(|s| {
-                let w = s.weights().kinetic.at(x).as_f64();
+                let w = s.weights().kinetic.value(x).as_f64();
                 w > ROUND_OFF && w < 1.0 - ROUND_OFF
             });
             if !inside {

@@ -316,7 +316,7 @@ impl<T: Real> Absorber<T> {
                 words.extend(numbers);
             }
         }
-        let mut words = portion.listed(&words)?;
+        let mut words = portion.all_gather(&words)?;
         let words = words.as_chunks_mut::<5>().0;
         // In the order of the model, so that the result does not depend on the partition.
         words.sort_unstable_by_key(|w| w[0]);

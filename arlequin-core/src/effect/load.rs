@@ -122,7 +122,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
     fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = host.model.layout();
         let gamma = &*host.weights.external;
-        let weigh = |dof: usize| gamma.at(&host.model.nodes()[layout.node_of(dof)]);
+        let weigh = |dof: usize| gamma.value(&host.model.nodes()[layout.node_of(dof)]);
         let whole = host.unknowns();
         // Every unknown once, in ascending order.
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
@@ -145,7 +145,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
             }
             Spread::Facets(facets) => {
                 for (facet, traction) in facets {
-                    let w = gamma.at(&facet.centre);
+                    let w = gamma.value(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
                         for c in 0..layout.components {
                             if let Some(dof) = host.unknown(node * layout.components + c) {
@@ -173,7 +173,7 @@ impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
 
 impl<T: Real> Effect<T> for WeightedLoad<T> {
     fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        self.factor = self.time.at(instant.time);
+        self.factor = self.time.value(instant.time);
         if self.factor != T::zero() {
             self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
         }

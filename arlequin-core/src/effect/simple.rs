@@ -63,7 +63,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
         }
         let dofs = force.len();
         let add = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
-            let factor = time.at(instant.time);
+            let factor = time.value(instant.time);
             for ((f, own_force), g) in f.iter_mut().zip(own_forces).zip(&force) {
                 *own_force = factor * *g;
                 *f += *own_force;

@@ -104,7 +104,7 @@ impl<T: Real> Iterated<T> {
 
     /// Restricts the iteration to the multipliers that this rank owns and returns true. Returns false, and
     /// changes nothing, if `S` is applied by the sides: all ranks then iterate on all multipliers together.
-    pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
+    pub(super) fn partition_among(&mut self, parts: &Parts<T>) -> bool {
         let Apply::Rows(rows) = &self.apply else {
             return false;
         };

@@ -137,11 +137,11 @@ impl<T: Real> Joint<T> {
     }
 
     /// Restricts the coupling matrices to this rank's parts; `portions` has an entry per model of the run.
-    pub(crate) fn share_out(&mut self, portions: &[Option<Arc<Portion>>]) {
+    pub(crate) fn partition_among(&mut self, portions: &[Option<Arc<Portion>>]) {
         let side_portions: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
-        self.sides.share_out(&side_portions);
+        self.sides.partition_among(&side_portions);
         if let Some(parts) = self.sides.parts() {
-            self.system.share_out(parts);
+            self.system.partition_among(parts);
         }
     }
 

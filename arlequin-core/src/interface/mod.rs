@@ -306,10 +306,10 @@ impl<T: Real> Interface<T> {
     }
 
     /// Restricts the coupling matrices to this rank's part of each partitioned model.
-    pub(crate) fn share_out(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
-        self.coupling.share_out(&portions);
+    pub(crate) fn partition_among(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+        self.coupling.partition_among(&portions);
         if let (Some(system), Some(parts)) = (&mut self.system, self.coupling.parts()) {
-            system.share_out(parts);
+            system.partition_among(parts);
         }
     }
 

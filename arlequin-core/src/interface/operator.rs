@@ -161,7 +161,7 @@ impl<T: Real> Operator<T> {
 
     /// Restricts the solver to the multipliers that this rank owns and returns true. Returns false, and
     /// changes nothing, if every rank has to solve for all.
-    pub(super) fn share_out(&mut self, parts: &Parts<T>) -> bool {
+    pub(super) fn partition_among(&mut self, parts: &Parts<T>) -> bool {
         let diagonal = self
             .blocks
             .all
@@ -169,7 +169,7 @@ impl<T: Real> Operator<T> {
             .all(|b| matches!(b.0, Block::Diagonal { .. }));
         // Only a diagonal preconditioner acts on each multiplier by itself.
         let iterated = self.iterated.as_mut().filter(|_| diagonal);
-        if !iterated.is_some_and(|i| i.share_out(parts)) {
+        if !iterated.is_some_and(|i| i.partition_among(parts)) {
             return false;
         }
         for (block, _) in &mut self.blocks.all {

@@ -38,11 +38,11 @@ impl<T: Real> Sides<T> {
 
     /// Restricts each side to the nodes that this rank owns. `portions` has an entry per side, `None` for a
     /// whole model.
-    pub(super) fn share_out(&mut self, portions: &[Option<&Arc<Portion>>]) {
+    pub(super) fn partition_among(&mut self, portions: &[Option<&Arc<Portion>>]) {
         self.parts = Parts::new(&self.transfers, portions);
         for (side, portion) in self.transfers.iter_mut().zip(portions) {
             if let Some(portion) = portion {
-                side.share_out(portion);
+                side.partition_among(portion);
             }
         }
     }

@@ -173,7 +173,7 @@ impl<'a, T: Real> Sampler<'a, T> {
         let Some(beyond) = &self.beyond else {
             return false;
         };
-        let w = self.sides[beyond.particles].weight.at(x);
+        let w = self.sides[beyond.particles].weight.value(x);
         // Weights within round-off of 0 or 1: one model is alone there.
         let floor = T::epsilon().max(T::of(1e-9));
         w > floor && w < T::one() - floor

@@ -41,8 +41,8 @@ impl<T: Real> System<T> {
     }
 
     /// Restricts the solution to this rank's multipliers if the solver can do so.
-    pub(super) fn share_out(&mut self, parts: &Parts<T>) {
-        if self.operator.share_out(parts) {
+    pub(super) fn partition_among(&mut self, parts: &Parts<T>) {
+        if self.operator.partition_among(parts) {
             let zeros = vec![T::zero(); self.shared * parts.owned().len()];
             (self.jump, self.own_impulse) = (zeros.clone(), Some(zeros));
             self.dots = Dots::in_parts(parts);

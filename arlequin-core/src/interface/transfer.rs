@@ -212,7 +212,7 @@ impl<T: Real> Transfer<T> {
     }
 
     /// Restricts the side to the nodes that this rank owns.
-    pub(super) fn share_out(&mut self, portion: &Arc<Portion>) {
+    pub(super) fn partition_among(&mut self, portion: &Arc<Portion>) {
         let n = self.per_node;
         let local_column = |j: usize| Some(portion.local(j / n)? * n + j % n);
         let entries = self

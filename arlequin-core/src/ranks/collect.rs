@@ -9,7 +9,7 @@ impl Portion {
     ///
     /// # Errors
     /// Errors of the transport, which [`Self::failure`] remembers.
-    pub fn listed_on_first(&self, list: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
+    pub fn gather_on_first(&self, list: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
         let (rank, ranks) = (self.communicator().rank(), self.communicator().ranks());
         let mut counts = vec![0; ranks];
         counts[rank] = list.len() as i64;

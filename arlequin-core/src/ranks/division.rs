@@ -17,7 +17,7 @@ pub struct Unit {
 impl Unit {
     /// Returns the units of a model with these nodes \[m\]. `work`: cost of a range of nodes.
     #[must_use]
-    pub fn all<T: Real>(nodes: &[Point3<T>], work: impl Fn(Range<usize>) -> f64) -> Vec<Self> {
+    pub fn from_nodes<T: Real>(nodes: &[Point3<T>], work: impl Fn(Range<usize>) -> f64) -> Vec<Self> {
         let unit = |first: usize| {
             let range = first..nodes.len().min(first + UNIT);
             let sum: Vector3<T> = nodes[range.clone()].iter().map(|x| x.coords).sum();

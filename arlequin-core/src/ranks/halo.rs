@@ -122,8 +122,8 @@ impl Halo {
         read: impl Fn(usize) -> [f64; N],
         write: impl FnMut(usize, [f64; N]),
     ) -> Result<(), RankError> {
-        self.tell(messages, read, &mut || false)?;
-        self.told(messages, write);
+        self.send(messages, read, &mut || false)?;
+        self.receive(messages, write);
         Ok(())
     }
 
@@ -133,7 +133,7 @@ impl Halo {
     ///
     /// # Errors
     /// Errors of [`Self::exchange`]; ghosts are then unknown.
-    pub fn tell<const N: usize>(
+    pub fn send<const N: usize>(
         &self,
         messages: &mut [Message],
         read: impl Fn(usize) -> [f64; N],
@@ -158,7 +158,7 @@ impl Halo {
     }
 
     /// Second half of [`Self::exchange`]: passes the received numbers of ghosts to `write`.
-    pub fn told<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
+    pub fn receive<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
         for (peer, message) in self.peers.iter().zip(messages) {
             let numbers = message.into.as_chunks::<N>().0;
             for (ghost, x) in peer.receive.clone().zip(numbers) {

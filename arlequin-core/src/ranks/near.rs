@@ -22,7 +22,7 @@ impl Halo {
     pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
         let own_rank = portion.communicator().rank();
         let own_box = corners(points);
-        let boxes = portion.listed(&own_box.map(|x| x.to_bits().cast_signed()))?;
+        let boxes = portion.all_gather(&own_box.map(|x| x.to_bits().cast_signed()))?;
         let boxes = boxes.as_chunks::<6>().0.iter();
         let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
         // Both ranks make the same two comparisons, so that they agree on being neighbours.

@@ -109,7 +109,7 @@ impl Portion {
 
     /// Replaces each entry by its sum over all ranks, in one all-reduce. NaN as in [`Self::total`].
     /// Collective.
-    pub fn totals(&self, sums: &mut [Exact]) {
+    pub fn all_reduce(&self, sums: &mut [Exact]) {
         let mut words: Vec<_> = sums.iter().map(|e| e.words()).collect();
         let works = self.reduce(words.as_flattened_mut(), Reduction::Sum);
         for (sum, words) in sums.iter_mut().zip(words) {
@@ -154,7 +154,7 @@ impl Portion {
     ///
     /// # Errors
     /// Errors of the transport, which [`Self::failure`] remembers.
-    pub fn listed(&self, list: &[i64]) -> Result<Vec<i64>, RankError> {
+    pub fn all_gather(&self, list: &[i64]) -> Result<Vec<i64>, RankError> {
         let (rank, ranks) = (self.communicator.rank(), self.communicator.ranks());
         let mut counts = vec![0; ranks];
         counts[rank] = list.len() as i64;

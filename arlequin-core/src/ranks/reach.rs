@@ -83,9 +83,9 @@ impl Reach {
             x.as_chunks_mut::<N>().0[*place as usize] = *q;
         }
         let read = |i: usize| q[i].map(|x| x.as_f64());
-        self.halo.tell(messages, read, &mut || meanwhile(x))?;
+        self.halo.send(messages, read, &mut || meanwhile(x))?;
         let places = x.as_chunks_mut::<N>().0;
-        self.halo.told(messages, |ghost, numbers| {
+        self.halo.receive(messages, |ghost, numbers| {
             places[self.ghosts[ghost] as usize] = numbers.map(T::of);
         });
         Ok(())

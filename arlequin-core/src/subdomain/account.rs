@@ -206,7 +206,7 @@ impl<T: Real> Subdomain<T> {
         }
         powers.push(self.support_power());
         if let Some(portion) = self.portion() {
-            portion.totals(&mut powers);
+            portion.all_reduce(&mut powers);
         }
         let mut works = powers.iter().map(|p| self.pace.dt * T::of(p.value()));
         self.effects

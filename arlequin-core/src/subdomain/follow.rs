@@ -18,7 +18,7 @@ impl<T: Real> Subdomain<T> {
         // A model whose weights are one everywhere need not follow them.
         let weighted = |s: &Self| {
             let w = &s.weights.internal;
-            s.model.nodes().iter().any(|x| w.at(x) != T::one())
+            s.model.nodes().iter().any(|x| w.value(x) != T::one())
         };
         if self.is_external()
             || self.portion().is_some()

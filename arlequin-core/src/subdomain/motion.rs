@@ -29,7 +29,7 @@ impl<T: Real> PrescribedMotion<T> {
         if self.amplitude == T::zero() {
             T::zero()
         } else {
-            self.amplitude * self.time.at(t)
+            self.amplitude * self.time.value(t)
         }
     }
 

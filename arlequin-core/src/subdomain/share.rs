@@ -78,13 +78,13 @@ impl<T: Real> Subdomain<T> {
     /// Partitions the model if it is marked for that, keeps this rank's part and attaches the effects to it.
     ///
     /// # Errors
-    /// Errors of [`crate::Model::share_out`] and of the effects.
+    /// Errors of [`crate::Model::partition_among`] and of the effects.
     pub(crate) fn partition_model(&mut self) -> Result<Option<Arc<Portion>>> {
         let Some(communicator) = self.ranks.take() else {
             return Ok(None);
         };
         let whole = self.model.layout();
-        let Shared { portion, field } = self.model.share_out(&communicator)?;
+        let Shared { portion, field } = self.model.partition_among(&communicator)?;
         self.field = field;
         let state = &mut self.state;
         for x in [

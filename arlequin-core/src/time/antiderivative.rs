@@ -84,7 +84,7 @@ fn integral_by_halving(
 impl Formula {
     /// `∫_0^t f dt` \[s\].
     pub(super) fn integral(&self, t: f64) -> f64 {
-        let f = |t: f64| self.at(t);
+        let f = |t: f64| self.value(t);
         // Cuts are numbered by the bits of positive numbers, which ascend with them.
         if t.is_nan() || t < FIRST {
             return integral_between(&f, 0.0, t);

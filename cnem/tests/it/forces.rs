@@ -13,12 +13,12 @@ use nalgebra::{Point3, center};
 /// Any value per cell will do here.
 struct Wave;
 impl Weight<f64> for Wave {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         0.5 + 0.4 * (3.0 * x.x + 2.0 * x.y).sin()
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let [low, high] = cell.bounds();
-        self.at(&center(&low, &high))
+        self.value(&center(&low, &high))
     }
 }
 

@@ -55,7 +55,7 @@ fn moments(domain: &Domain) -> (Vector3<f64>, f64) {
 /// Rises from 0.25 to 0.75.
 struct Ramp;
 impl Weight<f64> for Ramp {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         0.25 + 0.5 * x.x
     }
 }
@@ -63,8 +63,8 @@ impl Weight<f64> for Ramp {
 /// What is left of [`Ramp`].
 struct Rest;
 impl Weight<f64> for Rest {
-    fn at(&self, x: &Point3<f64>) -> f64 {
-        1.0 - Ramp.at(x)
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        1.0 - Ramp.value(x)
     }
 }
 

@@ -140,12 +140,12 @@ fn tractions_balance_a_constant_stress() {
 /// Any value per cell will do here; the true mean is costly.
 struct Wave;
 impl Weight<f64> for Wave {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         0.5 + 0.4 * (3.0 * x.x + 2.0 * x.y).sin()
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let [low, high] = cell.bounds();
-        self.at(&center(&low, &high))
+        self.value(&center(&low, &high))
     }
 }
 
@@ -190,7 +190,7 @@ fn constant_strain_has_the_exact_energy() {
 /// Half weights: `x < 0.5` counts a quarter, the rest fully; the mean is that of the clipped cell.
 struct Ramp;
 impl Weight<f64> for Ramp {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         0.25 + 0.5 * x.x
     }
 }
@@ -239,7 +239,7 @@ fn nodal_weighting_scales_forces() {
     assert!(model.as_linear().is_none());
     model.add_internal_forces(&u, &mut g).unwrap();
     for i in 0..n {
-        let w = Ramp.at(&model.nodes()[i / 3]);
+        let w = Ramp.value(&model.nodes()[i / 3]);
         assert_abs_diff_eq!(g[i], w * f[i], epsilon = 1e-14 * largest(&f));
     }
     model.set_internal_weight(&Uniform(0.5)).unwrap();
@@ -357,12 +357,12 @@ fn spatial_order_keeps_the_body() {
 fn constant_stress_is_recovered_to_round_off_at_all_nodes() {
     struct Falling;
     impl Weight<f64> for Falling {
-        fn at(&self, x: &Point3<f64>) -> f64 {
+        fn value(&self, x: &Point3<f64>) -> f64 {
             1.0 - 0.8 * x.x.clamp(0.0, 1.0)
         }
     }
     let gradient = gradient() * 1e-3;
-    let strain = arlequin_core::SymmetricTensor::of(&gradient);
+    let strain = arlequin_core::SymmetricTensor::from_matrix(&gradient);
     let stress = silica().stress(&strain);
     for (name, domain) in bodies() {
         let mut model = CnemModel::new(name, domain, silica(), Options::default()).unwrap();

@@ -17,7 +17,7 @@ pub struct ContactBody {
 impl ContactBody {
     /// Copies the spheres and masses of a model.
     #[must_use]
-    pub fn of(model: &DemModel) -> Self {
+    pub fn from_model(model: &DemModel) -> Self {
         Self {
             name: model.name().to_owned(),
             spheres: spheres(model.body().positions(), model.body().radii()),

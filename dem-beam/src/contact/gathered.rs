@@ -56,7 +56,7 @@ impl Gathered {
                 sent.extend(grains.unknowns(i).map(|o| bits(x[o])));
             }
         }
-        let mut received = portion.listed(&sent)?;
+        let mut received = portion.all_gather(&sent)?;
         let received = received.as_chunks_mut::<WORDS>().0;
         // In the order of the whole body: all ranks get the same sums.
         received.sort_unstable_by_key(|w| w[0]);

@@ -71,7 +71,7 @@ impl Contact {
         law.check()?;
         let body = model.body();
         Ok(Self(Contacts {
-            grains: Grains::new(ContactBody::of(model)),
+            grains: Grains::new(ContactBody::from_model(model)),
             log: model.break_log(),
             seen: 0,
             list: PairList::new(body, law.skin * body.mean_radius()),

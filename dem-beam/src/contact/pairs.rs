@@ -181,7 +181,7 @@ impl PartitionedPairs {
         });
         self.near = near.collect();
         self.near.sort_unstable_by_key(|n| n.key);
-        let counts = self.portion.listed(&[self.near.len() as i64])?;
+        let counts = self.portion.all_gather(&[self.near.len() as i64])?;
         self.total = counts.iter().sum::<i64>() as usize;
         (self.breaks, self.has_unknown, self.around) = (0, false, Some(around));
         Ok(())
@@ -239,7 +239,7 @@ impl PartitionedPairs {
             let [broken, ends] = n.key.words();
             [broken, ends, n.rest_distance.to_bits().cast_signed()]
         });
-        let gathered = self.portion.listed(&words.collect::<Vec<i64>>())?;
+        let gathered = self.portion.all_gather(&words.collect::<Vec<i64>>())?;
         let gathered = gathered.as_chunks::<3>().0.iter();
         let gathered = gathered.map(|[broken, ends, rest]| {
             (
@@ -259,7 +259,7 @@ impl PartitionedPairs {
             [f64::from(n.key.broken), i, j, n.rest_distance]
         };
         let sent: Vec<f64> = self.near.iter().flat_map(numbers).collect();
-        let gathered = self.portion.listed_on_first(&sent)?;
+        let gathered = self.portion.gather_on_first(&sent)?;
         let built = match &self.built {
             Some(spheres) => self.portion.collect(4, spheres.as_flattened())?,
             None => Some(Vec::new()),

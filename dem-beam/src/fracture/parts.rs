@@ -155,7 +155,7 @@ impl FractureState {
             }
             self.remove_bond(body, b, &held, step);
         }
-        let mut received = parts.halo.portion().listed(&sent)?;
+        let mut received = parts.halo.portion().all_gather(&sent)?;
         let received = received.as_chunks_mut::<WORDS>().0;
         received.sort_unstable_by_key(number);
         let mut log = writing(&self.log);
@@ -216,7 +216,7 @@ impl Parts {
             }
         }
         // Errors between ranks are kept for [`Portion::failure`].
-        let Ok(mut received) = self.halo.portion().listed(&sent) else {
+        let Ok(mut received) = self.halo.portion().all_gather(&sent) else {
             return false;
         };
         let received = received.as_chunks_mut::<6>().0;

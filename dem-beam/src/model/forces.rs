@@ -291,7 +291,7 @@ impl<W: Screened> Gather<W> {
         } = ghosts;
         self.gather_inner((halo, messages, borders), part.lent(), parallel)?;
         let first = self.layout.particles().next_multiple_of(LANES);
-        halo.told::<{ Ghosts::SENT }>(messages, |g, x| {
+        halo.receive::<{ Ghosts::SENT }>(messages, |g, x| {
             self.rows[first + g].0[..Ghosts::SENT].copy_from_slice(&x);
         });
         self.pass().run(&self.rows, part, parallel, &|unit| borders[unit]);
@@ -310,7 +310,7 @@ impl<W: Screened> Gather<W> {
         let (rows, pass) = (&self.rows, self.pass());
         let mut remaining = Some(part);
         let row = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
-        halo.tell::<{ Ghosts::SENT }>(messages, row, &mut || {
+        halo.send::<{ Ghosts::SENT }>(messages, row, &mut || {
             let now = match remaining.take() {
                 Some(part) if part.blocks() > piece => {
                     let (now, later) = part.cut(piece);

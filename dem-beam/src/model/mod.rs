@@ -426,7 +426,10 @@ impl Model<f64> for DemModel {
     }
 
     /// Keeps the weights and resets the orientations to those at rest.
-    fn share_out(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<f64>> {
+    fn partition_among(
+        &mut self,
+        communicator: &Arc<dyn Communicator>,
+    ) -> arlequin_core::Result<Shared<f64>> {
         self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 

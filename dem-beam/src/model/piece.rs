@@ -1,7 +1,7 @@
 //! A rank's part of a body that no rank ever holds as a whole.
 //!
 //! A rank is given its owned particles and the ghosts that their bonds reach, in numbers of the whole body.
-//! It makes the same part, bit for bit, as [`DemModel::share_out`] of the whole body. The ranks compute
+//! It makes the same part, bit for bit, as [`DemModel::partition_among`] of the whole body. The ranks compute
 //! together what depends on the whole body: the longest bond, which determines the grid of centres, and the
 //! numbers of the bonds.
 
@@ -60,7 +60,7 @@ const SENT: usize = 5;
 
 impl DemModel {
     /// Makes this rank's part of a partitioned body from `piece`, the description of that part alone. The
-    /// result equals that of [`Self::share_out`] of the whole body and obeys the same rules; interfaces need
+    /// result equals that of [`Self::partition_among`] of the whole body and obeys the same rules; interfaces need
     /// the whole body and are refused. Collective.
     ///
     /// # Errors

@@ -32,7 +32,7 @@ impl DemModel {
             let is_coupled = self.in_overlap(b);
             pair.iter().for_each(|i| coupled[*i as usize] |= is_coupled);
         }
-        Unit::all(&self.nodes, |particles| {
+        Unit::from_nodes(&self.nodes, |particles| {
             let coupled = particles.clone().filter(|i| coupled[*i]).count();
             (work(&bonds[particles]) + coupled * COUPLING) as f64
         })
@@ -58,7 +58,11 @@ impl DemModel {
     /// [`Error::InParts`] for a body that is a part already. [`arlequin_core::ranks::RankError`], as an error
     /// of the core, for bodies that differ, a division of another body or for another number of ranks, and
     /// errors of the transport.
-    pub fn share_out(mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
+    pub fn partition_among(
+        mut self,
+        division: &Division,
+        communicator: Arc<dyn Communicator>,
+    ) -> Result<Self> {
         self.keep_part(division, communicator)?;
         Ok(self)
     }

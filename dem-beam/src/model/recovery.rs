@@ -103,7 +103,7 @@ impl Recovery<f64> for DemModel {
                 // either end.
                 sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
             }
-            let stress = SymmetricTensor::of(&(sum / volumes[i].measure));
+            let stress = SymmetricTensor::from_matrix(&(sum / volumes[i].measure));
             Recovered { strain: None, stress }
         };
         out.par_extend(nodes.par_iter().map(recovered));

@@ -52,7 +52,7 @@ impl DemModel {
         }
         if let Some(p) = portion {
             // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
-            loose = p.listed(&loose).unwrap_or_default();
+            loose = p.all_gather(&loose).unwrap_or_default();
             opening = p.largest(opening);
         }
         loose.sort_unstable();

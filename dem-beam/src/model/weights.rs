@@ -26,7 +26,7 @@ impl DemModel {
     /// Returns the mean of the bond weights of each particle. A particle without bonds gets the weight at its
     /// centre.
     pub(super) fn particle_means(&self, weight: &dyn Weight<f64>) -> arlequin_core::Result<Vec<f64>> {
-        let alone = |i: usize| weight.at(&self.nodes[i]).max(0.0);
+        let alone = |i: usize| weight.value(&self.nodes[i]).max(0.0);
         Ok(self.body.mean_over_bonds(&self.bond_means(weight)?, alone))
     }
 }

@@ -122,7 +122,7 @@ impl Obstacle {
             positive("mass of a free obstacle", *mass)?;
         }
         let turning = shape.turning(&motion)?;
-        let grains = Grains::new(ContactBody::of(model));
+        let grains = Grains::new(ContactBody::from_model(model));
         start::check(name, &shape, &motion.displacement(0.0), &grains.rest_spheres)?;
         let allowed = allowed(&shape, &grains.rest_spheres);
         Ok(Self(Body {
@@ -295,7 +295,7 @@ impl Body {
         let Motion::Free { mass, .. } = &self.motion else {
             return Vector3::zeros();
         };
-        let sum = self.fields.iter().map(|(field, time)| field * time.at(t));
+        let sum = self.fields.iter().map(|(field, time)| field * time.value(t));
         sum.sum::<Vector3<f64>>() * *mass
     }
 

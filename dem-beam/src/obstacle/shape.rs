@@ -179,7 +179,7 @@ impl Motion {
     pub(crate) fn displacement(&self, t: f64) -> Vector3<f64> {
         match self {
             Self::Velocity(v) => v * t,
-            Self::Prescribed { amplitude, time } => amplitude * time.at(t),
+            Self::Prescribed { amplitude, time } => amplitude * time.value(t),
             Self::Fixed | Self::Free { .. } => Vector3::zeros(),
         }
     }

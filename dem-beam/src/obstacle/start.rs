@@ -57,7 +57,7 @@ impl Inside {
         let [x, y, z] = self.place;
         let reals = [self.depth, self.radius, x, y, z].map(|v| v.to_bits().cast_signed());
         let words: Vec<i64> = [self.count.cast_signed()].into_iter().chain(reals).collect();
-        let gathered = portion.listed(&words)?;
+        let gathered = portion.all_gather(&words)?;
         let mut out = Self::default();
         for [count, reals @ ..] in gathered.as_chunks::<WORDS>().0 {
             let [depth, radius, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));

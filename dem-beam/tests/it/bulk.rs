@@ -63,7 +63,7 @@ fn bulk_of_silica_by_itself() {
     let found: Vec<_> = [1, 2]
         .map(|seed| bulk(&sample(2000, seed), BeamMaterial::SILICA).unwrap())
         .to_vec();
-    let s = BulkStatistics::of(&found);
+    let s = BulkStatistics::from_samples(&found);
     // The prototype's 72.8 GPa and 0.174 at 8000 spheres, with the scatter of smaller samples.
     assert_abs_diff_eq!(s.young.mean, 72.8e9, epsilon = 1.0e9);
     assert_abs_diff_eq!(s.poisson.mean, 0.174, epsilon = 0.004);
@@ -134,7 +134,7 @@ fn beams_of_bulk_packings_give_the_modulus_and_the_ratio_that_were_asked_for() {
     let packing = sample(1500, 7);
     let [low, high] = BeamMaterial::BULK_POISSON;
     for poisson in [0.05, 0.1, 0.22, 0.3, 0.35] {
-        let beam = BeamMaterial::of_bulk(70e9, poisson).unwrap();
+        let beam = BeamMaterial::from_bulk(70e9, poisson).unwrap();
         let found = bulk(&packing, beam).unwrap();
         eprintln!("{poisson}: {:e} {}", found.young, found.poisson);
         assert_relative_eq!(found.young, 70e9, max_relative = 0.03);
@@ -144,6 +144,6 @@ fn beams_of_bulk_packings_give_the_modulus_and_the_ratio_that_were_asked_for() {
         assert_abs_diff_eq!(ratio, poisson, epsilon = 1e-12);
     }
     for (young, poisson) in [(70e9, low - 0.01), (70e9, high + 0.01), (-1.0, 0.2)] {
-        assert!(BeamMaterial::of_bulk(young, poisson).is_err());
+        assert!(BeamMaterial::from_bulk(young, poisson).is_err());
     }
 }

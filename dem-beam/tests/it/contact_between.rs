@@ -49,7 +49,7 @@ fn impact(law: ContactLaw, fraction: f64) -> Coupled<f64> {
 }
 
 fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f64> {
-    let contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), law).unwrap();
+    let contact = ContactBetween::new(ContactBody::from_model(&a), ContactBody::from_model(&b), law).unwrap();
     let parts = Parts {
         start: 0.0,
         end: None,
@@ -60,7 +60,7 @@ fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f
             effect: Box::new(contact),
         }],
     };
-    Coupled::of(parts, TimeStep::Fraction(fraction), None).unwrap()
+    Coupled::from_parts(parts, TimeStep::Fraction(fraction), None).unwrap()
 }
 
 /// Bodies that turn balance about where they are, as contact does; linear laws about where they were, and
@@ -147,8 +147,12 @@ fn two_equal_bodies_change_their_velocities() {
     // Rods of four spheres: an elastic impact hands over momentum and leaves a little ringing.
     let rod = |name: &str, at: f64| block(name, [4, 2, 2], R, Vector3::new(at, 0.0, 0.0));
     let (a, b) = (rod("left", 0.0), rod("right", 8.1 * R));
-    let contact =
-        ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), ContactLaw::elastic(E)).unwrap();
+    let contact = ContactBetween::new(
+        ContactBody::from_model(&a),
+        ContactBody::from_model(&b),
+        ContactLaw::elastic(E),
+    )
+    .unwrap();
     let parts = Parts {
         start: 0.0,
         end: None,
@@ -159,7 +163,7 @@ fn two_equal_bodies_change_their_velocities() {
             effect: Box::new(contact),
         }],
     };
-    let mut run = Coupled::of(parts, TimeStep::Fraction(0.5), None).unwrap();
+    let mut run = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None).unwrap();
     let p = run.momentum()[0].x;
     while run.time() < 1e-4 {
         run.advance(&mut Silent).unwrap();
@@ -238,7 +242,8 @@ fn the_same_bits_for_any_number_of_threads() {
 #[test]
 fn forces_are_equal_and_opposite() {
     let [a, b] = bodies();
-    let contact = || ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
+    let contact =
+        || ContactBetween::new(ContactBody::from_model(&a), ContactBody::from_model(&b), rough()).unwrap();
     let layouts = [a.layout(), b.layout()];
     let run = impact(rough(), 0.5);
     // As a run gives them.
@@ -306,7 +311,7 @@ impl Observer<f64> for Counter {
 #[test]
 fn without_contact_between_them_bodies_pass_and_nothing_is_called() {
     let [a, b] = bodies();
-    let (below, above) = (ContactBody::of(&a), ContactBody::of(&b));
+    let (below, above) = (ContactBody::from_model(&a), ContactBody::from_model(&b));
     let sides = vec![side(a, [0.0; 3]), side(b, [3.0, -1.0, -20.0])];
     let mut run = Coupled::new(sides, Vec::new(), TimeStep::Fraction(0.8), None).unwrap();
     let mut counter = Counter::default();
@@ -328,7 +333,8 @@ fn without_contact_between_them_bodies_pass_and_nothing_is_called() {
 #[test]
 fn contact_between_a_model_and_itself_is_refused() {
     let [a, b] = bodies();
-    let contact = ContactBetween::new(ContactBody::of(&a), ContactBody::of(&b), rough()).unwrap();
+    let contact =
+        ContactBetween::new(ContactBody::from_model(&a), ContactBody::from_model(&b), rough()).unwrap();
     let parts = Parts {
         start: 0.0,
         end: None,
@@ -339,7 +345,7 @@ fn contact_between_a_model_and_itself_is_refused() {
             effect: Box::new(contact),
         }],
     };
-    let error = Coupled::of(parts, TimeStep::Fraction(0.5), None)
+    let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
         .unwrap_err()
         .to_string();
     assert!(
@@ -347,7 +353,8 @@ fn contact_between_a_model_and_itself_is_refused() {
         "{error}"
     );
     let [a, b] = bodies();
-    let swapped = ContactBetween::new(ContactBody::of(&b), ContactBody::of(&a), rough()).unwrap();
+    let swapped =
+        ContactBetween::new(ContactBody::from_model(&b), ContactBody::from_model(&a), rough()).unwrap();
     let parts = Parts {
         start: 0.0,
         end: None,
@@ -358,7 +365,7 @@ fn contact_between_a_model_and_itself_is_refused() {
             effect: Box::new(swapped),
         }],
     };
-    let error = Coupled::of(parts, TimeStep::Fraction(0.5), None)
+    let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
         .unwrap_err()
         .to_string();
     assert!(error.contains("particles of contact ball-target"), "{error}");

@@ -154,7 +154,12 @@ fn particles_displaced_into_an_obstacle_are_refused_before_the_first_step() {
 fn pair(apart: f64, pushed: f64) -> Result<(), String> {
     let below = block(Vector3::zeros());
     let above = block(Vector3::new(0.0, 0.0, (6.0 + apart) * R));
-    let contact = ContactBetween::new(ContactBody::of(&below), ContactBody::of(&above), law()).unwrap();
+    let contact = ContactBetween::new(
+        ContactBody::from_model(&below),
+        ContactBody::from_model(&above),
+        law(),
+    )
+    .unwrap();
     let n = below.layout().dofs();
     let side = |model: DemModel, down: f64| {
         let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -down } else { 0.0 };
@@ -172,7 +177,7 @@ fn pair(apart: f64, pushed: f64) -> Result<(), String> {
             effect: Box::new(contact),
         }],
     };
-    let run = Coupled::of(parts, TimeStep::Fraction(0.5), None);
+    let run = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None);
     run.map(|_| ()).map_err(|e| e.to_string())
 }
 

@@ -109,7 +109,7 @@ fn packing_larger_than_its_container() {
 struct Cut;
 
 impl Weight<f64> for Cut {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         f64::from(u8::from(x.x < 0.3e-3))
     }
 }
@@ -119,7 +119,7 @@ impl Weight<f64> for Cut {
 fn particle_without_weighted_mass() {
     let bar = lattice(Lattice::Cubic, [6, 2, 2], 1e-4).unwrap();
     let model = DemModel::new("bar", &bar, BeamMaterial::SILICA, 2200.0).unwrap();
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Cut)));
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Cut)));
     let message = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.9), None)
         .unwrap_err()
         .to_string();

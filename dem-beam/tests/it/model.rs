@@ -31,7 +31,7 @@ struct Steep {
 }
 
 impl Weight<f64> for Steep {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         let s = ((x.x - 2.8e-3) / 0.4e-3).clamp(0.0, 1.0);
         1.0 - (1.0 - self.low) * s
     }
@@ -175,7 +175,7 @@ fn forces_equal_bare_bonds_in_the_packing_numbers() {
         for (i, t) in plain.iter().enumerate() {
             let p = m.places()[i] as usize;
             assert!(m.order()[p] as usize == i);
-            let w = if is_nodal { steep.at(&m.nodes()[p]) } else { 1.0 };
+            let w = if is_nodal { steep.value(&m.nodes()[p]) } else { 1.0 };
             assert!((three(&f, p) - t.linear * w).norm() < 1e-12 * a);
             assert!((three(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
         }

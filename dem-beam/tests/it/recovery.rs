@@ -29,7 +29,7 @@ fn stresses(model: &DemModel, q: &[f64]) -> Vec<Recovered<f64>> {
 #[derive(Debug)]
 struct Falling;
 impl Weight<f64> for Falling {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.95 * (x.x / 4e-3).clamp(0.0, 1.0)
     }
 }
@@ -56,7 +56,7 @@ fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
             let place = x.coords + if finite { at(&q) } else { Vector3::zeros() };
             held -= place * at(&f).transpose();
         }
-        let held = SymmetricTensor::of(&held);
+        let held = SymmetricTensor::from_matrix(&held);
         let volumes = model.particles().unwrap().to_vec();
         let check = |all: &[Recovered<f64>]| {
             let mut sum = [0.0; 6];
@@ -209,7 +209,7 @@ fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() 
             );
             // The ledger weighs each bond with its mean, a frame offers the weights of the particles.
             let energy = model.internal_energy(&q);
-            let near = total(&model, &weighted, |x| Falling.at(x)) / energy - 1.0;
+            let near = total(&model, &weighted, |x| Falling.value(x)) / energy - 1.0;
             let without = total(&model, &weighted, |_| 1.0) / energy - 1.0;
             assert!(near.abs() < 0.02 && without > 0.5, "{near:e} {without:e}");
         }

@@ -18,7 +18,7 @@ fn packing() -> Packing {
 struct Part;
 
 impl Weight<f64> for Part {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         (4e3 * (x.x - 0.2e-3)).clamp(0.01, 1.0)
     }
 }
@@ -36,7 +36,7 @@ fn history(model: DemModel, steps: usize) -> (usize, Vec<u64>) {
         v[n / 2 + 3 * i] = 1.2e4 * x.x / 4e-3;
     }
     // The share of a body, alone on purpose.
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Part)))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Part)))
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)
         .unwrap();

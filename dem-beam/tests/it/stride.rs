@@ -54,7 +54,7 @@ impl Model<f64> for Plain {
 struct Along;
 
 impl Weight<f64> for Along {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.8 * (x.x / 2e-3).clamp(0.0, 1.0)
     }
 }
@@ -86,7 +86,7 @@ fn run(model: DemModel, own: bool, interval: usize) -> Coupled<f64> {
     } else {
         Box::new(Plain(model))
     };
-    let side = Subdomain::new(model, field, Weights::same(Arc::new(Along)))
+    let side = Subdomain::new(model, field, Weights::from_weight(Arc::new(Along)))
         .with_partition(Partition::Unchecked)
         .with_support(support)
         .with_initial(vec![0.0; n], v)

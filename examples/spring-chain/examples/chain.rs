@@ -16,7 +16,7 @@ fn main() -> Result<()> {
         Profile::Cubic,
         1e-3,
     )?;
-    let coarse = Weights::same(Arc::new(ramp));
+    let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
         "bar",

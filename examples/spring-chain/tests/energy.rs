@@ -126,7 +126,7 @@ impl Participant<f64> for Faulty {
 fn coupled(mass: f64, fault: Fault, tells: bool) -> Result<Coupled<f64>> {
     let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(point(0.0), point(-20.0))?);
-    let coarse = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let coarse = Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
         "bar",

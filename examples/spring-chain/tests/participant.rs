@@ -114,9 +114,9 @@ fn coupled(part: Part, step: OwnStep<f64>, weight: bool) -> Result<Coupled<f64>>
     let slab = Arc::new(Slab::between(point(0.0), point(-20.0))?);
     // A solver that cannot weight itself gets nearly the whole weight in the overlap.
     let coarse: Weights<f64> = if weight {
-        Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?))
+        Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?))
     } else {
-        Weights::same(Arc::new(Ramp::new(slab, Profile::Constant(1e-6), 1e-6)?))
+        Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Constant(1e-6), 1e-6)?))
     };
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let bar = FemModel::new(
@@ -168,7 +168,7 @@ fn between(solver: bool) -> Coupled<f64> {
     let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let share = |end: f64| {
         let slab = Arc::new(Slab::between(point(0.0), point(end)).unwrap());
-        Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6).unwrap()))
+        Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6).unwrap()))
     };
     let shares = [-20.0, 20.0].map(share);
     let middle = Weights::complement_of(&shares);

@@ -70,13 +70,13 @@ fn constant_strain_has_the_exact_energy() {
 
 struct Wave;
 impl Weight<f64> for Wave {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         0.5 + 0.4 * (x.x + 2.0 * x.y).sin()
     }
     // Any value per element will do here; the true mean is costly.
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let [low, high] = cell.bounds();
-        self.at(&center(&low, &high))
+        self.value(&center(&low, &high))
     }
 }
 
@@ -126,12 +126,12 @@ fn weights_enter_as_element_means() {
     // One weight per half of a bar of two elements: stiffness and mass of each half follow it.
     struct Step;
     impl Weight<f64> for Step {
-        fn at(&self, x: &Point3<f64>) -> f64 {
+        fn value(&self, x: &Point3<f64>) -> f64 {
             if x.x < 1.0 { 0.25 } else { 0.5 }
         }
         fn mean(&self, cell: &Cell<f64>) -> f64 {
             let [low, high] = cell.bounds();
-            self.at(&center(&low, &high))
+            self.value(&center(&low, &high))
         }
     }
     let mesh = generate::bar(0.0, 2.0, 2, 3.0).unwrap();

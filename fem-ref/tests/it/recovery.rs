@@ -20,7 +20,7 @@ fn recovered(model: &dyn Model<f64>, q: &[f64], nodes: &[usize]) -> Vec<Recovere
 #[derive(Debug)]
 struct Falling;
 impl Weight<f64> for Falling {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.9 * x.x.clamp(0.0, 1.0)
     }
 }
@@ -30,7 +30,7 @@ impl Weight<f64> for Falling {
 fn constant_stress_is_recovered_to_round_off_on_distorted_bodies_of_any_place_and_size() {
     let gradient = Matrix3::new(0.3, -0.1, 0.2, 0.5, 0.7, -0.4, 0.1, 0.2, -0.6) * 1e-3;
     let material = silica();
-    let strain = SymmetricTensor::of(&gradient);
+    let strain = SymmetricTensor::from_matrix(&gradient);
     let stress = material.stress(&strain);
     let turn = Rotation3::from_euler_angles(0.4, 1.1, -0.7);
     for kind in [ElementKind::Tet4, ElementKind::Hex8] {
@@ -74,7 +74,7 @@ fn stresses_converge_with_second_order_but_at_the_surface_of_tetrahedra() {
     let field = |x: &Point3<f64>| Vector3::new((2.0 * x.x + x.y).sin(), (x.y - x.z).cos(), (x.x * x.z).sin());
     let strain = |x: &Point3<f64>| {
         let (a, b, c) = ((2.0 * x.x + x.y).cos(), -(x.y - x.z).sin(), (x.x * x.z).cos());
-        SymmetricTensor::of(&Matrix3::new(
+        SymmetricTensor::from_matrix(&Matrix3::new(
             2.0 * a,
             a,
             0.0, //

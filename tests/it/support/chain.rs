@@ -62,7 +62,7 @@ impl Chain {
         let at = |x: f64| Point3::new(x, 0.0, 0.0);
         let ramp = |from: f64| {
             let slab = Slab::between(at(from + 1.0), at(from)).unwrap();
-            Weights::same(Arc::new(
+            Weights::from_weight(Arc::new(
                 Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon).unwrap(),
             ))
         };

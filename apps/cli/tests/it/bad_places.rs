@@ -28,7 +28,7 @@ fn refused(name: &str, scene: &str, key: &str, words: &str) {
     std::fs::write(&path, scene).expect("scene");
     let mut phases = Vec::new();
     let source = Source::new(&path, scene);
-    let made = Scene::of(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
+    let made = Scene::from_source(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
     let error = made.map(|_| ()).expect_err("refused");
     let (found, said) = (error.place().0.unwrap_or_default().to_owned(), error.to_string());
     assert!(found == key && said.contains(words), "{name}: {found}: {said}");

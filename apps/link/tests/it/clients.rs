@@ -148,7 +148,7 @@ fn clients_find_a_port_of_this_machine_by_name() {
     let folder = folder("port");
     for command in [python_chain(), c_chain(&folder)].into_iter().flatten() {
         for host in ["127.0.0.1", "localhost"] {
-            let door = Listener::at(&"tcp:127.0.0.1:0".parse().unwrap()).unwrap();
+            let door = Listener::bind(&"tcp:127.0.0.1:0".parse().unwrap()).unwrap();
             let port = door.address().to_string().rsplit_once(':').unwrap().1.to_owned();
             let address = format!("tcp:{host}:{port}");
             let mut client = Command::new(&command[0])

@@ -76,7 +76,7 @@ impl Participant<f64> for Faulty {
         self.weighed += 1;
         while self.fault == Fault::AsksForEver
             && self.weighed > 1
-            && weights.kinetic.at(&Point3::origin()).is_finite()
+            && weights.kinetic.value(&Point3::origin()).is_finite()
         {}
         self.chain.weigh(weights, inertia)?;
         if self.fault == Fault::TellsAnotherMass && self.weighed > 1 {
@@ -359,7 +359,7 @@ fn addresses_of_other_machines_are_refused_unless_they_are_asked_for() {
         let error = parse(bad).unwrap_err().to_string();
         assert!(error.contains(word) && error.contains(bad), "{error}");
     }
-    let door = Listener::at(&"tcp:127.0.0.1:0".parse().unwrap()).unwrap();
-    let error = Listener::at(door.address()).unwrap_err().to_string();
+    let door = Listener::bind(&"tcp:127.0.0.1:0".parse().unwrap()).unwrap();
+    let error = Listener::bind(door.address()).unwrap_err().to_string();
     assert!(error.contains("in use"), "{error}");
 }

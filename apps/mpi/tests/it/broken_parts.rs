@@ -17,7 +17,7 @@ use std::sync::Arc;
 struct Ending;
 
 impl Weight<f64> for Ending {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.8 * ((x.x - 4e-3) / 2e-3).clamp(0.0, 1.0)
     }
 }
@@ -43,9 +43,9 @@ fn broken(case: Case, ranks: Option<Arc<dyn Communicator>>) -> (Coupled<f64>, Sh
     let log = model.break_log();
     let v = unknowns(&model, [12.0, 4e4]);
     let weights = if case.weighted {
-        Weights::same(Arc::new(Ending))
+        Weights::from_weight(Arc::new(Ending))
     } else {
-        Weights::same(Arc::new(Uniform(1.0)))
+        Weights::from_weight(Arc::new(Uniform(1.0)))
     };
     let held = PrescribedMotion::fixed(Vec::new());
     let side = Subdomain::fine(model, weights)

@@ -56,7 +56,7 @@ fn body(kind: &str) -> FemModel<f64> {
 
 fn part(kind: &str, c: &Arc<dyn Communicator>) -> FemModel<f64> {
     let mut model = body(kind);
-    model.share_out(c).unwrap();
+    model.partition_among(c).unwrap();
     model
 }
 
@@ -106,7 +106,7 @@ fn loaded(kind: &str, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     for d in held.dofs.iter().chain(&pull.dofs) {
         (q[*d], v[*d]) = (0.0, 0.0);
     }
-    let side = Subdomain::coarse(model, Weights::same(Arc::new(Falling)))
+    let side = Subdomain::coarse(model, Weights::from_weight(Arc::new(Falling)))
         .with_partition(Partition::Unchecked)
         .with_support(held)
         .with_support(pull)
@@ -196,7 +196,7 @@ fn single_precision_has_the_bits_of_one_rank() {
     let whole = forces(model());
     let parts = threads::run(3, 1, WAIT, |c| {
         let mut m = model();
-        m.share_out(&c).unwrap();
+        m.partition_among(&c).unwrap();
         forces(m)
     });
     let mut bits_of_ranks = Vec::new();
@@ -263,7 +263,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let error = |e: Result<String, RankError>| e.unwrap();
     let refused = threads::run(2, 1, WAIT, |c| {
         let mut differing = body(if c.rank() == 0 { "tets" } else { "box" });
-        differing.share_out(&c).unwrap_err().to_string()
+        differing.partition_among(&c).unwrap_err().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(
@@ -275,7 +275,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
         let mut weighted = body("tets");
         let weight = Uniform(if c.rank() == 0 { 1.0 } else { 0.5 });
         weighted.set_internal_weight(&weight).unwrap();
-        weighted.share_out(&c).unwrap_err().to_string()
+        weighted.partition_among(&c).unwrap_err().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(e.contains("its materials or its weights"), "{e}");
@@ -290,7 +290,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
             beyond.contains(&format!("'body' here has {far} nodes")),
             "{beyond}"
         );
-        m.share_out(&c).unwrap_err().to_string()
+        m.partition_among(&c).unwrap_err().to_string()
     });
     for e in twice.into_iter().map(error) {
         assert!(
@@ -306,7 +306,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
             [2; 3],
         );
         let mut m = FemModel::new("few", mesh.unwrap(), Elastic::new(1.0, 0.2, 1.0).unwrap()).unwrap();
-        m.share_out(&c).map(|_| ()).unwrap_err()
+        m.partition_among(&c).map(|_| ()).unwrap_err()
     });
     for e in few {
         let (ranks, nodes, units) = (60, 27, 1);

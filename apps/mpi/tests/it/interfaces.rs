@@ -74,7 +74,7 @@ fn bar(name: &str, start: f64, end: f64) -> FemModel<f64> {
 /// Weights of a bar: one at `alone`, falling towards `border`.
 fn fading(alone: f64, border: f64) -> Weights<f64> {
     let slab = Slab::between(point(border), point(alone)).unwrap();
-    Weights::same(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
+    Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.05).unwrap()))
 }
 
 fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> InterfaceSpec<f64> {

@@ -52,7 +52,7 @@ fn loaded(finite: bool, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
         Box::new(Prestress),
         Box::new(LocalDamping::new(0.1).unwrap()),
     ];
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Along)))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Along)))
         .with_partition(Partition::Unchecked)
         .with_support(held)
         .with_support(pull)
@@ -168,7 +168,7 @@ impl EffectSpec<f64> for Chain {
 #[test]
 fn effects_that_need_the_whole_body_are_refused_by_name_on_every_rank() {
     let refused = threads::run(3, 1, WAIT, |c| {
-        let side = Subdomain::fine(bar(false), Weights::same(Arc::new(Along)))
+        let side = Subdomain::fine(bar(false), Weights::from_weight(Arc::new(Along)))
             .with_partition(Partition::Unchecked)
             .with_effect(Box::new(Chain))
             .shared(c);
@@ -186,8 +186,8 @@ fn effects_that_need_the_whole_body_are_refused_by_name_on_every_rank() {
 #[test]
 fn ranks_with_other_effects_or_supports_are_told_so() {
     let refused = threads::run(2, 1, WAIT, |c| {
-        let side =
-            Subdomain::fine(bar(false), Weights::same(Arc::new(Along))).with_partition(Partition::Unchecked);
+        let side = Subdomain::fine(bar(false), Weights::from_weight(Arc::new(Along)))
+            .with_partition(Partition::Unchecked);
         let side = match c.rank() {
             0 => side,
             _ => side.with_effect(Box::new(MassDamping::new(1.0).unwrap())),

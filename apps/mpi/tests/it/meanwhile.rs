@@ -186,7 +186,7 @@ fn forces_within_a_rank_are_final_before_messages_come() {
         let counts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
-                .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
+                .partition_among(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
             barrier.wait();
             way.lost.store(true, SeqCst);
@@ -228,7 +228,7 @@ fn a_late_rank_does_not_delay_work_within_others() {
         let parts = threads::run(2, 1, WAIT, |c| {
             let mut model = body();
             model
-                .share_out(&(Slow::new(c, &way) as Arc<dyn Communicator>))
+                .partition_among(&(Slow::new(c, &way) as Arc<dyn Communicator>))
                 .unwrap();
             barrier.wait();
             way.late.store(true, SeqCst);
@@ -288,7 +288,7 @@ fn work_in_pieces_is_done_once_however_often_a_transport_asks_for_it() {
                 });
                 let mut model = body();
                 model
-                    .share_out(&(asking.clone() as Arc<dyn Communicator>))
+                    .partition_among(&(asking.clone() as Arc<dyn Communicator>))
                     .unwrap();
                 asking.more.store(0, SeqCst);
                 assert_forces(&mut *model, &expected, &format!("{pieces} pieces"));

@@ -55,7 +55,7 @@ fn body(plain: bool) -> CnemModel {
 
 fn part(plain: bool, c: &Arc<dyn Communicator>) -> CnemModel {
     let mut model = body(plain);
-    model.share_out(c).unwrap();
+    model.partition_among(c).unwrap();
     model
 }
 
@@ -78,7 +78,7 @@ fn stepped(ranks: Option<Arc<dyn Communicator>>) -> Results {
         Box::new(BodyForce::new(Vector3::new(0.0, 0.0, -1e5)).unwrap()),
         Box::new(StiffnessDamping::new(1e-9).unwrap()),
     ];
-    let side = Subdomain::coarse(model, Weights::same(Arc::new(Falling)))
+    let side = Subdomain::coarse(model, Weights::from_weight(Arc::new(Falling)))
         .with_partition(Partition::Unchecked)
         .with_support(held)
         .with_initial(q, v)
@@ -128,7 +128,7 @@ fn fields_of_parts_know_their_own_nodes() {
             );
             assert_eq!(row.values, expected.values);
         }
-        let again = m.share_out(&c).map(|_| ()).unwrap_err().to_string();
+        let again = m.partition_among(&c).map(|_| ()).unwrap_err().to_string();
         assert!(again.contains("is a part of a body already"), "{again}");
         inside
     });

@@ -53,7 +53,7 @@ fn run(model: DemModel, held: bool) -> Coupled<f64> {
     let support = PrescribedMotion::fixed(model.clamped(&face));
     let mut v = unknowns(&model, [1.0, 2e3]);
     support.dofs.iter().for_each(|d| v[*d] = 0.0);
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Along)))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Along)))
         .with_partition(Partition::Unchecked)
         .with_support(support)
         .with_initial(vec![0.0; n], v)
@@ -160,7 +160,7 @@ fn halos_are_what_bonds_ask_for() {
 struct Ending;
 
 impl Weight<f64> for Ending {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.8 * ((x.x - 4e-3) / 2e-3).clamp(0.0, 1.0)
     }
 }
@@ -198,7 +198,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let differ = threads::run(2, 1, WAIT, |c| {
         let m = bar(c.rank() == 1);
         let division = Division::bisect(m.nodes().len(), &m.units(), 2).unwrap();
-        Ok(m.share_out(&division, c).map(|_| ())?)
+        Ok(m.partition_among(&division, c).map(|_| ())?)
     });
     for (rank, outcome) in differ.iter().enumerate() {
         assert!(
@@ -220,7 +220,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let wrong = threads::run(2, 1, WAIT, |c| {
         let m = bar(false);
         let three = Division::bisect(n, &units, 3).unwrap();
-        let refused = m.share_out(&three, c.clone()).unwrap_err().to_string();
+        let refused = m.partition_among(&three, c.clone()).unwrap_err().to_string();
         assert!(refused.contains("expects 2 numbers"), "{refused}");
         let m = part(bar(false), c.clone());
         let refused = m
@@ -229,7 +229,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
             .to_string();
         assert!(refused.contains("needs the whole body"), "{refused}");
         let again = m
-            .share_out(&Division::bisect(n, &units, 2).unwrap(), c)
+            .partition_among(&Division::bisect(n, &units, 2).unwrap(), c)
             .unwrap_err();
         assert!(
             again.to_string().starts_with("sharing out needs the whole body"),

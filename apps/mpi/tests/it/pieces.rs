@@ -104,7 +104,7 @@ fn stepped(model: DemModel, finite: bool, fracture: Option<Fracture>) -> Results
     let mut v = unknowns(&model, [12.0, 4e4]);
     held.dofs.iter().for_each(|d| v[*d] = 0.0);
     let n = v.len();
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Along)))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Along)))
         .with_partition(Partition::Unchecked)
         .with_support(held)
         .with_effect(Box::new(StiffnessDamping::new(1e-10).unwrap()))
@@ -193,13 +193,13 @@ fn parts_from_the_beginning_have_the_bits_of_the_whole() {
     }
 }
 
-/// A rank holds the particles and the halo that [`DemModel::share_out`] leaves.
+/// A rank holds the particles and the halo that [`DemModel::partition_among`] leaves.
 #[test]
 fn a_part_holds_what_sharing_out_leaves() {
     let whole = body(true);
     let outcomes = threads::run(3, 1, WAIT, |c| {
         let own_part = part(&whole, c.clone());
-        let shared = body(true).share_out(&halves(&whole, 3), c).unwrap();
+        let shared = body(true).partition_among(&halves(&whole, 3), c).unwrap();
         for m in [&own_part, &shared] {
             assert!(m.places().is_empty());
         }
@@ -409,7 +409,7 @@ fn a_part_that_is_tied_by_an_interface_is_refused_by_name() {
             generate::block(ElementKind::Hex8, -far, far, [1, 1, 1])
         };
         let elements = FemModel::new("block", block()?, Elastic::new(72e9, 0.17, 2200.0)?)?;
-        let uniform = || Weights::same(Arc::new(Uniform(1.0)));
+        let uniform = || Weights::from_weight(Arc::new(Uniform(1.0)));
         let bodies = vec![
             Subdomain::coarse(elements, uniform()),
             Subdomain::fine(model, uniform()),

@@ -90,7 +90,7 @@ fn collapse_of(edge: usize, ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64
         false => 1e3 * (0.9 * k as f64).sin(),
     };
     let v = (0..6 * n).map(speed).collect();
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Uniform(1.0))))
         .with_partition(Partition::Unchecked)
         .with_effect(Box::new(contact))
         .with_effect(Box::new(wall))
@@ -214,7 +214,7 @@ fn struck(ranks: Option<Arc<dyn Communicator>>) -> Coupled<f64> {
     let space = generate::block(ElementKind::Hex8, corners[0], corners[1], [2, 1, 1]).unwrap();
     let rate = |x: &Point3<f64>| 2e6 * (x.x / 4e-3 - 1.0);
     let absorber = Absorber::new(Arc::new(FemField::new(space)), Arc::new(rate));
-    let side = Subdomain::fine(model, Weights::same(Arc::new(Uniform(1.0))))
+    let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Uniform(1.0))))
         .with_partition(Partition::Unchecked)
         .with_effect(Box::new(contact))
         .with_effect(Box::new(wall))
@@ -279,7 +279,7 @@ fn a_body_in_parts_before_its_run_has_no_contact() {
     let refused = threads::run(2, 1, WAIT, |c| {
         let whole = bar(false);
         let contact = Contact::new(&whole, ContactLaw::elastic(72.5e9)).unwrap();
-        let side = Subdomain::fine(part(whole, c), Weights::same(Arc::new(Uniform(1.0))))
+        let side = Subdomain::fine(part(whole, c), Weights::from_weight(Arc::new(Uniform(1.0))))
             .with_partition(Partition::Unchecked)
             .with_effect(Box::new(contact));
         Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None)

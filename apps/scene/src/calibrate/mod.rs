@@ -182,7 +182,7 @@ impl TestResults {
     fn elastic(&self) -> Elastic {
         match self {
             Self::Bars(tests) => {
-                let s = Statistics::of(tests);
+                let s = Statistics::from_samples(tests);
                 Elastic {
                     young: s.young.into(),
                     young_gauge: Some(s.young_gauge.into()),
@@ -191,7 +191,7 @@ impl TestResults {
                 }
             }
             Self::Bulk(tests) => {
-                let s = BulkStatistics::of(tests);
+                let s = BulkStatistics::from_samples(tests);
                 Elastic {
                     young: s.young.into(),
                     young_gauge: None,
@@ -227,7 +227,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         elastic: results.elastic(),
         target: None,
         strength: None,
-        warnings: PackingLine::of(&packings[0], 1.0, None).warnings(),
+        warnings: PackingLine::from_packing(&packings[0], 1.0, None).warnings(),
         refused: None,
     };
     uniform(&results, &mut out);
@@ -272,7 +272,10 @@ fn uniform(results: &TestResults, out: &mut Calibration) {
             out.warnings.push(format!("{which}: {e}"));
         }
     }
-    out.refused = Statistics::of(tests).check_uniform().err().map(|e| e.to_string());
+    out.refused = Statistics::from_samples(tests)
+        .check_uniform()
+        .err()
+        .map(|e| e.to_string());
 }
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {

@@ -60,7 +60,7 @@ impl Sample {
             return periodic(wanted, model_key, &table);
         }
         let bar = bar(&model_key, &table.shape)?;
-        let filling = Filling::of(&model_key, &table, &folder)?;
+        let filling = Filling::from_table(&model_key, &table, &folder)?;
         let recipes = recipes(wanted.seeds, &model_key, &table, &folder, &filling)?;
         let (from, form) = match table.shape {
             Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
@@ -117,7 +117,7 @@ fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
 
 /// Returns the key and the table of the chosen model, and the folder of the scene.
 fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
-    let scene = Scene::of(source.clone())?.assign(&wanted.set)?;
+    let scene = Scene::from_source(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
     let name = match &wanted.model {
         Some(name) => name.clone(),
@@ -243,13 +243,19 @@ fn recipes(
     filling: &Filling,
 ) -> Result<Vec<(Option<u64>, Recipe)>> {
     if table.dem.file.is_some() {
-        return Ok(vec![(None, Recipe::of(model_key, table, folder, filling)?)]);
+        return Ok(vec![(
+            None,
+            Recipe::from_table(model_key, table, folder, filling)?,
+        )]);
     }
     let first = table.dem.seed.unwrap_or(1);
     let mut table = table.clone();
     let seeded = (first..).take(seeds as usize).map(|seed| {
         table.dem.seed = Some(seed);
-        Ok((Some(seed), Recipe::of(model_key, &table, folder, filling)?))
+        Ok((
+            Some(seed),
+            Recipe::from_table(model_key, &table, folder, filling)?,
+        ))
     });
     seeded.collect()
 }

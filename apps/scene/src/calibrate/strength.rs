@@ -136,12 +136,12 @@ pub(super) fn test_strength(
             };
             let tests = pull(sample, packings, fracture, name, progress)?;
             let spread = |f: &dyn Fn(&Strength) -> f64| {
-                Estimate::from(Spread::of(&tests.iter().map(f).collect::<Vec<_>>()))
+                Estimate::from(Spread::from_samples(&tests.iter().map(f).collect::<Vec<_>>()))
             };
             let diameters: Vec<f64> = packings.iter().map(mean).collect();
             rows.push(SizeStrength {
                 criterion: name,
-                diameter: Spread::of(&diameters).mean,
+                diameter: Spread::from_samples(&diameters).mean,
                 spheres: packings[0].report.placed,
                 body: spread(&|s| s.peak),
                 ratio: spread(&Strength::ratio),

@@ -202,7 +202,7 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
             .flat_map(|m| &m.dofs)
             .map(|d| layout.node_of(*d));
         let weight = &s.weights().internal;
-        let tied = (0..nodes.len()).filter(|i| weight.at(&nodes[*i]) < 1.0);
+        let tied = (0..nodes.len()).filter(|i| weight.value(&nodes[*i]) < 1.0);
         // A count of zero takes fragments out that are held or tied.
         held.chain(tied).for_each(|i| sums[piece[i] as usize].0 = 0);
         let most = sums.into_iter().max_by_key(|s| s.0)?;

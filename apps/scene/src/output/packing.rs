@@ -76,7 +76,7 @@ pub struct NotchLine {
 
 impl PackingLine {
     /// Describes a finished packing of a material with this density \[kg/m³\].
-    pub fn of(packing: &Packing, density: f64, likeness: Option<Likeness>) -> Self {
+    pub fn from_packing(packing: &Packing, density: f64, likeness: Option<Likeness>) -> Self {
         let r = &packing.report;
         let parts = packing.parts().into_iter().map(|p| PartLine {
             body: p.body + 1,

@@ -195,7 +195,7 @@ fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
         ("gamma", &w.external),
     ];
     named
-        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.at(x)).collect()))
+        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.value(x)).collect()))
         .into()
 }
 

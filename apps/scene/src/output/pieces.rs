@@ -133,7 +133,7 @@ fn agree_peers(portion: &Portion, ghosts: &[(usize, u32)]) -> Result<BTreeMap<us
     let this_rank = portion.communicator().rank() as i64;
     // One word per ghost: the rank that asks in the high half, the node in the low half.
     let words: Vec<i64> = ghosts.iter().map(|g| this_rank << 32 | i64::from(g.1)).collect();
-    let requests = portion.listed(&words).map_err(elsewhere)?;
+    let requests = portion.all_gather(&words).map_err(elsewhere)?;
     let mut peers: BTreeMap<usize, Peer> = BTreeMap::new();
     for (rank, _) in ghosts {
         peers.entry(*rank).or_default().receive += 1;

@@ -121,7 +121,7 @@ pub struct Momentum {
 
 impl Momentum {
     /// Sums over all models of a run.
-    pub fn of(run: &Coupled<f64>) -> Self {
+    pub fn from_run(run: &Coupled<f64>) -> Self {
         let [linear, angular] = run.momentum();
         Self {
             linear: linear.into(),

@@ -52,7 +52,7 @@ pub struct Filling {
 
 impl Filling {
     /// Builds the container for the shape of a table; file names are relative to `folder`.
-    pub fn of(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
+    pub fn from_table(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {
             container,
             shift,
@@ -198,7 +198,7 @@ pub enum Recipe {
 
 impl Recipe {
     /// Returns the source that a table asks for, in the frame of the container.
-    pub fn of(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
+    pub fn from_table(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
         match &table.dem.file {
             Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
             None => {
@@ -372,7 +372,7 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
         let [low, high] = BeamMaterial::BULK_POISSON;
         // Packings reach only a range of Poisson's ratios; `unlike_the_body` warns about the rest.
         let nearest = table.material.poisson.unwrap_or(0.0).clamp(low, high);
-        return BeamMaterial::of_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
+        return BeamMaterial::from_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
     }
     let beam = BeamMaterial {
         young: young.unwrap_or(YOUNG_RATIO * table.material.young),

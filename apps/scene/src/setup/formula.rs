@@ -324,12 +324,12 @@ fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
             .collect()
     };
     let times: Vec<f64> = listed.unwrap_or_else(even);
-    match times.into_iter().find(|t| !f.at(*t).is_finite()) {
+    match times.into_iter().find(|t| !f.value(*t).is_finite()) {
         None => Ok(()),
         Some(t) => {
             let rule = format!(
                 "is {} at t = {t:e} s; give one that is finite at all times of the run",
-                f.at(t)
+                f.value(t)
             );
             Err(value(
                 format!("{path}.expression"),
@@ -378,7 +378,7 @@ mod tests {
     use super::*;
 
     fn at(text: &str, t: f64) -> f64 {
-        formula("load[0].time", text).expect("an expression").at(t)
+        formula("load[0].time", text).expect("an expression").value(t)
     }
 
     #[test]

@@ -75,7 +75,7 @@ impl Grains {
                 built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
             }
         }
-        let body = ContactBody::of(&model);
+        let body = ContactBody::from_model(&model);
         Ok((
             model,
             Self {

@@ -72,7 +72,7 @@ impl Interpolation<f64> for ParticlePoints {
 /// Checks what can be checked before anything is packed.
 pub(super) fn check(key: &str, table: &ModelTable, folder: &Path) -> Result<()> {
     unread(key, table)?;
-    let filling = Filling::of(key, table, folder)?;
+    let filling = Filling::from_table(key, table, folder)?;
     Recipe::check(key, table, folder, &filling)?;
     grains::check_boxes(key, &table.dem.notch)?;
     beam(key, table).map(|_| ())
@@ -135,8 +135,8 @@ pub(super) fn body(
 ) -> Result<Body> {
     clock.begin(format!("packing of '{name}'"));
     grains::check_loose(key, table, effects)?;
-    let filling = Filling::of(key, table, folder)?;
-    let built = Recipe::of(key, table, folder, &filling)?.packing(key);
+    let filling = Filling::from_table(key, table, folder)?;
+    let built = Recipe::from_table(key, table, folder, &filling)?.packing(key);
     let mut packing = built.map_err(|e| too_large(key, table, e))?;
     clock.begin(format!("model of '{name}'"));
     packing.positions.iter_mut().for_each(|x| *x += filling.shift);
@@ -160,7 +160,7 @@ pub(super) fn body(
     }
     // The body's elements have no notch, so the packing is measured before it gets one.
     grains::cut(key, &table.dem.notch, &mut packing)?;
-    let line = PackingLine::of(&packing, table.material.density, likeness);
+    let line = PackingLine::from_packing(&packing, table.material.density, likeness);
     let mut warnings = line.warnings();
     warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
     warnings.extend(unlike_its_material(table, &beam));

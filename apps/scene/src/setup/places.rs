@@ -101,7 +101,7 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
         }
         let filling = match table.shape {
             Shape::Piece(_) => None,
-            _ => Some(Filling::of(&format!("model.{name}"), table, folder)?),
+            _ => Some(Filling::from_table(&format!("model.{name}"), table, folder)?),
         };
         for (path, _, over, point) in on_model {
             if let (Some(Selection::Group(group)), Some(filling), Shape::File(_)) =

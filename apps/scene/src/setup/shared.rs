@@ -237,11 +237,11 @@ impl<'a> Shared<'a> {
     fn distribute(&self) -> Result<Vec<Part>> {
         let mut body_part = Part::new(self.body);
         let body = &self.bodies[self.body];
-        let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.at(x)).sum::<f64>();
+        let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.value(x)).sum::<f64>();
         body_part.carry(body, self.facets_of(body), &self.field, &coarse);
         let mut zones = Vec::new();
         for (z, f) in &self.zones {
-            let fine = |x: &Point3<f64>| 1.0 - f.at(x);
+            let fine = |x: &Point3<f64>| 1.0 - f.value(x);
             let body = &self.bodies[*z];
             let part = match (&body.shape, body.grains.is_some()) {
                 (Shape::Piece(piece), true) => {
@@ -349,11 +349,11 @@ impl<'a> Shared<'a> {
         let actual = weights::model_weights(model, joints)?.external;
         Ok(Box::new(move |x| {
             let share = match &own_weight {
-                Some(f) => 1.0 - f.at(x),
-                None => 1.0 - zones.iter().map(|f| 1.0 - f.at(x)).sum::<f64>(),
+                Some(f) => 1.0 - f.value(x),
+                None => 1.0 - zones.iter().map(|f| 1.0 - f.value(x)).sum::<f64>(),
             };
             if share > NO_PART {
-                actual.at(x) / share
+                actual.value(x) / share
             } else {
                 1.0
             }

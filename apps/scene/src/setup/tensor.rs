@@ -159,7 +159,7 @@ impl TensorRow {
             words.extend(numbers.map(|x| x.to_bits().cast_signed()));
         }
         let mut messages = portion
-            .listed(&words)
+            .all_gather(&words)
             .map_err(elsewhere)?
             .as_chunks::<WORDS>()
             .0

@@ -121,7 +121,7 @@ fn total(l: &Load, halves: &[&Total], run: &Coupled<f64>) -> Option<(String, Str
     let share = |t: &&Total| {
         t.parts
             .iter()
-            .map(|(x, part)| part * weight(t, run).at(x))
+            .map(|(x, part)| part * weight(t, run).value(x))
             .sum::<f64>()
     };
     let shares: Vec<f64> = halves.iter().map(share).collect();
@@ -147,11 +147,11 @@ fn surface(halves: &[&Total], run: &Coupled<f64>) -> Option<(String, String)> {
     let (mut acts, mut lost) = (0.0, 0.0);
     for t in halves {
         for (x, part) in &t.parts {
-            let weight_here = weight(t, run).at(x);
+            let weight_here = weight(t, run).value(x);
             let partners = halves.iter().filter(|o| o.model != t.model);
             let covers = |o: &&&Total| o.parts.iter().any(|p| (p.0 - x).norm() <= o.reach);
             let missing = if weight_here < 1.0 - SAME {
-                let partners = partners.filter(covers).map(|o| weight(o, run).at(x));
+                let partners = partners.filter(covers).map(|o| weight(o, run).value(x));
                 1.0 - weight_here - partners.sum::<f64>()
             } else {
                 0.0

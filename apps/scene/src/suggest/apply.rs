@@ -170,7 +170,7 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
         put(&mut document, &change)?;
     }
     // Reading the text again makes sure that it is a scene.
-    let written = Scene::of(Source::new(out, document.to_string()))?;
+    let written = Scene::from_source(Source::new(out, document.to_string()))?;
     std::fs::write(out, &written.source().text).map_err(write_error(out))
 }
 

@@ -86,7 +86,7 @@ fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let half = (f.profile == ProfileKind::Constant).then_some(0.5);
     let stations = setup::stations(&*slab, mediator.nodes());
     let ramp = Ramp::new(slab, f.profile.profile(half, &stations)?, 1e-6)?;
-    let coarse = Weights::same(Arc::new(ramp));
+    let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let length = f.length_ratio.map_or(0.25 * mediator.spacing(), |l| l * f.h_b);
     let tie = InterfaceSpec {

@@ -288,7 +288,9 @@ fn member(
 ) -> Result<Member> {
     let named = |e: crate::error::Error| key(place, format!("run '{label}': {e}"));
     let source = Source::read(scene)?;
-    let read = Scene::of(source).and_then(|s| s.assign(&set)).map_err(named)?;
+    let read = Scene::from_source(source)
+        .and_then(|s| s.assign(&set))
+        .map_err(named)?;
     let files = read.files();
     let (source, read) = (read.source(), read.spec());
     // Plots and frames would only cost time and space. A scene whose `--set` asks for them keeps them.

@@ -172,14 +172,14 @@ impl WakeReport {
         self.time = Some(asleep.time());
         self.step = Some(asleep.steps());
         self.energy_before = Some(asleep.energy());
-        self.momentum_before = Some(Momentum::of(asleep));
+        self.momentum_before = Some(Momentum::from_run(asleep));
     }
 
     /// Records the state in which the full scene starts.
     fn record_awake(&mut self, awake: &Coupled<f64>) {
         self.energy_after = Some(awake.energy());
         self.jump = self.energy_after.zip(self.energy_before).map(|(a, b)| a - b);
-        self.momentum_after = Some(Momentum::of(awake));
+        self.momentum_after = Some(Momentum::from_run(awake));
     }
 }
 

@@ -149,7 +149,7 @@ impl Case {
                 .unwrap();
             }
         }
-        let scene = Scene::of(Source::new(folder.join("scene.toml"), &text))
+        let scene = Scene::from_source(Source::new(folder.join("scene.toml"), &text))
             .unwrap_or_else(|e| panic!("{e}\n{text}"));
         let ready = scene.prepare().unwrap_or_else(|e| panic!("{e}\n{text}"));
         let beams = ready

@@ -79,8 +79,8 @@ fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
             text += &format!("[probe.u{c}{k}]\n{at}component = \"{c}\"\n");
         }
     }
-    let scene =
-        Scene::of(Source::new(file.with_extension("toml"), &text)).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let scene = Scene::from_source(Source::new(file.with_extension("toml"), &text))
+        .unwrap_or_else(|e| panic!("{e}\n{text}"));
     let ready = scene.prepare().unwrap();
     let likeness = ready
         .built()
@@ -129,7 +129,7 @@ fn ring(built: &Built, thick: f64, low: f64, high: f64) -> f64 {
 /// A scene that was not run yet.
 fn built(text: &str) -> Built {
     let file = mesh(CASE.0).with_extension("toml");
-    let scene = Scene::of(Source::new(file, text)).unwrap();
+    let scene = Scene::from_source(Source::new(file, text)).unwrap();
     arlequin_scene::setup::build(scene.spec(), scene.folder()).unwrap()
 }
 

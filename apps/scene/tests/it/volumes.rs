@@ -12,7 +12,7 @@ const BRICKS: &str = "[model.bar]\nkind = \"fem\"\nshape.file = \"bricks.msh\"\n
 
 fn scene(text: &str) -> Result<Scene, Error> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/meshes/scene.toml");
-    Scene::of(Source::new(path, text))
+    Scene::from_source(Source::new(path, text))
 }
 
 fn built(text: &str) -> Built {
@@ -293,7 +293,7 @@ fn spheres_fill_files_at_their_scale() {
             "[model.bar]\nkind = \"dem\"\nshape.file = \"{file}\"\nscale = 1e-3\nspacing = 0.2e-3\ndem.protocol = \"quench\"\n\
              material = {{ young = 1e9, poisson = 0.2, density = 1000.0 }}\n[time]\nsteps = 1\n"
         );
-        let scene = Scene::of(Source::new(folder.join("scene.toml"), text)).unwrap();
+        let scene = Scene::from_source(Source::new(folder.join("scene.toml"), text)).unwrap();
         let bar = build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{file}: {e}"));
         let mass: f64 = masses(&bar).iter().sum();
         assert!((mass / 2e-6 - 1.0).abs() < 1e-9, "{file}: {mass:e} kg");

@@ -9,7 +9,7 @@ const STEEL: &str = "{ young = 1.0, poisson = 0.0, density = 1.0 }";
 /// A scene whose files are the meshes beside these tests.
 fn scene(text: &str) -> Result<Scene, Error> {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/meshes/scene.toml");
-    Scene::of(Source::new(path, text))
+    Scene::from_source(Source::new(path, text))
 }
 
 fn built(text: &str) -> Built {
@@ -190,7 +190,7 @@ fn with_stl(name: &str, text: &str) -> Result<Scene, Error> {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("ell.stl"), ell_stl()).unwrap();
-    Scene::of(Source::new(folder.join("scene.toml"), text))
+    Scene::from_source(Source::new(folder.join("scene.toml"), text))
 }
 
 /// A scene of the L of Gmsh with that of STL in its place.

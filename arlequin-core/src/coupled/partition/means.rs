@@ -66,11 +66,11 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
     let step = crate::extent::length(line) * T::of(1e-4);
     line.corners().iter().all(|x| {
-        let value = weight.at(x);
+        let value = weight.value(x);
         let nearby_value = |k: usize| {
             let mut d = Vector3::zeros();
             d[k / 2] = if k.is_multiple_of(2) { step } else { -step };
-            weight.at(&(x + d))
+            weight.value(&(x + d))
         };
         (0..6).all(|k| (nearby_value(k) - value).abs() < T::of(JUMP))
     })
@@ -88,7 +88,7 @@ fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Opt
     let centre = centre_of(&corners);
     let mean = weight.mean(cell);
     let inside = corners.iter().map(|x| x + (centre - x) * T::of(INWARDS));
-    let corners: Vec<T> = inside.map(|x| weight.at(&x)).collect();
+    let corners: Vec<T> = inside.map(|x| weight.value(&x)).collect();
     // Shortcut for almost all cells: the weight is constant in the cell.
     if corners.iter().all(|v| *v == mean) {
         return None;
@@ -109,7 +109,7 @@ fn mean_defect<T: Real>(weight: &dyn Weight<T>, cell: &Cell<T>, slack: T) -> Opt
             .iter()
             .for_each(|v| (low, high) = (low.min(*v), high.max(*v)));
         for s in &samples {
-            let v = weight.at(&s.point);
+            let v = weight.value(&s.point);
             (low, high) = (low.min(v), high.max(v));
             sum += v * s.measure;
             total += s.measure;

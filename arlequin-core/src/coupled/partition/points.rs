@@ -190,7 +190,7 @@ impl<T: Real> Group<'_, T> {
             if self.covers[k] == Cover::Outside {
                 continue;
             }
-            let w = o.weight(kind).at(s.point);
+            let w = o.weight(kind).value(s.point);
             if kind < 2 {
                 self.kinetic[k] = w;
             }
@@ -300,7 +300,7 @@ impl<T: Real> Group<'_, T> {
             if !t.filling.rough {
                 continue;
             }
-            let is_shared = |x: &Point3<T>| (t.sides.iter()).all(|k| members[*k].weight(1).at(x) > floor);
+            let is_shared = |x: &Point3<T>| (t.sides.iter()).all(|k| members[*k].weight(1).value(x) > floor);
             let share = if s.length > T::zero() {
                 T::of(f64::from(u8::from(is_shared(s.point))))
             } else {
@@ -319,7 +319,7 @@ impl<T: Real> Group<'_, T> {
         let mut present = Vec::new();
         for (k, o) in self.members.iter().enumerate() {
             if k == m || self.covers[k] >= least {
-                let w = o.weight(kind).at(x);
+                let w = o.weight(kind).value(x);
                 sum += w;
                 present.push(format!("'{}' {:.6}", o.name(), w.as_f64()));
             }

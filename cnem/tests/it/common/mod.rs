@@ -270,7 +270,7 @@ pub(crate) fn largest(v: &[f64]) -> f64 {
 pub(crate) fn steps_under_falling_weights(options: Options) -> [f64; 3] {
     struct Fall(f64);
     impl Weight<f64> for Fall {
-        fn at(&self, x: &Point3<f64>) -> f64 {
+        fn value(&self, x: &Point3<f64>) -> f64 {
             self.0 + (1.0 - self.0) * ((0.75 - x.x) / 0.5).clamp(0.0, 1.0)
         }
     }

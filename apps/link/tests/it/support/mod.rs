@@ -72,7 +72,7 @@ pub(crate) fn coupled_in(
 ) -> Result<Coupled<f64>> {
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
     let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
-    let left: Weights<f64> = Weights::same(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
+    let left: Weights<f64> = Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
     let right = Weights::complement_of(std::slice::from_ref(&left));
     let mesh = generate::bar(-100.0, 0.0, 10, 1.0)?;
     let bar = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0)?)?;

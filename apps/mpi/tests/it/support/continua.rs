@@ -12,12 +12,12 @@ use arlequin_core::{Model, Recovery, Weight};
 pub(crate) struct Falling;
 
 impl Weight<f64> for Falling {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.8 * (x.x / 6e-3).clamp(0.0, 1.0)
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
-        corners.iter().map(|x| self.at(x)).sum::<f64>() / corners.len() as f64
+        corners.iter().map(|x| self.value(x)).sum::<f64>() / corners.len() as f64
     }
 }
 

@@ -20,7 +20,7 @@ pub(crate) const WAIT: Duration = Duration::from_secs(20);
 pub(crate) struct Along;
 
 impl Weight<f64> for Along {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         1.0 - 0.8 * (x.x / 6e-3).clamp(0.0, 1.0)
     }
 }
@@ -40,7 +40,7 @@ pub(crate) fn bar(finite: bool) -> DemModel {
 pub(crate) fn part(model: DemModel, communicator: Arc<dyn Communicator>) -> DemModel {
     let ranks = communicator.ranks();
     let division = Division::bisect(model.nodes().len(), &model.units(), ranks).unwrap();
-    model.share_out(&division, communicator).unwrap()
+    model.partition_among(&division, communicator).unwrap()
 }
 
 /// Returns the number of a particle in the whole body.

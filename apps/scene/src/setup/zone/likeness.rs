@@ -52,7 +52,7 @@ pub struct Likeness {
 struct Share(Arc<dyn Overlap<f64>>);
 
 impl Weight<f64> for Share {
-    fn at(&self, x: &Point3<f64>) -> f64 {
+    fn value(&self, x: &Point3<f64>) -> f64 {
         match self.0.place(x) {
             Place::Fine => 1.0,
             Place::Overlap(s) => 1.0 - s,
@@ -63,7 +63,7 @@ impl Weight<f64> for Share {
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
-        self.at(&Point3::from(sum / corners.len() as f64))
+        self.value(&Point3::from(sum / corners.len() as f64))
     }
 }
 
