@@ -224,7 +224,7 @@ impl Coupled {
             interfaces: specs,
             pairs: Vec::new(),
         };
-        let made = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
+        let made = outside(py, || Ok(Inner::from_parts(parts, step, Some(guard))?));
         Ok(Self {
             run: Mutex::new(heard.raised().map_or(made, Err)?),
             names,
