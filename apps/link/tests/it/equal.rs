@@ -142,13 +142,13 @@ fn same_in_space(test: &str, model: impl FineModel<f64> + 'static, m: usize, sam
 #[test]
 fn tetrahedra_behind_a_link_move_as_those_in_this_process_do() {
     for m in [1, 4] {
-        same_in_space("served_tetrahedra", tetrahedra(), m, Sampling::Intersection);
+        same_in_space("equal::served_tetrahedra", tetrahedra(), m, Sampling::Intersection);
     }
 }
 
 #[test]
 fn particles_with_rotations_behind_a_link_move_as_those_in_this_process_do() {
-    same_in_space("served_particles", particles(), 4, Sampling::Particles);
+    same_in_space("equal::served_particles", particles(), 4, Sampling::Particles);
 }
 
 #[test]
