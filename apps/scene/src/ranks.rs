@@ -226,18 +226,20 @@ impl Ranks {
             return result;
         }
         let (rank, ranks) = (c.rank() as i64, c.ranks() as i64);
-        // Of the largest numbers over all ranks, the first then names the lowest rank that failed.
-        let message = match &result {
-            Ok(_) => [0, 0],
-            Err(e) => [ranks - rank, 1 + i64::from(e.is_input())],
+        // One number holds rank and kind of the error, so that the largest is that of the lowest rank that
+        // failed, and the kind is that rank's own.
+        let code = match &result {
+            Ok(_) => 0,
+            Err(e) => 2 * (ranks - rank) + i64::from(e.is_input()),
         };
-        let [first, what] = self.largest(message)?;
+        let [largest] = self.largest([code])?;
+        let failed = ranks - largest / 2;
         match result {
-            Ok(output) if first == 0 => Ok(output),
-            Err(e) if ranks - first == rank => Err(Error::Agreed(Box::new(e))),
+            Ok(output) if largest == 0 => Ok(output),
+            Err(e) if failed == rank => Err(Error::Agreed(Box::new(e))),
             _ => Err(Error::Elsewhere {
-                rank: (ranks - first) as usize,
-                input: what > 1,
+                rank: failed as usize,
+                input: largest % 2 == 1,
             }),
         }
     }
@@ -272,5 +274,40 @@ impl Origin {
         self.set.hash(hasher);
         self.fingerprints().for_each(|f| f.hash(hasher));
         env!("CARGO_PKG_VERSION").hash(hasher);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::together;
+    use crate::Error;
+    use arlequin_mpi::threads;
+    use std::time::Duration;
+
+    /// A run error of rank 1 beside an input error of rank 2: all ranks report rank 1 and its kind.
+    #[test]
+    fn the_lowest_rank_that_failed_and_its_own_kind_of_error_are_reported() {
+        let outcomes = threads::run(3, 1, Duration::from_secs(20), |c| {
+            let result = match c.rank() {
+                1 => Err(Error::System {
+                    what: "threads",
+                    message: "no memory".into(),
+                }),
+                2 => Err(crate::error::value("time.end", -1.0, "must be positive")),
+                _ => Ok(()),
+            };
+            together(Some(&c), result).map_err(|e| match e {
+                Error::Agreed(e) => format!("own: {e}"),
+                Error::Elsewhere { rank, input } => format!("rank {rank}, input {input}"),
+                other => format!("{other:?}"),
+            })
+        });
+        let outcomes: Vec<_> = outcomes.into_iter().map(|o| o.expect("a rank")).collect();
+        assert_eq!(outcomes[0], Err("rank 1, input false".to_owned()));
+        assert!(
+            matches!(&outcomes[1], Err(e) if e.contains("no memory")),
+            "{outcomes:?}"
+        );
+        assert_eq!(outcomes[2], Err("rank 1, input false".to_owned()));
     }
 }

@@ -142,7 +142,12 @@ fn same_in_space(test: &str, model: impl FineModel<f64> + 'static, m: usize, sam
 #[test]
 fn tetrahedra_behind_a_link_move_as_those_in_this_process_do() {
     for m in [1, 4] {
-        same_in_space("equal::served_tetrahedra", tetrahedra(), m, Sampling::Intersection);
+        same_in_space(
+            "equal::served_tetrahedra",
+            tetrahedra(),
+            m,
+            Sampling::Intersection,
+        );
     }
 }
 
