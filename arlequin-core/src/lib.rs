@@ -6,8 +6,8 @@
 //!
 //! | read | for |
 //! |---|---|
-//! | `model`, `field` | traits of a model: [`Model`], its roles [`CoarseModel`] and [`FineModel`], its [`Interpolation`] |
-//! | `overlap`, `profile`, `weight` | how models share energy: [`Slab`] and [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
+//! | `model`, `field` | traits of a model: [`Model`], [`CoarseModel`], [`FineModel`], [`Interpolation`] |
+//! | `overlap`, `profile`, `weight` | shares of energy: [`Slab`], [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
 //! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
 //! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
@@ -15,7 +15,8 @@
 //! | [`conformance`] | checks for those who write models, junctions or effects |
 //! | [`ranks`] | partitioned models on several ranks, with the bits of one rank |
 //! | [`harmonic`], [`advice`] | reflection of an overlap, and choices that are known to do badly |
-//! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`], [`spectrum`], [`parallel`], [`interrupt`] | tools of the core that model crates use as well |
+//! | [`geometry`], [`adjacency`], [`blocks`], [`linalg`] | tools that model crates use as well |
+//! | [`spectrum`], [`parallel`], [`interrupt`] | critical steps, parallel loops, Ctrl-C |
 //!
 //! # A stiff bar and a fine one, tied over one unit of length
 //!
@@ -27,7 +28,10 @@
 //!
 //! # fn main() -> Result<()> {
 //! let at = |x: f64| Point3::new(x, 0.0, 0.0);
-//! let bar = |name, from, to, elements| FemModel::new(name, generate::bar(from, to, elements, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?);
+//! let bar = |name, from, to, elements| {
+//!     let mesh = generate::bar(from, to, elements, 1.0)?;
+//!     FemModel::new(name, mesh, Elastic::new(1.0, 0.0, 1.0)?)
+//! };
 //! let (left, right) = (bar("left", -9.0, 1.0, 20)?, bar("right", 0.0, 10.0, 80)?);
 //!
 //! // The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one has the rest.

@@ -33,10 +33,10 @@ pub struct BeamMaterial {
     pub radius_ratio: f64,
 }
 
-/// Measured rows for [`BeamMaterial::from_bulk`]: beam radius over mean particle radius, Poisson's ratio of the
-/// packing, Young's modulus of the packing over that of the beams. Source: `arlequin calibrate --periodic
-/// --count 4000 --seeds 2 --young 1e9 --radius-ratio …`. Between two samples moduli differ by up to 0.4 %,
-/// Poisson's ratios by 5e-4.
+/// Measured rows for [`BeamMaterial::from_bulk`]: beam radius over mean particle radius, Poisson's ratio of
+/// the packing, Young's modulus of the packing over that of the beams. Source: `arlequin calibrate
+/// --periodic --count 4000 --seeds 2 --young 1e9 --radius-ratio …`. Between two samples moduli differ by up
+/// to 0.4 %, Poisson's ratios by 5e-4.
 const BULK: [[f64; 3]; 8] = [
     [0.2, 0.35678, 8.2988e-3],
     [0.3, 0.31421, 25.313e-3],

@@ -32,7 +32,7 @@
 //! | [`fracture`] | bonds that break |
 //! | [`contact`], [`obstacle`] | contact between unbonded particles, and with rigid bodies |
 //! | [`critical`] | the critical time step |
-//! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium; E and nu of bars and the bulk; calibrated beams |
+//! | [`statics`], [`calibrate`], [`homogenise`] | equilibrium; E and nu of bars and bulk; calibration |
 //! | [`strength`] | bars pulled until they break |
 //!
 //! Left out: the motion of periodic bodies. Gravity and dampings are effects of the core. Results are

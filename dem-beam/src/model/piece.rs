@@ -60,8 +60,8 @@ const SENT: usize = 5;
 
 impl DemModel {
     /// Makes this rank's part of a partitioned body from `piece`, the description of that part alone. The
-    /// result equals that of [`Self::partition_among`] of the whole body and obeys the same rules; interfaces need
-    /// the whole body and are refused. Collective.
+    /// result equals that of [`Self::partition_among`] of the whole body and obeys the same rules;
+    /// interfaces need the whole body and are refused. Collective.
     ///
     /// # Errors
     /// Errors of [`BondedParticles::new`], with numbers of the whole body; [`Error::LengthMismatch`] and
