@@ -7,7 +7,7 @@
 //! | read | for |
 //! |---|---|
 //! | `model`, `field` | traits of a model: [`Model`], [`CoarseModel`], [`FineModel`], [`Interpolation`] |
-//! | `overlap`, `profile`, `weight` | shares of energy: [`Slab`], [`Shell`], [`Profile`], [`Ramp`], [`Weights`] |
+//! | `overlap`, `profile`, `weight` | shares of energy: [`Slab`], [`Profile`], [`Ramp`], [`Weights`] |
 //! | `mediator`, `junction`, `interface` | how they are tied: [`Mediator`], [`Junction`], [`InterfaceSpec`] |
 //! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
