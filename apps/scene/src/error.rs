@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// Errors between reading a scene and its results.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A file cannot be read.
     #[error("cannot read '{}': {source}; check the path", path.display())]

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 /// part. The model and the interface have the name of the zone.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ZoneTable {
     /// Kind of the model: `fem`, `cnem` or `dem`.
     pub kind: ModelKind,
@@ -65,6 +66,7 @@ pub struct ZoneTable {
 /// The layer around a zone.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ZoneOverlap {
     /// Distance from the zone to the outer border of the layer \[m\], rounded up to whole elements of the
     /// body; at least three elements.
@@ -74,6 +76,7 @@ pub struct ZoneOverlap {
 /// The multiplier space of a zone, on the body's elements in the layer.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct ZoneMediator {
     /// Longest distance between mediator nodes \[m\], reached by halving the body's elements in the layer.
     /// With the spacing of a `fem` zone, uniform strain passes exactly, at the price of more multipliers and
@@ -84,6 +87,7 @@ pub struct ZoneMediator {
 /// Region of a fine model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum ZoneShape {
     /// The inside of a ball.
     Ball {

@@ -10,6 +10,7 @@ use std::borrow::Cow;
 
 /// A part of a model: a group by name, or the nodes in a box.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum Selection {
     /// Named group.
     Group(String),
@@ -88,6 +89,7 @@ impl std::fmt::Display for Selection {
 /// A coordinate axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Axis {
     /// x.
     X,
@@ -107,6 +109,7 @@ impl Axis {
 /// A dimensionless function of time.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum TimeShape {
     /// 1 from time zero on.
     Step,
@@ -145,6 +148,7 @@ choice!(
 /// `[[support]]`: nodes that are held or moved.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Support {
     /// Name by which probes read the force and moment; supports with one name count as one. Default:
     /// `support-1`, `support-2`, …
@@ -165,6 +169,7 @@ pub struct Support {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("amplitude speed"))]
+#[non_exhaustive]
 pub struct Motion {
     /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
     pub amplitude: Option<f64>,
@@ -179,6 +184,7 @@ pub struct Motion {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("traction force pressure torque"))]
+#[non_exhaustive]
 pub struct Load {
     /// Name of the ledger line. Default: `load-1`, `load-2`, …
     pub name: Option<String>,
@@ -204,6 +210,7 @@ pub struct Load {
 /// `[[initial]]`: state of models at time zero.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Initial {
     /// Names of the models; `body` includes its zones unless another `[[initial]]` names them. Default: all.
     pub models: Option<Vec<String>>,
@@ -220,6 +227,7 @@ pub struct Initial {
 /// A rigid spin about a point; it sets velocities and the spins of particles.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Spin {
     /// Angular velocity \[rad/s\].
     pub rate: [f64; 3],
@@ -231,6 +239,7 @@ pub struct Spin {
 /// A vector field.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Field {
     /// One vector everywhere.
     Uniform([f64; 3]),
@@ -246,6 +255,7 @@ choice!(
 /// The polynomial `Σ c_k x^k`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Polynomial {
     /// Component of the field.
     pub component: Axis,
@@ -258,6 +268,7 @@ pub struct Polynomial {
 /// A travelling pulse `A cos²(π (x − centre)/width)` within its width.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Wave {
     /// Component of the displacement.
     pub component: Axis,
@@ -277,6 +288,7 @@ pub struct Wave {
 /// Fields that a frame may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum OutputField {
     /// Displacement \[m\].
     Displacement,

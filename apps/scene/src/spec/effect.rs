@@ -9,6 +9,7 @@ use serde::{Deserialize, Deserializer};
 
 /// `[[effect]]`: one effect and the models that have it.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Effect {
     /// Names of the models. Default: all that can have the effect.
     pub models: Option<Vec<String>>,
@@ -23,6 +24,7 @@ pub struct Effect {
 
 /// Kinds of models that can have an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Bearer {
     /// All models.
     Any,
@@ -124,6 +126,7 @@ pub(super) fn effects<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 /// A constant acceleration field.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct BodyForce {
     /// Acceleration \[m/s²\].
     pub acceleration: [f64; 3],
@@ -135,6 +138,7 @@ pub struct BodyForce {
 /// Mass-proportional damping.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct MassDamping {
     /// Rate \[1/s\] of the damping force `rate · mass · velocity`; lowers the critical step.
     pub rate: f64,
@@ -143,11 +147,13 @@ pub struct MassDamping {
 /// Takes the initial displacements as equilibrium; has no settings.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Prestress {}
 
 /// Stiffness-proportional damping.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct StiffnessDamping {
     /// Time \[s\] in the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time
     /// ω/2`; lowers the critical step.
@@ -157,6 +163,7 @@ pub struct StiffnessDamping {
 /// Local damping.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct LocalDamping {
     /// Share of the force on each unknown that acts against its motion, 0 to below 1 \[–\].
     pub share: f64,
@@ -165,6 +172,7 @@ pub struct LocalDamping {
 /// Linear bulk viscosity.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct BulkViscosity {
     /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical
     /// step.
@@ -180,6 +188,7 @@ fn usual_coefficient() -> f64 {
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::at_most_one("weibull deviation"))]
+#[non_exhaustive]
 pub struct Fracture {
     /// Measure that is compared with the strength.
     pub criterion: CriterionKind,
@@ -214,6 +223,7 @@ fn first_seed() -> u64 {
 /// Failure criteria of bonds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum CriterionKind {
     /// Axial tension.
     Axial,
@@ -228,6 +238,7 @@ pub enum CriterionKind {
 /// Contact between unbonded particles.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct Contact {
     /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between unbonded particles \[Pa\]. Default:
     /// `material.young`; with `between`, `2 E F/(E + F)` of both models.
@@ -248,6 +259,7 @@ pub struct Contact {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::at_most_one("velocity displacement"))]
+#[non_exhaustive]
 pub struct Obstacle {
     /// Name of the ledger line. Default: `obstacle-1`, …
     pub name: Option<String>,
@@ -272,6 +284,7 @@ pub struct Obstacle {
 /// Shapes of obstacles.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum ObstacleShape {
     /// Half-space behind a plane.
     Plane {
@@ -306,6 +319,7 @@ choice!(
 /// Displacement of an obstacle, `amplitude · time`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ObstacleMotion {
     /// Amplitude \[m\].
     pub amplitude: [f64; 3],

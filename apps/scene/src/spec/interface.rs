@@ -14,6 +14,7 @@ use arlequin::core::{Partition, Sampling, Weighting};
 /// `[interface.NAME]`: the coupling of two models.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Interface {
     /// Name of the coarse model, which must have `role = "coarse"`.
     pub coarse: String,
@@ -56,6 +57,7 @@ pub struct Interface {
 /// Solvers of the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum SolverKind {
     /// By a factor, unless the iteration is expected to be faster.
     #[default]
@@ -73,6 +75,7 @@ pub enum SolverKind {
 /// An overlap.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum OverlapShape {
     /// A layer between two planes normal to the line between two points.
     Slab {
@@ -101,6 +104,7 @@ choice!(
 /// A simple region.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum RegionShape {
     /// A ball.
     Ball {
@@ -135,6 +139,7 @@ choice!(
 /// Weight functions of the models in the overlap.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct WeightTable {
     /// Profile of all three weights: `constant`, `linear`, `cubic` (C1), `quintic` (C2),
     /// `mediator-compatible` (C1, exact patch test with `epsilon = 0`). Default: `cubic`; `linear` around a
@@ -172,6 +177,7 @@ impl WeightTable {
 /// A separate weight.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ProfileTable {
     /// Profile.
     #[schemars(with = "schema::ProfileKind")]
@@ -185,6 +191,7 @@ pub struct ProfileTable {
 /// Space of the multipliers.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct MediatorTable {
     /// Body of the multiplier mesh, as for a model; its cylinders are inscribed, whereas those of models have
     /// the area of the circle. Default: if both models are boxes, the same cylinder or bars, the slab's part
@@ -203,6 +210,7 @@ pub struct MediatorTable {
 /// Scalar product of the constraint.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct JunctionTable {
     /// Scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`. Default: `l2`.
     #[serde(default)]
@@ -215,6 +223,7 @@ pub struct JunctionTable {
 /// Damping of waves in the overlap that the coarse model cannot carry.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Absorber {
     /// Largest damping rate of waves that the coarse model cannot carry \[1/s\]; it grows as `s²` from 0 at
     /// the fine border. Default: no absorber; `rate_factor = 0.2` if `fracture` is listed for the fine model.

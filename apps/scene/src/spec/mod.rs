@@ -35,6 +35,7 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("time static"))]
+#[non_exhaustive]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
@@ -85,6 +86,7 @@ pub struct SceneSpec {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("end steps"))]
+#[non_exhaustive]
 pub struct Time {
     /// End of the run \[s\], rounded up to whole steps; give `end` or `steps`.
     pub end: Option<f64>,
@@ -99,6 +101,7 @@ pub struct Time {
 /// Choices of the time step.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum StepChoice {
     /// Own step of the finest model over its critical step, above 0 and below 1 \[–\].
     Fraction(f64),
@@ -123,6 +126,7 @@ impl Default for StepChoice {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(transform = schema::at_most_one("every interval"))]
+#[non_exhaustive]
 pub struct Output {
     /// Steps between two frames. Default: about 20 frames in all.
     pub every: Option<usize>,

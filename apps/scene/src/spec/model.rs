@@ -12,6 +12,7 @@ use std::path::PathBuf;
 /// Kinds of models, by their names in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum ModelKind {
     /// Linear finite elements.
     Fem,
@@ -37,6 +38,7 @@ impl ModelKind {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::needs_shape_unless_link())]
+#[non_exhaustive]
 pub struct ModelTable {
     /// Kind of the model; changing this word exchanges the model.
     pub kind: ModelKind,
@@ -133,6 +135,7 @@ fn one_metre() -> f64 {
 /// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct OwnStepTable {
     /// Number of the model's own steps per step of the run, at least 1.
     pub ratio: Option<usize>,
@@ -145,6 +148,7 @@ pub struct OwnStepTable {
 /// Time stepping schemes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Scheme {
     /// Velocity Verlet; use it with `ratio` or `fraction`.
     Explicit,
@@ -156,6 +160,7 @@ pub enum Scheme {
 /// Role of a model in its interfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum RoleKind {
     /// Has the weight `f`.
     Coarse,
@@ -176,6 +181,7 @@ impl RoleKind {
 /// Body of a model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Shape {
     /// A box along the axes. Groups `x-min`, `x-max`, `y-min`, … `z-max`.
     Box {
@@ -234,6 +240,7 @@ choice!(
 /// A box left out of a box.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Hole {
     /// Lowest corner \[m\].
     pub low: [f64; 3],
@@ -259,6 +266,7 @@ impl Shape {
 /// Isotropic linear elasticity.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Material {
     /// Young's modulus, positive \[Pa\].
     #[schemars(extend("exclusiveMinimum" = 0))]
@@ -275,6 +283,7 @@ pub struct Material {
 /// Settings of finite elements.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct FemTable {
     /// Element type of boxes and cylinders.
     #[serde(default)]
@@ -284,6 +293,7 @@ pub struct FemTable {
 /// Element types of solids.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Element {
     /// Eight-node hexahedra, much less stiff in bending than tetrahedra of equal size; therefore the default.
     #[default]
@@ -295,6 +305,7 @@ pub enum Element {
 /// Settings of natural elements.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct CnemTable {
     /// Shape functions. Default: `laplace`.
     pub functions: Option<Functions>,
@@ -307,6 +318,7 @@ pub struct CnemTable {
 /// Masses of natural elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Masses {
     /// The cell's own node.
     Cells,
@@ -319,6 +331,7 @@ pub enum Masses {
 /// Natural-neighbour shape functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Functions {
     /// Ratios of volumes that the point takes from its neighbours.
     Sibson,
@@ -329,6 +342,7 @@ pub enum Functions {
 /// Settings of particles.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
 pub struct DemTable {
     /// Number of spheres, instead of `spacing`.
     pub count: Option<usize>,
@@ -373,6 +387,7 @@ pub struct DemTable {
 /// A box that cuts all bonds that pass through it.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct NotchBox {
     /// Lowest corner \[m\].
     pub low: [f64; 3],
@@ -383,6 +398,7 @@ pub struct NotchBox {
 /// Treatment of spheres without bonds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum LooseKind {
     /// They are left out, and the other spheres of their body carry their mass; refused above 2 % of the
     /// volume.
@@ -395,6 +411,7 @@ pub enum LooseKind {
 /// Packing procedures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Protocol {
     /// Spheres grow to the onset of jamming, so that the elasticity needs no setting.
     Onset,
@@ -405,6 +422,7 @@ pub enum Protocol {
 /// Displacement field of particles in an overlap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum ParticleFieldKind {
     /// The particles are the integration points; for H1 their gradients are fitted to the bonded neighbours.
     #[default]

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("at where of crack"))]
+#[non_exhaustive]
 pub struct Probe {
     /// Name of the model. With `of`, only forces on this model count; all models by default.
     pub model: Option<String>,
@@ -38,6 +39,7 @@ pub struct Probe {
 /// integrated.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Crack {
     /// Ends of the part of the front over which the mean is taken \[m\]: from surface to surface, or within
     /// the body.
@@ -52,6 +54,7 @@ pub struct Crack {
 /// Components of vectors, of symmetric tensors and of their principal values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Component {
     /// First component of a vector.
     X,
@@ -114,6 +117,7 @@ impl Component {
 /// Quantities that a probe can read.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Quantity {
     /// Displacement \[m\].
     #[default]
@@ -168,6 +172,7 @@ impl Quantity {
 /// `[curve.NAME]`: one probe over another, such as force over displacement.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Curve {
     /// Probe on the horizontal axis.
     pub x: String,

@@ -10,6 +10,7 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("times file steps"))]
+#[non_exhaustive]
 pub struct Static {
     /// Times of the load steps \[s\], rising; exactly one of `times`, `file` and `steps`.
     pub times: Option<Vec<f64>>,

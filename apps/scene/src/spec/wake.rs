@@ -8,6 +8,7 @@ use serde::Deserialize;
 /// `[wake]`: a model that sleeps at first, and the model in its place.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Wake {
     /// Name of the model that sleeps, of any kind.
     pub model: String,
@@ -34,6 +35,7 @@ fn ten_steps() -> usize {
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("strain stress"))]
+#[non_exhaustive]
 pub struct WakeCriterion {
     /// Largest principal strain of `by` at its element centres, tension positive \[–\].
     pub strain: Option<f64>,
@@ -44,6 +46,7 @@ pub struct WakeCriterion {
 /// A region.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Near {
     /// A closed box along the axes.
     Box {
