@@ -29,8 +29,10 @@ pub struct ProbeReader {
 enum Source {
     /// Linear combination of the unknowns of a model.
     Motion(Row),
-    /// Component of a force or moment on the models.
-    Exerted(Exerted, usize),
+    /// Component of a force on the models.
+    Force(Exerted, usize),
+    /// Component of a moment on the models.
+    Moment(Exerted, usize),
     /// Stress or strain.
     Tensor(TensorRow),
     /// Number of the model, and the energy release rate of a crack in it.
@@ -41,6 +43,8 @@ enum Source {
 #[derive(Debug, Clone)]
 struct Row {
     model: usize,
+    /// True for velocities, false for displacements and rotations.
+    is_velocity: bool,
     row: Vec<(usize, f64)>,
     /// For rotations of a model with finite rotations: displacements along the arms; `row` has those across.
     along_arms: Option<Vec<(usize, f64)>>,
@@ -62,7 +66,19 @@ impl ProbeReader {
         let source = match &probe.of {
             Some(exerted_name) => {
                 let what = Exerted::new(&path, exerted_name, probe, scene, bodies)?;
-                Source::Exerted(what, axis(&path, probe)?.index())
+                let c = axis(&path, probe)?.index();
+                match probe.quantity {
+                    Quantity::Force => Source::Force(what, c),
+                    Quantity::Moment => Source::Moment(what, c),
+                    Quantity::Displacement
+                    | Quantity::Velocity
+                    | Quantity::Rotation
+                    | Quantity::Stress
+                    | Quantity::Strain
+                    | Quantity::VonMises
+                    | Quantity::PrincipalStress
+                    | Quantity::EnergyRelease => return Err(no_reading(&path, probe)),
+                }
             }
             None if probe.crack.is_some() || probe.quantity == Quantity::EnergyRelease => {
                 let model_name = model(&path, probe)?;
@@ -118,19 +134,14 @@ impl ProbeReader {
     /// An evaluation of forces, stresses or the energy release rate that fails.
     pub fn read<'a>(&'a self, run: &mut Coupled<f64>, readings: &mut Readings<'a>) -> Result<f64> {
         match &self.source {
-            Source::Motion(row) => Ok(row.read(self.quantity, run.subdomains())),
+            Source::Motion(row) => Ok(row.read(run.subdomains())),
             Source::Tensor(row) => row.read(self.quantity, run.subdomains()),
             Source::Released(m, crack) => {
                 let release = run.energy_release(*m, crack);
                 release.map_err(core(format!("probe.{}", self.name)))
             }
-            Source::Exerted(what, c) => {
-                let resultant = readings.resultant(what, run)?;
-                Ok(match self.quantity {
-                    Quantity::Moment => resultant.moment[*c],
-                    _ => resultant.force[*c],
-                })
-            }
+            Source::Force(what, c) => Ok(readings.resultant(what, run)?.force[*c]),
+            Source::Moment(what, c) => Ok(readings.resultant(what, run)?.moment[*c]),
         }
     }
 }
@@ -147,6 +158,17 @@ impl Row {
             return Err(key(format!("{path}.component"), rule));
         }
         check(path, probe)?;
+        let is_velocity = match probe.quantity {
+            Quantity::Velocity => true,
+            Quantity::Displacement | Quantity::Rotation => false,
+            Quantity::Force
+            | Quantity::Moment
+            | Quantity::Stress
+            | Quantity::Strain
+            | Quantity::VonMises
+            | Quantity::PrincipalStress
+            | Quantity::EnergyRelease => return Err(no_reading(path, probe)),
+        };
         let mut along_arms = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
@@ -169,18 +191,16 @@ impl Row {
         };
         Ok(Self {
             model,
+            is_velocity,
             row,
             along_arms,
             parts: None,
         })
     }
 
-    fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> f64 {
+    fn read(&self, subdomains: &[Subdomain<f64>]) -> f64 {
         let state = subdomains[self.model].state();
-        let values = match quantity {
-            Quantity::Velocity => &state.v,
-            _ => &state.q,
-        };
+        let values = if self.is_velocity { &state.v } else { &state.q };
         let gathered = self.parts.as_ref().map(|g| g.gathered(1, values));
         let values = gathered.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
@@ -189,6 +209,12 @@ impl Row {
             None => sum(&self.row),
         }
     }
+}
+
+/// Error of a quantity that the place of a probe does not have.
+fn no_reading(path: &str, probe: &Probe) -> Error {
+    let rule = format!("\"{}\" cannot be read here", probe.quantity.label());
+    key(format!("{path}.quantity"), rule)
 }
 
 /// Nodes of a model that a probe selects.
