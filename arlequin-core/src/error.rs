@@ -305,21 +305,6 @@ pub enum Error {
         /// Number of multiplier unknowns.
         size: usize,
     },
-    /// A Chebyshev iteration for the multipliers enlarged the residual instead of damping it.
-    #[error(
-        "interface '{interface}': in {iterations} Chebyshev iterations the residual of the multipliers grew {growth:.1e} times: eigenvalues of \
-         their operator lie above {high:.4e}, the bound that the set-up found; solve by a factor or by conjugate gradients, and report this"
-    )]
-    EigenvaluesBeyond {
-        /// Name of the interface.
-        interface: String,
-        /// Number of iterations.
-        iterations: usize,
-        /// Residual at the end over the residual at the start.
-        growth: f64,
-        /// Upper bound of the eigenvalues of the scaled operator.
-        high: f64,
-    },
     /// Prescribed motions move two tied models differently at one place.
     #[error(
         "interface '{interface}': at ({:.6e}, {:.6e}, {:.6e}) m models {models} are moved along {component} by prescribed motions that differ by {gap:.3e} m at t = {time:.3e} s; give both the same motion, or move one of them by its own region only", point[0], point[1], point[2]

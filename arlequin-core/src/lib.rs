@@ -99,8 +99,8 @@ pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
 pub use interface::{
-    Damped, Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side,
-    SolutionTime, Solver,
+    Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side, SolutionTime,
+    Solver,
 };
 pub use junction::{
     Components, H1Gradient, H1Seminorm, H1Strain, Junction, JunctionKind, L2, Needs, ShapeFunction,

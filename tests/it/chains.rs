@@ -18,13 +18,6 @@ fn gradients() -> Solver<f64> {
     }
 }
 
-fn chebyshev() -> Solver<f64> {
-    Solver::Chebyshev {
-        tolerance: 1e-14,
-        max_iterations: 1000,
-    }
-}
-
 /// Momenta, energy and both constraints over a random motion; the run.
 fn kept(chain: &Chain, junction: &dyn Fn() -> Box<dyn Junction<f64>>, steps: usize) -> Coupled<f64> {
     let mut c = chain.run(junction).unwrap();
@@ -65,7 +58,7 @@ fn overlaps_that_touch_keep_energy_and_momenta_for_any_own_steps() {
         &|| Box::new(H1Gradient::new(0.15).unwrap()),
     ];
     for (junction, own) in junctions.into_iter().zip([[1, 1, 1], [1, 2, 4], [3, 2, 1]]) {
-        for solver in [Solver::Auto, gradients(), chebyshev()] {
+        for solver in [Solver::Auto, gradients()] {
             let chain = Chain {
                 own: ratios(own),
                 solver,
@@ -197,7 +190,7 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
             .map(|x| x.to_bits())
             .collect()
     };
-    for solver in [Solver::Auto, gradients(), chebyshev()] {
+    for solver in [Solver::Auto, gradients()] {
         let chain = Chain {
             fine: 3,
             own: ratios([1, 1, 3]),

@@ -53,8 +53,7 @@ const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
 
 #[test]
 fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
-    let solvers = [Solver::Auto, GRADIENTS, Solver::chebyshev()];
-    for (own, solver) in [OWN[0], OWN[1], OWN[0]].into_iter().zip(solvers) {
+    for (own, solver) in OWN.into_iter().zip([Solver::Auto, GRADIENTS]) {
         let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own, solver);
         let with = |threads: usize| {
             pool(threads).install(|| {

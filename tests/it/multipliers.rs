@@ -5,8 +5,8 @@
 use crate::support::solid;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, Partition,
-    PrescribedMotion, Profile, Ramp, Silent, Slab, Solver, Subdomain, TimeFunction, TimeStep, Weights,
+    Coupled, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, OwnStep, PrescribedMotion,
+    Profile, Ramp, Silent, Slab, Solver, Subdomain, TimeFunction, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use arlequin_studies::line::Line;
@@ -15,13 +15,6 @@ use std::sync::Arc;
 
 fn gradients(tolerance: f64, max_iterations: usize) -> Solver<f64> {
     Solver::ConjugateGradients {
-        tolerance,
-        max_iterations,
-    }
-}
-
-fn chebyshev(tolerance: f64, max_iterations: usize) -> Solver<f64> {
-    Solver::Chebyshev {
         tolerance,
         max_iterations,
     }
@@ -71,10 +64,9 @@ fn velocities(c: &Coupled<f64>) -> Vec<f64> {
 
 #[test]
 fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
-    let methods = [gradients, chebyshev];
-    for (iterations, of) in [2, 3, 5].into_iter().flat_map(|n| methods.map(|of| (n, of))) {
+    for iterations in [2, 3, 5] {
         for ratio in [1, 4] {
-            let mut c = line(of(0.0, iterations), ratio);
+            let mut c = line(gradients(0.0, iterations), ratio);
             let before = c.momentum()[0];
             c.run(4000 / ratio, &mut Silent).unwrap();
             let change = (c.momentum()[0] - before).norm();
@@ -94,7 +86,7 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
         }
         for junction in solid::junctions::<f64>() {
             let name = junction.name();
-            let mut c = solid_pair(junction, of(0.0, iterations));
+            let mut c = solid_pair(junction, gradients(0.0, iterations));
             c.run(400, &mut Silent).unwrap();
             assert_eq!(c.interfaces()[0].iterations(), iterations);
             assert!(
@@ -128,117 +120,17 @@ fn iterations_that_converge_give_what_the_factor_gives() {
         let report = |c: &Coupled<f64>| c.interfaces()[0].report().clone();
         let exact = run(Solver::Factor);
         assert_eq!(report(&exact).solver, "factor");
-        for (solver, name) in [
-            (gradients(1e-13, 500), "conjugate gradients"),
-            (chebyshev(1e-13, 20_000), "chebyshev"),
-        ] {
-            let near = run(solver);
-            assert_eq!(report(&near).solver, name);
-            assert_eq!(report(&exact).rank, report(&near).rank);
-            let ratio = report(&exact).condition / report(&near).condition;
-            assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
-            let [a, b] = [&exact, &near].map(velocities);
-            let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
-            assert!(apart < 1e-10, "{name}: velocities differ by {apart:e}");
-            let left = near.constraint_residual();
-            assert!(left < 1e-10, "{name}: residual {left:e}");
-            if let Some(damped) = report(&near).damped {
-                assert!(near.interfaces()[0].iterations() >= damped.iterations);
-            }
-        }
-    }
-}
-
-/// Of 81 multipliers 41 are independent: nothing grows in the null space, where nothing is damped.
-#[test]
-fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {
-    for solver in [Solver::chebyshev(), chebyshev(0.0, 5)] {
-        let deck = Line {
-            overlap: 40.0,
-            mediator: 0.5,
-            coarse_elements: 20,
-            fine_bonds: 150,
-            step: TimeStep::Seconds(0.9),
-            options: options(solver),
-            ..Line::default()
-        };
-        let mut next = noise(5);
-        let random: Vec<f64> = (0..400).map(|_| next()).collect();
-        let at = |x: f64| (0.0, random[(x + 210.0) as usize]);
-        let mut c = deck.build(&at, &at).unwrap();
-        let largest = |c: &Coupled<f64>| {
-            let all = c.interfaces()[0].multipliers().iter();
-            all.fold(0.0, |m: f64, l| m.max(l.abs()))
-        };
-        c.run(200, &mut Silent).unwrap();
-        let report = c.interfaces()[0].report().clone();
-        assert_eq!([report.multipliers, report.rank], [81, 41]);
-        let early = largest(&c);
-        c.run(20_000, &mut Silent).unwrap();
-        assert!(c.drift() < 1e-12, "{solver:?}: drift {:e}", c.drift());
-        assert!(largest(&c) < 10.0 * early, "{} of {early}", largest(&c));
-        if matches!(solver, Solver::Chebyshev { tolerance, .. } if tolerance > 0.0) {
-            let left = c.constraint_residual();
-            assert!(left < 1e-9, "residual {left:e}");
-        }
-    }
-}
-
-/// Metres and kilograms in other units.
-#[test]
-fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
-    let count = |[length, density]: [f64; 2]| {
-        let bar = |name: &str, from: f64, count, density: f64| {
-            let mesh = generate::bar(from * length, (from + 3.0) * length, count, length * length).unwrap();
-            FemModel::new(name, mesh, Elastic::new(1.0, 0.0, density).unwrap()).unwrap()
-        };
-        let point = |x: f64| Point3::new(x * length, 0.0, 0.0);
-        let slab = Slab::between(point(3.0), point(2.0)).unwrap();
-        let left = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
-        let right = Weights::complement_of(std::slice::from_ref(&left));
-        let v: Vec<f64> = (0..=75).map(|k| length * (0.2 * f64::from(k)).sin()).collect();
-        let fine = Subdomain::fine(bar("fine", 2.0, 75, density), right).with_partition(Partition::Unchecked);
-        let bodies = vec![
-            Subdomain::coarse(bar("coarse", 0.0, 15, density), left).with_partition(Partition::Unchecked),
-            fine.with_initial(vec![0.0; 76], v).unwrap(),
-        ];
-        let space = FemField::new(generate::bar(2.0 * length, 3.0 * length, 5, length * length).unwrap());
-        let mut tie = InterfaceSpec::new("overlap", 0, 1, Arc::new(space), L2);
-        tie.options.solver = Solver::chebyshev();
-        let mut run = Coupled::new(bodies, vec![tie], TimeStep::Fraction(0.8), None).unwrap();
-        run.run(300, &mut Silent).unwrap();
-        assert!(run.drift() < 1e-12, "{length} {density}: {:e}", run.drift());
-        let left = run.constraint_residual();
-        assert!(left < 1e-10, "{length} {density}: {left:e}");
-        run.interfaces()[0].iterations()
-    };
-    let own = count([1.0, 1.0]);
-    for units in [[1e-9, 1e-12], [1e6, 1e9]] {
-        assert_eq!(count(units), own);
-    }
-}
-
-#[test]
-fn single_precision_keeps_the_energy_with_a_chebyshev_iteration() {
-    for solver in [
-        Solver::chebyshev(),
-        Solver::Chebyshev {
-            tolerance: 0.0,
-            max_iterations: 3,
-        },
-    ] {
-        let bodies = solid::shaken(solid::bodies::<f32>(Profile::Cubic, 0.05), 12);
-        let space = solid::mediator::<f32>(ElementKind::Hex8, solid::OVERLAP, [3, 3, 3]);
-        let mut spec = solid::spec(space, Box::new(L2));
-        spec.options.solver = solver;
-        let mut c = Coupled::new(bodies, vec![spec], TimeStep::Fraction(0.8), None).unwrap();
-        c.run(1000, &mut Silent).unwrap();
-        assert!(c.drift() < 1e-4, "{solver:?}: {:e}", c.drift());
-        if solver == Solver::chebyshev() {
-            let left = c.constraint_residual();
-            assert!(left < 1e-4, "residual {left:e}");
-        }
+        let near = run(gradients(1e-13, 500));
+        assert_eq!(report(&near).solver, "conjugate gradients");
+        assert_eq!(report(&exact).rank, report(&near).rank);
+        let ratio = report(&exact).condition / report(&near).condition;
+        assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
+        let [a, b] = [&exact, &near].map(velocities);
+        let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
+        assert!(apart < 1e-10, "velocities differ by {apart:e}");
+        let left = near.constraint_residual();
+        assert!(left < 1e-10, "residual {left:e}");
     }
 }
 
@@ -280,24 +172,20 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_counted
 
 /// By the model of decision 0046, whatever the run is solved by.
 #[test]
-fn sums_over_many_ranks_are_what_a_chebyshev_iteration_saves() {
-    for solver in [Solver::Auto, gradients(1e-12, 500), Solver::chebyshev()] {
+fn sums_over_many_ranks_are_what_conjugate_gradients_pay_for() {
+    for solver in [Solver::Auto, gradients(1e-12, 500)] {
         let c = solid_pair(Box::new(L2), solver);
         let of = |ranks: usize| {
             let all = c.interfaces()[0].solution_times(ranks);
             assert_eq!(
                 all.iter().map(|t| t.solver).collect::<Vec<_>>(),
-                ["factor", "conjugate gradients", "chebyshev"]
+                ["factor", "conjugate gradients"]
             );
-            [0, 1, 2].map(|k| all[k].seconds)
+            [0, 1].map(|k| all[k].seconds)
         };
         let [alone, few, many] = [1, 10, 1000].map(of);
         assert!(alone.iter().all(|s| *s > 0.0), "{alone:?}");
-        assert!(
-            many[2] < 0.5 * many[1] && many[1] > 1.5 * few[1],
-            "{few:?} {many:?}"
-        );
-        assert!(many[2] < 1.1 * few[2], "{few:?} {many:?}");
+        assert!(many[1] > 1.5 * few[1], "{few:?} {many:?}");
     }
 }
 

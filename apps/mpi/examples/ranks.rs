@@ -8,9 +8,9 @@
 //! Arguments: cells of a body-centred lattice along each edge, and rounds. Runs take turns, and the least of
 //! their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
 //! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by the
-//! core (0), conjugate gradients (1), Chebyshev iteration (2). Without elements each rank makes only its own
-//! part of the body; a last number of 1 makes every rank build the whole body first (0, 0, 1). Ranks marked
-//! "waiting" compute no forces while messages are on their way.
+//! core (0) or conjugate gradients (1). Without elements each rank makes only its own part of the body; a last
+//! number of 1 makes every rank build the whole body first (0, 0, 1). Ranks marked "waiting" compute no forces
+//! while messages are on their way.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -43,7 +43,7 @@ struct Deck {
     cells: usize,
     /// Number of cells along an element; 0 without an interface.
     element: usize,
-    /// Solver for the multipliers: 0, 1 or 2 as in the arguments.
+    /// Solver for the multipliers: 0 or 1 as in the arguments.
     solver: usize,
     /// True if every rank builds the whole cube and keeps its part.
     whole: bool,
@@ -340,8 +340,7 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         spec.options.sampling = Sampling::Particles;
         spec.options.solver = match deck.solver {
             0 => Solver::Auto,
-            1 => Solver::conjugate_gradients(),
-            _ => Solver::chebyshev(),
+            _ => Solver::conjugate_gradients(),
         };
         interfaces.push(spec);
     }

@@ -75,7 +75,6 @@ impl<T: Real> Coupled<T> {
             let before = displacements(&self.subdomains, &models);
             let sides = pair(&mut self.subdomains, models[0], models[1]);
             self.interfaces[k].reflect(sides.map(Subdomain::displacements));
-            self.interfaces[k].check()?;
             self.report_moved(&[k], &models, &before);
         }
         for k in 0..self.joints.len() {
@@ -86,7 +85,6 @@ impl<T: Real> Coupled<T> {
             let before = displacements(&self.subdomains, &models);
             let subdomains = &self.subdomains;
             self.joints[k].find(|s| &subdomains[s].state().q, T::one());
-            self.joints[k].check()?;
             for (s, change) in self.joints[k].kicks() {
                 change.kick(self.subdomains[s].displacements());
             }

@@ -1,6 +1,5 @@
 //! Warnings about an interface.
 
-use super::chebyshev::Chebyshev;
 use super::{InterfaceReport, InterfaceSpec, Side};
 use crate::Real;
 
@@ -67,18 +66,4 @@ pub(super) fn rank_warnings(report: &InterfaceReport, ranked: bool) -> Vec<Strin
         ));
     }
     out
-}
-
-/// Returns a warning if a Chebyshev iteration ends above its tolerance.
-pub(super) fn iteration_warning(plan: &Chebyshev) -> Option<String> {
-    let [low, high] = plan.bounds;
-    (plan.asked > plan.iterations as f64).then(|| {
-        format!(
-            "{} iterations are allowed and the tolerance of a Chebyshev iteration takes {:.0}: that costs no energy, but jumps of the velocities stay, \
-             up to some {:.0e} of them; solve by a factor or by conjugate gradients, or allow more iterations",
-            plan.iterations,
-            plan.asked,
-            (low / high).sqrt()
-        )
-    })
 }

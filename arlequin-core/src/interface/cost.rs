@@ -28,14 +28,12 @@ pub(super) struct Work {
     /// Entries of the factor (`None` if there can be none) and of the operator.
     pub(super) factor: Option<usize>,
     pub(super) operator: usize,
-    /// Expected iterations of conjugate gradients and of Chebyshev.
+    /// Expected iterations of conjugate gradients.
     pub(super) gradients: f64,
-    pub(super) chebyshev: f64,
 }
 
 impl Work {
-    /// Returns the durations on `ranks` ranks: by a factor if there can be one, conjugate gradients,
-    /// Chebyshev.
+    /// Returns the durations on `ranks` ranks: by a factor if there can be one, and by conjugate gradients.
     pub(super) fn on(&self, ranks: usize) -> Vec<SolutionTime> {
         let ranks = ranks.max(1) as f64;
         let rounds = ranks.log2();
@@ -44,7 +42,7 @@ impl Work {
             let tree = rounds * (LATENCY + bytes / WIRE);
             tree.min(2.0 * (rounds * LATENCY + bytes / WIRE))
         };
-        let sums = |count: usize| reduction(SUM * (count * self.shared) as f64);
+        let sum = reduction(SUM * self.shared as f64);
         let broadcast = reduction(8.0 * self.unknowns as f64);
         let neighbours = NEIGHBOURS.min(ranks - 1.0) * LATENCY;
         // Only ranks on one face of a body hold multipliers.
@@ -56,12 +54,8 @@ impl Work {
         let factor = self
             .factor
             .map(|e| solution_time("factor", 16.0 * e as f64 / MEMORY));
-        let iterations = [
-            solution_time("conjugate gradients", self.gradients * (product + 2.0 * sums(1))),
-            // A Chebyshev solve has one reduction of four sums at its end.
-            solution_time("chebyshev", self.chebyshev * product + sums(4)),
-        ];
-        factor.into_iter().chain(iterations).collect()
+        let gradients = solution_time("conjugate gradients", self.gradients * (product + 2.0 * sum));
+        factor.into_iter().chain([gradients]).collect()
     }
 }
 
@@ -69,37 +63,31 @@ impl Work {
 mod tests {
     use super::Work;
 
-    /// Three times as many iterations without sums: slower on few ranks, faster on many.
     #[test]
-    fn a_chebyshev_iteration_pays_where_sums_take_longer_than_products() {
+    fn iterations_share_out_reading_and_pay_for_sums() {
         let work = Work {
             unknowns: 3000,
             shared: 3,
-            factor: None,
+            factor: Some(400_000),
             operator: 100_000,
             gradients: 50.0,
-            chebyshev: 150.0,
         };
-        let iterative_times = |ranks| {
-            let times = work.on(ranks);
-            let names = times.iter().map(|t| t.solver);
-            assert!(names.eq(["conjugate gradients", "chebyshev"]));
-            [times[0].seconds, times[1].seconds]
-        };
-        let [gradients, chebyshev] = iterative_times(1);
-        assert!(
-            (chebyshev / gradients - 3.0).abs() < 0.1,
-            "{gradients:e} {chebyshev:e}"
-        );
-        let [gradients, chebyshev] = iterative_times(100_000);
-        assert!(chebyshev < gradients, "{gradients:e} {chebyshev:e}");
         // With one rank the only cost is reading entries.
-        let with_factor = Work {
-            factor: Some(400_000),
-            ..work
-        };
-        let times = with_factor.on(1);
-        assert!(times[0].solver == "factor" && times[0].seconds < times[1].seconds);
+        let times = work.on(1);
+        assert!(
+            times
+                .iter()
+                .map(|t| t.solver)
+                .eq(["factor", "conjugate gradients"])
+        );
         assert!((times[0].seconds - 16.0 * 4e5 / 8e9).abs() < 1e-12);
+        assert!((times[1].seconds - 50.0 * 12.0 * 1e5 / 8e9).abs() < 1e-12);
+        let gradients = |ranks| {
+            let without_factor = Work { factor: None, ..work };
+            let times = without_factor.on(ranks);
+            assert!(times.iter().map(|t| t.solver).eq(["conjugate gradients"]));
+            times[0].seconds
+        };
+        assert!(gradients(16) < gradients(1) && gradients(16) < gradients(100_000));
     }
 }

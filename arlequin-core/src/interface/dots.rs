@@ -46,22 +46,6 @@ impl Dots {
         Vector3::from_fn(|c, _| sums.get(c).copied().unwrap_or_else(T::zero))
     }
 
-    /// Returns four products of [`Self::products`] in one all-reduce.
-    pub(super) fn four_products<T: Real, const N: usize>(&self, pairs: [(&[T], &[T]); 4]) -> [Vector3<T>; 4] {
-        let pairs = pairs.map(|(a, b)| (a.as_chunks::<N>().0, b.as_chunks::<N>().0));
-        let part = |range: Range<usize>| {
-            let mut sums = [T::zero(); 12];
-            for (sums, (a, b)) in sums.as_chunks_mut::<3>().0.iter_mut().zip(pairs) {
-                for (a, b) in a[range.clone()].iter().zip(&b[range.clone()]) {
-                    (0..N).for_each(|c| sums[c] += a[c] * b[c]);
-                }
-            }
-            sums
-        };
-        let sums = self.cuts.sum(self.portion.as_deref(), 4 * N, &part);
-        [0, 1, 2, 3].map(|k| Vector3::from_fn(|c, _| sums[3 * k + c]))
-    }
-
     /// Returns `Σ a b` over all `shared` components.
     pub(super) fn total<T: Real>(&self, shared: usize, a: &[T], b: &[T]) -> T {
         match shared {

@@ -1,10 +1,9 @@
-//! Iterative solution of `S μ = b` from zero: what conjugate gradients and the Chebyshev iteration share.
+//! Vectors, products with `S` and limits of conjugate gradients for `S μ = b`.
 //!
 //! Dependent multipliers do no harm: the system is consistent, and null modes stay zero. On several ranks
 //! each rank iterates on the multipliers that it owns with its rows of `S`, so that a product needs one
 //! message to each neighbour. Nothing is kept from the previous step: a resumed run gives the same bits.
 
-use super::chebyshev::Chebyshev;
 use super::dots::Dots;
 use super::parts::Parts;
 use super::sides::Sides;
@@ -29,26 +28,10 @@ pub(super) enum Apply<T> {
     Sides,
 }
 
-/// Kind of iteration.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Method {
-    Gradients,
-    Chebyshev(Chebyshev),
-}
-
-/// Residual that grew, as eigenvalues lie outside the bounds of the set-up.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Broken {
-    pub(super) iterations: usize,
-    /// Final residual over the initial one.
-    pub(super) growth: f64,
-}
-
 /// Vectors and limits of the iteration.
 #[derive(Debug)]
 pub(super) struct Iterated<T> {
     apply: Apply<T>,
-    pub(super) method: Method,
     /// Number of components, each with an iteration of its own.
     shared: usize,
     pub(super) tolerance: T,
@@ -59,12 +42,8 @@ pub(super) struct Iterated<T> {
     neighbours: Option<Post>,
     /// Number of iterations of the last solve.
     pub(super) iterations: usize,
-    /// Why the last solve failed, if it did.
-    pub(super) broken: Option<Broken>,
     /// True if the last solve ended above its tolerance.
     pub(super) unsolved: bool,
-    /// `b`, kept for the Chebyshev iteration only.
-    pub(super) right_side: Vec<T>,
     /// `r`, then `z`, `p` and `S p`.
     pub(super) residual: Vec<T>,
     pub(super) preconditioned: Vec<T>,
@@ -73,12 +52,7 @@ pub(super) struct Iterated<T> {
 }
 
 impl<T: Real> Iterated<T> {
-    pub(super) fn new(
-        apply: Apply<T>,
-        method: Method,
-        [rows, shared]: [usize; 2],
-        (tolerance, most): (T, usize),
-    ) -> Self {
+    pub(super) fn new(apply: Apply<T>, [rows, shared]: [usize; 2], (tolerance, most): (T, usize)) -> Self {
         let zeros = || vec![T::zero(); rows * shared];
         Self {
             apply,
@@ -88,13 +62,7 @@ impl<T: Real> Iterated<T> {
             dots: Dots::new(rows),
             neighbours: None,
             iterations: 0,
-            broken: None,
             unsolved: false,
-            right_side: match method {
-                Method::Gradients => Vec::new(),
-                Method::Chebyshev(_) => zeros(),
-            },
-            method,
             residual: zeros(),
             preconditioned: zeros(),
             direction: zeros(),
@@ -140,7 +108,6 @@ impl<T: Real> Iterated<T> {
         });
         let size = self.shared * parts.owned().len();
         self.apply = Apply::Rows(Rows::from_entries(parts.owned().len(), entries));
-        self.right_side.truncate(size);
         for x in [&mut self.residual, &mut self.preconditioned, &mut self.image] {
             *x = vec![T::zero(); size];
         }
@@ -179,13 +146,9 @@ impl<T: Real> Iterated<T> {
         preconditioner: &mut (impl Precondition<T> + ?Sized),
     ) {
         self.iterations = 0;
-        self.broken = None;
         self.unsolved = false;
         self.residual.copy_from_slice(b);
-        match self.method {
-            Method::Gradients => self.gradients::<N>(b, sides, preconditioner),
-            Method::Chebyshev(bounds) => self.chebyshev::<N>(b, sides, preconditioner, bounds),
-        }
+        self.gradients::<N>(b, sides, preconditioner);
     }
 
     /// Computes `S p`, after a halo exchange of `p`.

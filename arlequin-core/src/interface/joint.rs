@@ -20,8 +20,6 @@ use std::sync::Arc;
 pub(crate) struct Joint<T: Real> {
     /// Indices of the interfaces, ascending.
     pub(crate) members: Vec<usize>,
-    /// Names of the interfaces, joined.
-    name: String,
     /// First multiplier of each interface, then the number of all.
     starts: Vec<usize>,
     /// Indices of the models that the interfaces act on, ascending.
@@ -102,7 +100,6 @@ impl<T: Real> Joint<T> {
             starts,
             models,
             system,
-            name: name.clone(),
         };
         for (place, k) in out.members.iter().enumerate() {
             let multipliers = out.starts[place]..out.starts[place + 1];
@@ -121,14 +118,6 @@ impl<T: Real> Joint<T> {
         sides.for_each(|(s, m)| s.load(x(*m)));
         self.system
             .find(&mut self.sides, &|_| (), scale, &mut self.impulse);
-    }
-
-    /// Reports an iteration of the last solve that diverged.
-    ///
-    /// # Errors
-    /// [`crate::Error::EigenvaluesBeyond`].
-    pub(crate) fn check(&self) -> Result<()> {
-        self.system.operator.check(&self.name)
     }
 
     /// Returns whether the last solve was an iteration that ended above its tolerance.

@@ -16,7 +16,6 @@
 
 mod advice;
 mod assembly;
-mod chebyshev;
 mod cost;
 mod coupling;
 mod dots;
@@ -38,7 +37,7 @@ pub use assembly::Sampling;
 pub use cost::SolutionTime;
 pub(crate) use coupling::Coupling;
 pub use rank::NullMode;
-pub use report::{Damped, InterfaceReport};
+pub use report::InterfaceReport;
 pub use solver::Solver;
 
 use crate::field::Interpolation;
@@ -227,7 +226,7 @@ impl<T: Real> Draft<T> {
                 "only a junction of values (L2) may be lumped; lumping an H1 junction diverges",
             ));
         }
-        spec.options.solver.check(&spec.name, spec.options.lumped)?;
+        spec.options.solver.check(&spec.name)?;
         let built = assembly::assemble(spec, &sides, components)?;
         let shared = built.coupling[0].shared;
         let size = built.coupling[0].matrix.rows() * shared;
@@ -241,7 +240,6 @@ impl<T: Real> Draft<T> {
             multipliers: size,
             rank: size,
             solver: "",
-            damped: None,
             condition: 1.0,
             condition_at_least: false,
             measure: built.measure.as_f64(),
@@ -342,10 +340,6 @@ impl<T: Real> Interface<T> {
             .collect();
         report.rank = report.multipliers - report.null_modes.len();
         report.solver = operator.solver;
-        report.damped = operator.chebyshev().map(|plan| Damped {
-            eigenvalues: plan.bounds,
-            iterations: plan.iterations,
-        });
         report.condition = operator.condition.as_f64();
         report.condition_at_least = operator.at_least;
         // Joint interfaces share one factor: only the first of them counts it.
@@ -355,11 +349,6 @@ impl<T: Real> Interface<T> {
         }
         report.together = together;
         let dependence = advice::rank_warnings(report, operator.ranked);
-        report.warnings.extend(
-            operator
-                .chebyshev()
-                .and_then(|plan| advice::iteration_warning(&plan)),
-        );
         report.warnings.extend(dependence);
     }
 
@@ -424,15 +413,6 @@ impl<T: Real> Interface<T> {
         system.find(&mut self.coupling, &load, scale, &mut self.impulse);
         self.iterations = system.operator.iterations();
         self.update_multipliers();
-    }
-
-    /// Reports an iteration of the last solve that diverged.
-    ///
-    /// # Errors
-    /// [`Error::EigenvaluesBeyond`].
-    pub(crate) fn check(&self) -> Result<()> {
-        let system = self.system.as_ref();
-        system.map_or(Ok(()), |s| s.operator.check(&self.report.name))
     }
 
     /// Returns whether the last solve was an iteration that ended above its tolerance. Always false for a

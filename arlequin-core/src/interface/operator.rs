@@ -1,9 +1,8 @@
 //! Multiplier operator `S = Σ_m B_m M_m⁻¹ B_mᵀ` and its solver.
 
-use super::chebyshev::{self, Chebyshev};
 use super::cost::Work;
 use super::coupling::{operator, same_on_coupled};
-use super::iterated::{Apply, Broken, Iterated, Method, Precondition};
+use super::iterated::{Apply, Iterated, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
 use super::sides::Sides;
@@ -78,8 +77,8 @@ struct Outcome<T: Real> {
     exact: bool,
     condition: T,
     at_least: bool,
-    /// Smallest non-zero eigenvalue of the scaled operator (estimated from above) and a bound of the largest.
-    bounds: [f64; 2],
+    /// Estimates of the smallest non-zero and the largest eigenvalue of the scaled operator.
+    range: [f64; 2],
     /// Entries of the factor; `None` if there can be none.
     entries: Option<usize>,
     /// `None` if they are not known.
@@ -104,7 +103,7 @@ impl<T: Real> Operator<T> {
             ranked,
             condition,
             at_least,
-            bounds,
+            range,
             null_modes,
             mut work,
         } = find_blocks(wanted, coupling, inverse, components)?;
@@ -114,36 +113,24 @@ impl<T: Real> Operator<T> {
                 size: rows * shared,
             });
         }
-        let solver = wanted.options.solver;
-        let (tolerance, most) = solver.limits();
         work.unknowns = rows * shared;
         work.shared = shared;
-        work.gradients = ITERATIONS * (bounds[1] / bounds[0]).sqrt();
-        work.chebyshev = Chebyshev::new(bounds, tolerance.as_f64(), usize::MAX).iterations as f64;
+        work.gradients = ITERATIONS * (range[1] / range[0]).sqrt();
         let iterated = (!exact).then(|| {
-            let (method, rows_pay) = match solver {
-                // Use the rows of S at any size: an iteration then talks to neighbours only.
-                Solver::Chebyshev { .. } => {
-                    let plan = Chebyshev::new(bounds, tolerance.as_f64(), most);
-                    (Method::Chebyshev(plan), usize::MAX)
-                }
-                _ => (Method::Gradients, passes),
-            };
-            let apply = match only.filter(|s| s.nnz() < rows_pay) {
+            let apply = match only.filter(|s| s.nnz() < passes) {
                 Some(s) => Apply::Rows(Rows::from_entries(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
-            Iterated::new(apply, method, [rows, shared], (tolerance, most))
+            Iterated::new(apply, [rows, shared], wanted.options.solver.limits())
         });
         // Eigenvectors are only in use where multipliers are dependent.
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
         Ok(Self {
-            solver: match (iterated.as_ref().map(|i| i.method), dependent) {
-                (Some(Method::Gradients), _) => "conjugate gradients",
-                (Some(Method::Chebyshev(_)), _) => "chebyshev",
-                (None, _) if wanted.options.lumped => "lumped",
-                (None, true) => "eigenvectors",
-                (None, false) => "factor",
+            solver: match (exact, dependent) {
+                (false, _) => "conjugate gradients",
+                (true, _) if wanted.options.lumped => "lumped",
+                (true, true) => "eigenvectors",
+                (true, false) => "factor",
             },
             iterated,
             blocks: Blocks {
@@ -201,28 +188,6 @@ impl<T: Real> Operator<T> {
     /// Returns whether the last solve was an iteration that ended above its tolerance.
     pub(super) fn is_unsolved(&self) -> bool {
         self.iterated.as_ref().is_some_and(|i| i.unsolved)
-    }
-
-    /// Returns the data of a Chebyshev solver.
-    pub(super) fn chebyshev(&self) -> Option<Chebyshev> {
-        match self.iterated.as_ref()?.method {
-            Method::Chebyshev(of) => Some(of),
-            Method::Gradients => None,
-        }
-    }
-
-    /// Reports an iteration of the last solve that diverged; `interface`: name for the message.
-    pub(super) fn check(&self, interface: &str) -> Result<()> {
-        let broken = self.iterated.as_ref().and_then(|i| i.broken);
-        let Some(Broken { iterations, growth }) = broken else {
-            return Ok(());
-        };
-        Err(Error::EigenvaluesBeyond {
-            interface: interface.to_owned(),
-            iterations,
-            growth,
-            high: self.chebyshev().map_or(f64::NAN, |plan| plan.bounds[1]),
-        })
     }
 
     /// Overwrites `b` with `S⁻¹ b`, components interleaved. Overwrites what the sides hold.
@@ -296,7 +261,7 @@ struct Analysis<T: Real> {
     ranked: bool,
     condition: T,
     at_least: bool,
-    bounds: [f64; 2],
+    range: [f64; 2],
     null_modes: Vec<NullMode>,
     work: Work,
 }
@@ -316,7 +281,7 @@ fn find_blocks<T: Real>(
         ranked: true,
         condition: T::one(),
         at_least: false,
-        bounds: [f64::INFINITY, 0.0],
+        range: [f64::INFINITY, 0.0],
         null_modes: Vec::new(),
         work: Work {
             factor: Some(0),
@@ -348,8 +313,8 @@ fn find_blocks<T: Real>(
         };
         analysis.condition = analysis.condition.max(outcome.condition);
         analysis.at_least |= outcome.at_least;
-        let ([low, high], [l, h]) = (analysis.bounds, outcome.bounds);
-        analysis.bounds = [low.min(l), high.max(h)];
+        let ([low, high], [l, h]) = (analysis.range, outcome.range);
+        analysis.range = [low.min(l), high.max(h)];
         let factors = analysis.work.factor.zip(outcome.entries);
         analysis.work.factor = factors.map(|(sum, entries)| sum + entries);
         analysis.work.operator += s.nnz();
@@ -379,7 +344,6 @@ fn block<T: Real>(
     let (scaled, scale) = equilibrated(s);
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
-    let bounds = |low: T| [low.as_f64(), chebyshev::ceiling(&scaled)];
     // Preconditioner of the iterations: scale² is the inverse diagonal.
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
@@ -396,7 +360,7 @@ fn block<T: Real>(
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
                 _ => !chosen,
             };
-            let bounds = bounds(low);
+            let range = [low, high].map(T::as_f64);
             let mut block = Block::Factor { scale, factor };
             // Rank and solver follow from the scaled operator; the condition reported here is that of S
             // itself.
@@ -406,7 +370,7 @@ fn block<T: Real>(
                 exact: by_factor,
                 condition: high / low,
                 at_least: false,
-                bounds,
+                range,
                 entries: Some(entries),
                 null_modes: Some(Vec::new()),
             });
@@ -419,7 +383,7 @@ fn block<T: Real>(
             exact: false,
             condition: high / low,
             at_least: true,
-            bounds: bounds(low),
+            range: [low, high].map(T::as_f64),
             entries: None,
             null_modes: (entries <= LARGEST_FACTOR)
                 .then(|| rank::count_null_modes(&scaled, tolerance, per_node))
@@ -438,7 +402,7 @@ fn block<T: Real>(
         exact: !chosen,
         condition: if low > T::zero() { high / low } else { T::one() },
         at_least: false,
-        bounds: bounds(low),
+        range: [low, high].map(T::as_f64),
         entries: None,
         null_modes: Some(analysis.null_modes),
     })
@@ -489,7 +453,7 @@ fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
         exact: true,
         condition: high / low,
         at_least: false,
-        bounds: [1.0; 2],
+        range: [1.0; 2],
         entries: None,
         null_modes: Some(Vec::new()),
     })

@@ -42,7 +42,7 @@ pub(super) fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -
             let before = x.clone();
             apply(&mut x);
             let next = dot(&before, &x);
-            // Changes of 1e-4 leave inverse iteration at most 3 % too high, which the bounds allow for.
+            // Changes of 1e-4 leave inverse iteration at most 3 % too high.
             let settled = step > 10 && (next - value).abs() <= next.abs() * T::of(1e-4);
             value = next;
             if settled {

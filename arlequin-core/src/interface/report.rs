@@ -2,16 +2,6 @@
 
 use super::NullMode;
 
-/// Eigenvalues and iterations of a Chebyshev solver.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Damped {
-    /// Lowest and highest damped eigenvalue of the operator scaled to a unit diagonal. All non-zero ones lie
-    /// between them, unless the tolerance would take more iterations than are allowed: then some are below.
-    pub eigenvalues: [f64; 2],
-    /// Iterations per solve; more are made if the lower eigenvalue was too high.
-    pub iterations: usize,
-}
-
 /// Results of an interface's set-up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InterfaceReport {
@@ -23,11 +13,8 @@ pub struct InterfaceReport {
     pub multipliers: usize,
     /// Number of independent multipliers; all of them if the rank is not known (a warning says so).
     pub rank: usize,
-    /// Solver in use: `factor`, `eigenvectors` (dependent multipliers), `conjugate gradients`, `chebyshev` or
-    /// `lumped`.
+    /// Solver in use: `factor`, `eigenvectors` (dependent multipliers), `conjugate gradients` or `lumped`.
     pub solver: &'static str,
-    /// Data of a Chebyshev solver; `None` for other solvers.
-    pub damped: Option<Damped>,
     /// Condition number of the operator, by power iteration. Without a factor: that of the non-zero modes of
     /// the operator scaled to a unit diagonal.
     pub condition: f64,

@@ -2,8 +2,8 @@
 
 use crate::{Real, Result};
 
-/// Default limits of the iterations: conjugate gradients, Chebyshev.
-const MOST_ITERATIONS: [usize; 2] = [1000, 2000];
+/// Default limit of the iterations.
+const MOST_ITERATIONS: usize = 1000;
 
 /// Solver for the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,17 +24,6 @@ pub enum Solver<T> {
         /// Largest number of iterations.
         max_iterations: usize,
     },
-    /// Chebyshev iteration from zero, with a number of iterations known from bounds of the eigenvalues. The
-    /// result is scaled so that it costs no energy. It takes more iterations than conjugate gradients, but no
-    /// global sum within them: on many ranks, an iteration needs messages between neighbours only.
-    Chebyshev {
-        /// Residual at which the iteration ends, relative to the initial jump, in the norm of the inverse
-        /// diagonal of `S`.
-        tolerance: T,
-        /// Largest number of iterations. If the tolerance needs more, the modes of the smallest eigenvalues
-        /// are left undamped. With a tolerance of zero exactly this many are made.
-        max_iterations: usize,
-    },
 }
 
 impl<T: Real> Solver<T> {
@@ -42,15 +31,7 @@ impl<T: Real> Solver<T> {
     pub fn conjugate_gradients() -> Self {
         Self::ConjugateGradients {
             tolerance: default_tolerance(),
-            max_iterations: MOST_ITERATIONS[0],
-        }
-    }
-
-    /// Returns a Chebyshev iteration to 1e-12 (single precision: 32 ε) in at most 2000 iterations.
-    pub fn chebyshev() -> Self {
-        Self::Chebyshev {
-            tolerance: default_tolerance(),
-            max_iterations: MOST_ITERATIONS[1],
+            max_iterations: MOST_ITERATIONS,
         }
     }
 
@@ -60,10 +41,6 @@ impl<T: Real> Solver<T> {
             Self::ConjugateGradients {
                 tolerance,
                 max_iterations,
-            }
-            | Self::Chebyshev {
-                tolerance,
-                max_iterations,
             } => (tolerance, max_iterations),
             Self::Auto | Self::Factor => Self::conjugate_gradients().limits(),
         }
@@ -71,12 +48,12 @@ impl<T: Real> Solver<T> {
 
     /// Returns whether the user chose an iterative solver.
     pub(super) fn iterates(self) -> bool {
-        matches!(self, Self::ConjugateGradients { .. } | Self::Chebyshev { .. })
+        matches!(self, Self::ConjugateGradients { .. })
     }
 
     /// Returns whether this is an iteration with other than the default limits.
     pub(super) fn is_cut_short(self) -> bool {
-        self.iterates() && self != Self::conjugate_gradients() && self != Self::chebyshev()
+        self.iterates() && self != Self::conjugate_gradients()
     }
 
     /// Returns the solver that serves both interfaces: iterations if either asks for them, to the tighter
@@ -92,22 +69,14 @@ impl<T: Real> Solver<T> {
             (false, false) if self == other => return self,
             (false, false) => return Self::Factor,
         };
-        let chebyshev = [self, other].iter().any(|s| matches!(s, Self::Chebyshev { .. }));
-        if chebyshev {
-            Self::Chebyshev {
-                tolerance,
-                max_iterations,
-            }
-        } else {
-            Self::ConjugateGradients {
-                tolerance,
-                max_iterations,
-            }
+        Self::ConjugateGradients {
+            tolerance,
+            max_iterations,
         }
     }
 
-    /// Refuses limits that make no sense, and a Chebyshev iteration for a lumped operator.
-    pub(super) fn check(self, interface: &str, lumped: bool) -> Result<()> {
+    /// Refuses limits that make no sense.
+    pub(super) fn check(self, interface: &str) -> Result<()> {
         let (tolerance, most) = self.limits();
         let invalid = |value: &str, rule| Err(crate::error::invalid_option(interface, "solver", value, rule));
         if !(tolerance >= T::zero() && tolerance < T::one()) {
@@ -120,12 +89,6 @@ impl<T: Real> Solver<T> {
                 "must be at least 1: without any the models are not coupled",
             );
         }
-        if lumped && matches!(self, Self::Chebyshev { .. }) {
-            return invalid(
-                "chebyshev",
-                "has nothing to do where the operator is lumped, whose row sums are divided by; leave out one of the two",
-            );
-        }
         Ok(())
     }
 }
@@ -136,7 +99,7 @@ fn default_tolerance<T: Real>() -> T {
 
 #[cfg(test)]
 mod tests {
-    use super::Solver::{self, Auto, Chebyshev, ConjugateGradients, Factor};
+    use super::Solver::{self, Auto, ConjugateGradients, Factor};
 
     #[test]
     fn interfaces_that_are_solved_for_together_get_the_tighter_of_their_iterations() {
@@ -144,18 +107,11 @@ mod tests {
             tolerance,
             max_iterations,
         };
-        let chebyshev = |tolerance, max_iterations| Chebyshev {
-            tolerance,
-            max_iterations,
-        };
-        let cases: [(Solver<f64>, Solver<f64>, Solver<f64>); 7] = [
+        let cases: [(Solver<f64>, Solver<f64>, Solver<f64>); 4] = [
             (Auto, Auto, Auto),
             (Auto, Factor, Factor),
             (Factor, gradients(1e-3, 5), gradients(1e-3, 5)),
             (gradients(1e-3, 5), gradients(1e-6, 4), gradients(1e-6, 5)),
-            (Auto, chebyshev(1e-3, 5), chebyshev(1e-3, 5)),
-            (gradients(1e-6, 5), chebyshev(1e-3, 7), chebyshev(1e-6, 7)),
-            (chebyshev(1e-3, 5), chebyshev(1e-2, 7), chebyshev(1e-3, 7)),
         ];
         for (a, b, joint) in cases {
             assert_eq!((a.with(b), b.with(a)), (joint, joint));
@@ -170,17 +126,16 @@ mod tests {
             (f64::NAN, 5, "tolerance NaN"),
             (1e-3, 0, "max_iterations 0"),
         ] {
-            let solver = Chebyshev {
+            let solver = ConjugateGradients {
                 tolerance,
                 max_iterations,
             };
-            let e = solver.check("tie", false).map_err(|e| e.to_string());
+            let e = solver.check("tie").map_err(|e| e.to_string());
             assert!(
                 e.as_ref().is_err_and(|e| e.contains(said) && e.contains("tie")),
                 "{e:?}"
             );
         }
-        assert!(Solver::<f64>::chebyshev().check("tie", true).is_err());
-        assert!(Solver::<f64>::chebyshev().check("tie", false).is_ok());
+        assert!(Solver::<f64>::conjugate_gradients().check("tie").is_ok());
     }
 }

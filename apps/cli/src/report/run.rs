@@ -383,11 +383,6 @@ fn interfaces(all: &[InterfaceLine]) {
                 all => format!(" together with '{}'", all.join("', '")),
             }
         );
-        if let (Some([low, high]), Some(count)) = (i.eigenvalues, i.planned_iterations) {
-            println!(
-                "           {count} iterations per solution for eigenvalues from {low:.3e} to {high:.3e}"
-            );
-        }
         if let Some(words) = solutions(i) {
             println!("           {words}");
         }

@@ -303,8 +303,7 @@ fn interfaces() {
         "sampling = \"projection\"\nmediator = { shape.box = { low = [4.0, 0.0, 0.0], high = [6.0, 2.0, 1.0] } }",
     );
     let lumped = with("lumped = true\njunction = { kind = \"h1-strain\" }");
-    let iterated = with("lumped = true\nsolver = \"chebyshev\"");
-    let unknown = with("solver = \"chebychev\"");
+    let unknown = with("solver = \"multigrid\"");
     let particles = with("sampling = \"particles\"");
     let length = with("junction = { kind = \"l2\", length = 1.0 }");
     let negative = with("junction = { kind = \"h1-strain\", length = -1.0 }");
@@ -333,16 +332,8 @@ fn interfaces() {
             (weight, &lumped, &["only a junction of values (L2) may be lumped"]),
             (
                 weight,
-                &iterated,
-                &[
-                    "interface.joint.solver",
-                    "nothing to do where the operator is lumped",
-                ],
-            ),
-            (
-                weight,
                 &unknown,
-                &["chebychev", "`conjugate-gradients`", "`chebyshev`"],
+                &["multigrid", "`factor`", "`conjugate-gradients`"],
             ),
             (weight, &particles, &["has integration points of its own"]),
             (

@@ -44,7 +44,6 @@ enum Sort {
     Strains,
     Gradients,
     Iterated,
-    Damped,
     Lumped,
 }
 
@@ -95,10 +94,6 @@ fn spec(name: &str, coarse: usize, [from, to]: [f64; 2], case: Case) -> Interfac
             sampling: Sampling::Particles,
             solver: match case.sort {
                 Sort::Iterated => iterated,
-                Sort::Damped => Solver::Chebyshev {
-                    tolerance: 1e-9,
-                    max_iterations: 60,
-                },
                 _ => Solver::Auto,
             },
             lumped: case.sort == Sort::Lumped,
@@ -264,13 +259,7 @@ fn coupled_steps_have_the_bits_of_one_rank() {
 /// Strains couple components, and forty iterations do not reach the tolerance.
 #[test]
 fn junctions_and_solvers_have_the_bits_of_one_rank() {
-    for sort in [
-        Sort::Strains,
-        Sort::Gradients,
-        Sort::Iterated,
-        Sort::Damped,
-        Sort::Lumped,
-    ] {
+    for sort in [Sort::Strains, Sort::Gradients, Sort::Iterated, Sort::Lumped] {
         check(Case { sort, ..PLAIN }, &[3]);
     }
     // Rows of the operator are longer here than those of both sides: it is applied by the sides, on all ranks
@@ -281,11 +270,6 @@ fn junctions_and_solvers_have_the_bits_of_one_rank() {
         ..PLAIN
     };
     check(fine, &[2, 4]);
-    let damped = Case {
-        sort: Sort::Damped,
-        ..fine
-    };
-    check(damped, &[1, 2, 3, 4]);
 }
 
 #[test]
@@ -307,9 +291,11 @@ fn interfaces_that_share_particles_have_the_bits_of_one_rank() {
     };
     assert!(!run(case, None).interfaces()[0].report().together.is_empty());
     check(case, &[2, 3, 4]);
-    for sort in [Sort::Iterated, Sort::Damped] {
-        check(Case { sort, ..case }, &[4]);
-    }
+    let iterated = Case {
+        sort: Sort::Iterated,
+        ..case
+    };
+    check(iterated, &[4]);
 }
 
 /// Returns the bytes per step that interfaces add on a rank, in messages and in reductions (the most of four
@@ -390,9 +376,11 @@ fn ranks_without_coupled_particles_and_ranks_without_particles_have_the_bits_of_
     assert!(coupled.iter().any(|c| c[0] > 0 && c[1] == 0), "{coupled:?}");
     check(NARROW, &[6, 8]);
     // With few blocks of multipliers most ranks own none.
-    for sort in [Sort::Iterated, Sort::Damped] {
-        check(Case { sort, ..NARROW }, &[8]);
-    }
+    let iterated = Case {
+        sort: Sort::Iterated,
+        ..NARROW
+    };
+    check(iterated, &[8]);
 }
 
 /// A run saved on three ranks resumes on one, two and four as if it had never stopped.

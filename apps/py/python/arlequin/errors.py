@@ -57,7 +57,7 @@ class Warning(UserWarning):  # noqa: A001 - a warning of this package, as numpy 
 # Codes of errors that the input is not to blame for.
 _RUN = frozenset(
     """
-    Write Interrupted NotFinite System Observer NotSettled EigenvaluesBeyond Diverged EnergyGrowth
+    Write Interrupted NotFinite System Observer NotSettled Diverged EnergyGrowth
     EnergyLoss ImpulseMissed MultipliersUnsolved Silent Closed Stranger Version Unexpected Length Content
     Failed Mass Heavier Broken Agreed Elsewhere
     """.split()

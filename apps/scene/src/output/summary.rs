@@ -233,13 +233,6 @@ pub struct InterfaceLine {
     pub together: Vec<String>,
     /// Iterations of the last solve; zero with a factor.
     pub iterations: usize,
-    /// Lowest and highest eigenvalue that a Chebyshev iteration damps; the operator is scaled to a unit
-    /// diagonal.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub eigenvalues: Option<[f64; 2]>,
-    /// Iterations per solve that the set-up found necessary for these eigenvalues.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub planned_iterations: Option<usize>,
     /// Expected time of a solve by each solver \[s\], on the planned number of ranks; empty without a plan
     /// for ranks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -418,8 +411,6 @@ pub fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
             solver: r.solver,
             together: r.together.clone(),
             iterations: i.iterations(),
-            eigenvalues: r.damped.map(|d| d.eigenvalues),
-            planned_iterations: r.damped.map(|d| d.iterations),
             solution_times: Vec::new(),
             condition: r.condition,
             condition_at_least: r.condition_at_least,

@@ -24,7 +24,6 @@ fn key_of(scene: &SceneSpec, source: &Core) -> String {
         Core::OpposedMotions { interface: i, .. }
         | Core::UnequalShapes { interface: i, .. }
         | Core::UnevenFilling { interface: i, .. } => of_interface(i, "overlap"),
-        Core::EigenvaluesBeyond { interface: i, .. } => of_interface(i, "solver"),
         Core::MomentumLeak { interface: i, .. } => of_interface(i, "sampling"),
         Core::InvalidOption {
             interface: i, name, ..

@@ -263,7 +263,6 @@ fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
             SolverKind::Auto => Solver::Auto,
             SolverKind::Factor => Solver::Factor,
             SolverKind::ConjugateGradients => Solver::conjugate_gradients(),
-            SolverKind::Chebyshev => Solver::chebyshev(),
         },
         lumped: table.lumped,
         pin: table.pin.map(Point3::from),

@@ -67,9 +67,6 @@ pub enum SolverKind {
     /// By conjugate gradients to 1e-12 of the jump; the result creates no energy even if the iteration ends
     /// early.
     ConjugateGradients,
-    /// By a Chebyshev iteration to 1e-12 of the jump. It needs more iterations, but no iteration needs a sum
-    /// over all ranks.
-    Chebyshev,
 }
 
 /// An overlap.
