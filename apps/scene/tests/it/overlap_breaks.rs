@@ -1,7 +1,7 @@
 //! How many bonds break in an overlap against a run of particles alone, over seeds: what stands in
 //! docs/hard-cases.md, docs/effects.md and decision 22. Takes minutes:
 //!
-//! `cargo test --release -p arlequin-scene --test overlap_breaks -- --ignored --nocapture`
+//! `cargo test --release -p arlequin-scene --test it -- overlap_breaks --ignored --nocapture`
 #![allow(clippy::print_stdout, reason = "it prints a table")]
 
 use arlequin::dem_beam::fracture::locked;
