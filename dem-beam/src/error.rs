@@ -265,7 +265,7 @@ pub enum Error {
          {coordination}, take more spheres or another seed, or keep them as loose grains with contact on",
         100.0 * share,
         100.0 * limit,
-        crate::packing::parts::sizes(parts)
+        sizes(parts)
     )]
     LooseSpheres {
         /// Number of spheres without a bond to a connected part.
@@ -285,7 +285,7 @@ pub enum Error {
     #[error(
         "{what} needs one connected part, the packing falls into {} and {loose} loose spheres: raise the coordination \
          number, leave loose spheres out, or test the parts one by one",
-        crate::packing::parts::sizes(parts)
+        sizes(parts)
     )]
     SeveralParts {
         /// Test that was refused.
@@ -510,4 +510,13 @@ pub(crate) fn positive(name: &'static str, value: f64) -> Result<()> {
     } else {
         Err(Error::out_of_range(name, value, "finite values > 0"))
     }
+}
+
+/// Returns the sizes of parts in words; the first few are listed.
+fn sizes(parts: &[usize]) -> String {
+    const NAMED: usize = 6;
+    let named: Vec<String> = parts.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = if parts.len() > NAMED { ", ..." } else { "" };
+    let word = if parts.len() == 1 { "part" } else { "parts" };
+    format!("{} {word} of {}{more} spheres", parts.len(), named.join(", "))
 }

@@ -50,6 +50,7 @@ pub mod fracture;
 pub mod homogenise;
 pub mod kernel;
 pub mod model;
+mod numbered;
 pub mod obstacle;
 pub mod packing;
 pub mod particles;

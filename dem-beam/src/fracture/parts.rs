@@ -7,8 +7,8 @@
 
 use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
-use crate::model::piece::Numbered;
 use crate::model::poses::Reader;
+use crate::numbered::Numbered;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
 use arlequin_core::ranks::{Halo, Message, Portion, RankError};

@@ -43,6 +43,7 @@ use crate::fracture::SharedLog;
 use crate::fracture::state::FractureState;
 use crate::kernel::law::Linear;
 use crate::kernel::order::block_order;
+use crate::numbered::Numbered;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
@@ -58,7 +59,6 @@ use arlequin_core::{
 use forces::Gather;
 use lazy::Kernel;
 use nalgebra::{Point3, Vector3};
-use piece::Numbered;
 use poses::Reader;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};

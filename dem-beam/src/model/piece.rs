@@ -11,6 +11,7 @@ use super::portion::bonds_of_units;
 use crate::bond::BeamMaterial;
 use crate::error::{Error, Result, positive};
 use crate::fracture::SharedLog;
+use crate::numbered::Numbered;
 use crate::particles::{BondedParticles, Contents, Extents, check_spheres, expect_len, longest};
 use arlequin_core::ParticleField;
 use arlequin_core::ranks::{
@@ -44,15 +45,6 @@ pub struct Piece {
     pub beam: BeamMaterial,
     /// Mass density \[kg/m³\].
     pub density: f64,
-}
-
-/// Numbers of the bonds of a part in the whole body, and the number of all bonds of the body.
-#[derive(Debug, Clone)]
-pub(crate) struct Numbered {
-    /// Number of each bond of the part in the whole body, ascending.
-    pub(crate) bonds: Arc<[u32]>,
-    /// Number of all bonds of the whole body.
-    pub(crate) total: usize,
 }
 
 /// Numbers sent per particle: centre, radius and volume.

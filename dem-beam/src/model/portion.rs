@@ -5,10 +5,10 @@
 //! owners once per force evaluation. Every rank computes the states of its owned particles only.
 
 use super::DemModel;
-use super::piece::Numbered;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::kernel::layout::work;
+use crate::numbered::Numbered;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
 use arlequin_core::{ParticleField, Shared};
 use nalgebra::Vector3;

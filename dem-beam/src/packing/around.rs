@@ -5,11 +5,8 @@
 //! all spheres, and more mass. The body around the part is therefore filled as well, up to a margin, and the
 //! spheres in the part are kept.
 
-use super::assemble::Packing;
-use super::bonding::Components;
-use super::container::Container;
 use super::surface::Surface;
-use crate::error::{Error, Result, positive};
+use crate::error::{Result, positive};
 use nalgebra::Vector3;
 
 /// Grid points along every axis for the volume of the margin.
@@ -140,37 +137,5 @@ impl Around {
         self.part.identity(out);
         self.body.identity(out);
         out.push(self.margin);
-    }
-
-    /// Restricts a packing of part and margin to the part, whose volume it then stands for.
-    ///
-    /// # Errors
-    /// [`Error::EmptyBody`] if a body of the part holds no sphere.
-    pub(crate) fn restrict(&self, mut packing: Packing) -> Result<Packing> {
-        let bodies = self.part.bodies();
-        let home = |x: &Vector3<f64>| bodies.iter().position(|b| b.contains(x));
-        let homes: Vec<Option<usize>> = packing.positions.iter().map(home).collect();
-        let mut inner_pairs = packing.pairs.clone();
-        inner_pairs.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
-        let components = Components::new(homes.len(), &inner_pairs);
-        let stays = |i: &u32| homes[*i as usize].is_some() && (packing.loose || components.is_part(*i));
-        let retained: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
-        let has_sphere = |k: usize| retained.iter().any(|&i| homes[i as usize] == Some(k));
-        if let Some(k) = (0..bodies.len()).find(|k| !has_sphere(*k)) {
-            let containers: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
-            return Err(Error::EmptyBody.in_body(k, &containers));
-        }
-        packing.retain(&retained);
-        packing.bodies = retained
-            .iter()
-            .filter_map(|&i| homes[i as usize].map(|k| k as u32))
-            .collect();
-        packing.body_volumes = bodies.iter().map(Surface::volume).collect();
-        packing.volume = self.part.volume();
-        let report = &mut packing.report;
-        report.beyond = homes.len() - retained.len();
-        report.bodies = bodies.len();
-        report.coordination_retained = 2.0 * packing.pairs.len() as f64 / retained.len() as f64;
-        Ok(packing)
     }
 }

@@ -1,12 +1,35 @@
 //! Choice of the pairs that become bonds and of the particles that stay.
 
 use super::cells::{CHUNK, CellList, Sphere, image, verlet_list};
-use super::parts::Loose;
 use crate::error::{Error, Result};
 use arlequin_core::adjacency::lowest_connected;
 
 /// Largest relative gap searched for bonds.
 const REACH: f64 = 0.25;
+
+/// Largest share of the volume that loose spheres may have to be left out: ten times the share in jammed
+/// packings with 6.2 bonds per sphere.
+pub const LOOSE_LIMIT: f64 = 0.02;
+
+/// Treatment of spheres that belong to no connected part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loose {
+    /// Leaves loose spheres out; the other spheres of their body take over their mass. An error above a share
+    /// of the volume.
+    Drop {
+        /// Largest accepted share, [`LOOSE_LIMIT`] by default.
+        limit: f64,
+    },
+    /// Keeps loose spheres as grains with the mass of their own volume. Without contact they pass through
+    /// everything.
+    Keep,
+}
+
+impl Default for Loose {
+    fn default() -> Self {
+        Self::Drop { limit: LOOSE_LIMIT }
+    }
+}
 
 /// Bonds among the kept particles.
 #[derive(Debug)]

@@ -5,7 +5,7 @@
 //! but never gives a wrong result. Files are written under another name and then renamed.
 
 use super::assemble::Packing;
-use super::parts::Loose;
+use super::bonding::Loose;
 use super::protocol::{Compaction, PackingSpec};
 use crate::error::Result;
 use nalgebra::Vector3;

@@ -3,11 +3,11 @@
 //! Numbers are written with as many digits as they need to be read back bit for bit.
 
 use super::assemble::{Filled, Packing};
+use super::bonding::Loose;
 use super::bonding::bond_and_trim;
 use super::cells::{self, Sphere, centre, mean_radius};
 use super::container::Container;
 use super::narrow;
-use super::parts::Loose;
 use crate::error::{Error, Result};
 use crate::particles::{COINCIDENT, check_spheres};
 use nalgebra::Vector3;
@@ -88,7 +88,7 @@ fn line_number(text: &str, start: usize) -> usize {
 impl Packing {
     /// Bonds given spheres as the packing protocol does: in every body the pairs nearest to touching become
     /// bonds, up to the wanted coordination number. Loose spheres are left out within
-    /// [`super::parts::LOOSE_LIMIT`].
+    /// [`super::LOOSE_LIMIT`].
     ///
     /// # Errors
     /// Errors of bad spheres, [`Error::CoincidentParticles`], [`Error::Overlapping`] if a sphere contains the

@@ -25,12 +25,14 @@ pub(crate) mod vtu;
 
 pub use around::Around;
 pub use assemble::Packing;
+pub use bonding::{LOOSE_LIMIT, Loose};
 pub use bricks::Bricks;
 pub use container::Container;
 pub use csv::{read_csv, write_csv};
 pub use lattice::{Lattice, lattice};
-pub use parts::{Cut, Loose, Part};
+pub use parts::Part;
 pub use protocol::{Compaction, PackingSpec};
+pub use report::Cut;
 pub use report::PackingReport;
 #[cfg(feature = "stl")]
 pub use stl::read_facets;

@@ -5,37 +5,16 @@
 //! from one body to another. Within a body every connected set of at least four spheres is a part. It stays,
 //! with the volume of its own spheres. Spheres in smaller sets are loose: a few spheres of a jammed packing
 //! have no bond (0.1 % at 6.2 bonds per sphere). They are left out and the rest of their body takes their
-//! volume ([`Loose::Drop`], bounded), or they stay as grains ([`Loose::Keep`]).
+//! volume ([`super::Loose::Drop`], bounded), or they stay as grains ([`super::Loose::Keep`]).
 
+use super::around::Around;
 use super::assemble::Packing;
 use super::bonding::{Components, renumber};
 use super::container::Container;
+use super::report::Cut;
+use super::surface::Surface;
 use crate::error::{Error, Result};
 use nalgebra::Vector3;
-
-/// Largest share of the volume that loose spheres may have to be left out: ten times the share in jammed
-/// packings with 6.2 bonds per sphere.
-pub const LOOSE_LIMIT: f64 = 0.02;
-
-/// Treatment of spheres that belong to no connected part.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Loose {
-    /// Leaves loose spheres out; the other spheres of their body take over their mass. An error above a share
-    /// of the volume.
-    Drop {
-        /// Largest accepted share, [`LOOSE_LIMIT`] by default.
-        limit: f64,
-    },
-    /// Keeps loose spheres as grains with the mass of their own volume. Without contact they pass through
-    /// everything.
-    Keep,
-}
-
-impl Default for Loose {
-    fn default() -> Self {
-        Self::Drop { limit: LOOSE_LIMIT }
-    }
-}
 
 /// A connected part of a packing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,17 +24,6 @@ pub struct Part {
     /// Number of its spheres.
     pub spheres: usize,
     /// Volume that its spheres stand for \[m³\]; its mass is this volume times the density.
-    pub volume: f64,
-}
-
-/// Bonds, spheres and volume that cuts have removed.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Cut {
-    /// Number of removed bonds.
-    pub bonds: usize,
-    /// Number of removed spheres: the cuts left them in no connected part. Their mass is removed with them.
-    pub spheres: usize,
-    /// Volume that the removed spheres stood for \[m³\].
     pub volume: f64,
 }
 
@@ -102,7 +70,7 @@ impl Packing {
         out
     }
 
-    /// Returns the number of spheres in no connected part; zero unless [`Loose::Keep`] is set.
+    /// Returns the number of spheres in no connected part; zero unless [`super::Loose::Keep`] is set.
     #[must_use]
     pub fn grains(&self) -> usize {
         self.radii.len() - self.parts().iter().map(|p| p.spheres).sum::<usize>()
@@ -163,15 +131,38 @@ impl Packing {
         self.bodies = retained.iter().map(|&i| self.bodies[i as usize]).collect();
         self.report.mean_radius = self.radii.iter().sum::<f64>() / self.radii.len() as f64;
     }
-}
 
-/// Returns the sizes of parts in words; the first few are listed.
-pub(crate) fn sizes(parts: &[usize]) -> String {
-    const NAMED: usize = 6;
-    let named: Vec<String> = parts.iter().take(NAMED).map(ToString::to_string).collect();
-    let more = if parts.len() > NAMED { ", ..." } else { "" };
-    let word = if parts.len() == 1 { "part" } else { "parts" };
-    format!("{} {word} of {}{more} spheres", parts.len(), named.join(", "))
+    /// Restricts a packing of a part and its margin to the part, whose volume it then stands for.
+    ///
+    /// # Errors
+    /// [`Error::EmptyBody`] if a body of the part holds no sphere.
+    pub(super) fn restrict(mut self, around: &Around) -> Result<Self> {
+        let bodies = around.part().bodies();
+        let home = |x: &Vector3<f64>| bodies.iter().position(|b| b.contains(x));
+        let homes: Vec<Option<usize>> = self.positions.iter().map(home).collect();
+        let mut inner_pairs = self.pairs.clone();
+        inner_pairs.retain(|p| p.iter().all(|&i| homes[i as usize].is_some()));
+        let components = Components::new(homes.len(), &inner_pairs);
+        let stays = |i: &u32| homes[*i as usize].is_some() && (self.loose || components.is_part(*i));
+        let retained: Vec<u32> = (0..homes.len() as u32).filter(stays).collect();
+        let has_sphere = |k: usize| retained.iter().any(|&i| homes[i as usize] == Some(k));
+        if let Some(k) = (0..bodies.len()).find(|k| !has_sphere(*k)) {
+            let containers: Vec<Container> = bodies.into_iter().map(Container::Surface).collect();
+            return Err(Error::EmptyBody.in_body(k, &containers));
+        }
+        self.retain(&retained);
+        self.bodies = retained
+            .iter()
+            .filter_map(|&i| homes[i as usize].map(|k| k as u32))
+            .collect();
+        self.body_volumes = bodies.iter().map(Surface::volume).collect();
+        self.volume = around.part().volume();
+        let report = &mut self.report;
+        report.beyond = homes.len() - retained.len();
+        report.bodies = bodies.len();
+        report.coordination_retained = 2.0 * self.pairs.len() as f64 / retained.len() as f64;
+        Ok(self)
+    }
 }
 
 impl Error {

@@ -12,11 +12,11 @@
 //! Bodies of a surface are packed one by one, each with its share of the spheres.
 
 use super::assemble::{Filled, Packing};
+use super::bonding::Loose;
 use super::bonding::bond_and_trim;
 use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::narrow;
-use super::parts::Loose;
 use super::relax::{Relaxed, SoftSpheres};
 use super::size::{JAMMED, SPREAD};
 use crate::error::{Error, Result, positive};
@@ -125,7 +125,7 @@ impl PackingSpec {
             self.loose == Loose::Keep,
         )?;
         match &self.container {
-            Container::Around(around) => around.restrict(packing),
+            Container::Around(around) => packing.restrict(around),
             _ => Ok(packing),
         }
     }

@@ -4,8 +4,18 @@ use super::bonding::Bonding;
 use super::cells::{Sphere, centre, image, mean_radius};
 use super::container::Container;
 use super::narrow;
-use super::parts::Cut;
 use nalgebra::{Matrix3, Vector3};
+
+/// Bonds, spheres and volume that cuts have removed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cut {
+    /// Number of removed bonds.
+    pub bonds: usize,
+    /// Number of removed spheres: the cuts left them in no connected part. Their mass is removed with them.
+    pub spheres: usize,
+    /// Volume that the removed spheres stood for \[m³\].
+    pub volume: f64,
+}
 
 /// Bins of the radius histogram.
 pub const HISTOGRAM_BINS: usize = 10;
