@@ -1,4 +1,4 @@
-//! Command line of the Arlequin workspace: a scene file in, results out.
+//! Command line of the Arlequin workspace: reads scene files, runs them and writes results.
 
 mod calibrate;
 mod describe;
@@ -47,7 +47,7 @@ enum Command {
         #[command(flatten)]
         waiting: ranks::Waiting,
     },
-    /// Go on with a run that was killed or interrupted, from its last checkpoint.
+    /// Continue a run that was killed or interrupted, from its last checkpoint.
     Resume {
         /// Output folder of the run.
         folder: PathBuf,
@@ -70,30 +70,32 @@ enum Command {
     },
     /// Read and build a scene, print the plan, run nothing.
     ///
-    /// A scene with links to other programs is read only, and what it would start or wait for is printed.
+    /// A scene with links to other programs is only read; the programs it would start or wait for are
+    /// printed.
     Check {
         #[command(flatten)]
         common: Common,
-        /// Meet the other side of links as well: start their commands, wait at their addresses.
+        /// Connect links as well: start their commands, wait at their addresses.
         #[arg(long)]
         start: bool,
-        /// Tell also which models would be in parts on so many ranks.
+        /// Print also which models would be partitioned on this number of ranks.
         #[arg(long, value_name = "N")]
         ranks: Option<usize>,
     },
-    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams
-    /// for given ones.
+    /// Measure Young's modulus and Poisson's ratio of packings over several seeds, or find the beams that
+    /// give required values.
     Calibrate(calibrate::Calibrate),
-    /// Run the decks of the literature and compare with their numbers.
+    /// Run the cases of the literature and compare with their numbers.
     Verify(verify::Args),
-    /// Run a scene with many settings: what accuracy costs in time.
+    /// Run a scene with many settings and compare error with time.
     Sweep(sweep::Arguments),
     /// Write the page on accuracy and cost from finished sweeps.
     #[command(hide = true)]
     SweepDocs(sweep::DocumentArguments),
-    /// Write a page that shows the results of a run: turned, cut, coloured, over time, with its curves.
+    /// Write a web page that shows the results of a run: 3D views, cuts, colours, frames over time and
+    /// curves.
     View(view::Arguments),
-    /// Print the JSON Schema of scenes: editors complete and check TOML files with it.
+    /// Print the JSON Schema of scenes, with which editors complete and check TOML files.
     Schema(describe::SchemaArguments),
     /// Print the completions for a shell.
     Completions {
@@ -115,7 +117,7 @@ enum Command {
 }
 
 impl Command {
-    /// Its name on the command line, for those that one process alone can do.
+    /// Returns the command's name for the error that refuses it on several ranks.
     fn name(&self) -> &'static str {
         match self {
             Self::Check { .. } => "check",
@@ -143,7 +145,7 @@ struct Common {
 
 fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|e| {
-        // Said once, whatever the number of ranks.
+        // Only rank 0 prints the message; all ranks exit with the same code.
         if ranks::leads() {
             e.exit()
         }
@@ -188,10 +190,11 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
     }
 }
 
-/// Commands of one process.
+/// Runs a command that works in a single process.
 fn run_alone(command: Command) -> Result<ExitCode, Located> {
     match command {
         Command::Run { .. } | Command::Resume { .. } => Ok(ExitCode::SUCCESS),
+        // [`run_command`] has handled both before.
         Command::Check { common, start, ranks } => with_scene(&common, &None, |scene| {
             let planned = ranks.map(|n| scene.clone().for_ranks(n));
             let scene = planned.as_ref().unwrap_or(scene);
@@ -232,7 +235,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
     }
 }
 
-/// Runs a command on a scene; errors point into its text.
+/// Runs a command on a scene. Errors point to the line of the scene file that caused them.
 fn with_scene(
     common: &Common,
     others: &ranks::Others,

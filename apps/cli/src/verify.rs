@@ -1,4 +1,4 @@
-//! `arlequin verify`: its options.
+//! `arlequin verify`: options and choice of cases.
 
 use crate::error::{Result, unknown, write};
 use crate::report::{self, Progress};
@@ -14,16 +14,16 @@ use std::process::ExitCode;
 pub(crate) struct Args {
     /// Cases to run [default: all]
     cases: Vec<String>,
-    /// Run the hard cases instead: what naive code does with them, and whether our promises hold.
+    /// Run the hard cases instead: results of naive code, and whether our promises hold.
     #[arg(long, conflicts_with_all = ["out", "docs", "resume"])]
     hard: bool,
     /// Print the rows as JSON.
     #[arg(long)]
     json: bool,
-    /// List the cases and stop.
+    /// List the cases and exit.
     #[arg(long)]
     list: bool,
-    /// Cheap cases and cheap variants only, under a minute.
+    /// Only cheap cases and cheap variants, in less than a minute.
     #[arg(long)]
     quick: bool,
     /// Write the plots and verify.json to this folder.
@@ -32,10 +32,10 @@ pub(crate) struct Args {
     /// Write validation.md and its plots to this documentation folder.
     #[arg(long, value_name = "DIR")]
     docs: Option<PathBuf>,
-    /// Keep the runs of the beams in this folder, and take from it those that are there already.
+    /// Store the runs of the beams in this folder, and use those that are already stored there.
     #[arg(long, value_name = "DIR")]
     resume: Option<PathBuf>,
-    /// Cases at a time, each on one thread [default: one per core]
+    /// Number of cases run at the same time, each on one thread [default: one per core]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
 }
@@ -97,7 +97,7 @@ fn code(passed: bool) -> ExitCode {
     }
 }
 
-/// Runs the hard cases: those named, all, or with `--quick` the fast ones.
+/// Runs the hard cases: the named ones, otherwise all, with `--quick` only the fast ones.
 fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
     let chosen = chosen_hard(args)?;
     if args.list {
@@ -125,7 +125,7 @@ fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
     Ok(code(kept == chosen.len()))
 }
 
-/// The hard cases that are meant.
+/// Returns the hard cases that the arguments select.
 fn chosen_hard(args: &Args) -> Result<Vec<HardCase>> {
     let all = cases();
     for name in &args.cases {

@@ -1,8 +1,8 @@
-//! Packings and their beams as a table.
+//! Report of `arlequin calibrate` as text: packings, elastic constants, strengths.
 
 use arlequin_scene::calibrate::{Beams, Calibration, Elastic, Estimate, Exponent, Strengths};
 
-/// The report in words and columns.
+/// Returns the report as lines of text.
 pub(crate) fn text(r: &Calibration) -> String {
     let mut out = String::new();
     let mut line = |text: String| {
@@ -87,7 +87,8 @@ fn beams(b: &Beams) -> String {
     )
 }
 
-/// One line per constant; the spread is the sample standard deviation over the packings, unknown for one.
+/// Returns one line per constant. The spread is the sample standard deviation over the packings, which a
+/// single packing does not have.
 fn elastic(e: &Elastic, one: bool) -> Vec<String> {
     let modulus = |name: &str, b: &Estimate| match one {
         true => format!("{name:<10} {:.4e} Pa (one packing)", b.mean),
@@ -104,7 +105,7 @@ fn elastic(e: &Elastic, one: bool) -> Vec<String> {
     out
 }
 
-/// Lines of the table.
+/// Returns the lines of the strength table.
 fn strengths(s: &Strengths) -> Vec<String> {
     let scatter = s
         .weibull

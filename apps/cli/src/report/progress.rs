@@ -1,5 +1,5 @@
-//! What a program that works for long says of it: a bar on a terminal; elsewhere, such as in the log of a
-//! batch system, a line now and then, and none for what takes seconds.
+//! Progress of long work: a bar on a terminal. Elsewhere, such as in the log of a batch system, a line at
+//! growing intervals, the first after some seconds.
 
 use super::loudness;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,12 +8,12 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time before the first line of a log \[s\]; every further one takes twice as long as the one before, up
-/// to a minute.
+/// Time before the first line of a log \[s\]. Each further line takes twice as long as the one before, up
+/// to `MOST`.
 const FIRST: u64 = 5;
 const MOST: u64 = 60;
 
-/// What is done at the moment.
+/// State of the work in progress.
 #[derive(Debug, Default)]
 struct Doing {
     what: String,
@@ -25,7 +25,7 @@ struct Doing {
 }
 
 impl Doing {
-    /// `steps 1200 of 5000, 38 s to go`.
+    /// Returns a line such as `steps 1200 of 5000, 38 s to go`; `None` if no work is in progress.
     fn words(&self, now: Instant) -> Option<String> {
         let since = self.since?;
         if self.of == 0 {
@@ -45,7 +45,7 @@ impl Doing {
     }
 }
 
-/// Where it is shown.
+/// Destination of the progress report.
 #[derive(Debug)]
 enum Place {
     Nowhere,
@@ -53,7 +53,7 @@ enum Place {
     Log(Arc<(Mutex<Doing>, Condvar)>, Option<JoinHandle<()>>),
 }
 
-/// Progress of one thing after another.
+/// Reports the progress of one task after another.
 #[derive(Debug)]
 pub(crate) struct Progress(Place);
 
@@ -72,7 +72,7 @@ impl Default for Progress {
     }
 }
 
-/// Writes a line now and then until it is over.
+/// Writes lines at growing intervals until the work is over.
 fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
     let start = Instant::now();
     let mut pause = FIRST;
@@ -97,7 +97,7 @@ impl Progress {
         |what, done, of| self.show(what, done, of)
     }
 
-    /// A phase of a set-up begins; how long it takes nobody knows.
+    /// Reports the begin of a set-up phase, whose duration is not known.
     pub(crate) fn phase(&self, phase: &str) {
         if loudness().verbose {
             eprintln!("set-up     {phase} ...");
@@ -105,7 +105,7 @@ impl Progress {
         self.show(&format!("set-up: {phase}"), 0, 0);
     }
 
-    /// So much of so many is done.
+    /// Reports that `done` of `of` units are done.
     pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
         match &self.0 {
             Place::Nowhere => {}
@@ -133,7 +133,7 @@ impl Progress {
         }
     }
 
-    /// Says what is done at the moment.
+    /// Sets the label of the unit in progress.
     pub(crate) fn at(&self, label: &str) {
         match &self.0 {
             Place::Nowhere => {}
@@ -150,7 +150,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn clear(&self) {
         match &self.0 {
             Place::Nowhere => {}
@@ -198,7 +198,7 @@ fn bar(what: &str, of: usize) -> ProgressBar {
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
-    // Twice a second: the bar must not take time from the run.
+    // Twice a second, so that drawing the bar takes no time from the run.
     bar.enable_steady_tick(Duration::from_millis(500));
     bar
 }

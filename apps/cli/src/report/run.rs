@@ -1,4 +1,4 @@
-//! Runs, plans of runs, effects and proposals as text.
+//! Prints runs, plans of runs, comparisons of effects and proposals.
 
 use arlequin_scene::effects::Comparison;
 use arlequin_scene::output::packing::PackingLine;
@@ -10,7 +10,7 @@ use arlequin_scene::suggest::Proposal;
 use arlequin_scene::{LinkLine, Preview, RankLine};
 use std::path::Path;
 
-/// Seconds of a set-up below which its phases are of no interest.
+/// Total of a set-up \[s\] below which its phases are not printed.
 const SHORT: f64 = 0.5;
 
 /// Reports a finished or interrupted run.
@@ -59,7 +59,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     }
 }
 
-/// Prints what only a run in time has.
+/// Prints the lines of a run in time.
 fn motion(s: &Summary, planned: usize) {
     println!(
         "steps      {} of {planned} with {:.4e} s (critical {:.4e} s), up to t = {:.4e} s",
@@ -81,7 +81,7 @@ fn motion(s: &Summary, planned: usize) {
     effects(&s.effect_ledger);
 }
 
-/// Prints what only a scene at rest has.
+/// Prints the lines of a scene at rest.
 fn rest(s: &Summary, planned: usize) {
     let residual = s.load_steps.iter().map(|l| l.residual).fold(0.0, f64::max);
     let iterations: usize = s.load_steps.iter().map(|l| l.iterations).sum();
@@ -97,7 +97,7 @@ fn rest(s: &Summary, planned: usize) {
     println!("energy     {:.6e} J at the end", s.energy.last);
 }
 
-/// Prints whether and how a sleeping model woke.
+/// Prints whether, when and how a sleeping model woke.
 fn wake(w: &WakeReport) {
     let place = w.place.unwrap_or_default().map(|x| format!("{x:.4e}")).join(", ");
     let value = w.value.unwrap_or_default();
@@ -189,11 +189,11 @@ fn sizes(p: &Preview) {
     warnings(&p.warnings);
 }
 
-/// A solver is asked for where it takes less than this share of the time of the one that is taken: the
-/// model of times is no closer.
+/// A solver is proposed if its time is below this share of the chosen solver's time; the model of times is
+/// no more accurate than this.
 const WORTH: f64 = 0.7;
 
-/// Says before the first step how models are held on several ranks.
+/// Prints before the first step which models are partitioned on several ranks.
 pub(crate) fn holdings(all: &[RankLine], json: bool) {
     if !json && !super::loudness().quiet {
         ranks(all);
@@ -220,7 +220,7 @@ fn links(all: &[LinkLine]) {
     }
 }
 
-/// Prints what a scene would start, and that nothing was.
+/// Prints what a scene would start, and states that nothing was started.
 pub(crate) fn held(all: &[LinkLine]) {
     links(all);
     println!(
@@ -228,7 +228,7 @@ pub(crate) fn held(all: &[LinkLine]) {
     );
 }
 
-/// Prints where the time of a set-up went; nothing of one that no one waits for.
+/// Prints the time of each phase of a set-up, unless the set-up was short.
 fn phases(all: &[PhaseTime]) {
     let total: f64 = all.iter().map(|p| p.seconds).sum();
     let verbose = super::loudness().verbose;
@@ -240,7 +240,7 @@ fn phases(all: &[PhaseTime]) {
     }
 }
 
-/// Prints what each effect changes and costs.
+/// Prints the change in results and the cost of each effect.
 pub(crate) fn comparison(c: &Comparison) {
     println!("scene      {}", c.scene);
     println!(
@@ -316,7 +316,7 @@ fn momentum(all: &[MomentumLine]) {
     }
 }
 
-/// How a model steps in a step of the run.
+/// Returns a description of a model's own steps within a step of the run.
 fn own_steps(m: &ModelLine) -> String {
     let share = 100.0 * m.own_dt / m.critical_dt;
     match (m.scheme, m.own_steps) {
@@ -343,14 +343,15 @@ fn models(all: &[ModelLine]) {
     }
 }
 
-/// What a solution on many ranks takes by each solver, and which should be asked for.
+/// Returns the expected time of a solution with each solver on many ranks, and a proposal if another solver
+/// is faster.
 fn solutions(i: &InterfaceLine) -> Option<String> {
     let all = &i.solution_times;
     let by = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
     let words: Vec<String> = all.iter().map(by).collect();
     let (best, least) = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let taken = all.iter().find(|t| t.0 == i.solver);
-    // Dense eigenvectors are slower still.
+    // Without a time the chosen solver uses dense eigenvectors, which are slower than all others.
     let gains = taken.is_none_or(|t| *least < WORTH * t.1);
     let key = if gains {
         format!("; take solver = \"{}\"", best.replace(' ', "-"))
@@ -436,7 +437,7 @@ fn bytes(n: usize) -> String {
     }
 }
 
-/// Prints a proposal.
+/// Prints a proposal of settings.
 pub(crate) fn proposal(r: &Proposal, written: Option<&Path>) {
     println!("scene      {}", r.scene);
     println!("goal       {}", r.goal);

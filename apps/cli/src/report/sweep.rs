@@ -1,4 +1,4 @@
-//! What a sweep tells its user, and the files it leaves.
+//! Text output of a sweep, and the files it writes.
 
 use super::{sweep_page, work_precision};
 use crate::error::{Result, write};
@@ -6,7 +6,7 @@ use arlequin_scene::sweep::conclude::{percent, seconds};
 use arlequin_scene::sweep::{Mark, PHASES, Sweep, SweepFile};
 use std::path::Path;
 
-/// Reports a sweep.
+/// Prints a finished or interrupted sweep.
 pub(crate) fn finished(s: &Sweep, out: &Path) {
     println!("sweep      {}", s.title);
     for r in &s.runs {
@@ -46,7 +46,7 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
     println!("results    {}", out.join("report.html").display());
 }
 
-/// Writes `sweep.json`, `sweep.csv`, the pictures and the report; the text of `sweep.json`.
+/// Writes `sweep.json`, `sweep.csv`, the pictures and the report. Returns the text of `sweep.json`.
 pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<String> {
     let put = |name: &str, text: &str| {
         let path = out.join(name);
@@ -65,7 +65,7 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
     Ok(json)
 }
 
-/// Writes `sweep.csv`: one row per run.
+/// Writes `sweep.csv`, one row per run.
 fn csv(path: &Path, s: &Sweep) -> Result<()> {
     let mut parameters: Vec<&String> = s.runs.iter().flat_map(|r| r.parameters.keys()).collect();
     parameters.sort();
@@ -145,7 +145,7 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
     std::fs::write(path, text).map_err(write(path))
 }
 
-/// A cell that may contain commas.
+/// Quotes a cell of a CSV file if it contains commas or quotes.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"']) {
         format!("\"{}\"", text.replace('"', "\"\""))

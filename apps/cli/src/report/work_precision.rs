@@ -1,4 +1,4 @@
-//! Work-precision pictures as SVG: error against time on logarithmic axes.
+//! Work-precision pictures as SVG: error over time on logarithmic axes.
 
 use super::plot::undrawn;
 use crate::error::Result;
@@ -11,15 +11,15 @@ const BLUE: RGBColor = RGBColor(0, 114, 178);
 const ORANGE: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const GREY: RGBColor = RGBColor(120, 120, 120);
-/// Room for the legend, beside the curves or below them \[px\].
+/// Room for the legend \[px\]: its width beside the curves, its height below them.
 const LEGEND: (i32, i32) = (250, 210);
 
-/// Where a picture is looked at.
+/// Kind of screen a picture is made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Screen {
-    /// A desktop, or paper: everything side by side.
+    /// Desktop or paper: parts side by side.
     Wide,
-    /// A phone: everything one below the other.
+    /// Phone: parts one below the other.
     Narrow,
 }
 
@@ -38,12 +38,12 @@ impl Screen {
 struct Decades(f64, f64);
 
 impl Decades {
-    /// Covers all positive values with a margin.
+    /// Returns an axis that covers all positive values with a margin; `None` without positive values.
     fn over(values: impl Iterator<Item = f64>) -> Option<Self> {
         let (low, high) = values
             .filter(|v| *v > 0.0 && v.is_finite())
             .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
-        // At least a third of a decade, so that nearly equal values do not look different.
+        // The axis spans at least a third of a decade, so that nearly equal values do not look different.
         let margin = 1.25f64.max(2.0 / (high / low).max(1.0)).min(1.6);
         (high > 0.0).then(|| Self(low / margin, high * margin))
     }
@@ -84,17 +84,17 @@ impl ValueFormatter<f64> for Decades {
     }
 }
 
-/// Which error a picture shows.
+/// Error that a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shown {
-    /// Of displacements.
+    /// Error of displacements.
     Displacement,
-    /// Of velocities.
+    /// Error of velocities.
     Velocity,
 }
 
 impl Shown {
-    /// In words.
+    /// Returns the name of the quantity.
     fn name(self) -> &'static str {
         match self {
             Self::Displacement => "displacement",
@@ -102,6 +102,7 @@ impl Shown {
         }
     }
 
+    /// Returns the error of a run if it is positive, as a logarithmic axis needs.
     fn of(self, r: &Run) -> Option<f64> {
         let e = match self {
             Self::Displacement => r.errors.displacement,
@@ -113,7 +114,7 @@ impl Shown {
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
-/// Legend entries: what is drawn, and its words.
+/// Draws legend entries one below the other: a symbol and its words.
 struct Legend<'a, 'b> {
     area: &'b Area<'a>,
     top: i32,
@@ -167,7 +168,7 @@ enum Symbol {
     Square(RGBColor),
 }
 
-/// All pictures of a sweep by name.
+/// Draws all pictures of a sweep. Returns their names and SVG texts.
 pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
     let mut out = Vec::new();
     for shown in [Shown::Displacement, Shown::Velocity] {
@@ -183,12 +184,12 @@ pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec
     Ok(out)
 }
 
-/// Error against time of all runs; none if no run has both.
+/// Draws the error over the time of all runs; `None` if no run has both.
 fn work_precision(s: &Sweep, shown: Shown, screen: Screen) -> Result<Option<String>> {
     let name = format!("work-precision-{}", shown.name());
     let point = |r: &Run| Some((r.cost?, shown.of(r)?));
     let points: Vec<(&Run, (f64, f64))> = s.runs.iter().filter_map(|r| Some((r, point(r)?))).collect();
-    // A run without an error of its own is the reference; its time is a line.
+    // The reference has no error of its own, so its time is drawn as a line.
     let exact: Vec<f64> = s
         .runs
         .iter()
@@ -286,7 +287,7 @@ fn draw_work(
     root.present().map_err(|e| text(&e))
 }
 
-/// Marks every run; which of the four kinds of [`name_points`] there are.
+/// Draws a mark for every run. Returns which of the four kinds of [`name_points`] were drawn.
 fn draw_points(
     chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<Decades, Decades>>,
     points: &[(&Run, (f64, f64))],
@@ -338,7 +339,7 @@ fn name_points(legend: &mut Legend<'_, '_>, seen: [bool; 4]) -> std::result::Res
     Ok(())
 }
 
-/// The points that no other beats in this picture, by rising time.
+/// Returns the Pareto front by rising time: points with a smaller error than all faster ones.
 fn front(points: &[(f64, f64)]) -> Points {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -351,7 +352,7 @@ fn front(points: &[(f64, f64)]) -> Points {
     sorted
 }
 
-/// Error and time over the value of an axis, side by side.
+/// Draws error and time over the values of an axis, side by side; `None` for fewer than two rows.
 fn hook(s: &Sweep, hook: &Hook, screen: Screen) -> Result<Option<String>> {
     let rows = hook_rows(&s.runs, hook);
     if rows.len() < 2 {
@@ -390,7 +391,7 @@ fn draw_hook(
         ("velocity", ORANGE, collect(&|r| r.velocity)),
     ];
     errors.retain(|e| !e.2.is_empty());
-    // Slope 2 through the first point of the first curve.
+    // Guide line of slope 2 through the first point of the first curve.
     let guide: Points = errors.first().map_or_else(Vec::new, |e| {
         let (x, y) = e.2[0];
         let top = e.2.iter().map(|p| p.1).fold(0.0, f64::max);
@@ -447,7 +448,7 @@ fn panel(
         .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(|e| text(&e))?;
-    // The legend stands above the curves.
+    // The legend stands above the curves, in the top margin.
     let strip = area.margin(0, 0, 92, 0);
     let mut legend = Legend {
         area: &strip,
@@ -476,7 +477,7 @@ fn panel(
     Ok(())
 }
 
-/// An inline picture needs no namespace: the page then contains no address at all.
+/// Prepares a picture for a page: without its namespace the page contains no address at all.
 pub(crate) fn inline(svg: &str) -> String {
     svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", " role=\"img\"", 1)
 }

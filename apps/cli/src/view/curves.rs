@@ -1,11 +1,11 @@
-//! Tables over time, grouped into plots by what they show.
+//! Reads tables over time and groups their columns into plots by quantity and unit.
 
 use std::path::Path;
 
-/// Rows of a plot; more cannot be told apart on a screen.
+/// Largest number of rows of a plot; a screen cannot show more.
 const ROWS: usize = 1200;
 
-/// Curves of one quantity.
+/// Curves of one quantity over time.
 #[derive(Debug)]
 pub(super) struct Plot {
     pub(super) title: String,
@@ -15,7 +15,7 @@ pub(super) struct Plot {
     pub(super) columns: Vec<Vec<f64>>,
 }
 
-/// A header of a table.
+/// Parts of a column name.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) curve: String,
@@ -23,8 +23,8 @@ pub(crate) struct Header {
     pub(crate) unit: String,
 }
 
-/// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed
-/// over.
+/// Reads the tables of a folder that have a time column. Missing tables and tables with fewer than two
+/// complete rows are skipped.
 pub(super) fn read(folder: &Path) -> Vec<Plot> {
     let mut out = Vec::new();
     for file in ["probes.csv", "energy.csv", "effects.csv"] {
@@ -62,7 +62,7 @@ pub(super) fn read(folder: &Path) -> Vec<Plot> {
     out
 }
 
-/// What a column is; none if it is not drawn.
+/// Splits a column name into curve, quantity and unit; `None` if the column is not plotted.
 pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     let (words, unit) = match name.strip_suffix(']').and_then(|n| n.rsplit_once(" [")) {
         Some((words, unit)) => (words, unit),
@@ -84,7 +84,7 @@ pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
         "energy.csv" => None,
         _ => {
             let (of, quantity) = words.split_once(' ')?;
-            // Components stand in one plot.
+            // Components of one vector share a plot.
             match quantity.rsplit_once(' ') {
                 Some((q, axis @ ("x" | "y" | "z"))) => made(&format!("{of} {axis}"), q),
                 _ if file == "effects.csv" && unit.is_empty() && quantity != "broken bonds" => None,
@@ -95,7 +95,8 @@ pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     }
 }
 
-/// Keeps lowest and highest value of every curve in every few rows: peaks stay.
+/// Reduces the rows of a plot: of every group of rows keeps those with the lowest and the highest value of
+/// each curve, so that peaks remain.
 fn thinned(plot: Plot) -> Plot {
     let rows = plot.times.len();
     if rows <= ROWS {

@@ -1,33 +1,34 @@
-//! The picture of a grid: faces between cells, lines, and what is left of both when points are left out.
+//! Grid of a frame as it is drawn: faces between cells, and lines.
 
 use super::frames::{Frame, Place};
 use crate::error::{Result, value};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// No cell on the other side of a face.
+/// Cell number of a face's outer side, where there is no cell.
 pub(super) const OUTSIDE: u32 = u32::MAX;
 
-/// A grid as it is drawn. Indices of points and cells are those of the file.
+/// A grid as it is drawn. Points and cells have the numbers of the file.
 #[derive(Debug, Default)]
 pub(super) struct Grid {
-    /// Points at rest, three coordinates each \[m\].
+    /// Reference positions of the points, three coordinates each \[m\].
     pub(super) points: Vec<f64>,
-    /// Four corners (the last two alike for a triangle) and the cells on both sides.
+    /// Four corners (the last two are equal for a triangle), then the cells on both sides.
     pub(super) faces: Vec<[u32; 6]>,
-    /// Ends of a line and its cell.
+    /// Both ends of each line, then the number of its cell.
     pub(super) lines: Vec<[u32; 3]>,
-    /// Corners of all solid and plane cells in a row, and where each cell ends in it; empty cells are of
-    /// other kinds.
+    /// Corners of all solid and plane cells in a row. `ends` holds where each cell's corners end; other
+    /// kinds of cells have no corners here.
     pub(super) corners: Vec<u32>,
     pub(super) ends: Vec<u32>,
-    /// Cells of kinds that are not drawn.
+    /// Number of cells of kinds that are not drawn.
     pub(super) unknown: usize,
 }
 
-/// Faces of the cells of VTK that are drawn: outward, corners by their place in the cell.
+/// Returns the faces of a VTK cell type that is drawn, as local corner numbers in outward order.
 fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
     match kind {
+        // VTK numbers: 5 triangle, 9 quadrilateral, 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid.
         5 => Some(&[[0, 1, 2, 2]]),
         9 => Some(&[[0, 1, 2, 3]]),
         10 => Some(&[[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [0, 3, 2, 2]]),
@@ -91,7 +92,7 @@ impl Grid {
             points,
             ..Self::default()
         };
-        // A face that two cells have lies between them.
+        // A face that two cells have lies between them: the second cell finds the first one's face here.
         let mut between: HashMap<[u32; 4], usize> = HashMap::new();
         let mut start = 0;
         for (cell, (end, kind)) in ends.iter().zip(kinds).enumerate() {
@@ -100,6 +101,8 @@ impl Grid {
             match (faces_of(*kind), kind) {
                 (Some(faces), _) if own.len() > faces.iter().flatten().copied().max().unwrap_or(0) => {
                     for face in faces {
+                        // Sorted corners make the key independent of the direction in which a cell lists
+                        // the face.
                         let at = face.map(|k| own[k]);
                         let mut key = at;
                         key.sort_unstable();
@@ -122,13 +125,13 @@ impl Grid {
         grid
     }
 
-    /// Corners of a cell.
+    /// Returns the corners of a cell.
     pub(super) fn cell(&self, k: usize) -> &[u32] {
         let start = if k == 0 { 0 } else { self.ends[k - 1] as usize };
         &self.corners[start..self.ends[k] as usize]
     }
 
-    /// Centres of all cells, zero for those that have no faces.
+    /// Returns the centres of all cells \[m\]; zero for cells without faces.
     pub(super) fn centres(&self) -> Vec<f64> {
         let centre = |k: usize| {
             let own = self.cell(k);
@@ -138,7 +141,7 @@ impl Grid {
         (0..self.ends.len()).flat_map(centre).collect()
     }
 
-    /// Values of cells as means at the points.
+    /// Averages cell values at the points: the mean over all cells with that point as a corner.
     pub(super) fn at_points(&self, values: &[f64], components: usize) -> Vec<f64> {
         let count = self.points.len() / 3;
         let (mut sums, mut shares) = (vec![0.0_f64; count * components], vec![0.0_f64; count]);
@@ -156,7 +159,7 @@ impl Grid {
         sums
     }
 
-    /// Leaves out all that lies within.
+    /// Removes the faces between cells, so that only the surface remains.
     pub(super) fn hollow(&mut self) {
         self.faces.retain(|f| f[5] == OUTSIDE);
     }

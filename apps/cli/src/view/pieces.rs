@@ -1,4 +1,4 @@
-//! A frame of which every rank wrote a piece, put together: points and cells in the order of the whole
+//! Assembles a frame whose pieces were written by several ranks: points and cells in the order of the whole
 //! model, each once.
 
 use super::frames::{Array, Place, Vtu, damaged, read};
@@ -6,20 +6,20 @@ use crate::error::Result;
 use roxmltree::Document;
 use std::path::{Path, PathBuf};
 
-/// Arrays by which pieces are put together, which show nothing.
+/// Arrays that number the points and cells of the whole model and mark ghosts. They are not shown.
 const POINTS: &str = "GlobalPointIds";
 const CELLS: &str = "GlobalCellIds";
 const GHOST: &str = "vtkGhostType";
 
-/// A piece.
+/// The file of one rank.
 #[derive(Debug)]
 struct Piece {
     file: Vtu,
-    /// Numbers of its points in the whole.
+    /// Numbers of the piece's points in the whole model.
     points: Vec<u32>,
-    /// Whether another piece has it as its own.
+    /// For each point: true if it is owned by another piece.
     ghost: Vec<bool>,
-    /// Numbers of its cells in the whole.
+    /// Numbers of the piece's cells in the whole model.
     cells: Vec<u32>,
 }
 
@@ -33,7 +33,8 @@ pub(super) struct Pieces {
 }
 
 impl Pieces {
-    /// Opens what a file names.
+    /// Opens a `.pvtu` file and the pieces it names. Fails unless they hold every point and cell of the
+    /// whole model exactly once.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(read(path))?;
         let xml = Document::parse(&text).map_err(|e| damaged(path, &e.to_string()))?;
@@ -60,13 +61,13 @@ impl Pieces {
         Ok(out)
     }
 
-    /// Arrays of the whole.
+    /// Returns the arrays of the whole model that can be shown.
     pub(super) fn arrays(&self) -> Vec<Array> {
         let shown = |a: &&Array| ![POINTS, CELLS, GHOST].contains(&a.name.as_str());
         self.all[0].file.arrays.iter().filter(shown).cloned().collect()
     }
 
-    /// All numbers of an array, in the order of the whole.
+    /// Reads all numbers of an array, in the order of the whole model.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         match (array.place, array.name.as_str()) {
             (Place::Grid, "connectivity") => self.connectivity(),
@@ -79,7 +80,8 @@ impl Pieces {
         }
     }
 
-    /// Numbers of an array of points or cells; `own` tells places in a piece and in the whole.
+    /// Gathers an array of points or cells from all pieces. `own` returns pairs of numbers: in the piece
+    /// and in the whole model.
     fn gathered(
         &mut self,
         array: &Array,
@@ -99,13 +101,14 @@ impl Pieces {
         Ok(out)
     }
 
-    /// Where the corners of each cell of the whole end in a row of all.
+    /// Returns where the corners of each cell end in the connectivity of the whole model.
     fn ends(&mut self) -> Result<Vec<usize>> {
         let mut ends = vec![0; self.cells];
         for p in &mut self.all {
             let mut start = 0;
             let offsets = p.numbers(Place::Grid, "offsets", 1)?;
             for (cell, end) in p.cells.iter().zip(offsets) {
+                // First the number of corners of each cell, summed up below.
                 ends[*cell as usize] = (end as usize).saturating_sub(start);
                 start = end as usize;
             }
@@ -118,6 +121,7 @@ impl Pieces {
         Ok(ends)
     }
 
+    /// Returns the corners of all cells, numbered as in the whole model.
     fn connectivity(&mut self) -> Result<Vec<f64>> {
         let ends = self.ends()?;
         let rows = self
@@ -161,7 +165,7 @@ impl Piece {
         })
     }
 
-    /// Places of its own points here and in the whole.
+    /// Returns pairs of numbers, in the piece and in the whole model, of the points that the piece owns.
     fn own(&self) -> impl Iterator<Item = (usize, u32)> {
         let all = self.points.iter().zip(&self.ghost).enumerate();
         all.filter(|(_, (_, ghost))| !**ghost).map(|(k, (n, _))| (k, *n))
@@ -180,7 +184,7 @@ impl Piece {
     }
 }
 
-/// Whether these are the numbers from zero on, each once.
+/// Returns whether `numbers` are 0 to `count` − 1, each exactly once.
 fn once(numbers: impl Iterator<Item = u32>, count: usize) -> bool {
     let mut there = vec![false; count];
     let mut fresh = |k: u32| {
