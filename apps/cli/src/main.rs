@@ -193,8 +193,8 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
 /// Runs a command that works in a single process.
 fn run_alone(command: Command) -> Result<ExitCode, Located> {
     match command {
+        // Handled in `run_command` already.
         Command::Run { .. } | Command::Resume { .. } => Ok(ExitCode::SUCCESS),
-        // [`run_command`] has handled both before.
         Command::Check { common, start, ranks } => with_scene(&common, &None, |scene| {
             let planned = ranks.map(|n| scene.clone().for_ranks(n));
             let scene = planned.as_ref().unwrap_or(scene);

@@ -1,6 +1,6 @@
 //! The cantilever of Norma.jl (Sandia): clamped at x = 0, released from `u_y = 0.393701 x²`, two non-nested
-//! hexahedral meshes that overlap around the middle. Linear law here, finite strain there: compare the
-//! drift, not the path.
+//! hexahedral meshes that overlap around the middle. Our law is linear, theirs has finite strain: compare
+//! the drift of energy, not the motion.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
@@ -14,15 +14,14 @@ const LENGTH: f64 = 0.254;
 const SECTION: [f64; 2] = [0.0254, 0.0127];
 const FINE: f64 = 6.35e-3;
 
-/// Drift of the invariant and change of the plain total energy, both relative to the start, at 1 ms and 10
-/// ms.
+/// Drift of the invariant and change of the total energy, both relative to the start, at 1 ms and 10 ms.
 #[derive(Debug, Clone, Copy)]
 pub struct Drift {
     /// Energy at the start \[J\].
     pub start: f64,
     /// Largest drift of the invariant.
     pub invariant: [f64; 2],
-    /// Change of the plain total energy.
+    /// Change of the total energy.
     pub total: [f64; 2],
 }
 
@@ -38,11 +37,11 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
     )?)
 }
 
-/// One cell of the table: mesh ratio `1:ratio`, overlap width \[m\], and own steps of the finer side in a
-/// step of 1 µs.
+/// Builds one cell of the table. `ratio` is the mesh ratio `1:ratio`, `overlap` the width of the overlap
+/// \[m\], `own` the number of own steps of the finer side in a step of 1 µs.
 ///
 /// # Errors
-/// Those of the core and the meshes.
+/// Errors of the core and the meshes.
 pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     let [left, right] = [LENGTH / 2.0 - overlap / 2.0, LENGTH / 2.0 + overlap / 2.0];
     let at = |x: f64| Point3::new(x, 0.0, 0.0);
@@ -83,8 +82,8 @@ pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     Coupled::new(subdomains, vec![interface], TimeStep::Seconds(1e-6), None)
 }
 
-/// Mesh ratio, then published drift of the total energy at 1 ms \[%\] for the three overlap widths of
-/// [`WIDTHS`].
+/// Mesh ratios, each with the published drifts of the total energy at 1 ms \[%\] for the three overlap
+/// widths of [`WIDTHS`].
 pub const PUBLISHED: [(f64, [f64; 3]); 5] = [
     (1.0, [-0.1, -0.1, -0.0]),
     (0.8, [29.8, 20.4, -3.1]),
@@ -95,10 +94,10 @@ pub const PUBLISHED: [(f64, [f64; 3]); 5] = [
 /// Overlap widths of the table \[m\].
 pub const WIDTHS: [f64; 3] = [50.8e-3, 25.4e-3, 12.7e-3];
 
-/// Runs one cell to 10 ms.
+/// Runs one cell of the table to 10 ms.
 ///
 /// # Errors
-/// Those of [`build`] and of the steps.
+/// Errors of [`build`] and of the steps.
 pub fn drift(ratio: f64, overlap: f64, own: usize) -> Result<Drift> {
     let mut run = build(ratio, overlap, own)?;
     let start = run.energy();

@@ -92,7 +92,7 @@ fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
 }
 
 impl Progress {
-    /// What a library tells of its progress.
+    /// Returns the function by which libraries report their progress.
     pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
         |what, done, of| self.show(what, done, of)
     }

@@ -163,8 +163,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Remembers that a shared table needs a section.
-    /// One key, and what is below it.
+    /// Writes the row of a key and the rows below it.
     fn key(&mut self, name: &str, schema: &'a Object, needed: bool) {
         self.row(name, schema, Some(needed));
         let items = schema.get("items").and_then(Value::as_object);
@@ -180,6 +179,7 @@ impl<'a> Writer<'a> {
         self.uses.get(name).is_some_and(|n| *n > 1)
     }
 
+    /// Remembers that a shared table needs a section.
     fn later(&mut self, name: &'a str) {
         if !self.pending.contains(&name) {
             self.pending.push(name);

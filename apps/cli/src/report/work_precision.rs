@@ -24,7 +24,7 @@ pub(crate) enum Screen {
 }
 
 impl Screen {
-    /// Width and height of a picture with so many parts \[px\].
+    /// Returns width and height \[px\] of a picture with `parts` parts.
     fn size(self, parts: u32) -> (u32, u32) {
         match self {
             Self::Wide => (1060, 560),

@@ -1,4 +1,4 @@
-//! The papers' parameter study on the line: weighting, junction length, mediator, locking.
+//! The papers' parameter study on the line: weighting, junction length, mediator spacing, locking.
 
 use super::check::{Accept, Check, short};
 use super::{Figure, Report, Runs, Series, at};
@@ -10,7 +10,8 @@ use arlequin_scene::Result;
 const J13: &str = "Jebahi et al. 2013";
 const J14: &str = "Jebahi et al. 2014";
 
-/// Constant weights in the overlap: energy weighting is transparent, the nodal law is not conservative.
+/// Constant weights in the overlap: energy weighting is transparent, nodal weighting does not conserve
+/// energy.
 pub(super) fn weighting(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
@@ -39,7 +40,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
             };
             let source = "Jebahi et al. 2013, 2(1-alpha)";
             checks.push(Check::against(name("t"), p.t, t, source, accept_t).note(note));
-            // Printed with the sign of the force, which a displacement has turned round.
+            // The printed r has the sign of a force, which is opposite for a displacement.
             let r_row = Check::against(name("r"), -p.r, r, J13, accept_r);
             checks.push(if nodal {
                 r_row.note("printed is 1 - t, not a measured reflection; here it is what comes back")
@@ -48,7 +49,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
             });
             let what = name("relative change of energy");
             checks.push(if nodal {
-                // The impedances of both models outside of the overlap are alike.
+                // Both models have the same impedance outside of the overlap.
                 let expected = t * t + r * r - 1.0;
                 let source = "t^2 + r^2 - 1 of their coefficients";
                 Check::against(what, p.energy, expected, source, Accept::Absolute(0.05))
@@ -60,12 +61,13 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Condition of the multiplier operator.
+/// Returns the condition number of the interface operator.
 fn condition(line: &Line) -> CoreResult<f64> {
     Ok(line.build(&rest, &rest)?.interfaces()[0].report().condition)
 }
 
-/// A short line with a continuous weight, overlap and mediator in particle spacings.
+/// Returns a short line with a continuous weight. Widths of overlap and mediator elements are in particle
+/// spacings.
 fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junction: Product) -> Line {
     Line {
         profile,
@@ -79,12 +81,13 @@ fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junct
     }
 }
 
-/// Lengths over that of the mediator.
+/// Returns the tested junction lengths over the mediator's element length.
 fn lengths() -> Vec<f64> {
     waves::wavelengths(0.01, 3.0, 60)
 }
 
-/// Best length over that of the mediator with its condition, and the condition at all lengths.
+/// Returns the best junction length over the mediator's with its condition number, and the condition
+/// numbers at all lengths.
 fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
     let mut best = (0.0, f64::INFINITY);
     let mut curve = Vec::new();
@@ -105,7 +108,8 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
     Ok((best, curve))
 }
 
-/// cond(A) against l, the best l by width and mediator, cond(A) against the smallest weight.
+/// Condition number over the junction length, best length by width and mediator, condition number over the
+/// floor of the weight.
 pub(super) fn conditioning(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();
@@ -130,7 +134,8 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                     .note("their meshes are not printed; the minimum must lie between a fifth and three quarters of h_B"),
                 );
             }
-            // On a flat curve the place of the minimum says little: what their length costs says more.
+            // On a flat curve the position of the minimum says little, so the condition at their length is
+            // compared.
             let theirs = bench(
                 Profile::Linear,
                 overlap,
@@ -209,14 +214,14 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
                 weighting,
                 ..bench(Profile::Linear, 20.0, 1.0, epsilon, Product::L2)
             };
-            // The nodal law shortens the critical step; only the operator is wanted here.
+            // Nodal weighting shortens the critical step; here only the operator matters.
             let line = Line {
                 step: arlequin::core::TimeStep::Fraction(0.5),
                 ..line
             };
             let c = condition(&line).map_err(at("conditioning"))?;
             if first[k] <= 0.0 {
-                // What the others are compared with.
+                // The first floor is the reference for the others.
                 first[k] = c;
                 continue;
             }
@@ -229,7 +234,7 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
                 if k == 0 {
                     Accept::AtMost(3.0)
                 } else {
-                    // As 1/epsilon, within 10 %.
+                    // The condition grows as 1/epsilon, within 10 %.
                     Accept::Between(0.9 * 0.05 / epsilon, 1.1 * 0.05 / epsilon)
                 },
             );
@@ -243,7 +248,7 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
     Ok(())
 }
 
-/// Largest reflection below the cutoff against `h_B`, for the papers' three settings.
+/// Largest reflection below the cutoff over `h_B`, for the papers' three settings.
 pub(super) fn mediator(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();
@@ -334,7 +339,7 @@ fn mediator_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// A steep pulse crosses the overlap: how far apart the two velocity fields are.
+/// A steep pulse crosses the overlap: difference between the two velocity fields.
 pub(super) fn locking(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();

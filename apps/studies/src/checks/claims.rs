@@ -1,4 +1,4 @@
-//! Claims of the papers that our formulation contradicts, by name and with numbers.
+//! Two claims of the papers that our formulation contradicts, with numbers.
 
 use super::check::{Accept, Check, short};
 use super::{Report, Runs, at};
@@ -13,14 +13,15 @@ const DIRECTION: &str =
     "the papers: a wave out of the continuum is reflected more than one out of the particles";
 const DAMPING: &str = "the papers: a wide overlap with a fine mediator damps the global wave";
 
-/// Both claims.
+/// Checks both claims.
 pub(super) fn claims(_: &Runs) -> Result<Report> {
     let mut checks = direction()?;
     checks.extend(damping()?);
     Ok(checks.into())
 }
 
-/// A conserving, symmetric coupling is reciprocal: at one frequency it reflects the same share either way.
+/// A conserving, symmetric coupling is reciprocal: at one frequency it reflects the same share in both
+/// directions.
 fn direction() -> Result<Vec<Check>> {
     let mut checks = Vec::new();
     for (name, mediator) in [("h_B = h_C", 10.0), ("h_B = h_D", 1.0)] {
@@ -65,7 +66,8 @@ fn direction() -> Result<Vec<Check>> {
     Ok(checks)
 }
 
-/// Whatever the mediator, energy stays; what a fine one does in a wide overlap is to reflect.
+/// Energy is conserved with every mediator; in a wide overlap a fine mediator reflects waves instead of
+/// damping them.
 fn damping() -> Result<Vec<Check>> {
     let mut checks = Vec::new();
     let wide = |mediator| Line {

@@ -7,7 +7,7 @@ use arlequin::core::{Profile, conformance};
 use arlequin::fem_ref::ElementKind;
 use arlequin_scene::Result;
 
-/// All fifteen cells.
+/// Checks all fifteen cells of the table.
 pub(super) fn bauman(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for case in deck::table() {
@@ -22,7 +22,7 @@ pub(super) fn bauman(_: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Check 9: linear and angular momentum, and a mediator that overhangs.
+/// Check 9 of the method: linear and angular momentum, and a mediator that overhangs.
 pub(super) fn momenta(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for kind in [ElementKind::Hex8, ElementKind::Tet4] {
@@ -75,7 +75,8 @@ pub(super) fn momenta(_: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// The cantilever's table: total energy at 1 ms and 10 ms beside the published drift of Schwarz coupling.
+/// Compares the total energy of the cantilever at 1 ms and 10 ms with the published drift of Schwarz
+/// coupling.
 pub(super) fn cantilever(done: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for (ratio, published) in bar::PUBLISHED {
@@ -90,7 +91,8 @@ pub(super) fn cantilever(done: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// One cell of that table: mesh ratio `1:ratio`, width of the overlap \[m\], published drift at 1 ms \[%\].
+/// Returns the checks of one cell: mesh ratio `1:ratio`, width of the overlap \[m\], published drift at 1
+/// ms \[%\].
 ///
 /// # Errors
 /// Failed runs.

@@ -1,12 +1,12 @@
-//! The strength of a packing by three tests, each from the load curve of its reactions: direct tension,
-//! Brazilian disc, bending.
+//! Strength of a packing by three tests: direct tension, Brazilian disc, bending. Each uses the load curve
+//! of its reaction forces.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs};
 use arlequin_scene::{Result, Scene, Silent, Source};
 use std::f64::consts::PI;
 
-/// A test as it ships.
+/// A scene that ships with this crate.
 struct Deck {
     name: &'static str,
     text: &'static str,
@@ -25,11 +25,11 @@ const BEND: Deck = Deck {
     text: include_str!("../../scenes/three-point-bend.toml"),
 };
 
-/// Share of the run over which a force is averaged: it is read every few steps and rings with the waves in
-/// the body.
+/// Share of the run over which a force is averaged. The force is sampled every few steps and oscillates
+/// with the waves in the body.
 const WINDOW: f64 = 0.02;
 
-/// A load curve: way \[m\] and force \[N\], loads positive.
+/// A load curve: displacement \[m\] and force \[N\], positive as a load.
 struct LoadCurve {
     way: Vec<f64>,
     force: Vec<f64>,
@@ -50,7 +50,7 @@ impl LoadCurve {
         self.force.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Slope \[N/m\] between a fifth and a half of the largest force, by least squares.
+    /// Returns the slope \[N/m\] between 20 % and 50 % of the largest force, by least squares.
     fn slope(&self) -> f64 {
         let top = self.peak();
         let end = self.force.iter().position(|f| *f >= top).unwrap_or_default();
@@ -72,7 +72,7 @@ impl LoadCurve {
     }
 }
 
-/// Means over a window.
+/// Returns moving averages over [`WINDOW`].
 fn averaged(values: &[f64]) -> Vec<f64> {
     let half = (WINDOW * values.len() as f64 * 0.5).ceil() as usize;
     let mean = |k: usize| {
@@ -82,14 +82,15 @@ fn averaged(values: &[f64]) -> Vec<f64> {
     (0..values.len()).map(mean).collect()
 }
 
-/// Peak loads of a disc and of a beam beside what the strength in tension predicts.
+/// Compares the peak loads of a disc and of a beam with predictions from the strength in tension.
 pub(super) fn strength(done: &Runs) -> Result<Report> {
     if done.quick {
         return Ok(Report::default());
     }
     let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::of(&d));
     let (tension, disc, bend) = (tension?, disc?, bend?);
-    // Sizes of the scenes [m]: section of the bar; diameter and thickness; span, width, height.
+    // Dimensions in the scenes [m, m²]: section of the bar; diameter and thickness of the disc; span, width
+    // and height of the beam.
     let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 3e-3, 4e-3]);
     let own = tension.peak() / section;
     let split = 2.0 * disc.peak() / (PI * wide * thick);

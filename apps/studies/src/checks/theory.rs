@@ -1,4 +1,4 @@
-//! The acceptance checks of the method on the line: bar and chain of `arlequin_studies`.
+//! Acceptance checks of the method on the line: a bar and a chain of springs.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs, Series, at};
@@ -8,9 +8,9 @@ use arlequin::core::harmonic::Scattering;
 use arlequin::core::{Error as Core, Profile, TimeStep};
 use arlequin_scene::Result;
 
-/// Numbers of a program of its own, written before this one from the same equations.
+/// Source of numbers from an independent program, written before this one from the same equations.
 const PROTOTYPE: &str = "this method, independent prototype";
-/// One material throughout: nothing to reflect.
+/// Source of values for a line of one material, which reflects nothing.
 const HOMOGENEOUS: &str = "a homogeneous line";
 const REGRESSION: &str = "ours, version 0.1: a regression";
 
@@ -18,7 +18,7 @@ fn checks(checks: Vec<Check>) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Checks 1 and 2.
+/// Checks 1 and 2 of the method: transmission of a long pulse.
 pub(super) fn transmission(_: &Runs) -> Result<Report> {
     let mut out = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
@@ -62,7 +62,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 3.
+/// Check 3 of the method: conservation of energy and constraints.
 pub(super) fn invariants(_: &Runs) -> Result<Report> {
     let line = Line {
         coarse_elements: 20,
@@ -88,7 +88,7 @@ pub(super) fn invariants(_: &Runs) -> Result<Report> {
     ])
 }
 
-/// Check 4.
+/// Check 4 of the method: the critical step.
 pub(super) fn critical_step(_: &Runs) -> Result<Report> {
     let mut out = Vec::new();
     for epsilon in [0.05, 0.005, 0.0005] {
@@ -109,6 +109,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
             Accept::Between(1.0 - 1e-6, 1.0005),
         ));
         let at_factor = |factor: f64| {
+            // An unchecked step is not refused, so that a run above the critical step can diverge.
             let step = TimeStep::Unchecked(ratio * factor);
             let mut c = waves::random_state(&Line { step, ..line.clone() }, [7, 3])?;
             run(&mut c, 20_000)?;
@@ -133,7 +134,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 5, and the absorber over wavelengths.
+/// Check 5 of the method, and the absorber over wavelengths.
 pub(super) fn absorber(done: &Runs) -> Result<Report> {
     let line = waves::packet_line();
     let send = |wavelength: f64, width: f64, damping: Option<Damping>| {
@@ -206,7 +207,7 @@ fn absorber_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// Check 6.
+/// Check 6 of the method: uniform strain across the overlap.
 pub(super) fn patch(_: &Runs) -> Result<Report> {
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
     let compatible = Profile::mediator_compatible(&stations).map_err(at("patch"))?;
@@ -221,8 +222,8 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
             ..waves::patch_line()
         };
         let defect = waves::patch_defects(&line).map_err(at("patch"))?;
-        // The strain jumps from spring to spring where the displacement does not: it is off by a fifth, at
-        // the border where the weight of the springs vanishes.
+        // The strain jumps from spring to spring where the displacement does not. It errs by a fifth at the
+        // border where the weight of the springs vanishes.
         let strain = match accept {
             Accept::AtMost(_) => Accept::AtMost(1e-10),
             _ => Accept::Between(1e-2, 0.25),
@@ -247,10 +248,11 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 7, and reflection and transmission against frequency.
+/// Check 7 of the method, and reflection and transmission over frequency.
 pub(super) fn reflection(done: &Runs) -> Result<Report> {
-    // The first numbers are the largest of six wavelengths; over all of [4.2, 40] h the true maxima are a
-    // little higher: between the samples the reflections of the two borders add up.
+    // Of each pair the first number is the largest of six wavelengths, the second the largest over [4.2,
+    // 40] h. The second is higher because between the six samples the reflections of the two borders add
+    // up.
     let bounds = [
         (20.0, [0.0845, 0.0847], [2.77, 2.335]),
         (40.0, [0.0239, 0.0266], [2.11, 1.624]),
@@ -276,7 +278,7 @@ pub(super) fn reflection(done: &Runs) -> Result<Report> {
     })
 }
 
-/// What an overlap reflects, and how far it strains long waves.
+/// Checks the reflection of an overlap, and the strain of long waves in it.
 fn reflected(line: &Line, top: [f64; 2], strains: [f64; 2]) -> arlequin::core::Result<Vec<Check>> {
     let width = format!("L_O = {} h", line.overlap / 10.0);
     let six = waves::scattering(line, &[4.2, 6.0, 8.0, 12.0, 20.0, 40.0])?;
@@ -347,13 +349,13 @@ fn reflected(line: &Line, top: [f64; 2], strains: [f64; 2]) -> arlequin::core::R
     Ok(out)
 }
 
-/// Reflection, and for the narrowest overlap transmission, over frequency.
+/// Returns reflection over frequency, and transmission for the narrowest overlap.
 fn reflection_curves(lines: &[Line]) -> arlequin::core::Result<Vec<Series>> {
     let mut curves = Vec::new();
     let dense = waves::wavelengths(3.2, 40.0, 200);
     for line in lines {
         let found = waves::scattering(line, &dense)?;
-        // Frequency over that of the coarse cutoff c/(π h).
+        // Frequency over that of the coarse cutoff, c/(π h).
         let f: Vec<f64> = found
             .iter()
             .map(|s| (std::f64::consts::PI / s.wavelength).sin() * line.h)
@@ -383,7 +385,7 @@ fn reflection_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// Check 8.
+/// Check 8 of the method: a mediator finer than the particles.
 pub(super) fn rank(_: &Runs) -> Result<Report> {
     let line = Line {
         mediator: 0.5,

@@ -1,4 +1,4 @@
-//! Models of very different stiffness and density, nearly incompressible bodies.
+//! Models of very different stiffness and density, and nearly incompressible bodies.
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::line::{Line, run};
@@ -27,7 +27,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The small line with a bar of its own Young's modulus and density.
+/// Builds the small line with another Young's modulus and density of the bar.
 fn contrast(young: f64, density: f64, step: TimeStep<f64>) -> Result<Coupled<f64>> {
     let line = Line {
         coarse_elements: 20,
@@ -72,7 +72,7 @@ fn contrasts() -> Result<Outcome> {
     ] {
         let name = format!("E ratio {young:e}, density ratio {density:e}");
         let mut c = contrast(young, density, TimeStep::Fraction(0.9))?;
-        // Free bar: ω_max = 2c/h; free chain: 2.
+        // Highest frequencies: 2c/h for the free bar, 2 for the free chain.
         let expected = (10.0 / (young / density).sqrt()).min(1.0);
         out.add(
             format!("critical step over the exact one, {name}"),
@@ -132,7 +132,7 @@ fn incompressible() -> Result<Outcome> {
     c.run(1500, &mut Silent)?;
     out.add("drift", c.drift(), 0.0..=1e-10);
     out.add("velocity jump", c.constraint_residual(), 0.0..=1e-10);
-    // The shortest edge, of the tetrahedra: 2/7; E = rho = 1.
+    // The shortest edge belongs to the tetrahedra: 2/7. With E = rho = 1 this is also the time.
     let naive = 2.0 / 7.0;
     out.add_refusal(
         "a step of h/sqrt(E/rho)",

@@ -1,5 +1,5 @@
 //! Natural elements on the worst point sets: exact grids, where eight nodes share each circumsphere, and
-//! grids moved by a billionth, where the tetrahedra between them are flat.
+//! grids perturbed by 1e-9, which make flat tetrahedra.
 
 use super::{HardCase, Outcome, critical, shaken};
 use crate::solid::{self, block, material};
@@ -42,7 +42,7 @@ fn points(noise: f64) -> Result<Vec<Point3<f64>>> {
         .collect())
 }
 
-/// Critical step of linear tetrahedra on the complex \[s\]; zero where they are refused.
+/// Returns the critical step of linear tetrahedra on the same complex \[s\]; zero if the mesh is refused.
 fn tetrahedra(domain: &Domain) -> Result<f64> {
     let connectivity = domain.elements().flatten().map(|n| n as u32).collect();
     let Ok(mesh) = Mesh::new(ElementKind::Tet4, domain.nodes().to_vec(), connectivity) else {

@@ -1,4 +1,4 @@
-//! Overlaps in awkward places: on supports and loads, in a corner, at a free surface, around a hole.
+//! Overlaps in difficult places: at supports and loads, in a corner, at a free surface, around a hole.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, shaken};
@@ -50,7 +50,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The elements of a mesh whose centre satisfies a condition, as a mesh of their own.
+/// Returns the elements of a mesh whose centres satisfy `keep`, as a new mesh.
 fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<f64>> {
     let mut index: HashMap<u32, u32> = HashMap::new();
     let (mut nodes, mut connectivity) = (Vec::new(), Vec::new());
@@ -107,7 +107,8 @@ fn mass(c: &Coupled<f64>) -> f64 {
 
 fn supports() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // The lower faces of both bodies are clamped, all along the overlap, and a corner of it in full.
+    // The lower faces of both bodies are clamped all along the overlap, and one corner of the overlap
+    // completely.
     let low = |x: &Point3<f64>| x.z < 1e-9 || (x.x > 2.0 - 1e-9 && x.x < 2.51 && x.y < 0.51 && x.z < 0.51);
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Hex8, [2.0, 4.0], [8, 4, 4])?;
@@ -148,7 +149,7 @@ fn supports() -> Result<Outcome> {
     Ok(out)
 }
 
-/// The naive step where both models are clamped over half of the overlap.
+/// Returns the energy growth of the naive step when both models are clamped over half of the overlap.
 fn clamped_line() -> Result<f64> {
     let line = Line {
         coarse_elements: 20,
@@ -175,7 +176,8 @@ fn clamped_line() -> Result<f64> {
     Ok(naive.run(0.5, 10).growth)
 }
 
-/// Momentum gained over the impulse given to the loaded upper faces of both bodies; drift.
+/// Returns the momentum gained over the impulse applied to the loaded upper faces of both bodies, and the
+/// drift.
 fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut weights = solid::weights(Profile::Cubic, 0.01)?;
     let mut others = Weights::complement_of(std::slice::from_ref(&weights));
@@ -202,7 +204,7 @@ fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut c = couple(vec![left, right], mediator, 0.2)?;
     let steps = 500;
     c.run(steps, &mut Silent)?;
-    // The load acts on the unit square above the overlap.
+    // The load acts on the upper face of the overlap, a unit square.
     let impulse = 1e-3 * c.time();
     Ok([c.momentum()[0].z / impulse, c.drift()])
 }
@@ -217,7 +219,8 @@ fn loads() -> Result<Outcome> {
     Ok(out)
 }
 
-/// `f` of two ramps, one per direction, multiplied; the partner gets the product of the complements.
+/// Product of two ramps, one per direction. The fine model gets the product of their complements, so the
+/// sum is not one.
 struct Product([Ramp<f64>; 2], bool);
 
 impl Weight<f64> for Product {
@@ -231,8 +234,8 @@ impl Weight<f64> for Product {
     }
 }
 
-/// Share of the mass that two ramps lose whose product weighs the coarse model, and that of the complements
-/// the fine one.
+/// Returns the share of mass that is lost if the product of two ramps weights the coarse model and the
+/// product of their complements the fine model.
 fn product_defect() -> Result<f64> {
     let ramp = |axis: usize| -> Result<Ramp<f64>> {
         let at = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
@@ -253,7 +256,8 @@ fn product_defect() -> Result<f64> {
     Ok(1.0 - sum / (n * n) as f64)
 }
 
-/// Coarse body, fine body in it and overlap between two blocks, the inner one left to the fine model alone.
+/// Coarse body, fine body in it, and the overlap between two blocks. The inner block belongs to the fine
+/// model alone.
 struct Nest {
     coarse: Mesh<f64>,
     fine: Mesh<f64>,
@@ -262,8 +266,8 @@ struct Nest {
     volume: f64,
 }
 
-/// `counts`: elements of coarse body, fine body and mediator; blocks reach beyond a free surface where they
-/// touch it.
+/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator. At a free surface
+/// the blocks are extended beyond the body, so that the weight does not fall there.
 fn nest(
     whole: [[f64; 3]; 2],
     inner: [[f64; 3]; 2],

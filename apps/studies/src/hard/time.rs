@@ -1,4 +1,4 @@
-//! Steps at the limit, a million of them, sudden loads, inconsistent starts.
+//! Steps at the stability limit, a million steps, sudden loads, inconsistent initial states.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, critical, step_of_blow_up};
@@ -118,7 +118,7 @@ fn shock() -> Result<Outcome> {
     let [bar, chain] = deck.subdomains(&rest, &rest)?;
     let chain = chain.with_effect(Box::new(Load::on_dofs("hit", vec![(last, 1.0)], hit)?));
     let mut c = deck.build_with(vec![bar, chain])?;
-    // The load is at its height at the instant of the first step alone.
+    // Only the first step sees the load, at its peak.
     c.advance(&mut Silent)?;
     let moved = c.subdomains()[FINE].state().q[last];
     let mut plain = [f64::INFINITY, 0.0f64];
@@ -146,7 +146,7 @@ fn shock() -> Result<Outcome> {
 
 fn inconsistent() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // The models disagree in displacement and in velocity, on purpose.
+    // The initial displacements and velocities of the models disagree on purpose.
     let options = InterfaceOptions {
         start_jump: 1.0,
         ..InterfaceOptions::default()

@@ -1,4 +1,4 @@
-//! Small weights, weights of different shape.
+//! Small weights, and weights of different shape.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
@@ -38,7 +38,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The line most of these cases use: cubic weight over four coarse elements.
+/// Returns the line of most of these cases: cubic weight over four coarse elements.
 fn line(epsilon: f64, weighting: Weighting) -> Line {
     Line {
         coarse_elements: 20,
@@ -85,7 +85,7 @@ fn epsilon_energy() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Stiffness with the means of the weights, masses with their values at the nodes.
+/// Couples stiffness with mean weights to masses with weights at the nodes.
 fn naive(epsilon: f64) -> Result<Naive> {
     let linear = |weighting| {
         free(&Line {
@@ -117,7 +117,7 @@ fn epsilon_nodal() -> Result<Outcome> {
             0.01..=0.9,
         );
         let end = step_of_blow_up(&mut own, 20_000)?;
-        // Both outcomes are named: the drift stays below the guard's bound, or the guard ends the run.
+        // Both outcomes are acceptable: the drift stays below the guard's bound, or the guard ends the run.
         let top = if end.is_finite() { 0.0 } else { own.drift() };
         out.add(
             format!("drift at 0.9 of its own critical step, epsilon {epsilon:e} (0: ended by the guard)"),
@@ -133,7 +133,7 @@ fn epsilon_nodal() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Bar and chain whose internal energy is shared by halves and whose mass by a linear ramp.
+/// Builds bar and chain that share internal energy equally and mass by a linear ramp.
 fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
     let base = Line {
         step,
