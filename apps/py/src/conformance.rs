@@ -1,4 +1,4 @@
-//! The checks of the core, on any model or solver.
+//! Conformance checks of the core for any model or solver.
 
 use crate::arrays::{Numbers, points};
 use crate::border::outside;
@@ -11,7 +11,7 @@ use arlequin::core::{Model, Uniform, conformance};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Asks a model of the library, or one written in Python under weights of one.
+/// Calls `ask` on a model of the library, or on a Python model with weights of one.
 fn with(
     object: &Bound<'_, PyAny>,
     ask: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
@@ -28,15 +28,15 @@ fn with(
     heard.raised().map_or(made, Err)
 }
 
-/// Largest force under a rigid motion, relative to that under a random one of `amplitude` [m]: a small
-/// turn, or one of half a radian for a law that balances about present positions.
+/// Largest force under a rigid motion, relative to the force under a random motion of `amplitude` [m]. The
+/// rigid rotation is small, or half a radian for a law whose moments vanish about present positions.
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
 pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::rigid_forces(m, amplitude)?))
 }
 
-/// Largest relative difference between forces and minus the slope of the energy, at displacements of
+/// Largest relative difference between forces and the negative slope of the energy, at displacements of
 /// `amplitude` [m].
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
@@ -53,13 +53,13 @@ pub(crate) fn symmetric_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyRe
     with(model, |m| Ok(conformance::symmetric_forces(m, amplitude)?))
 }
 
-/// Relative difference between the mass and what is expected [kg]; huge where a mass is not positive.
+/// Relative difference between the mass and the expected mass [kg]; very large if a mass is not positive.
 #[pyfunction]
 pub(crate) fn mass(model: &Bound<'_, PyAny>, expected: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::mass(m, expected)?))
 }
 
-/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, the most
+/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, and the most
 /// negative value.
 #[pyfunction]
 #[pyo3(signature = (field, points, gradients = false))]
@@ -79,8 +79,8 @@ pub(crate) fn shapes<'py>(
     Ok(out)
 }
 
-/// Kicks a solver in motion and lets it make so many steps of `step` [s]: defects of what the coupling
-/// relies on.
+/// Kicks a solver and lets it make `steps` steps of `step` [s]. Returns the defects of all properties that
+/// the coupling relies on.
 #[pyfunction]
 #[pyo3(signature = (solver, step, steps = 100))]
 pub(crate) fn participant<'py>(

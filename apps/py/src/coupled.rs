@@ -16,7 +16,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 type Inner = core::Coupled<f64>;
 
-/// Columns of the energy over time.
+/// Columns of the table of energies.
 const COLUMNS: [&str; 9] = [
     "time [s]",
     "kinetic [J]",
@@ -31,10 +31,10 @@ const COLUMNS: [&str; 9] = [
 
 /// A coupled run: `Coupled(subdomains, interfaces, fraction=0.9)`.
 ///
-/// The step of the run is the longest of which every own step is at most a `fraction` of the critical one
-/// of its model; or as `chosen` at such a fraction with as many own steps as models need; or `seconds` [s].
-/// The balance of energy is drawn every `energy_every` steps, and a run that gains or loses more than
-/// `growth` of the energy in play without an effect that did so ends.
+/// The step of the run is the longest step with every own step at most `fraction` of its model's critical
+/// step. With `chosen` instead of `fraction`, models also take as many own steps as they need. `seconds`
+/// sets the step itself [s]. The energy balance is computed every `energy_every` steps. A run ends if its
+/// energy changes by more than `growth` of the energy in play without an effect that explains it.
 #[pyclass(frozen, subclass, module = "arlequin")]
 pub(crate) struct Coupled {
     run: Mutex<Inner>,
@@ -42,25 +42,25 @@ pub(crate) struct Coupled {
     interfaces: Vec<String>,
     heard: Heard,
     drawn: Mutex<Vec<[f64; 9]>>,
-    /// Whether an exception ended it, perhaps within a step: models are then at different instants.
+    /// True if an exception ended the run, perhaps within a step: models may then be at different times.
     torn: AtomicBool,
 }
 
-/// The state of a run, to go back to.
+/// The state of a run, which can be restored.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Snapshot(State<f64>);
 
 #[pymethods]
 impl Snapshot {
-    /// Steps made.
+    /// Number of steps made.
     #[getter]
     fn steps(&self) -> usize {
         self.0.step
     }
 }
 
-/// Draws up the energy and looks for Ctrl-C.
+/// Records energies and checks for Ctrl-C.
 struct Watch<'a> {
     drawn: &'a Mutex<Vec<[f64; 9]>>,
     heard: &'a Heard,
@@ -105,7 +105,7 @@ impl Observer<f64> for Watch<'_> {
     }
 }
 
-/// Tells warnings of a run as Python's.
+/// Issues the warnings of a run as Python warnings.
 fn warn(py: Python<'_>, all: &[String]) -> PyResult<()> {
     if all.is_empty() {
         return Ok(());
@@ -140,7 +140,7 @@ impl Coupled {
         }
     }
 
-    /// Refuses to go on from a state that is none of one instant.
+    /// Refuses to continue from a state whose models may be at different times.
     fn whole(&self) -> Result<(), Fault> {
         if !self.torn.load(Ordering::Relaxed) {
             return Ok(());
@@ -150,7 +150,8 @@ impl Coupled {
         Err(Fault::of("Unsupported", rule))
     }
 
-    /// Computes; an exception of a model that waits comes before what it led to.
+    /// Runs `work` on the run. If an exception of a Python model waits, it is raised instead of the error
+    /// that it caused.
     fn compute<V: Send>(
         &self,
         py: Python<'_>,
@@ -160,7 +161,7 @@ impl Coupled {
         self.heard.raised().map_or(made, Err)
     }
 
-    /// Values of a model: (nodes, components), and of its rotations.
+    /// Returns the displacements of a model's nodes, (nodes, components), or their rotations.
     fn values<'py>(
         &self,
         py: Python<'py>,
@@ -210,6 +211,7 @@ impl Coupled {
             .map(|s| s.give(&mut heard))
             .collect::<Result<Vec<_>, Fault>>()?;
         let nodal = all.iter().any(|s| s.weights().weighting == Weighting::Nodal);
+        // Nodal weighting does not conserve energy, so its guard allows far larger growth.
         let mut guard = Guard::for_weighting(if nodal {
             Weighting::Nodal
         } else {
@@ -235,10 +237,10 @@ impl Coupled {
         })
     }
 
-    /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps;
-    /// returns how many were made. Ctrl-C ends it between two steps, and the next call goes on; but within
-    /// a model written in Python, Ctrl-C is an exception like others: after it, a run goes on from a
-    /// snapshot only.
+    /// Makes `steps` steps and returns how many were made. `observer(run)` is called every `every` steps
+    /// and ends the run by returning False. Ctrl-C ends the run between two steps, and the next call
+    /// continues. Within a model written in Python, Ctrl-C is an exception like others: the run then
+    /// continues only from a snapshot.
     #[pyo3(signature = (steps, observer = None, every = 1))]
     fn run(
         slf: &Bound<'_, Self>,
@@ -255,6 +257,7 @@ impl Coupled {
             };
             let (done, stop, warned) = this.compute(py, |run| {
                 this.whole()?;
+                // Stays set if an exception leaves the models within a step.
                 this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
                     drawn: &this.drawn,
@@ -297,19 +300,19 @@ impl Coupled {
         Ok(self.lock()?.time())
     }
 
-    /// Steps made.
+    /// Number of steps made.
     #[getter]
     fn steps(&self) -> Result<usize, Fault> {
         Ok(self.lock()?.steps())
     }
 
-    /// Critical step of every subdomain [s].
+    /// Critical step of each subdomain [s].
     #[getter]
     fn critical_steps(&self) -> Result<Vec<f64>, Fault> {
         Ok(self.lock()?.critical_steps().to_vec())
     }
 
-    /// Own steps of every subdomain in a step of the run.
+    /// Number of own steps of each subdomain in a step of the run.
     #[getter]
     fn own_steps(&self) -> Result<Vec<usize>, Fault> {
         Ok(self.lock()?.plan().own_steps)
@@ -321,19 +324,19 @@ impl Coupled {
         Ok(self.lock()?.drift())
     }
 
-    /// What a user should know so far, each fault of each object once, with its largest figure.
+    /// Warnings so far: each fault of each object once, with its largest value.
     #[getter]
     fn warnings(&self) -> Result<Vec<String>, Fault> {
         Ok(self.lock()?.warnings().iter().map(ToString::to_string).collect())
     }
 
-    /// Drift of the energy balance that the laws of the models and round-off explain so far.
+    /// Drift of the energy balance that the models' laws and round-off explain so far.
     #[getter]
     fn explained_drift(&self) -> Result<f64, Fault> {
         Ok(self.lock()?.explained_drift())
     }
 
-    /// Largest relative jump of velocities across interfaces so far.
+    /// Largest relative velocity jump across interfaces so far.
     #[getter]
     fn constraint_residual(&self) -> Result<f64, Fault> {
         Ok(self.lock()?.constraint_residual())
@@ -361,12 +364,12 @@ impl Coupled {
         self.values(py, &model, false, |s| &s.v)
     }
 
-    /// Rotations of a model [rad], (nodes, 3); empty for one whose nodes do not turn.
+    /// Rotations of a model [rad], (nodes, 3); empty if its nodes have no rotations.
     fn rotation<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.values(py, &model, true, |s| &s.q)
     }
 
-    /// Lumped inertia of every unknown under the weights of the model [kg, kg m2].
+    /// Lumped inertia of every unknown with the weights of the model [kg, kg m2].
     fn inertia<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let k = model.among(&self.names, "subdomain")?;
         Ok(array(py, self.lock()?.subdomains()[k].inertia().to_vec()))
@@ -401,7 +404,7 @@ impl Coupled {
         rows(py, found.multipliers().to_vec(), found.components())
     }
 
-    /// Energies over time, one row each time they were drawn.
+    /// Energies over time, one row for each time the energy balance was computed.
     fn _energies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let out = PyDict::new(py);
@@ -411,15 +414,15 @@ impl Coupled {
         Ok(out)
     }
 
-    /// Displacements of every model in equilibrium under the loads and supports of time `t` [s]; all must
-    /// be linear.
+    /// Displacements of every model in static equilibrium under the loads and supports at time `t` [s]. All
+    /// models must be linear.
     #[pyo3(signature = (t = 0.0))]
     fn equilibrium<'py>(&self, py: Python<'py>, t: f64) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
         let found = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
         Ok(found.displacements.into_iter().map(|q| array(py, q)).collect())
     }
 
-    /// The present state.
+    /// Returns the present state.
     fn snapshot(&self, py: Python<'_>) -> PyResult<Snapshot> {
         self.compute(py, |run| {
             self.whole()?;
@@ -427,7 +430,7 @@ impl Coupled {
         })
     }
 
-    /// Goes back to a state of this run, or of one that was built in the same way.
+    /// Restores a state of this run, or of a run that was built in the same way.
     fn restore(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
         self.compute(py, |run| {
             self.torn.store(true, Ordering::Relaxed);
@@ -441,7 +444,8 @@ impl Coupled {
         self.heard.show(&visit)
     }
 
-    /// Force and moment that multipliers exert on both sides together, relative to the force on one.
+    /// Sum of the forces and of the moments that multipliers exert on both sides, relative to the force on
+    /// one side.
     fn _interface_momentum(&self) -> Result<[f64; 2], Fault> {
         Ok(core::conformance::interface_momentum(&*self.lock()?))
     }

@@ -1,4 +1,5 @@
-//! Errors of the crates as exceptions of `arlequin.errors`, which carry the names they have in Rust as codes.
+//! Converts errors of the crates to exceptions of `arlequin.errors`, whose codes are the names of the
+//! errors in Rust.
 
 use arlequin::{cnem, core, dem_beam, fem_ref};
 use arlequin_scene::Source;
@@ -7,25 +8,25 @@ use pyo3::prelude::*;
 use std::any::Any;
 use std::fmt::Debug;
 
-/// What went wrong, before it is a Python exception.
+/// An error before it becomes a Python exception.
 #[derive(Debug)]
 pub(crate) enum Fault {
-    /// In Rust.
+    /// An error in Rust.
     Native {
-        /// Name of the exception's class.
+        /// Code of the exception.
         kind: String,
-        /// What it says.
+        /// Message.
         message: String,
-        /// Key of the scene it speaks of.
+        /// Key of the scene that the error concerns.
         key: Option<String>,
-        /// Line of the scene's file, from 1.
+        /// Line of the scene file, from 1.
         line: Option<usize>,
     },
-    /// In Python.
+    /// An exception in Python.
     Python(PyErr),
 }
 
-/// An exception of a model written in Python, on its way through the core.
+/// An exception of a model written in Python while it passes through the core.
 #[derive(Debug)]
 pub(crate) struct Raised(PyErr);
 
@@ -37,12 +38,12 @@ impl std::fmt::Display for Raised {
 
 impl std::error::Error for Raised {}
 
-/// The exception of the model `name` as an error of the core.
+/// Wraps the exception of the model `name` in an error of the core.
 pub(crate) fn raised(name: &str, e: PyErr) -> core::Error {
     core::Error::of_model(name, Raised(e))
 }
 
-/// Name of an error's variant: the first word of what derives `Debug`.
+/// Returns the name of an error's variant: the first word of its derived `Debug` text.
 fn variant(e: &impl Debug) -> String {
     let text = format!("{e:?}");
     let end = text.find(|c: char| !c.is_alphanumeric()).unwrap_or(text.len());
@@ -50,7 +51,7 @@ fn variant(e: &impl Debug) -> String {
 }
 
 impl Fault {
-    /// An error with the class of this name.
+    /// Returns an error with the code `kind`.
     pub(crate) fn of(kind: &str, message: impl Into<String>) -> Self {
         Self::Native {
             kind: kind.to_owned(),
@@ -64,7 +65,7 @@ impl Fault {
         Self::of(&variant(e), e.to_string())
     }
 
-    /// What a panic left.
+    /// Returns the error for a panic.
     pub(crate) fn panic(payload: &(dyn Any + Send)) -> Self {
         let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
         let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
@@ -75,7 +76,7 @@ impl Fault {
         )
     }
 
-    /// An error of a scene, with the place in its file.
+    /// Returns an error of a scene with the line of the scene file.
     pub(crate) fn of_scene(e: arlequin_scene::Error, source: &Source) -> Self {
         let (at, span) = e.place();
         let span = span.or_else(|| source.span_of(at?));
@@ -192,7 +193,7 @@ impl From<Fault> for PyErr {
         };
         Python::attach(|py| {
             made(py).unwrap_or_else(|e| {
-                // Ctrl-C while Rust computed is noticed here.
+                // Ctrl-C during a computation may arrive here.
                 if e.is_instance_of::<PyKeyboardInterrupt>(py) {
                     return e;
                 }

@@ -8,7 +8,7 @@ use arlequin::core::sprs::CsMat;
 use arlequin::core::{DofLayout, Error, LinearModel, Model, Result, Weight, parallel};
 use pyo3::prelude::*;
 
-/// A model whose stiffness matrix comes from Python, and whose forces are found here: `f = −K q`.
+/// A model whose stiffness matrix comes from Python. Its forces `f = −K q` are computed in Rust.
 pub(crate) struct MatrixModel {
     about: Described,
     stiffness: CsMat<f64>,
@@ -21,12 +21,13 @@ impl MatrixModel {
         Self { about, stiffness }
     }
 
-    /// Row `i` of `K q`.
+    /// Returns row `i` of `K q`.
     fn row(&self, i: usize, q: &[f64]) -> f64 {
         let row = self.stiffness.outer_view(i);
         row.map_or(0.0, |r| r.iter().map(|(j, k)| k * q[j]).sum())
     }
 
+    /// Asks the Python object for the stiffness matrix with the weights of its elements, bonds or nodes.
     fn matrix(&self, py: Python<'_>, shares: Vec<f64>) -> PyResult<CsMat<f64>> {
         let answer = self
             .about
@@ -53,7 +54,7 @@ impl MatrixModel {
     }
 }
 
-/// Largest `|K − Kᵀ|` over the largest `|K|`.
+/// Returns the largest `|K − Kᵀ|` over the largest `|K|`.
 fn asymmetry(k: &CsMat<f64>) -> f64 {
     let top = |m: &CsMat<f64>| m.data().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
     let other = &k.transpose_view().to_csr();

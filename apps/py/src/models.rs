@@ -1,4 +1,4 @@
-//! The models of the library.
+//! Models of the library.
 
 use crate::arrays::{Numbers, array, coordinates, flat, point, points};
 use crate::border::outside;
@@ -21,12 +21,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 enum Kind {
     Fem(Box<Fem<f64>>),
     Cnem(Box<Cnem>),
-    /// Particles are too many to be kept twice: the run gets them.
+    /// A run takes a particle model away instead of copying it, since it may be very large.
     Dem(Option<Box<Dem>>),
     Chain(Chain),
 }
 
-/// What all models of the library have in common. Arrays over unknowns are `x0 y0 z0 x1 …`, then rotations.
+/// Common base of the library's models. Arrays over unknowns have the order `x0 y0 z0 x1 …`, then
+/// rotations.
 #[pyclass(frozen, subclass, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct NativeModel {
@@ -35,7 +36,7 @@ pub(crate) struct NativeModel {
     held: Mutex<Kind>,
 }
 
-/// Rows of a sparse matrix: values, columns, where rows begin.
+/// A sparse matrix by rows: values, columns, starts of the rows.
 type Csr<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<i64>>,
@@ -59,7 +60,7 @@ impl NativeModel {
         Fault::of("Unsupported", rule)
     }
 
-    /// Asks the model itself.
+    /// Calls `ask` with the model.
     pub(crate) fn with<V: Send>(
         &self,
         ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
@@ -73,7 +74,7 @@ impl NativeModel {
         })?
     }
 
-    /// The field that it has without a choice.
+    /// Returns the model's default field.
     pub(crate) fn field(&self) -> Result<Arc<dyn Interpolation<f64>>, Fault> {
         use arlequin::core::FineModel;
         match &*self.lock() {
@@ -85,7 +86,7 @@ impl NativeModel {
         }
     }
 
-    /// The model for a run.
+    /// Returns the model for a run: a copy, or the model itself if it consists of particles.
     pub(crate) fn give(&self) -> Result<Box<dyn Model<f64>>, Fault> {
         match &mut *self.lock() {
             Kind::Fem(m) => Ok(m.clone()),
@@ -95,7 +96,7 @@ impl NativeModel {
         }
     }
 
-    /// Asks the model under weights, and takes these from it again.
+    /// Calls `ask` on the model with weights, then sets its weights back to one.
     fn weighted<V: Send>(
         &self,
         weights: Option<&Weights>,
@@ -114,7 +115,7 @@ impl NativeModel {
 
 #[pymethods]
 impl NativeModel {
-    /// "fem", "cnem", "dem" or "chain".
+    /// Kind of the model: "fem", "cnem", "dem" or "chain".
     #[getter]
     fn kind(&self) -> Result<String, Fault> {
         self.with(|m| Ok(m.kind().to_owned()))
@@ -139,13 +140,13 @@ impl NativeModel {
         self.with(|m| Ok(m.layout().rotations))
     }
 
-    /// The field that interfaces see.
+    /// The field that interfaces use.
     #[getter(field)]
     fn its_field(&self) -> Result<Field, Fault> {
         Ok(Field(self.field()?))
     }
 
-    /// Lumped inertia of every unknown under weights [kg, kg m2].
+    /// Lumped inertia of every unknown [kg, kg m2], weighted by `weights`.
     #[pyo3(signature = (weights = None))]
     fn lumped_inertia<'py>(
         &self,
@@ -160,7 +161,7 @@ impl NativeModel {
         Ok(array(py, found?))
     }
 
-    /// Internal forces on every unknown at displacements `q` [m], under weights [N, N m].
+    /// Internal forces on every unknown at displacements `q` [m], weighted [N, N m].
     #[pyo3(signature = (q, weights = None))]
     fn internal_forces<'py>(
         &self,
@@ -178,7 +179,7 @@ impl NativeModel {
         Ok(array(py, found?))
     }
 
-    /// Internal energy at displacements `q` [m], under weights [J].
+    /// Internal energy at displacements `q` [m], weighted [J].
     #[pyo3(signature = (q, weights = None))]
     fn internal_energy(&self, q: Numbers<'_>, weights: Option<&Weights>) -> Result<f64, Fault> {
         let q = flat(&q);
@@ -188,7 +189,7 @@ impl NativeModel {
         })
     }
 
-    /// Largest stable step of velocity Verlet, uncoupled and unsupported [s].
+    /// Critical step of velocity Verlet without coupling and supports [s].
     #[getter]
     fn critical_step(&self) -> Result<f64, Fault> {
         self.weighted(None, |m, w| {
@@ -199,7 +200,7 @@ impl NativeModel {
         })
     }
 
-    /// The stiffness under weights: `(data, indices, indptr)` of its rows [N/m].
+    /// Weighted stiffness as `(data, indices, indptr)` of its rows [N/m].
     #[pyo3(signature = (weights = None))]
     fn _stiffness<'py>(&self, py: Python<'py>, weights: Option<&Weights>) -> PyResult<Csr<'py>> {
         let found = self.weighted(weights, |m, _| {
@@ -234,8 +235,8 @@ impl FemModel {
     }
 }
 
-/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. Closed
-/// triangles `surface` of points bound bodies that are not convex.
+/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. For
+/// other bodies, `surface` gives the closed boundary as triangles of points.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct CnemModel;
@@ -270,7 +271,7 @@ impl CnemModel {
     }
 }
 
-/// A packing of spheres and the pairs of them that beams join; made by `cylinder` and `block`.
+/// A packing of spheres with the pairs that are joined by beams. Created by `cylinder` and `block`.
 #[pyclass(frozen, name = "Packing", module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Spheres(Arc<Packing>);
@@ -290,8 +291,8 @@ impl Spheres {
 
 #[pymethods]
 impl Spheres {
-    /// About so many spheres in a cylinder along x from 0 to `length`, of `radius` [m]; `quench` is faster
-    /// and less even.
+    /// Packs about `count` spheres into a cylinder of `radius` along x from 0 to `length` [m]. `quench` is
+    /// faster and gives a less even packing.
     #[staticmethod]
     #[pyo3(signature = (length, radius, count, seed = 1, quench = false))]
     fn cylinder(
@@ -306,7 +307,7 @@ impl Spheres {
         Self::fill(py, container, count, seed, quench)
     }
 
-    /// The same in a box from corner `low` to corner `high` [m].
+    /// Packs about `count` spheres into a box from corner `low` to corner `high` [m].
     #[staticmethod]
     #[pyo3(signature = (low, high, count, seed = 1, quench = false))]
     fn block(
@@ -335,7 +336,7 @@ impl Spheres {
         array(py, self.0.radii.clone())
     }
 
-    /// Numbers of bonded spheres, (n, 2).
+    /// Numbers of the bonded spheres, (n, 2).
     #[getter]
     fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let all = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
@@ -351,16 +352,16 @@ impl Spheres {
     }
 }
 
-/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)` of a
-/// `Packing`, or of `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and `poisson` are
-/// those of beams, by default of silica; `order` has the packing's number of every particle.
+/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)`.
+/// `packing` is a `Packing`, or `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and
+/// `poisson` describe the beams, by default silica. `order` has the packing's number of every particle.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct DemModel {
     order: Vec<u32>,
 }
 
-/// Spheres of one's own.
+/// A packing of the library, or spheres from the user.
 #[derive(FromPyObject)]
 enum Particles<'py> {
     Packing(Bound<'py, Spheres>),
@@ -415,8 +416,8 @@ impl DemModel {
     }
 }
 
-/// Equal masses [kg] (half at the ends) joined by equal springs [N/m] along x from `start` at `spacing` [m]:
-/// `ChainModel(name, start, spacing, bonds, mass, stiffness)`.
+/// Equal masses [kg] (half at the ends) joined by equal springs [N/m] along x from `start` with `spacing`
+/// [m]: `ChainModel(name, start, spacing, bonds, mass, stiffness)`.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct ChainModel;

@@ -1,4 +1,4 @@
-//! Models written in Python behind the traits of the core.
+//! Implements the core's `Model` for models written in Python.
 
 use crate::arrays::{Numbers, array};
 use crate::border::{Claim, Heard, Pending, Shared};
@@ -14,17 +14,17 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// Where the numbers of a weight belong.
+/// Entities for which a Python object receives weights.
 enum Places {
-    /// Elements of the mesh, each of one cell or several.
+    /// Elements of the mesh; each has one or more cells.
     Elements(Vec<Vec<Cell<f64>>>),
-    /// Straight lines between nodes.
+    /// Straight bonds between nodes.
     Bonds(Vec<Cell<f64>>),
     /// Nodes.
     Nodes,
 }
 
-/// What an object of Python says of itself.
+/// Attributes of a Python object: name, unknowns, nodes, field, weights.
 pub(crate) struct Described {
     pub(crate) name: String,
     pub(crate) kind: String,
@@ -37,7 +37,7 @@ pub(crate) struct Described {
     pub(crate) pending: Pending,
 }
 
-/// An attribute that may be missing or none.
+/// Returns an attribute, or `None` if it is missing or None.
 pub(crate) fn optional<'py>(of: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
     Ok(of.getattr_opt(name)?.filter(|x| !x.is_none()))
 }
@@ -116,7 +116,7 @@ impl Described {
         })
     }
 
-    /// Means of a weight over elements or bonds, or its values at nodes.
+    /// Returns the means of a weight over elements or bonds, or its values at nodes.
     pub(crate) fn shares(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let over = |cells: &Vec<Cell<f64>>| match cells.as_slice() {
             [one] => weight.mean(one),
@@ -135,7 +135,7 @@ impl Described {
         }
     }
 
-    /// Refuses an object without one of these methods.
+    /// Refuses an object that lacks one of these methods.
     pub(crate) fn needs(&self, py: Python<'_>, methods: &[&str]) -> PyResult<()> {
         let missing = |name: &&&str| self.object.getattr(py, **name).is_err();
         let Some(name) = methods.iter().find(missing) else {
@@ -148,17 +148,17 @@ impl Described {
         Err(Fault::of("Unsupported", rule).into())
     }
 
-    /// What a run has of the object.
+    /// Returns the object and its slot for exceptions, for the subdomain or run that uses it.
     pub(crate) fn heard(&self) -> Heard {
         Heard::of(Some(self.object.clone()), self.pending.clone())
     }
 
-    /// An exception of the object on its way through the core.
+    /// Wraps an exception of the object in an error of the core.
     pub(crate) fn raised(&self, e: PyErr) -> Error {
         raised(&self.name, e)
     }
 
-    /// Gives every number of an answer to `take`, one for each unknown; masses may also be one per node.
+    /// Reads an answer with one number for each unknown and passes each number to `take`.
     pub(crate) fn read(
         &self,
         what: &str,
@@ -173,7 +173,7 @@ impl Described {
                 index,
             }))),
         };
-        // The way of every step: a plain vector.
+        // The fast way, since this is read in every step: a plain vector.
         if let Ok(plain) = answer.cast::<PyArray1<f64>>() {
             let plain = plain.readonly();
             if let (Ok(values), true) = (plain.as_slice(), plain.len()? == out.len()) {
@@ -199,7 +199,7 @@ impl Described {
         .into())
     }
 
-    /// Lumped inertia that the object answers with.
+    /// Reads the lumped inertia that the object returns, per unknown or per node.
     pub(crate) fn read_inertia(&self, answer: &Bound<'_, PyAny>, out: &mut [f64]) -> PyResult<()> {
         let any = answer.extract::<Numbers<'_>>()?;
         let any = any.as_array();
@@ -237,7 +237,7 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
     })
 }
 
-/// What an object says of itself, for the traits of the core that ask it.
+/// Implements the methods of a core trait that return attributes of the object.
 macro_rules! as_described {
     () => {
         fn name(&self) -> &str {
@@ -256,11 +256,11 @@ macro_rules! as_described {
 }
 pub(crate) use as_described;
 
-/// A model whose forces are found in Python.
+/// A model whose forces are computed in Python.
 pub(crate) struct PythonModel {
     _claim: Claim,
     about: Described,
-    /// Whether it has methods that it need not have.
+    /// True if the object has these optional methods.
     advances: bool,
     knows_its_step: bool,
 }
@@ -277,6 +277,7 @@ impl PythonModel {
         })
     }
 
+    /// Calls `advance` or `internal_forces` and adds the answer to `f`.
     fn ask(&self, advances: bool, q: &[f64], f: &mut [f64]) -> Result<()> {
         Python::attach(|py| {
             let method = if advances {
@@ -295,7 +296,7 @@ impl PythonModel {
     }
 }
 
-/// Hands the means of a weight over and takes the inertia.
+/// Sends the means of the weight to the object and reads the inertia it returns.
 pub(crate) fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
     let shares = about.shares(weight);
     Python::attach(|py| {
@@ -386,7 +387,7 @@ impl Model<f64> for PythonModel {
     }
 }
 
-/// What an object remembers, if it does.
+/// Returns the numbers that the object's `save` gives; `None` without such a method.
 pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record<f64>>> {
     let Some(save) = optional(about.object.bind(py), "save")? else {
         return Ok(None);
@@ -406,7 +407,7 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
     }))
 }
 
-/// Gives it back.
+/// Passes saved numbers to the object's `restore`, if there is one.
 pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) -> PyResult<()> {
     let Some(restore) = optional(about.object.bind(py), "restore")? else {
         return Ok(());
@@ -414,10 +415,10 @@ pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) ->
     restore.call1((array(py, from.numbers.clone()),)).map(drop)
 }
 
-/// A model of the core, its field, and what it has in Python.
+/// A model of the core, its field, and its Python objects.
 pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Heard);
 
-/// Any model written in Python.
+/// Returns the model for an object written in Python: with a stiffness matrix or with forces.
 pub(crate) fn model(object: &Bound<'_, PyAny>) -> PyResult<Made> {
     let about = Described::of(object)?;
     let (field, heard) = (about.field.clone(), about.heard());

@@ -1,4 +1,4 @@
-//! Scenes: read, checked, run.
+//! Scenes: reading, checking and running them.
 
 use crate::arrays::array;
 use crate::border::{Pulse, outside};
@@ -13,7 +13,7 @@ use pyo3::types::PyDict;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-/// Assignments: paths of keys, and values as TOML.
+/// Assignments: key paths with their values as TOML.
 type Changes = Vec<(String, String)>;
 
 /// A scene file and the changes made to it.
@@ -51,7 +51,7 @@ impl Scene {
         Ok(Self::of(Source::new("scene", text), changes)?)
     }
 
-    /// The same scene with further changes.
+    /// Returns the scene with further changes.
     fn with_changes(&self, changes: Changes) -> PyResult<Self> {
         let scene = changes
             .iter()
@@ -79,7 +79,7 @@ impl Scene {
         self.0.changes().to_vec()
     }
 
-    /// What the run will be, as JSON.
+    /// Returns the plan of the run as JSON.
     fn check(&self, py: Python<'_>) -> PyResult<String> {
         let made = outside(py, || {
             let prepared = self.0.prepare().map_err(self.fault())?;
@@ -89,7 +89,8 @@ impl Scene {
         made
     }
 
-    /// Proposes settings for an error or a time: JSON; writes the scene with them to `apply`.
+    /// Proposes settings for an error or a time and returns them as JSON; writes the scene with them to
+    /// `apply`.
     fn suggest(
         &self,
         py: Python<'_>,
@@ -117,8 +118,8 @@ impl Scene {
         made
     }
 
-    /// Makes all steps; results go to a folder if there is one. The exception that ended it, if one did,
-    /// comes with them.
+    /// Makes all steps and writes results to a folder if one is given. Returns the results with the
+    /// exception that ended the run early, if there was one.
     fn run(
         &self,
         py: Python<'_>,
@@ -143,7 +144,7 @@ impl Scene {
     }
 }
 
-/// Goes on with the run of a folder from its last checkpoint.
+/// Continues the run of a folder from its last checkpoint.
 #[pyfunction]
 pub(crate) fn resume(
     py: Python<'_>,
@@ -158,12 +159,12 @@ pub(crate) fn resume(
     })
 }
 
-/// What looks at a run for Python.
+/// Observer of a run for Python: keeps frames, calls the listener, checks for Ctrl-C.
 pub(crate) struct Watch {
     kept: Option<Kept>,
     listener: Option<Py<PyAny>>,
     pulse: Pulse,
-    /// What ended the run.
+    /// Reason for which the run was stopped.
     pub(crate) stop: Option<Fault>,
 }
 
@@ -217,7 +218,7 @@ impl Observer for Watch {
     }
 }
 
-/// What a run left.
+/// Results of a run.
 #[pyclass(frozen, module = "arlequin._native")]
 pub(crate) struct Results {
     recorded: Recorded,
@@ -227,7 +228,7 @@ pub(crate) struct Results {
     kept: Option<Kept>,
 }
 
-/// `{name: column}` of a table, its times among them.
+/// Returns a table as `{name: column}`, times included.
 fn columns<'py>(py: Python<'py>, table: &Table) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("time [s]", array(py, table.times.clone()))?;
@@ -264,7 +265,7 @@ impl Results {
         Ok(json("writing the summary", &self.part(asleep).summary).map_err(Fault::from)?)
     }
 
-    /// `[(name, quantity, values)]`, and their times.
+    /// Returns the probes over time as `{name: column}`, times included.
     fn probes<'py>(&self, py: Python<'py>, asleep: bool) -> PyResult<Bound<'py, PyDict>> {
         columns(py, &self.part(asleep).probes)
     }
@@ -277,7 +278,7 @@ impl Results {
         columns(py, &self.part(asleep).effects)
     }
 
-    /// `{name: {"time [s]", label of x, label of y}}`.
+    /// Returns the curves as `{name: {"time [s]", label of x, label of y}}`.
     fn curves<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
         for c in &self.recorded.curves {
@@ -292,7 +293,7 @@ impl Results {
         Ok(out)
     }
 
-    /// Pieces at the instants of the frames: `[(time, model, number, particles, mass, centre, velocity)]`.
+    /// Fragments at the times of the frames: `[(time, model, number, particles, mass, centre, velocity)]`.
     #[allow(clippy::type_complexity, reason = "a row of the table of pieces")]
     fn fragments(&self) -> Vec<(f64, String, usize, usize, f64, [f64; 3], [f64; 3])> {
         let all = self.recorded.fragments.iter();

@@ -12,10 +12,11 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Node numbers as arrays of the border have them: as numbers, so that 0.5 is seen and not cut to 0.
+/// Arrays of node numbers. They are read as floating-point numbers, so that 0.5 is refused and not cut to
+/// 0.
 pub(crate) type Connectivity<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
-/// Nodes and values.
+/// Node numbers and values.
 type Row<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
 /// A finite element mesh: bars along x, tetrahedra or hexahedra of corner nodes.
@@ -44,7 +45,7 @@ impl Mesh {
     }
 }
 
-/// Node numbers, so many in a row.
+/// Reads node numbers from rows of `columns` numbers.
 pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) -> Result<Vec<u32>, Fault> {
     let all = from.as_array();
     if all.ncols() != columns {
@@ -83,22 +84,22 @@ impl Mesh {
         }))
     }
 
-    /// So many equal bars from `start` to `end` [m].
+    /// `count` equal bars from `start` to `end` [m].
     #[staticmethod]
     #[pyo3(signature = (start, end, count, section = 1.0))]
     fn bar(start: f64, end: f64, count: usize, section: f64) -> Result<Self, Fault> {
         Ok(Self::of(generate::bar(start, end, count, section)?))
     }
 
-    /// Bars between coordinates along x [m], which rise.
+    /// Bars between increasing coordinates along x [m].
     #[staticmethod]
     #[pyo3(signature = (x, section = 1.0))]
     fn line(x: Numbers<'_>, section: f64) -> Result<Self, Fault> {
         Ok(Self::of(generate::bar_at(&crate::arrays::flat(&x), section)?))
     }
 
-    /// A box from corner `low` to corner `high` [m] with so many elements (boxes of six, for "tet") along
-    /// x, y and z.
+    /// A box from corner `low` to corner `high` [m] with `counts` elements along x, y and z. For "tet" each
+    /// count is a box of six tetrahedra.
     #[staticmethod]
     fn block(kind: &str, low: Numbers<'_>, high: Numbers<'_>, counts: [usize; 3]) -> Result<Self, Fault> {
         let corners = [point("low", &low)?, point("high", &high)?];
@@ -106,7 +107,7 @@ impl Mesh {
         Ok(Self::of(generate::block(kind_of(kind)?, low, high, counts)?))
     }
 
-    /// A mesh file of Gmsh.
+    /// Reads a mesh file of Gmsh.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         outside(py, || Ok(Self::of(arlequin::fem_ref::gmsh::load(&path)?)))
@@ -118,7 +119,7 @@ impl Mesh {
         coordinates(py, self.0.nodes())
     }
 
-    /// Corners of each element.
+    /// Corner nodes of each element.
     #[getter]
     fn cells<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mesh = self.0.mesh();
@@ -126,7 +127,7 @@ impl Mesh {
         PyArray1::from_vec(py, all).call_method1("reshape", (-1, mesh.kind().corners()))
     }
 
-    /// "bar", "tet" or "hex".
+    /// Kind of the elements: "bar", "tet" or "hex".
     #[getter]
     fn kind(&self) -> &'static str {
         match self.0.mesh().kind() {
@@ -142,7 +143,7 @@ impl Mesh {
         self.0.mesh().volume()
     }
 
-    /// Its shape functions.
+    /// Field with the mesh's shape functions.
     #[getter]
     fn field(&self) -> Field {
         Field(self.0.clone())
@@ -159,19 +160,19 @@ impl Mesh {
     }
 }
 
-/// How values at nodes become a displacement at any point.
+/// Shape functions: interpolate nodal values at any point.
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Field(pub(crate) Arc<dyn Interpolation<f64>>);
 
 #[pymethods]
 impl Field {
-    /// Finite elements.
+    /// Shape functions of finite elements.
     #[staticmethod]
     fn of_mesh(mesh: &Mesh) -> Self {
         mesh.field()
     }
 
-    /// Natural neighbours of points [m] that span space, within their convex hull.
+    /// Natural-neighbour shape functions of points [m] that span space, inside their convex hull.
     #[staticmethod]
     fn natural(py: Python<'_>, points: Numbers<'_>) -> PyResult<Self> {
         let nodes = crate::arrays::points("points", &points)?;
@@ -183,8 +184,8 @@ impl Field {
         })
     }
 
-    /// At particles only, each standing for a volume [m3]; `pairs` of neighbours give gradients, which H1
-    /// junctions need.
+    /// Values at particles only; each particle represents a volume [m3]. `pairs` of neighbours add
+    /// gradients, which H1 junctions need.
     #[staticmethod]
     #[pyo3(signature = (points, volumes, pairs = None))]
     fn particles(
@@ -207,7 +208,7 @@ impl Field {
         coordinates(py, self.0.nodes())
     }
 
-    /// Nodes and values of the shape functions at a point [m]: the field there is `values @ u[nodes]`.
+    /// Nodes and shape functions at a point [m]: the field there is `values @ u[nodes]`.
     fn shape_at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Row<'py>> {
         let mut row = ShapeRow::default();
         let found = self.0.shape_at(&point("x", &x)?, false, &mut row);
@@ -221,7 +222,7 @@ impl Field {
     }
 }
 
-/// The field of a mesh or a field itself.
+/// Returns a field, or the field of a mesh.
 pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolation<f64>>> {
     if let Ok(mesh) = from.cast::<Mesh>() {
         return Ok(mesh.get().0.clone());
@@ -233,7 +234,7 @@ pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolatio
     Err(Fault::of("InvalidParameter", rule).into())
 }
 
-/// A multiplier space: that of a mesh, or of natural neighbours.
+/// Returns the multiplier space on a mesh, or on natural neighbours of points.
 pub(crate) fn mediator_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Mediator<f64>>> {
     if let Ok(mesh) = from.cast::<Mesh>() {
         return Ok(mesh.get().0.clone());

@@ -15,22 +15,22 @@ use std::sync::Arc;
 #[pyclass(frozen, get_all, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Shares {
-    /// Of internal energy.
+    /// Weights of internal energy.
     internal: Py<PyArray1<f64>>,
-    /// Of kinetic energy.
+    /// Weights of kinetic energy.
     kinetic: Py<PyArray1<f64>>,
-    /// Of external work.
+    /// Weights of external work.
     external: Py<PyArray1<f64>>,
 }
 
-/// A solver whose methods are Python's.
+/// A solver whose methods are written in Python.
 pub(crate) struct PythonSolver {
     _claim: Claim,
     about: Described,
 }
 
 impl PythonSolver {
-    /// A solver, its field, and what it has in Python.
+    /// Returns a solver, its field, and its Python objects.
     pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Heard)> {
         let about = Described::of(object)?;
         let needed = ["weigh", "advance", "velocities", "displacements", "kick"];
@@ -43,7 +43,8 @@ impl PythonSolver {
         Ok((solver, field, heard))
     }
 
-    /// What a method without arguments answers; what goes wrong waits, and the numbers are none.
+    /// Reads the answer of a method without arguments. If the method fails, its exception waits and all
+    /// values are NaN.
     fn told(&self, method: &str, out: &mut [f64]) {
         let told = Python::attach(|py| {
             let answer = self.about.object.call_method0(py, method)?;
@@ -55,7 +56,7 @@ impl PythonSolver {
         }
     }
 
-    /// What a method says that may be missing.
+    /// Reads the answer of an optional method.
     fn number(&self, name: &str) -> Option<f64> {
         let told = Python::attach(|py| {
             let Some(method) = optional(self.about.object.bind(py), name)? else {
@@ -168,7 +169,7 @@ impl Participant<f64> for PythonSolver {
     }
 }
 
-/// The error of an object that is used twice.
+/// Returns the error for an object that is used twice.
 pub(crate) fn used(what: &str) -> Fault {
     Fault::of(
         "Unsupported",

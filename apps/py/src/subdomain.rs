@@ -1,4 +1,4 @@
-//! Models with their weights, and what ties them.
+//! Models with their weights, and interfaces between them.
 
 use crate::arrays::{Numbers, flat};
 use crate::border::{Heard, outside};
@@ -16,10 +16,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 type Inner = core::Subdomain<f64>;
 
-/// One model with its weights, supports, effects and initial state; made by `coarse`, `fine` or
+/// A model with its weights, supports, effects and initial state. Created by `coarse`, `fine` or
 /// `participant`.
 ///
-/// What is said by `with_…` goes for the subdomain itself, which is returned as well.
+/// Each `with_…` method changes the subdomain and returns it.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Subdomain {
@@ -48,7 +48,7 @@ impl Subdomain {
         inner.take().ok_or_else(|| used("subdomain"))
     }
 
-    /// The subdomain for a run, which hears of its objects in Python from then on.
+    /// Takes the subdomain for a run. Its Python objects and pending exceptions pass to `to`.
     pub(crate) fn give(&self, to: &mut Heard) -> Result<Inner, Fault> {
         let inner = self.take()?;
         to.take(std::mem::take(&mut *self.heard()));
@@ -91,7 +91,7 @@ impl Subdomain {
 
 #[pymethods]
 impl Subdomain {
-    /// A model in the coarse role, which has a continuous field; `field` replaces that of the model.
+    /// A model in the coarse role, which needs a continuous field. `field` replaces the model's own.
     #[staticmethod]
     #[pyo3(signature = (model, weights = None, *, field = None))]
     fn coarse(
@@ -102,7 +102,7 @@ impl Subdomain {
         Self::of(model, weights, field, "coarse")
     }
 
-    /// A model in the fine role; `field` replaces that of the model.
+    /// A model in the fine role. `field` replaces the model's own.
     #[staticmethod]
     #[pyo3(signature = (model, weights = None, *, field = None))]
     fn fine(
@@ -113,7 +113,7 @@ impl Subdomain {
         Self::of(model, weights, field, "fine")
     }
 
-    /// A whole solver, which steps itself and brings its own state, supports and loads.
+    /// A whole solver, which makes its own steps and has its own state, supports and loads.
     #[staticmethod]
     #[pyo3(signature = (solver, weights = None, *, field = None))]
     fn participant(
@@ -130,7 +130,7 @@ impl Subdomain {
         Ok(Self::made(name, inner, heard))
     }
 
-    /// A whole solver in another process, as `name`: started by a `command`, such as `["python3",
+    /// A whole solver named `name` in another process. It is started by a `command`, such as `["python3",
     /// "solver.py"]`, or awaited at an `address`, such as `unix:solver.sock`. It must connect within
     /// `start_timeout` [s], by default 30 s or `timeout` if that is longer, and answer within `timeout`
     /// [s]. Ctrl-C ends the wait.
@@ -155,7 +155,7 @@ impl Subdomain {
         Ok(Self::made(name, inner, Heard::default()))
     }
 
-    /// Initial displacements [m] and velocities [m/s] of all unknowns.
+    /// Sets the initial displacements [m] and velocities [m/s] of all unknowns.
     fn with_initial<'py>(
         slf: PyRef<'py, Self>,
         q: Numbers<'py>,
@@ -166,7 +166,7 @@ impl Subdomain {
         Ok(slf)
     }
 
-    /// Holds unknowns, or moves them by `amplitude` [m] times a function of time.
+    /// Fixes unknowns, or moves them by `amplitude` [m] times a function of time.
     #[pyo3(signature = (dofs, amplitude = 0.0, time = None))]
     fn with_support<'py>(
         slf: PyRef<'py, Self>,
@@ -193,8 +193,8 @@ impl Subdomain {
         Ok(slf)
     }
 
-    /// How it steps between two reflections: in so many steps of its own (`ratio`), in as few as stay below
-    /// a `fraction` of its critical step, or in an `implicit` one.
+    /// Sets the own steps between two reflections: `ratio` steps, or the fewest steps that stay below
+    /// `fraction` of the critical step, or one `implicit` step.
     #[pyo3(signature = (*, ratio = None, fraction = None, implicit = false))]
     fn with_step(
         slf: PyRef<'_, Self>,
@@ -216,7 +216,7 @@ impl Subdomain {
         Ok(slf)
     }
 
-    /// "checked" or "unchecked": whether its weights must sum to one with those of the models it is tied to.
+    /// "checked" or "unchecked": whether its weights and those of the models coupled to it must sum to one.
     fn with_partition<'py>(slf: PyRef<'py, Self>, partition: &str) -> Result<PyRef<'py, Self>, Fault> {
         let partition: Partition = partition.parse()?;
         slf.change(|s| Ok(s.with_partition(partition)))?;
@@ -240,7 +240,7 @@ pub(crate) enum Which {
 }
 
 impl Which {
-    /// Its number among names.
+    /// Returns the number among `names`.
     pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
         let found = match self {
             Self::Number(k) => usize::try_from(*k).ok().filter(|k| *k < names.len()),
@@ -269,8 +269,8 @@ impl Which {
     }
 }
 
-/// What ties a coarse to a fine subdomain, both given by number or name: `mediator` is a mesh whose nodes
-/// carry the multipliers (or points, for natural neighbours), `junction` by default `L2()`, `sampling`
+/// Couples a coarse and a fine subdomain, both given by number or name. `mediator` is a mesh whose nodes
+/// carry the multipliers, or points for natural neighbours. `junction` is `L2()` by default. `sampling` is
 /// "intersection", "projection" or "particles".
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Interface {

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Makes runs in this process; what ended one of them is kept.
+/// Makes the runs of a sweep in this process, and keeps the error that stopped one of them.
 struct Here(Mutex<Option<Fault>>);
 
 impl Here {
@@ -48,7 +48,8 @@ impl Runner for Here {
     }
 }
 
-/// Makes the runs of a sweep file into a folder and draws the conclusion: the text of its `sweep.json`.
+/// Makes the runs of a sweep file into a folder, draws the conclusion, and returns the text of its
+/// `sweep.json`.
 #[pyfunction]
 pub(crate) fn sweep(
     py: Python<'_>,
