@@ -1,6 +1,6 @@
-//! All fifteen cells of the cantilever table (`cargo bench --bench cantilever`, some minutes), with 1, 2
-//! and 4 own steps of the finer side: drift of the energy beside the one published for overlapping Schwarz
-//! coupling.
+//! All fifteen cells of the cantilever table (`cargo bench --bench cantilever`, some minutes), each with 1,
+//! 2 and 4 own steps of the finer side: our drift of energy, and the drift published for overlapping
+//! Schwarz coupling.
 
 use arlequin_studies::cantilever::{self, PUBLISHED, WIDTHS};
 

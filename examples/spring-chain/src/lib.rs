@@ -1,8 +1,10 @@
-//! A harmonic chain written against the traits as any third party would: masses, springs, nothing else.
+//! A harmonic chain, implemented through the public traits as by a third party: masses and springs, nothing
+//! else.
 //!
-//! `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of each of its masses, both weighted
-//! by the mean of the weight over the bond. That is all there is to a model of one's own: copy this crate
-//! and change the law. `tests/conformance.rs` says whether the copy keeps what the coupling relies on.
+//! The energy is `U = Σ_bonds ᾱ_b C/2 (q_{k+1} − q_k)²`, and every bond carries half of both of its masses.
+//! Energy and mass are weighted by the mean of the weight over the bond. A model needs no more than this:
+//! copy this crate and change the law. `tests/conformance.rs` checks whether the copy keeps the properties
+//! that the coupling relies on.
 
 mod solver;
 
@@ -13,7 +15,7 @@ use arlequin::core::invalid;
 use arlequin::core::sprs::{CsMat, TriMat};
 use arlequin::prelude::*;
 
-/// Most springs of a chain.
+/// Largest number of springs in a chain.
 const MOST_BONDS: usize = 1 << 24;
 
 /// Equal masses joined by equal springs along x.
@@ -28,8 +30,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]; `mass`
-    /// \[kg\] per particle (half at the ends).
+    /// Creates a chain of `bonds` springs of stiffness `C` \[N/m\] from `x0` \[m\] with spacing `r` \[m\]
+    /// and `mass` \[kg\] per particle (half at the ends).
     ///
     /// # Errors
     /// [`Error::InvalidParameter`] for a value that is not positive and finite, or too many bonds.
@@ -43,7 +45,7 @@ impl Chain {
                 return Err(invalid(what, value, "must be positive and finite"));
             }
         }
-        // More would not fit into memory; a mistyped spacing asks for them easily.
+        // A longer chain would not fit into memory; a mistyped spacing easily asks for one.
         if bonds == 0 || bonds > MOST_BONDS {
             let rule = format!("must be between 1 and {MOST_BONDS}");
             return Err(invalid("chain bonds", bonds, &rule));
@@ -51,7 +53,7 @@ impl Chain {
         let nodes: Vec<_> = (0..=bonds)
             .map(|k| Point3::new(x0 + r * k as f64, 0.0, 0.0))
             .collect();
-        // Between two masses the field is linear: the natural neighbours of a point on a line.
+        // The field is linear between two masses, as are natural neighbours on a line.
         let field = Arc::new(FemField::on_line(nodes.clone(), 1.0)?);
         let (stiffness, bond_weight) = (vec![stiffness; bonds], vec![1.0; bonds]);
         Ok(Self {
@@ -64,8 +66,8 @@ impl Chain {
         })
     }
 
-    /// The same chain as a bar of some section \[m²\], which is 1 m² unless it is said: a bar beside it must
-    /// have the same section or the same mass per length.
+    /// Sets the section \[m²\] of the bar that the chain represents; the default is 1 m². A bar coupled to
+    /// the chain must have the same section or the same mass per length.
     ///
     /// # Errors
     /// [`Error::Model`] for a section that is not positive and finite.
@@ -74,7 +76,7 @@ impl Chain {
         Ok(self)
     }
 
-    /// The same chain with a stiffness \[N/m\] of its own for every bond.
+    /// Sets the stiffness \[N/m\] of each bond.
     #[must_use]
     pub fn with_stiffness(mut self, of_bond: impl Fn(usize) -> f64) -> Self {
         self.stiffness = (0..self.stiffness.len()).map(of_bond).collect();
@@ -88,7 +90,7 @@ impl Chain {
         }
     }
 
-    /// Weighted stiffness of each bond.
+    /// Returns the weighted stiffness of each bond.
     fn bonds(&self) -> impl Iterator<Item = f64> + '_ {
         self.bond_weight.iter().zip(&self.stiffness).map(|(w, k)| w * k)
     }

@@ -1,12 +1,12 @@
-//! The same chain as a whole solver that steps itself: what an existing program offers in the place of a
-//! [`Model`].
+//! The chain as a whole solver that makes its own steps: the interface of an existing program that replaces
+//! a [`Model`].
 
 use crate::Chain;
 use arlequin::core::Participant;
 use arlequin::core::snapshot::Record;
 use arlequin::prelude::*;
 
-/// A [`Chain`] with velocity Verlet of its own.
+/// A [`Chain`] that is advanced by its own velocity Verlet scheme.
 #[derive(Debug, Clone)]
 pub struct ChainSolver {
     chain: Chain,
@@ -19,10 +19,10 @@ pub struct ChainSolver {
 }
 
 impl ChainSolver {
-    /// A chain in the state given, displacements \[m\] and velocities \[m/s\].
+    /// Creates a solver with initial displacements \[m\] and velocities \[m/s\] of the particles.
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] unless there is one of each per particle.
+    /// [`Error::SizeMismatch`] unless both have one number per particle.
     pub fn new(chain: Chain, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         let n = chain.layout().dofs();
         for (what, found) in [
@@ -114,7 +114,7 @@ impl Participant<f64> for ChainSolver {
         self.chain.clone().critical_step(&inverse).ok()
     }
 
-    /// `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`: what velocity Verlet keeps at whole steps.
+    /// Returns `½vᵀMv + ½qᵀKq − ⅛Δt² fᵀM⁻¹f`, which velocity Verlet conserves at whole steps.
     fn invariant(&self) -> Option<f64> {
         let all = self.v.iter().zip(&self.force).zip(&self.inertia);
         let nodes: f64 = all
