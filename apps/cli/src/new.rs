@@ -64,6 +64,7 @@ pub(crate) fn new(a: &Arguments) -> Result<()> {
         };
         files.push((path, text));
     }
+    // Unlike `exists`, this also finds links whose target is missing.
     if let Some((path, _)) = files.iter().find(|f| std::fs::symlink_metadata(&f.0).is_ok()) {
         let rule = "is there already, and is not replaced; name another folder or file";
         return Err(key(path.display().to_string(), rule));

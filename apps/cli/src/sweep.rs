@@ -155,6 +155,7 @@ impl Processes {
         };
         let mut asked: Option<Instant> = None;
         loop {
+            // The standard library has no wait with a time limit, so the state is polled.
             if let Some(status) = child.try_wait().map_err(system)? {
                 return Ok(Some(status));
             }

@@ -164,7 +164,7 @@ pub(crate) struct Weights(pub(crate) arlequin::core::Weights<f64>);
 
 #[pymethods]
 impl Weights {
-    /// The same share of all three energies.
+    /// Weights with one ramp for all three energies.
     #[staticmethod]
     fn same(ramp: &Ramp) -> Self {
         Self(arlequin::core::Weights::same(ramp.0.clone()))
@@ -189,7 +189,7 @@ impl Weights {
         Self(self.0.clone().within(&left.0))
     }
 
-    /// The same weights with means over elements and bonds ("energy") or with values at nodes ("nodal").
+    /// Returns the weights with means over elements and bonds ("energy") or with values at nodes ("nodal").
     fn with_weighting(&self, weighting: &str) -> Result<Self, Fault> {
         let weighting: Weighting = weighting.parse()?;
         Ok(Self(self.0.clone().with_weighting(weighting)))

@@ -345,6 +345,7 @@ impl Model<f64> for PythonModel {
                 .call_method1(py, intern!(py, "internal_energy"), q)?;
             answer.extract::<f64>(py)
         });
+        // The method cannot return an error, so the exception waits until the run stops.
         found.unwrap_or_else(|e| {
             self.about.pending.keep(e);
             f64::NAN

@@ -57,6 +57,7 @@ pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
         .into_iter()
         .flat_map(|n| 3 * n..3 * n + 3)
         .collect();
+    // Both models start from the same deflection.
     let bend = |s: Subdomain<f64>| {
         let q: Vec<f64> = s
             .model()

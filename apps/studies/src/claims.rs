@@ -85,6 +85,7 @@ pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Resu
         let (k, phase, slow) = lattice(line.h);
         // Shorter by the ratio of group velocities, so that the packet lasts as long as in the chain.
         let wide = width * slow / fast;
+        // The packet starts wholly outside of the overlap.
         let start = -(line.overlap + wide + 30.0);
         line.build(&pulse(start, wide, k, phase), &rest)?
     };
@@ -93,6 +94,7 @@ pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Resu
         s.kinetic_energy() + s.internal_energy()
     };
     let before = all(&c);
+    // Long enough for the slower lattice to bring the reflected packet back out of the overlap.
     let way = (2.0 * width + 100.0 + 2.0 * line.overlap) / lattice(line.h).2.min(fast);
     let steps = (way / c.dt()) as usize;
     run(&mut c, steps)?;

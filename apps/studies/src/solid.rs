@@ -82,6 +82,7 @@ pub fn spec<T: Real>(mediator: Arc<FemField<T>>, junction: Box<dyn Junction<T>>)
 /// Errors of the models.
 pub fn bodies<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<[Subdomain<T>; 2]> {
     let w = weights(profile, epsilon)?;
+    // Spacings 1/2 and 2/7 along x, 1/2 and 1/3 across: no nodes coincide inside the overlap.
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3])?;
     let coarse = FemModel::new("left", left, material()?)?;

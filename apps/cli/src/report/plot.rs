@@ -255,6 +255,7 @@ fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
 /// Returns the coordinate of a value on an axis.
 fn scaled(value: f64, factor: f64, log: bool) -> f64 {
     if log {
+        // Keeps zero off the logarithm.
         (value * factor).max(f64::MIN_POSITIVE).log10()
     } else {
         value * factor

@@ -78,6 +78,7 @@ fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
     let mut pause = FIRST;
     let mut now = doing.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
+        // Wakes early when the work is over, so that a short program does not wait for its log.
         let until = |d: &mut Doing| !d.over;
         let waited = wake.wait_timeout_while(now, Duration::from_secs(pause), until);
         now = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -97,7 +98,7 @@ impl Progress {
         |what, done, of| self.show(what, done, of)
     }
 
-    /// Reports the begin of a set-up phase, whose duration is not known.
+    /// Reports the start of a set-up phase, whose duration is not known.
     pub(crate) fn phase(&self, phase: &str) {
         if loudness().verbose {
             eprintln!("set-up     {phase} ...");

@@ -54,6 +54,7 @@ impl Ranged for Decades {
     type ValueType = f64;
 
     fn map(&self, v: &f64, limit: (i32, i32)) -> i32 {
+        // Keeps zero off the logarithm.
         let s = (v.max(1e-300) / self.0).ln() / (self.1 / self.0).ln();
         limit.0 + (s * f64::from(limit.1 - limit.0)).round() as i32
     }

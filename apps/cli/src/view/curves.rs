@@ -102,8 +102,10 @@ fn thinned(plot: Plot) -> Plot {
     if rows <= ROWS {
         return plot;
     }
+    // Every bucket keeps up to two rows per curve.
     let buckets = (ROWS / (2 * plot.columns.len())).max(50);
     let size = rows.div_ceil(buckets);
+    // Both ends of the time axis remain.
     let mut kept = vec![0, rows - 1];
     for start in (0..rows).step_by(size) {
         let range = start..(start + size).min(rows);

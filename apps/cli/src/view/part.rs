@@ -196,6 +196,7 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
 
 /// Returns a hash of a particle number, so that a limit on it selects particles evenly in space.
 fn scattered(k: u32) -> u32 {
+    // The golden-ratio multiplier, then the multipliers of MurmurHash3's final mix.
     let h = k.wrapping_mul(0x9e37_79b1);
     let h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
     (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35)
@@ -309,6 +310,7 @@ fn quantised(name: String, on_lines: bool, components: usize, mut frames: Vec<Ve
         };
         low[c] = f64::from(all().copied().fold(f32::INFINITY, f32::min));
         high[c] = f64::from(all().copied().fold(f32::NEG_INFINITY, f32::max));
+        // No finite value: any range will do.
         if low[c] > high[c] {
             (low[c], high[c]) = (0.0, 0.0);
         }

@@ -109,6 +109,7 @@ impl Pieces {
             let offsets = p.numbers(Place::Grid, "offsets", 1)?;
             for (cell, end) in p.cells.iter().zip(offsets) {
                 // First the number of corners of each cell, summed up below.
+                // Damaged offsets may decrease; the subtraction must not overflow.
                 ends[*cell as usize] = (end as usize).saturating_sub(start);
                 start = end as usize;
             }

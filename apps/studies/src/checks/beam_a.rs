@@ -194,6 +194,7 @@ fn figures(done: &Runs) -> Vec<Figure> {
             .iter()
             .filter_map(|(name, key)| Some(done.get(key)?.curve(name, probe)));
         all.map(|(n, t, v)| {
+            // About three periods.
             let end = t.partition_point(|t| *t < 45e-6);
             (n, t[..end].to_vec(), v[..end].to_vec())
         })
@@ -234,6 +235,7 @@ fn check_points(r: &Record) -> Figure {
         ("overlap, DEM", "overlap-fine"),
         ("fine part", "fine-part"),
     ];
+    // About one period.
     let cut = r.times.partition_point(|t| *t < 14e-6);
     Figure {
             file: "beam-a-check-points",

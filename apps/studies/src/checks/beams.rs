@@ -81,6 +81,7 @@ impl RunSpec {
             return self.run();
         };
         let mut hash = std::hash::DefaultHasher::new();
+        // The record of another version, scene or assignment must not be found.
         (env!("CARGO_PKG_VERSION"), self.deck.text(), &self.set).hash(&mut hash);
         let name = self.key.replace(['/', ' '], "-");
         let path = folder.join(format!("{name}-{:016x}.json", hash.finish()));
@@ -114,6 +115,7 @@ impl RunSpec {
             steps,
             ..
         } = setup::build(scene.spec(), Path::new("."))?;
+        // Equal intervals, as the spectrum needs them.
         let every = steps.div_ceil(SAMPLES).max(1);
         let mut out = Record {
             step: every as f64 * run.dt(),
@@ -137,6 +139,7 @@ impl RunSpec {
             if made.is_multiple_of(every) {
                 read(&mut out, &mut run)?;
                 let now = momentum_scale(&run);
+                // A body may start from rest, so the scale is the largest over the run.
                 (0..2).for_each(|k| scale[k] = scale[k].max(now[k]));
             }
         }
@@ -304,7 +307,9 @@ impl Theory {
             2.0 + (b2 * (r2 - s2).powi(2) + 2.0) * a.cosh() * b.cos()
                 - b2.sqrt() * (r2 + s2) / (1.0 - b2 * r2 * s2).sqrt() * a.sinh() * b.sin()
         };
+        // Shear and rotary inertia lower the frequency, so the root lies below that of the thin beam.
         let (mut low, mut high) = (0.5 * self.thin_bending(), 1.02 * self.thin_bending());
+        // Sixty halvings exhaust double precision.
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if determinant(low) * determinant(middle) <= 0.0 {

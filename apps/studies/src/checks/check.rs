@@ -44,9 +44,9 @@ impl Accept {
 /// One comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct Check {
-    /// Name of the compared quantity, with its unit.
+    /// Case that the check belongs to.
     pub case: String,
-    /// What is compared, with its unit.
+    /// Compared quantity, with its unit.
     pub quantity: String,
     /// Number of the literature, if there is one.
     pub reference: Option<f64>,
@@ -56,7 +56,7 @@ pub struct Check {
     pub ours: f64,
     /// `(ours − reference)/|reference|`.
     pub relative_difference: Option<f64>,
-    /// Condition that decides.
+    /// Condition on our number.
     #[serde(rename = "acceptance")]
     pub accept: Accept,
     /// True if the condition holds.

@@ -75,6 +75,7 @@ fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junct
         mediator,
         epsilon,
         junction,
+        // Short ends are enough: only the overlap is analysed.
         coarse_elements: overlap as usize / 10 + 10,
         fine_bonds: overlap as usize + 40,
         ..Line::default()

@@ -248,6 +248,7 @@ fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) ->
             specs.push(spec);
         }
     }
+    // A long run that starts last would leave the other threads idle.
     specs.sort_by_key(|s| std::cmp::Reverse(s.cost));
     let records = in_parallel(&specs, options.threads, "runs", progress, |s| {
         s.run_or_recall(options.kept)

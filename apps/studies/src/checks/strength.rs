@@ -53,6 +53,7 @@ impl LoadCurve {
     /// Returns the slope \[N/m\] between 20 % and 50 % of the largest force, by least squares.
     fn slope(&self) -> f64 {
         let top = self.peak();
+        // Only the loading branch counts, up to the peak.
         let end = self.force.iter().position(|f| *f >= top).unwrap_or_default();
         let rows = self.way[..end].iter().zip(&self.force);
         let rows: Vec<(f64, f64)> = rows
@@ -92,6 +93,7 @@ pub(super) fn strength(done: &Runs) -> Result<Report> {
     // Dimensions in the scenes [m, m²]: section of the bar; diameter and thickness of the disc; span, width
     // and height of the beam.
     let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 3e-3, 4e-3]);
+    // Strength by direct tension, by splitting a disc, and by bending with linear stress over the height.
     let own = tension.peak() / section;
     let split = 2.0 * disc.peak() / (PI * wide * thick);
     let bent = 1.5 * bend.peak() * span / (width * height * height);

@@ -250,9 +250,9 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
 
 /// Check 7 of the method, and reflection and transmission over frequency.
 pub(super) fn reflection(done: &Runs) -> Result<Report> {
-    // Of each pair the first number is the largest of six wavelengths, the second the largest over [4.2,
-    // 40] h. The second is higher because between the six samples the reflections of the two borders add
-    // up.
+    // In each pair the first number is the largest of six wavelengths, the second the largest over
+    // [4.2, 40] h. The second is higher because between the six samples the reflections of the two borders
+    // add up.
     let bounds = [
         (20.0, [0.0845, 0.0847], [2.77, 2.335]),
         (40.0, [0.0239, 0.0266], [2.11, 1.624]),

@@ -280,6 +280,7 @@ fn neighbours() -> Result<Outcome> {
         Ok(side)
     };
     let (mut west, mut east) = (half([-40.0, -20.0])?, half([-20.0, 0.0])?);
+    // Solves one interface after the other, without a common solution.
     west.project();
     east.take_velocity(&west);
     east.project();

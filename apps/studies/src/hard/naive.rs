@@ -63,6 +63,7 @@ fn samples(mediator: &dyn Interpolation<f64>, others: &[&[Point3<f64>]], rule: R
     cuts.sort_by(f64::total_cmp);
     // Distance of the Gauss points from the middle, for an interval of length one.
     let g = 0.5 / 3.0f64.sqrt();
+    // Coincident nodes leave empty intervals.
     let pieces = cuts.windows(2).filter(|w| w[1] - w[0] > 1e-12);
     pieces
         .flat_map(|w| {
@@ -272,6 +273,7 @@ impl Naive {
             let lambda = &self.inverse * (&self.b * &self.v) * (2.0 / dt);
             let push = self.b.transpose() * &lambda;
             let push = DVector::from_fn(push.len(), |i, _| push[i] / self.mass[i]);
+            // The multipliers act on the second half of the step; their force stays in the acceleration.
             self.v -= &push * (0.5 * dt);
             self.a = a - push;
             for i in &self.fixed {

@@ -277,6 +277,7 @@ fn nest(
     let p = Point3::from;
     let far = |b: [[f64; 3]; 2]| Primitive::Block {
         low: Point3::from(Vector3::from_fn(|k, _| {
+            // At a free surface the block extends beyond the body.
             if b[0][k] <= whole[0][k] { -50.0 } else { b[0][k] }
         })),
         high: Point3::from(Vector3::from_fn(|k, _| {

@@ -104,6 +104,7 @@ fn restart() -> Result<Outcome> {
     );
     let mut whole = build()?;
     run(&mut whole, 200)?;
+    // The naive restart: displacements and velocities as a new initial state, without accelerations.
     let raw = line.subdomains(&rest, &rest)?;
     let mut again = Vec::new();
     for (s, old) in raw.into_iter().zip(whole.subdomains()) {

@@ -115,6 +115,7 @@ fn sizes() -> Result<Outcome> {
 /// Returns the energy after a collision over that before, if the dashpot is 0.2 of the critical damping of
 /// the mean mass. The step is 0.9 of the spring's limit.
 fn mean_mass_dashpot(small: f64, large: f64) -> f64 {
+    // The relative motion has the reduced mass, which is close to that of the small sphere.
     let reduced = small * large / (small + large);
     let c = 2.0 * 0.2 * (0.5 * (small + large)).sqrt();
     let dt = 0.9 * 2.0 * reduced.sqrt();

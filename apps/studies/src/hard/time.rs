@@ -114,6 +114,7 @@ fn shock() -> Result<Outcome> {
     let deck = line();
     let last = deck.fine_bonds;
     let dt = 0.5;
+    // A triangle of two steps: the load is at its peak at one instant.
     let hit = TimeFunction::Table(vec![(0.0, 0.0), (dt, 1e6), (2.0 * dt, 0.0)]);
     let [bar, chain] = deck.subdomains(&rest, &rest)?;
     let chain = chain.with_effect(Box::new(Load::on_dofs("hit", vec![(last, 1.0)], hit)?));
@@ -164,6 +165,7 @@ fn inconsistent() -> Result<Outcome> {
     c.advance(&mut Silent)?;
     let steps = 400;
     let mut flips = 0;
+    // Multipliers of the first step are the reference for the signs.
     let mut before = c.interfaces()[0].multipliers().to_vec();
     for _ in 0..steps {
         c.advance(&mut Silent)?;

@@ -76,6 +76,7 @@ fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
 fn tumbling() -> Result<Outcome> {
     let mut out = Outcome::default();
     let mut ours = spinning(|m| Box::new(m))?;
+    // Steps of one revolution.
     let turn = (2.0 * PI / SPIN.norm() / ours.dt()).ceil() as usize;
     ours.run(3 * turn, &mut Silent)?;
     let body = &ours.bodies()[0];
