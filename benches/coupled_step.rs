@@ -100,10 +100,10 @@ impl Deck {
 
     fn sides(&self) -> Result<[Subdomain<f64>; 2]> {
         let weights = solid::weights(Profile::Cubic, 0.05)?;
-        let others = Weights::complement_of(std::slice::from_ref(&weights));
+        let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
         Ok([
             Subdomain::coarse(self.coarse()?, weights).with_step(OwnStep::Same),
-            Subdomain::fine(self.fine()?, others),
+            Subdomain::fine(self.fine()?, fine_weights),
         ])
     }
 
@@ -131,16 +131,16 @@ impl Deck {
 
     /// Builds a run of one side alone.
     fn alone(&self, side: usize) -> Result<Coupled<f64>> {
-        let one = self.sides()?.into_iter().nth(side).into_iter();
-        let one = one.map(|s| s.with_partition(Partition::Unchecked)).collect();
-        Coupled::new(one, Vec::new(), TimeStep::Seconds(self.step()?), Some(rare()))
+        let bodies = self.sides()?.into_iter().nth(side).into_iter();
+        let bodies = bodies.map(|s| s.with_partition(Partition::Unchecked)).collect();
+        Coupled::new(bodies, Vec::new(), TimeStep::Seconds(self.step()?), Some(rare()))
     }
 
     /// Returns the own step of all cases \[s\]: 0.4 of the particles' critical step.
     fn step(&self) -> Result<f64> {
         let [_, fine] = self.sides()?;
-        let one = vec![fine.with_partition(Partition::Unchecked)];
-        Ok(Coupled::new(one, Vec::new(), TimeStep::Fraction(0.4), None)?.dt())
+        let bodies = vec![fine.with_partition(Partition::Unchecked)];
+        Ok(Coupled::new(bodies, Vec::new(), TimeStep::Fraction(0.4), None)?.dt())
     }
 }
 

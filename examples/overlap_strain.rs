@@ -58,8 +58,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn line(pairs: &[Pair]) -> String {
     let mut out = String::new();
     for w in STRIPS.windows(2) {
-        let here = || pairs.iter().filter(|p| p.s >= w[0] && p.s < w[1]);
-        let square = |f: &dyn Fn(&Pair) -> f64| here().map(|p| f(p).powi(2)).sum::<f64>();
+        let in_strip = || pairs.iter().filter(|p| p.s >= w[0] && p.s < w[1]);
+        let square = |f: &dyn Fn(&Pair) -> f64| in_strip().map(|p| f(p).powi(2)).sum::<f64>();
         out += &format!(" {:5.2}", (square(&|p| p.coupled) / square(&|p| p.alone)).sqrt());
     }
     let top = |f: &dyn Fn(&Pair) -> f64| pairs.iter().map(f).fold(0.0, f64::max);

@@ -31,14 +31,14 @@ fn cnem(name: &str, mesh: Mesh<f64>) -> Result<CnemModel> {
 
 /// Couples any coarse continuum with the fine finite elements.
 fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
-        Arc::new(Slab::between(at(OVERLAP[1]), at(OVERLAP[0]))?),
+        Arc::new(Slab::between(point(OVERLAP[1]), point(OVERLAP[0]))?),
         Profile::Cubic,
         1e-6,
     )?;
     let weights = Weights::same(Arc::new(ramp));
-    let rest = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let fine = fem("fine", block([OVERLAP[0], LENGTH], 0.25e-3)?)?;
     let pull = |_: &_| Vector3::new(1000.0 / (SIDE * SIDE), 0.0, 0.0);
     let load = Load::traction("pull", fine.mesh().surface("x-max")?, &pull, TimeFunction::Step)?;
@@ -55,7 +55,7 @@ fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
     );
     let bodies = vec![
         Subdomain::coarse(coarse, weights).with_support(support),
-        Subdomain::fine(fine, rest).with_effect(Box::new(load)),
+        Subdomain::fine(fine, fine_weights).with_effect(Box::new(load)),
     ];
     Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.9), None)
 }

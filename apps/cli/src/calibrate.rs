@@ -104,19 +104,21 @@ pub(crate) struct Calibrate {
 }
 
 /// Runs `arlequin calibrate`, with or without a scene.
-pub(crate) fn calibrate(asked: &Calibrate) -> Result<ExitCode, Located> {
-    let source = asked.scene.as_deref().map(Source::read).transpose()?;
+pub(crate) fn calibrate(arguments: &Calibrate) -> Result<ExitCode, Located> {
+    let source = arguments.scene.as_deref().map(Source::read).transpose()?;
     let progress = report::Progress::default();
-    let measured = threads::start(asked.threads)
-        .and_then(|_| asked.check())
-        .and_then(|()| measure(&asked.wanted(), source.as_ref(), &progress.teller()));
+    let measured = threads::start(arguments.threads)
+        .and_then(|_| arguments.check())
+        .and_then(|()| measure(&arguments.wanted(), source.as_ref(), &progress.reporter()));
     drop(progress);
-    let found = match (measured, &source) {
+    let calibration = match (measured, &source) {
         (Err(e), Some(source)) => return Err(Located::within(source)(e)),
-        (found, _) => found?,
+        (calibration, _) => calibration?,
     };
-    report::result(&found, asked.json, |c| report::text(&report::calibration(c)))?;
-    Ok(ExitCode::from(u8::from(found.refused.is_some())))
+    report::result(&calibration, arguments.json, |c| {
+        report::text(&report::calibration(c))
+    })?;
+    Ok(ExitCode::from(u8::from(calibration.refused.is_some())))
 }
 
 impl Calibrate {
@@ -125,15 +127,15 @@ impl Calibrate {
         if self.seeds == 0 || self.seeds > 1000 {
             return Err(value("--seeds", self.seeds, "must be 1 to 1000"));
         }
-        let one = |x: Option<f64>| x.map(|x| vec![x]);
+        let as_list = |x: Option<f64>| x.map(|x| vec![x]);
         let positive = [
             ("--cylinder", self.cylinder.clone(), 2),
             ("--box", self.cuboid.clone(), 3),
-            ("--spacing", one(self.spacing), 1),
-            ("--coordination", one(self.coordination), 1),
-            ("--young", one(self.young), 1),
-            ("--radius-ratio", one(self.radius_ratio), 1),
-            ("--target-young", one(self.target_young), 1),
+            ("--spacing", as_list(self.spacing), 1),
+            ("--coordination", as_list(self.coordination), 1),
+            ("--young", as_list(self.young), 1),
+            ("--radius-ratio", as_list(self.radius_ratio), 1),
+            ("--target-young", as_list(self.target_young), 1),
         ];
         for (name, numbers, count) in positive {
             let Some(numbers) = numbers else { continue };
@@ -171,10 +173,10 @@ impl Calibrate {
                 "strength is that of a bar; remove --periodic or --strength",
             ));
         }
-        let one = |x: Option<f64>| x.into_iter().collect::<Vec<f64>>();
+        let as_list = |x: Option<f64>| x.into_iter().collect::<Vec<f64>>();
         let positive = [
-            ("--beam-strength", one(self.beam_strength)),
-            ("--weibull", one(self.weibull)),
+            ("--beam-strength", as_list(self.beam_strength)),
+            ("--weibull", as_list(self.weibull)),
             ("--sizes", self.sizes.clone().unwrap_or_default()),
         ];
         for (name, numbers) in positive {

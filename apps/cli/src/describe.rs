@@ -20,13 +20,13 @@ pub(crate) struct SchemaArguments {
 }
 
 /// Prints the JSON Schema of scenes or sweeps.
-pub(crate) fn schema(asked: &SchemaArguments) -> Result<()> {
-    let schema = if asked.sweep {
+pub(crate) fn schema(arguments: &SchemaArguments) -> Result<()> {
+    let schema = if arguments.sweep {
         schema::sweep()
     } else {
         schema::scene()
     };
-    if asked.reference {
+    if arguments.reference {
         report::text(&report::reference::markdown(&schema));
     } else {
         report::line(&report::pretty(&schema)?);

@@ -53,12 +53,12 @@ impl Located {
     /// Prints an error known to all ranks on one rank only: the rank where it arose, or rank 0 if all had
     /// the same. Returns the exit code.
     pub(crate) fn report_once(&self) -> ExitCode {
-        let own = match self.error {
+        let is_origin = match self.error {
             Error::Agreed(_) => true,
             Error::Elsewhere { .. } => false,
             _ => crate::ranks::leads(),
         };
-        if own { self.report() } else { self.code() }
+        if is_origin { self.report() } else { self.code() }
     }
 
     /// Returns the error on one line, to be sent to other ranks.
@@ -75,9 +75,9 @@ fn render(error: &Error, source: Option<&Source>) -> String {
     let title = Level::ERROR.primary_title(&message);
     let shown = match (source, span) {
         (Some(s), Some(span)) => {
-            let here = AnnotationKind::Primary.span(span).label(key);
+            let annotation = AnnotationKind::Primary.span(span).label(key);
             let path = s.path.display().to_string();
-            let lines = Snippet::source(&s.text).path(path).annotation(here);
+            let lines = Snippet::source(&s.text).path(path).annotation(annotation);
             Renderer::plain().render(&[title.element(lines)])
         }
         _ => Renderer::plain().render(&[Group::with_title(title)]),

@@ -162,8 +162,8 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             out,
             force,
             waiting,
-        } => ranks::run(waiting, |others| {
-            with_scene(&common, &others, |scene| {
+        } => ranks::run(waiting, |communicator| {
+            with_scene(&common, &communicator, |scene| {
                 run::run(scene, out.as_deref(), force, common.json)
             })
         }),
@@ -172,10 +172,10 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             threads,
             json,
             waiting,
-        } => ranks::run(waiting, |others| {
+        } => ranks::run(waiting, |communicator| {
             let started = threads::start(threads).map(|_| ());
-            arlequin_scene::together(others.as_ref(), started)?;
-            Ok(run::resume(&folder, others, json)?)
+            arlequin_scene::together(communicator.as_ref(), started)?;
+            Ok(run::resume(&folder, communicator, json)?)
         }),
         other => {
             if let Err(e) = ranks::refuse_several(other.name()) {
@@ -206,7 +206,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             }
             run::watch_links(scene)?;
             report::result(
-                &scene.prepare_with(&mut report::phase_teller())?.preview(),
+                &scene.prepare_with(&mut report::phase_reporter())?.preview(),
                 common.json,
                 report::plan,
             )?;
@@ -216,7 +216,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Calibrate(asked) => calibrate::calibrate(&asked),
+        Command::Calibrate(arguments) => calibrate::calibrate(&arguments),
         Command::Verify(args) => Ok(verify::verify(&args)?),
         Command::Sweep(a) => sweep::sweep(&a),
         Command::SweepDocs(a) => sweep::document(&a),
@@ -224,9 +224,9 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             suggest::suggest(scene, &wish, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::New(asked) => Ok(new::new(&asked).map(|()| ExitCode::SUCCESS)?),
-        Command::View(asked) => Ok(view::view(&asked).map(|()| ExitCode::SUCCESS)?),
-        Command::Schema(asked) => Ok(describe::schema(&asked).map(|()| ExitCode::SUCCESS)?),
+        Command::New(arguments) => Ok(new::new(&arguments).map(|()| ExitCode::SUCCESS)?),
+        Command::View(arguments) => Ok(view::view(&arguments).map(|()| ExitCode::SUCCESS)?),
+        Command::Schema(arguments) => Ok(describe::schema(&arguments).map(|()| ExitCode::SUCCESS)?),
         Command::Completions { shell } => {
             describe::completions(shell);
             Ok(ExitCode::SUCCESS)
@@ -238,17 +238,17 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
 /// Runs a command on a scene. Errors point to the line of the scene file that caused them.
 fn with_scene(
     common: &Common,
-    others: &ranks::Others,
+    communicator: &ranks::OtherRanks,
     command: impl FnOnce(&Scene) -> Result<ExitCode>,
 ) -> Result<ExitCode, Located> {
-    let source = arlequin_scene::together(others.as_ref(), Source::read(&common.scene))?;
+    let source = arlequin_scene::together(communicator.as_ref(), Source::read(&common.scene))?;
     let run = || {
         let read = || {
             threads::start(common.threads)?;
             Scene::of(source.clone())?.assign(&common.set)
         };
-        let scene = arlequin_scene::together(others.as_ref(), read())?;
-        match others {
+        let scene = arlequin_scene::together(communicator.as_ref(), read())?;
+        match communicator {
             Some(c) => command(&scene.on_ranks(c.clone())?),
             None => command(&scene),
         }

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 /// Communicator to the other ranks; `None` if this process runs alone.
-pub(crate) type Others = Option<Arc<dyn Communicator>>;
+pub(crate) type OtherRanks = Option<Arc<dyn Communicator>>;
 
 /// Default limit on waiting for another rank \[s\]. It must cover the writing of frames and checkpoints and
 /// the different durations of the ranks' set-ups.
@@ -41,10 +41,10 @@ impl Waiting {
 pub(crate) fn on_this_machine() -> usize {
     // Set for each process by Open MPI, and by MPICH and Intel MPI.
     let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
-    let told = names
+    let count = names
         .iter()
         .find_map(|n| std::env::var(n).ok()?.trim().parse().ok());
-    told.unwrap_or(1).max(1)
+    count.unwrap_or(1).max(1)
 }
 
 /// Returns whether this process prints: rank 0, or a process that runs alone.
@@ -68,7 +68,7 @@ pub(crate) fn refuse_several(command: &str) -> Result<()> {
 #[cfg(feature = "mpi")]
 pub(crate) fn run(
     waiting: Waiting,
-    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+    work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     use arlequin_mpi::processes::{self, Ending};
     let wait = waiting.seconds()?;
@@ -97,7 +97,7 @@ pub(crate) fn run(
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn run(
     waiting: Waiting,
-    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+    work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     waiting.seconds()?;
     if let Some(Launched { rank, ranks }) = Launched::from_environment().filter(|l| l.ranks > 1) {

@@ -1,7 +1,7 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::error::{Error, Result};
-use crate::ranks::{self, Others};
+use crate::ranks::{self, OtherRanks};
 use crate::report::{self, Progress};
 use arlequin::core::{Coupled, interrupt};
 use arlequin_scene::output::curves::CurveLine;
@@ -27,29 +27,29 @@ pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool)
     scene.check_tables()?;
     let folder = RunFolder::new(scene, out, force)?;
     watch_links(scene)?;
-    let prepared = scene.prepare_with(&mut report::phase_teller())?;
+    let prepared = scene.prepare_with(&mut report::phase_reporter())?;
     report::holdings(&prepared.built().holdings, as_json);
     finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Continues the run of a folder from its last checkpoint.
-pub(crate) fn resume(target: &Path, others: Others, as_json: bool) -> Result<ExitCode> {
+pub(crate) fn resume(target: &Path, communicator: OtherRanks, as_json: bool) -> Result<ExitCode> {
     watch_interrupt()?;
-    let resumed = arlequin_scene::resume_on(target, others)?;
+    let resumed = arlequin_scene::resume_on(target, communicator)?;
     finished(&resumed.run(&mut Terminal::new(as_json)?)?, as_json)
 }
 
 /// Reports the results of a run and returns the exit code.
-fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
-    let summary = done.summary();
+fn finished(results: &Results, as_json: bool) -> Result<ExitCode> {
+    let summary = results.summary();
     // Every rank has the same summary, so only rank 0 prints it.
     let leads = ranks::leads();
     if as_json && leads {
         report::line(&json("writing summary.json", summary)?);
-    } else if let Some(folder) = done.folder.as_ref().filter(|_| leads && !as_json) {
-        report::finished(summary, folder, done.planned);
+    } else if let Some(folder) = results.folder.as_ref().filter(|_| leads && !as_json) {
+        report::finished(summary, folder, results.planned);
     }
-    Ok(if done.end == End::Interrupted {
+    Ok(if results.end == End::Interrupted {
         ExitCode::from(INTERRUPTED)
     } else {
         ExitCode::SUCCESS

@@ -25,11 +25,11 @@ pub(crate) struct Wish {
 
 /// Proposes settings, and writes a scene with them if `--apply` is given.
 pub(crate) fn suggest(scene: &Scene, wish: &Wish, json: bool) -> Result<()> {
-    let found = propose(scene, goal(wish)?, wish.frequency)?;
+    let proposal = propose(scene, goal(wish)?, wish.frequency)?;
     if let Some(out) = &wish.apply {
-        found.write(scene, out)?;
+        proposal.write(scene, out)?;
     }
-    report::result(&found, json, |p| report::proposal(p, wish.apply.as_deref()))
+    report::result(&proposal, json, |p| report::proposal(p, wish.apply.as_deref()))
 }
 
 /// Parses a positive number with one of several units.

@@ -69,22 +69,22 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode, Located> {
         mark::claim("--out", &out)?;
         let file = prepared.file().clone();
         let processes = Processes::new(file.threads, run::watch_interrupt()?)?;
-        let tell = |label: &str, k: usize, of: usize| {
-            progress.show("runs", k, of);
-            progress.at(label);
+        let report_progress = |label: &str, k: usize, count: usize| {
+            progress.show("runs", k, count);
+            progress.set_label(label);
         };
-        let made = prepared.make(&out, arguments.fresh, &processes, &tell)?;
-        Ok((file, made))
+        let result = prepared.make(&out, arguments.fresh, &processes, &report_progress)?;
+        Ok((file, result))
     };
-    let (file, made) = make().map_err(Located::within(&source))?;
+    let (file, result) = make().map_err(Located::within(&source))?;
     drop(progress);
-    let json = report::sweep::write_all(&out, &file, &made)?;
+    let json = report::sweep::write_all(&out, &file, &result)?;
     if arguments.json {
         report::line(&json);
     } else {
-        report::sweep::finished(&made, &out);
+        report::sweep::finished(&result, &out);
     }
-    Ok(match made.status {
+    Ok(match result.status {
         "interrupted" => ExitCode::from(run::INTERRUPTED),
         "failed" => ExitCode::FAILURE,
         _ => ExitCode::SUCCESS,

@@ -70,7 +70,7 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         threads,
         kept: args.resume.as_deref(),
     };
-    let reports = checks::run(&chosen, &options, &progress.teller())?;
+    let reports = checks::run(&chosen, &options, &progress.reporter())?;
     drop(progress);
     let mut rows: Vec<Check> = reports.iter().flat_map(|r| r.checks.clone()).collect();
     rows.retain(|c| c.listed || !c.pass);
@@ -106,35 +106,35 @@ fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let measured = checks::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
+    let measured = checks::in_parallel(&chosen, threads, "hard cases", &progress.reporter(), |case| {
         Ok((case.run)().map_err(|e| e.to_string()))
     })?;
     progress.clear();
-    let kept = measured
+    let passed = measured
         .iter()
         .filter(|m| m.as_ref().is_ok_and(Outcome::pass))
         .count();
-    let all = || chosen.iter().zip(&measured);
+    let pairs = || chosen.iter().zip(&measured);
     if args.json {
-        let all: Vec<_> = all().map(|(c, m)| report::hard::json(c, m)).collect();
-        report::line(&report::pretty(&all)?);
+        let pairs: Vec<_> = pairs().map(|(c, m)| report::hard::json(c, m)).collect();
+        report::line(&report::pretty(&pairs)?);
     } else {
-        all().for_each(|(c, m)| report::text(&report::hard::text(c, m)));
-        report::line(&format!("{kept} of {} promises kept", chosen.len()));
+        pairs().for_each(|(c, m)| report::text(&report::hard::text(c, m)));
+        report::line(&format!("{passed} of {} promises kept", chosen.len()));
     }
-    Ok(code(kept == chosen.len()))
+    Ok(code(passed == chosen.len()))
 }
 
 /// Returns the hard cases that the arguments select.
 fn chosen_hard(args: &Args) -> Result<Vec<HardCase>> {
-    let all = cases();
+    let hard_cases = cases();
     for name in &args.cases {
-        if all.iter().all(|c| c.name != name) {
-            let known: Vec<String> = all.iter().map(|c| c.name.to_owned()).collect();
+        if hard_cases.iter().all(|c| c.name != name) {
+            let known: Vec<String> = hard_cases.iter().map(|c| c.name.to_owned()).collect();
             return Err(unknown("verify --hard", name, "hard case", known.iter()));
         }
     }
     let wanted = |c: &HardCase| args.cases.is_empty() || args.cases.iter().any(|n| n == c.name);
     let cheap = |c: &HardCase| c.fast || !args.quick;
-    Ok(all.into_iter().filter(|c| wanted(c) && cheap(c)).collect())
+    Ok(hard_cases.into_iter().filter(|c| wanted(c) && cheap(c)).collect())
 }

@@ -30,7 +30,7 @@ pub(crate) fn points(what: &str, from: &Numbers<'_>) -> Result<Vec<Point3<f64>>,
     match shape.as_slice() {
         [_] => Ok(all.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
         [_, 3] => Ok(all.as_chunks::<3>().0.iter().map(|p| Point3::from(*p)).collect()),
-        _ => Err(Fault::of(
+        _ => Err(Fault::new(
             "SizeMismatch",
             format!("{what} have the shape {shape:?}; give (n, 3), or (n,) for points along x [m]"),
         )),
@@ -39,15 +39,15 @@ pub(crate) fn points(what: &str, from: &Numbers<'_>) -> Result<Vec<Point3<f64>>,
 
 /// Reads one point \[m\].
 pub(crate) fn point(what: &str, from: &Numbers<'_>) -> Result<Point3<f64>, Fault> {
-    let all = flat(from);
-    match *all.as_slice() {
+    let numbers = flat(from);
+    match *numbers.as_slice() {
         [x] => Ok(Point3::new(x, 0.0, 0.0)),
         [x, y, z] => Ok(Point3::new(x, y, z)),
-        _ => Err(Fault::of(
+        _ => Err(Fault::new(
             "SizeMismatch",
             format!(
                 "{what} has {} numbers; give x, y and z, or x alone [m]",
-                all.len()
+                numbers.len()
             ),
         )),
     }

@@ -26,11 +26,12 @@ pub(crate) fn outside<V: Send>(
     py: Python<'_>,
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
-    let made = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
+    let result = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
     if let Some(raised) = raised() {
         return Err(raised);
     }
-    made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
+    result
+        .unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
         .map_err(PyErr::from)
 }
 
@@ -92,13 +93,13 @@ pub(crate) type Shared = Arc<Py<PyAny>>;
 
 /// Python objects that a subdomain or a run calls, and the slots where their exceptions wait.
 #[derive(Debug, Default)]
-pub(crate) struct Heard {
+pub(crate) struct Callbacks {
     objects: Vec<Shared>,
     pending: Vec<Pending>,
 }
 
-impl Heard {
-    pub(crate) fn of(object: Option<Shared>, pending: Pending) -> Self {
+impl Callbacks {
+    pub(crate) fn new(object: Option<Shared>, pending: Pending) -> Self {
         Self {
             objects: object.into_iter().collect(),
             pending: vec![pending],
@@ -106,7 +107,7 @@ impl Heard {
     }
 
     /// Adds the slot where the exceptions of a function wait.
-    pub(crate) fn hear(&mut self, pending: Option<&Pending>) {
+    pub(crate) fn add_pending(&mut self, pending: Option<&Pending>) {
         self.pending.extend(pending.cloned());
     }
 
@@ -160,16 +161,16 @@ pub(crate) struct Claim(usize);
 static CLAIMED: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());
 
 impl Claim {
-    pub(crate) fn of(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
-        let at = object.as_ptr() as usize;
-        let mut all = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.insert(at) {
-            return Ok(Self(at));
+    pub(crate) fn new(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
+        let address = object.as_ptr() as usize;
+        let mut claimed = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
+        if claimed.insert(address) {
+            return Ok(Self(address));
         }
         let text = format!(
             "'{name}' is part of a subdomain or run that is still there; make another one, or delete that first"
         );
-        Err(Fault::of("Unsupported", text))
+        Err(Fault::new("Unsupported", text))
     }
 }
 

@@ -119,7 +119,7 @@ fn overlap_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Overlap<f64>>> {
         return Ok(shell.get().0.clone());
     }
     let rule = format!("{from} is no overlap: give an arlequin.Slab or an arlequin.Shell");
-    Err(Fault::of("InvalidParameter", rule).into())
+    Err(Fault::new("InvalidParameter", rule).into())
 }
 
 /// The weight of the coarse model across an overlap: 1 where only the coarse model is, 0 where only the
@@ -145,15 +145,15 @@ impl Ramp {
     ) -> PyResult<Self> {
         let kind: ProfileKind = profile.parse().map_err(Fault::from)?;
         let profile = kind.profile(value, &stations).map_err(Fault::from)?;
-        let made = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
-        Ok(Self(Arc::new(made.map_err(Fault::from)?)))
+        let ramp = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
+        Ok(Self(Arc::new(ramp.map_err(Fault::from)?)))
     }
 
     /// Returns the weight at points [m].
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         use arlequin::core::Weight;
-        let all = points("points", &x)?;
-        Ok(array(py, all.iter().map(|x| self.0.at(x)).collect()))
+        let positions = points("points", &x)?;
+        Ok(array(py, positions.iter().map(|x| self.0.at(x)).collect()))
     }
 }
 
@@ -180,8 +180,8 @@ impl Weights {
     #[staticmethod]
     #[pyo3(signature = (*coarse))]
     fn complement_of(coarse: Vec<PyRef<'_, Self>>) -> Self {
-        let all: Vec<_> = coarse.iter().map(|w| w.0.clone()).collect();
-        Self(arlequin::core::Weights::complement_of(&all))
+        let coarse_weights: Vec<_> = coarse.iter().map(|w| w.0.clone()).collect();
+        Self(arlequin::core::Weights::complement_of(&coarse_weights))
     }
 
     /// Weights of a model in the share that coarser models leave, `left`.
@@ -197,9 +197,9 @@ impl Weights {
 
     /// Returns the shares of internal energy, kinetic energy and external work at points [m].
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
-        let all = points("points", &x)?;
+        let positions = points("points", &x)?;
         Ok([&self.0.internal, &self.0.kinetic, &self.0.external]
-            .map(|w| array(py, all.iter().map(|x| w.at(x)).collect())))
+            .map(|w| array(py, positions.iter().map(|x| w.at(x)).collect())))
     }
 }
 
@@ -269,7 +269,7 @@ impl TimeFunction {
                 times.len(),
                 values.len()
             );
-            return Err(Fault::of("SizeMismatch", text));
+            return Err(Fault::new("SizeMismatch", text));
         }
         let pairs = times.into_iter().zip(values).collect();
         Ok(Self(arlequin::core::TimeFunction::Table(pairs)))
@@ -295,16 +295,16 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
     if !from.is_callable() {
         let rule =
             format!("{from} is no function of time: give an arlequin.TimeFunction or a function of t [s]");
-        return Err(Fault::of("InvalidParameter", rule).into());
+        return Err(Fault::new("InvalidParameter", rule).into());
     }
     // A failing function is refused here. If it fails later, its value is NaN and the exception waits until
     // the run stops.
     from.call1((0.0,))?.extract::<f64>()?;
     let (text, function) = (from.str()?.to_string(), from.clone().unbind());
     let pending = Pending::default();
-    let kept = pending.clone();
-    let at = move |t: f64| {
-        if kept.waits() {
+    let slot = pending.clone();
+    let evaluate = move |t: f64| {
+        if slot.waits() {
             return f64::NAN;
         }
         Python::attach(|py| {
@@ -313,13 +313,13 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
                 // For negative times the core takes the value at zero if there is none, so the exception
                 // may be ignored; Ctrl-C counts at any time.
                 if t >= 0.0 || !e.is_instance_of::<PyException>(py) {
-                    kept.keep(e);
+                    slot.keep(e);
                 }
                 f64::NAN
             })
         })
     };
-    let formula = arlequin::core::TimeFunction::Formula(Formula::new(&text, at));
+    let formula = arlequin::core::TimeFunction::Formula(Formula::new(&text, evaluate));
     Ok((formula, Some(pending)))
 }
 
@@ -335,7 +335,7 @@ pub(crate) struct Effect {
 }
 
 impl Effect {
-    fn of<E: EffectSpec<f64> + 'static>(
+    fn checked<E: EffectSpec<f64> + 'static>(
         make: impl Fn() -> arlequin::core::Result<E> + Send + Sync + 'static,
         pending: Option<Pending>,
     ) -> Result<Self, Fault> {
@@ -365,11 +365,11 @@ pub(crate) fn load(
             forces.len(),
             dofs.len()
         );
-        return Err(Fault::of("SizeMismatch", text).into());
+        return Err(Fault::new("SizeMismatch", text).into());
     }
     let pairs: Vec<_> = dofs.into_iter().zip(forces).collect();
     let make = move || Load::on_dofs(&name, pairs.clone(), time.clone());
-    Ok(Effect::of(make, pending)?)
+    Ok(Effect::checked(make, pending)?)
 }
 
 /// An acceleration of every point [m/s2], such as gravity, multiplied by a function of time.
@@ -378,21 +378,21 @@ pub(crate) fn load(
 pub(crate) fn body_force(acceleration: [f64; 3], time: Option<&Bound<'_, PyAny>>) -> PyResult<Effect> {
     let (time, pending) = time_function(time)?;
     let make = move || BodyForce::new(Vector3::from(acceleration))?.over_time(time.clone());
-    Ok(Effect::of(make, pending)?)
+    Ok(Effect::checked(make, pending)?)
 }
 
 /// Damping proportional to velocity and mass, with a rate [1/s].
 #[pyfunction]
 #[pyo3(name = "MassDamping")]
 pub(crate) fn mass_damping(rate: f64) -> Result<Effect, Fault> {
-    Effect::of(move || MassDamping::new(rate), None)
+    Effect::checked(move || MassDamping::new(rate), None)
 }
 
 /// Damping proportional to the strain rate, with a time [s].
 #[pyfunction]
 #[pyo3(name = "StiffnessDamping")]
 pub(crate) fn stiffness_damping(time: f64) -> Result<Effect, Fault> {
-    Effect::of(move || StiffnessDamping::new(time), None)
+    Effect::checked(move || StiffnessDamping::new(time), None)
 }
 
 /// Damping by a share of the unbalanced force, usually 0.1 to 0.8. It is meant for approaching rest, not
@@ -400,5 +400,5 @@ pub(crate) fn stiffness_damping(time: f64) -> Result<Effect, Fault> {
 #[pyfunction]
 #[pyo3(name = "LocalDamping")]
 pub(crate) fn local_damping(share: f64) -> Result<Effect, Fault> {
-    Effect::of(move || LocalDamping::new(share), None)
+    Effect::checked(move || LocalDamping::new(share), None)
 }

@@ -11,21 +11,21 @@ use arlequin::core::{Model, Uniform, conformance};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Calls `ask` on a model of the library, or on a Python model with weights of one.
+/// Calls `call` on a model of the library, or on a Python model with weights of one.
 fn with(
     object: &Bound<'_, PyAny>,
-    ask: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
+    call: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
 ) -> PyResult<f64> {
     if let Ok(native) = object.cast::<NativeModel>() {
         let native = native.get();
-        return outside(object.py(), || native.with(ask));
+        return outside(object.py(), || native.with(call));
     }
-    let (mut model, _, heard) = plug::model(object)?;
-    let made = outside(object.py(), move || {
+    let (mut model, _, callbacks) = plug::model(object)?;
+    let answer = outside(object.py(), move || {
         model.set_internal_weight(&Uniform(1.0))?;
-        ask(&mut *model)
+        call(&mut *model)
     });
-    heard.raised().map_or(made, Err)
+    callbacks.raised().map_or(answer, Err)
 }
 
 /// Largest force under a rigid motion, relative to the force under a random motion of `amplitude` [m]. The
@@ -69,13 +69,13 @@ pub(crate) fn shapes<'py>(
     points: Numbers<'py>,
     gradients: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (field, at) = (field_of(field)?, self::points("points", &points)?);
-    let found = outside(py, || Ok(conformance::shapes(&*field, &at, gradients)?))?;
+    let (field, positions) = (field_of(field)?, self::points("points", &points)?);
+    let defects = outside(py, || Ok(conformance::shapes(&*field, &positions, gradients)?))?;
     let out = PyDict::new(py);
-    out.set_item("unity", found.unity)?;
-    out.set_item("linear", found.linear)?;
-    out.set_item("gradient", found.gradient)?;
-    out.set_item("negative", found.negative)?;
+    out.set_item("unity", defects.unity)?;
+    out.set_item("linear", defects.linear)?;
+    out.set_item("gradient", defects.gradient)?;
+    out.set_item("negative", defects.negative)?;
     Ok(out)
 }
 
@@ -89,18 +89,18 @@ pub(crate) fn participant<'py>(
     step: f64,
     steps: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (mut solver, _, heard) = PythonSolver::of(solver)?;
-    let made = outside(py, move || {
+    let (mut solver, _, callbacks) = PythonSolver::from_object(solver)?;
+    let result = outside(py, move || {
         Ok(conformance::participant(&mut solver, step, steps)?)
     });
-    let found = heard.raised().map_or(made, Err)?;
+    let defects = callbacks.raised().map_or(result, Err)?;
     let out = PyDict::new(py);
-    out.set_item("travelled", found.travelled)?;
-    out.set_item("gained", found.gained)?;
-    out.set_item("kick", found.kick)?;
-    out.set_item("moved", found.moved)?;
-    out.set_item("drift", found.drift)?;
-    out.set_item("work", found.work)?;
-    out.set_item("resumed", found.resumed)?;
+    out.set_item("travelled", defects.travelled)?;
+    out.set_item("gained", defects.gained)?;
+    out.set_item("kick", defects.kick)?;
+    out.set_item("moved", defects.moved)?;
+    out.set_item("drift", defects.drift)?;
+    out.set_item("work", defects.work)?;
+    out.set_item("resumed", defects.resumed)?;
     Ok(out)
 }

@@ -1,7 +1,7 @@
 //! Coupled runs.
 
 use crate::arrays::{Numbers, array, points, rows};
-use crate::border::{Heard, Pulse, outside};
+use crate::border::{Callbacks, Pulse, outside};
 use crate::error::Fault;
 use crate::subdomain::{Interface, Subdomain, Which};
 use arlequin::core::snapshot::Snapshot as State;
@@ -40,7 +40,7 @@ pub(crate) struct Coupled {
     run: Mutex<Inner>,
     names: Vec<String>,
     interfaces: Vec<String>,
-    heard: Heard,
+    callbacks: Callbacks,
     drawn: Mutex<Vec<[f64; 9]>>,
     /// True if an exception ended the run, perhaps within a step: models may then be at different times.
     torn: AtomicBool,
@@ -63,7 +63,7 @@ impl Snapshot {
 /// Records energies and checks for Ctrl-C.
 struct Watch<'a> {
     drawn: &'a Mutex<Vec<[f64; 9]>>,
-    heard: &'a Heard,
+    callbacks: &'a Callbacks,
     pulse: Pulse,
     stop: Option<PyErr>,
     warned: Vec<String>,
@@ -98,7 +98,7 @@ impl Observer<f64> for Watch<'_> {
             self.stop = Some(e);
             return Ok(ControlFlow::Break(()));
         }
-        Ok(match self.heard.waits() {
+        Ok(match self.callbacks.waits() {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         })
@@ -123,7 +123,7 @@ fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> 
         (None, None, Some(f)) => Ok(TimeStep::Chosen(f)),
         _ => {
             let rule = "step of the run: give one of fraction, seconds and chosen";
-            Err(Fault::of("InvalidParameter", rule))
+            Err(Fault::new("InvalidParameter", rule))
         }
     }
 }
@@ -133,7 +133,7 @@ impl Coupled {
         match self.run.try_lock() {
             Ok(run) => Ok(run),
             Err(TryLockError::Poisoned(p)) => Ok(p.into_inner()),
-            Err(TryLockError::WouldBlock) => Err(Fault::of(
+            Err(TryLockError::WouldBlock) => Err(Fault::new(
                 "Busy",
                 "this run computes already, in another thread or around the model that asks; wait until it has ended",
             )),
@@ -147,7 +147,7 @@ impl Coupled {
         }
         let rule = "an exception ended this run, perhaps within a step, and its models may be at different instants: go back \
                     with restore(snapshot), or build it anew";
-        Err(Fault::of("Unsupported", rule))
+        Err(Fault::new("Unsupported", rule))
     }
 
     /// Runs `work` on the run. If an exception of a Python model waits, it is raised instead of the error
@@ -157,19 +157,19 @@ impl Coupled {
         py: Python<'_>,
         work: impl FnOnce(&mut Inner) -> Result<V, Fault> + Send,
     ) -> PyResult<V> {
-        let made = outside(py, || work(&mut *self.lock()?));
-        self.heard.raised().map_or(made, Err)
+        let result = outside(py, || work(&mut *self.lock()?));
+        self.callbacks.raised().map_or(result, Err)
     }
 
     /// Returns the displacements of a model's nodes, (nodes, components), or their rotations.
     fn values<'py>(
         &self,
         py: Python<'py>,
-        of: &Which,
+        which: &Which,
         rotations: bool,
         pick: impl Fn(&core::State<f64>) -> &Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let k = of.among(&self.names, "subdomain")?;
+        let k = which.among(&self.names, "subdomain")?;
         let run = self.lock()?;
         let (layout, all) = (
             run.subdomains()[k].model().layout(),
@@ -205,12 +205,12 @@ impl Coupled {
             .iter()
             .map(|i| i.spec(&names))
             .collect::<Result<Vec<_>, Fault>>()?;
-        let mut heard = Heard::default();
-        let all = subdomains
+        let mut callbacks = Callbacks::default();
+        let bodies = subdomains
             .iter()
-            .map(|s| s.give(&mut heard))
+            .map(|s| s.give(&mut callbacks))
             .collect::<Result<Vec<_>, Fault>>()?;
-        let nodal = all.iter().any(|s| s.weights().weighting == Weighting::Nodal);
+        let nodal = bodies.iter().any(|s| s.weights().weighting == Weighting::Nodal);
         // Nodal weighting does not conserve energy, so its guard allows far larger growth.
         let mut guard = Guard::for_weighting(if nodal {
             Weighting::Nodal
@@ -222,16 +222,16 @@ impl Coupled {
         let parts = Parts {
             start,
             end: None,
-            subdomains: all,
+            subdomains: bodies,
             interfaces: specs,
             pairs: Vec::new(),
         };
-        let made = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
+        let result = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
         Ok(Self {
-            run: Mutex::new(heard.raised().map_or(made, Err)?),
+            run: Mutex::new(callbacks.raised().map_or(result, Err)?),
             names,
             interfaces: interfaces.iter().map(|i| i.name.clone()).collect(),
-            heard,
+            callbacks,
             drawn: Mutex::new(Vec::new()),
             torn: AtomicBool::new(false),
         })
@@ -249,11 +249,11 @@ impl Coupled {
         every: usize,
     ) -> PyResult<usize> {
         let (this, py) = (slf.get(), slf.py());
-        let mut made = 0;
-        while made < steps {
+        let mut steps_made = 0;
+        while steps_made < steps {
             let ahead = match observer {
-                Some(_) => every.max(1).min(steps - made),
-                None => steps - made,
+                Some(_) => every.max(1).min(steps - steps_made),
+                None => steps - steps_made,
             };
             let (done, stop, warned) = this.compute(py, |run| {
                 this.whole()?;
@@ -261,16 +261,16 @@ impl Coupled {
                 this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
                     drawn: &this.drawn,
-                    heard: &this.heard,
+                    callbacks: &this.callbacks,
                     pulse: Pulse::new(),
                     stop: None,
                     warned: Vec::new(),
                 };
                 let done = run.run(ahead, &mut watch)?;
-                this.torn.store(this.heard.waits(), Ordering::Relaxed);
+                this.torn.store(this.callbacks.waits(), Ordering::Relaxed);
                 Ok((done, watch.stop, watch.warned))
             })?;
-            made += done;
+            steps_made += done;
             warn(py, &warned)?;
             stop.map_or(Ok(()), Err)?;
             if let Some(observer) = observer
@@ -279,7 +279,7 @@ impl Coupled {
                 break;
             }
         }
-        Ok(made)
+        Ok(steps_made)
     }
 
     /// Names of the models.
@@ -389,8 +389,8 @@ impl Coupled {
             Vec::with_capacity(3 * all.len()),
         ];
         for x in &all {
-            let found = run.subdomains()[k].sample(x).map_err(Fault::from)?;
-            out.iter_mut().zip(found).for_each(|(o, v)| o.extend(v.iter()));
+            let sample = run.subdomains()[k].sample(x).map_err(Fault::from)?;
+            out.iter_mut().zip(sample).for_each(|(o, v)| o.extend(v.iter()));
         }
         let [u, v] = out;
         Ok([rows(py, u, 3)?, rows(py, v, 3)?])
@@ -400,8 +400,8 @@ impl Coupled {
     fn multipliers<'py>(&self, py: Python<'py>, interface: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let k = interface.among(&self.interfaces, "interface")?;
         let run = self.lock()?;
-        let found = &run.interfaces()[k];
-        rows(py, found.multipliers().to_vec(), found.components())
+        let tie = &run.interfaces()[k];
+        rows(py, tie.multipliers().to_vec(), tie.components())
     }
 
     /// Energies over time, one row for each time the energy balance was computed.
@@ -418,8 +418,12 @@ impl Coupled {
     /// models must be linear.
     #[pyo3(signature = (t = 0.0))]
     fn equilibrium<'py>(&self, py: Python<'py>, t: f64) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
-        let found = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
-        Ok(found.displacements.into_iter().map(|q| array(py, q)).collect())
+        let equilibrium = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
+        Ok(equilibrium
+            .displacements
+            .into_iter()
+            .map(|q| array(py, q))
+            .collect())
     }
 
     /// Returns the present state.
@@ -441,7 +445,7 @@ impl Coupled {
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        self.heard.show(&visit)
+        self.callbacks.show(&visit)
     }
 
     /// Sum of the forces and of the moments that multipliers exert on both sides, relative to the force on

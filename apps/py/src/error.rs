@@ -52,7 +52,7 @@ fn variant(e: &impl Debug) -> String {
 
 impl Fault {
     /// Returns an error with the code `kind`.
-    pub(crate) fn of(kind: &str, message: impl Into<String>) -> Self {
+    pub(crate) fn new(kind: &str, message: impl Into<String>) -> Self {
         Self::Native {
             kind: kind.to_owned(),
             message: message.into(),
@@ -62,7 +62,7 @@ impl Fault {
     }
 
     fn named(e: &(impl Debug + std::fmt::Display)) -> Self {
-        Self::of(&variant(e), e.to_string())
+        Self::new(&variant(e), e.to_string())
     }
 
     /// Returns the error for a panic.
@@ -70,7 +70,7 @@ impl Fault {
         let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
         let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
         let text = text.unwrap_or_else(|| "without a word".into());
-        Self::of(
+        Self::new(
             "InternalError",
             format!("a mistake in arlequin itself: {text}; please report it with what led to it"),
         )
@@ -111,13 +111,13 @@ impl From<core::Error> for Fault {
                 return Self::Python(Python::attach(|py| raised.clone_ref(py)));
             }
             if let Some(inner) = source.downcast_ref::<dem_beam::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
             if let Some(inner) = source.downcast_ref::<cnem::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
             if let Some(inner) = source.downcast_ref::<arlequin_link::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
         }
         Self::named(&e)
@@ -170,7 +170,7 @@ impl From<arlequin_scene::Error> for Fault {
             e => Self::named(&e),
         };
         match inner {
-            Self::Native { kind, .. } => Self::of(&kind, message),
+            Self::Native { kind, .. } => Self::new(&kind, message),
             python => python,
         }
     }
@@ -187,12 +187,12 @@ impl From<Fault> for PyErr {
                 line,
             } => (kind, message, key, line),
         };
-        let made = |py: Python<'_>| -> PyResult<Self> {
+        let build = |py: Python<'_>| -> PyResult<Self> {
             let make = py.import("arlequin.errors")?.getattr("_make")?;
             Ok(Self::from_value(make.call1((&kind, &message, key, line))?))
         };
         Python::attach(|py| {
-            made(py).unwrap_or_else(|e| {
+            build(py).unwrap_or_else(|e| {
                 // Ctrl-C during a computation may arrive here.
                 if e.is_instance_of::<PyKeyboardInterrupt>(py) {
                     return e;

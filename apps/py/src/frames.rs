@@ -14,7 +14,7 @@ use std::sync::Arc;
 type State = [Vec<Array>; 2];
 
 /// Frames of a run that are kept in memory.
-pub(crate) struct Kept {
+pub(crate) struct KeptFrames {
     painter: Frames,
     names: Vec<String>,
     every: usize,
@@ -26,7 +26,7 @@ pub(crate) struct Kept {
     pub(crate) states: Vec<Vec<State>>,
 }
 
-impl Kept {
+impl KeptFrames {
     /// Prepares about `count` frames, or as many as the scene asks for. The first frame is the state before
     /// the first step.
     pub(crate) fn new(prepared: &Prepared, count: Option<usize>) -> arlequin_scene::Result<Self> {
@@ -73,11 +73,15 @@ impl Kept {
         let due =
             run.steps().is_multiple_of(self.every) || (run.steps() == planned && self.every < usize::MAX);
         // While a model sleeps, the run has other models than these frames.
-        let same = || {
+        let same_models = || {
             let now = run.subdomains().iter().map(|s| s.model().name());
             now.eq(self.names.iter().map(String::as_str))
         };
-        if due && same() { self.take(run) } else { Ok(()) }
+        if due && same_models() {
+            self.take(run)
+        } else {
+            Ok(())
+        }
     }
 
     fn take(&mut self, run: &Coupled<f64>) -> arlequin_scene::Result<()> {
@@ -92,7 +96,7 @@ impl Kept {
 }
 
 /// Returns one frame as `{model: {"points": {name: array}, "cells": {name: array}}}`.
-pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn fields<'py>(py: Python<'py>, kept: &KeptFrames, frame: usize) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     let Some(states) = kept.states.get(frame) else {
         return Ok(out);
@@ -100,14 +104,14 @@ pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResul
     for (name, state) in kept.names.iter().zip(states) {
         let model = PyDict::new(py);
         for (part, arrays) in ["points", "cells"].into_iter().zip(state) {
-            let all = PyDict::new(py);
+            let by_name = PyDict::new(py);
             for a in arrays {
                 match a.components {
-                    1 => all.set_item(&a.name, array(py, a.values.clone()))?,
-                    n => all.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
+                    1 => by_name.set_item(&a.name, array(py, a.values.clone()))?,
+                    n => by_name.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
                 }
             }
-            model.set_item(part, all)?;
+            model.set_item(part, by_name)?;
         }
         out.set_item(name, model)?;
     }
@@ -115,17 +119,17 @@ pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResul
 }
 
 /// Returns the grids as `{model: {"points", "cells", "cell_type", "radii"}}`.
-pub(crate) fn grids<'py>(py: Python<'py>, kept: &Kept) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn grids<'py>(py: Python<'py>, kept: &KeptFrames) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     for (name, grid) in &kept.grids {
-        let one = PyDict::new(py);
-        one.set_item("points", coordinates(py, &grid.points)?)?;
+        let entry = PyDict::new(py);
+        entry.set_item("points", coordinates(py, &grid.points)?)?;
         let cells: Vec<i64> = grid.connectivity.iter().map(|k| i64::from(*k)).collect();
         let cells = PyArray1::from_vec(py, cells).call_method1("reshape", (-1, grid.corners))?;
-        one.set_item("cells", cells)?;
-        one.set_item("cell_type", grid.cell_type)?;
-        one.set_item("radii", array(py, grid.radii.clone()))?;
-        out.set_item(name, one)?;
+        entry.set_item("cells", cells)?;
+        entry.set_item("cell_type", grid.cell_type)?;
+        entry.set_item("radii", array(py, grid.radii.clone()))?;
+        out.set_item(name, entry)?;
     }
     Ok(out)
 }

@@ -44,7 +44,7 @@ type Csr<'py> = (
 );
 
 impl NativeModel {
-    fn of(name: &str, kind: Kind) -> PyClassInitializer<Self> {
+    fn initializer(name: &str, kind: Kind) -> PyClassInitializer<Self> {
         PyClassInitializer::from(Self {
             name: name.to_owned(),
             held: Mutex::new(kind),
@@ -57,19 +57,19 @@ impl NativeModel {
 
     fn gone(&self) -> Fault {
         let rule = format!("model '{}' is part of a run already; make another one", self.name);
-        Fault::of("Unsupported", rule)
+        Fault::new("Unsupported", rule)
     }
 
-    /// Calls `ask` with the model.
+    /// Calls `call` with the model.
     pub(crate) fn with<V: Send>(
         &self,
-        ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
+        call: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
         with_threads(|| match &mut *self.lock() {
-            Kind::Fem(m) => ask(&mut **m),
-            Kind::Cnem(m) => ask(&mut **m),
-            Kind::Chain(m) => ask(m),
-            Kind::Dem(Some(m)) => ask(&mut **m),
+            Kind::Fem(m) => call(&mut **m),
+            Kind::Cnem(m) => call(&mut **m),
+            Kind::Chain(m) => call(m),
+            Kind::Dem(Some(m)) => call(&mut **m),
             Kind::Dem(None) => Err(self.gone()),
         })?
     }
@@ -96,19 +96,19 @@ impl NativeModel {
         }
     }
 
-    /// Calls `ask` on the model with weights, then sets its weights back to one.
+    /// Calls `call` on the model with weights, then sets its weights back to one.
     fn weighted<V: Send>(
         &self,
         weights: Option<&Weights>,
-        ask: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault> + Send,
+        call: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
         let whole = arlequin::core::Weights::uncoupled();
         let weights = weights.map_or(&whole, |w| &w.0);
         self.with(|m| {
             m.set_internal_weight(&*weights.internal)?;
-            let found = ask(m, weights);
+            let answer = call(m, weights);
             m.set_internal_weight(&*whole.internal)?;
-            found
+            answer
         })
     }
 }
@@ -153,12 +153,12 @@ impl NativeModel {
         py: Python<'py>,
         weights: Option<&Weights>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let found = self.weighted(weights, |m, w| {
+        let inertia = self.weighted(weights, |m, w| {
             let mut out = vec![0.0; m.layout().dofs()];
             m.lumped_inertia(&*w.kinetic, &mut out)?;
             Ok(out)
         });
-        Ok(array(py, found?))
+        Ok(array(py, inertia?))
     }
 
     /// Internal forces on every unknown at displacements `q` [m], weighted [N, N m].
@@ -170,13 +170,13 @@ impl NativeModel {
         weights: Option<&Weights>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let q = flat(&q);
-        let found = self.weighted(weights, |m, _| {
+        let forces = self.weighted(weights, |m, _| {
             arlequin::core::check_size(m, "displacements", q.len())?;
             let mut out = vec![0.0; q.len()];
             m.add_internal_forces(&q, &mut out)?;
             Ok(out)
         });
-        Ok(array(py, found?))
+        Ok(array(py, forces?))
     }
 
     /// Internal energy at displacements `q` [m], weighted [J].
@@ -203,21 +203,21 @@ impl NativeModel {
     /// Weighted stiffness as `(data, indices, indptr)` of its rows [N/m].
     #[pyo3(signature = (weights = None))]
     fn _stiffness<'py>(&self, py: Python<'py>, weights: Option<&Weights>) -> PyResult<Csr<'py>> {
-        let found = self.weighted(weights, |m, _| {
+        let stiffness = self.weighted(weights, |m, _| {
             let Some(linear) = m.as_linear() else {
                 let rule = format!("model '{}' cannot tell a stiffness: it is not linear", self.name);
-                return Err(Fault::of("Unsupported", rule));
+                return Err(Fault::new("Unsupported", rule));
             };
             Ok(linear.stiffness().to_csr())
         });
-        let (begin, columns, values) = found?.into_raw_storage();
+        let (begin, columns, values) = stiffness?.into_raw_storage();
         let numbers = |of: Vec<usize>| PyArray1::from_iter(py, of.into_iter().map(|k| k as i64));
         Ok((array(py, values), numbers(columns), numbers(begin)))
     }
 
     fn __repr__(&self) -> String {
-        let told = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
-        format!("<Model {}>", told.unwrap_or_else(|_| self.name.clone()))
+        let summary = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
+        format!("<Model {}>", summary.unwrap_or_else(|_| self.name.clone()))
     }
 }
 
@@ -231,7 +231,7 @@ impl FemModel {
     #[new]
     fn new(name: &str, mesh: &Mesh, material: &Elastic) -> Result<PyClassInitializer<Self>, Fault> {
         let model = with_threads(|| Fem::new(name, mesh.0.mesh().clone(), material.0))??;
-        Ok(NativeModel::of(name, Kind::Fem(Box::new(model))).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Fem(Box::new(model))).add_subclass(Self))
     }
 }
 
@@ -256,18 +256,18 @@ impl CnemModel {
         let surface = match surface {
             None => Surface::convex_hull(),
             Some(s) => {
-                let all: Vec<usize> = node_numbers("the surface", &s, 3)?
+                let corners: Vec<usize> = node_numbers("the surface", &s, 3)?
                     .into_iter()
                     .map(|k| k as usize)
                     .collect();
-                Surface::boundary(all.as_chunks::<3>().0.to_vec())
+                Surface::boundary(corners.as_chunks::<3>().0.to_vec())
             }
         };
         let model = outside(py, || {
             let domain = Domain::new(&nodes, &surface)?;
             Ok(Cnem::new(name, domain, material.0, Options::default())?)
         })?;
-        Ok(NativeModel::of(name, Kind::Cnem(Box::new(model))).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Cnem(Box::new(model))).add_subclass(Self))
     }
 }
 
@@ -339,8 +339,8 @@ impl Spheres {
     /// Numbers of the bonded spheres, (n, 2).
     #[getter]
     fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let all = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
-        PyArray1::from_iter(py, all).call_method1("reshape", (-1, 2))
+        let numbers = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
+        PyArray1::from_iter(py, numbers).call_method1("reshape", (-1, 2))
     }
 
     fn __repr__(&self) -> String {
@@ -405,7 +405,7 @@ impl DemModel {
         };
         let model = model.map_err(Fault::from)?;
         let order = model.order().to_vec();
-        let base = NativeModel::of(name, Kind::Dem(Some(Box::new(model))));
+        let base = NativeModel::initializer(name, Kind::Dem(Some(Box::new(model))));
         Ok(base.add_subclass(Self { order }))
     }
 
@@ -434,6 +434,6 @@ impl ChainModel {
         stiffness: f64,
     ) -> Result<PyClassInitializer<Self>, Fault> {
         let model = Chain::new(name, start, spacing, bonds, mass, stiffness)?;
-        Ok(NativeModel::of(name, Kind::Chain(model)).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Chain(model)).add_subclass(Self))
     }
 }

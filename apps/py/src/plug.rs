@@ -1,7 +1,7 @@
 //! Implements the core's `Model` for models written in Python.
 
 use crate::arrays::{Numbers, array};
-use crate::border::{Claim, Heard, Pending, Shared};
+use crate::border::{Callbacks, Claim, Pending, Shared};
 use crate::error::{Fault, raised};
 use crate::matrix::MatrixModel;
 use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
@@ -38,19 +38,19 @@ pub(crate) struct Described {
 }
 
 /// Returns an attribute, or `None` if it is missing or None.
-pub(crate) fn optional<'py>(of: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
-    Ok(of.getattr_opt(name)?.filter(|x| !x.is_none()))
+pub(crate) fn optional<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    Ok(object.getattr_opt(name)?.filter(|x| !x.is_none()))
 }
 
 impl Described {
-    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub(crate) fn from_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let text = |what: &str| -> PyResult<Option<String>> {
             let Some(found) = optional(object, what)? else {
                 return Ok(None);
             };
             found.extract().map(Some).or_else(|_| {
                 let rule = format!("{what} = {}: that of a model or solver is a text", found.repr()?);
-                Err(Fault::of("InvalidParameter", rule).into())
+                Err(Fault::new("InvalidParameter", rule).into())
             })
         };
         let name = text("name")?.unwrap_or_else(|| "python".into());
@@ -60,7 +60,7 @@ impl Described {
                 "'{name}' says nothing of its shape functions: set self.mesh = arlequin.Mesh(…), or self.field = \
                  arlequin.Field.natural(…) or .particles(…)"
             );
-            return Err(Fault::of("InvalidParameter", rule).into());
+            return Err(Fault::new("InvalidParameter", rule).into());
         };
         let field = field_of(&field)?;
         let nodes = field.nodes().to_vec();
@@ -69,10 +69,10 @@ impl Described {
             let Some(x) = optional(object, what)? else {
                 return Ok::<_, PyErr>(default);
             };
-            let found = x.extract::<usize>().ok().filter(|n| allowed.contains(n));
-            found.ok_or_else(|| {
+            let count = x.extract::<usize>().ok().filter(|n| allowed.contains(n));
+            count.ok_or_else(|| {
                 let rule = format!("{what} of '{name}' = {x}: a node has one of {allowed:?}");
-                Fault::of("InvalidParameter", rule).into()
+                Fault::new("InvalidParameter", rule).into()
             })
         };
         let plain = mesh.as_ref().map_or(3, |m| m.get().0.mesh().kind().components());
@@ -88,18 +88,18 @@ impl Described {
                 let rule = format!(
                     "arms of '{name}' = \"{other}\": moments vanish about positions at \"rest\" or \"present\" ones"
                 );
-                return Err(Fault::of("InvalidParameter", rule).into());
+                return Err(Fault::new("InvalidParameter", rule).into());
             }
         };
         let places = match (optional(object, "bonds")?, mesh) {
             (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
             (None, Some(mesh)) => {
-                let of = |e| {
+                let cells_of = |e| {
                     let mut out = Vec::new();
                     mesh.get().0.cells_of(e, &mut out);
                     out
                 };
-                Places::Elements((0..mesh.get().0.mesh().element_count()).map(of).collect())
+                Places::Elements((0..mesh.get().0.mesh().element_count()).map(cells_of).collect())
             }
             (None, None) => Places::Nodes,
         };
@@ -145,12 +145,12 @@ impl Described {
             "'{}' has no method {name}; docs/plug-in.md lists what is needed",
             self.name
         );
-        Err(Fault::of("Unsupported", rule).into())
+        Err(Fault::new("Unsupported", rule).into())
     }
 
     /// Returns the object and its slot for exceptions, for the subdomain or run that uses it.
-    pub(crate) fn heard(&self) -> Heard {
-        Heard::of(Some(self.object.clone()), self.pending.clone())
+    pub(crate) fn callbacks(&self) -> Callbacks {
+        Callbacks::new(Some(self.object.clone()), self.pending.clone())
     }
 
     /// Wraps an exception of the object in an error of the core.
@@ -187,7 +187,7 @@ impl Described {
             out.iter_mut().zip(any.iter()).for_each(|(o, x)| take(o, *x));
             return finite(any.iter().position(|x| !x.is_finite()));
         }
-        Err(Fault::of(
+        Err(Fault::new(
             "SizeMismatch",
             format!(
                 "{what} of '{}': expected {} numbers, found {}",
@@ -222,18 +222,18 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
     let what = format!("bonds of '{name}'");
     let numbers = bonds.extract::<Connectivity<'_>>().map_err(|_| {
         let rule = format!("{what} are no pairs of node numbers; give an array of whole numbers, (n, 2)");
-        Fault::of("SizeMismatch", rule)
+        Fault::new("SizeMismatch", rule)
     })?;
     let numbers = node_numbers(&what, &numbers, 2)?;
-    let one = |pair: &[u32; 2]| {
+    let segment = |pair: &[u32; 2]| {
         let [a, b] = pair.map(|k| nodes.get(k as usize).copied());
         let ends = [a?, b?];
         Some(Cell::Segment { ends, section: 1.0 })
     };
-    let all: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(one).collect();
-    all.ok_or_else(|| {
+    let segments: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(segment).collect();
+    segments.ok_or_else(|| {
         let rule = format!("bonds of '{name}' name nodes beyond its {}", nodes.len());
-        Fault::of("InvalidParameter", rule).into()
+        Fault::new("InvalidParameter", rule).into()
     })
 }
 
@@ -270,7 +270,7 @@ impl PythonModel {
         about.needs(py, &["set_internal_weight", "internal_forces", "internal_energy"])?;
         let has = |name| Ok::<_, PyErr>(optional(about.object.bind(py), name)?.is_some());
         Ok(Self {
-            _claim: Claim::of(&about.name, &about.object)?,
+            _claim: Claim::new(&about.name, &about.object)?,
             advances: has("advance")?,
             knows_its_step: has("critical_step")?,
             about,
@@ -319,13 +319,13 @@ impl Model<f64> for PythonModel {
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
         let shares = self.about.shares(alpha);
-        let told = Python::attach(|py| {
+        let result = Python::attach(|py| {
             let shares = array(py, shares);
             self.about
                 .object
                 .call_method1(py, "set_internal_weight", (shares,))
         });
-        told.map(drop).map_err(|e| self.about.raised(e))
+        result.map(drop).map_err(|e| self.about.raised(e))
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
@@ -337,7 +337,7 @@ impl Model<f64> for PythonModel {
     }
 
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let found = Python::attach(|py| {
+        let energy = Python::attach(|py| {
             let q = (PyArray1::from_slice(py, q),);
             let answer = self
                 .about
@@ -346,7 +346,7 @@ impl Model<f64> for PythonModel {
             answer.extract::<f64>(py)
         });
         // The method cannot return an error, so the exception waits until the run stops.
-        found.unwrap_or_else(|e| {
+        energy.unwrap_or_else(|e| {
             self.about.pending.keep(e);
             f64::NAN
         })
@@ -357,25 +357,25 @@ impl Model<f64> for PythonModel {
             let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(false, q, f);
             return arlequin::core::spectrum::critical_step(inverse_inertia, forces);
         }
-        let found = Python::attach(|py| {
+        let step = Python::attach(|py| {
             let inverse = (PyArray1::from_slice(py, inverse_inertia),);
             self.about
                 .object
                 .call_method1(py, "critical_step", inverse)?
                 .extract::<f64>(py)
         });
-        let found = found.map_err(|e| self.about.raised(e))?;
-        if found > 0.0 {
-            return Ok(found);
+        let step = step.map_err(|e| self.about.raised(e))?;
+        if step > 0.0 {
+            return Ok(step);
         }
         let name = format!("critical_step of '{}'", self.about.name);
         let rule = "must be positive [s], or infinite for a model that takes any step";
-        Err(arlequin::core::invalid(&name, found, rule))
+        Err(arlequin::core::invalid(&name, step, rule))
     }
 
     fn save(&self) -> Record<f64> {
-        let found = Python::attach(|py| saved(&self.about, py));
-        found
+        let record = Python::attach(|py| saved(&self.about, py));
+        record
             .unwrap_or_else(|e| {
                 self.about.pending.keep(e);
                 None
@@ -399,7 +399,7 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
             "save of '{}' answers None; give numbers, or have no save",
             about.name
         );
-        return Err(Fault::of("InvalidParameter", rule).into());
+        return Err(Fault::new("InvalidParameter", rule).into());
     }
     let numbers = answer.extract::<Numbers<'_>>()?;
     Ok(Some(Record {
@@ -417,17 +417,17 @@ pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) ->
 }
 
 /// A model of the core, its field, and its Python objects.
-pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Heard);
+pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Callbacks);
 
 /// Returns the model for an object written in Python: with a stiffness matrix or with forces.
 pub(crate) fn model(object: &Bound<'_, PyAny>) -> PyResult<Made> {
-    let about = Described::of(object)?;
-    let (field, heard) = (about.field.clone(), about.heard());
+    let about = Described::from_object(object)?;
+    let (field, callbacks) = (about.field.clone(), about.callbacks());
     about.needs(object.py(), &["inertia"])?;
     let model: Box<dyn Model<f64>> = if optional(object, "stiffness")?.is_some() {
         Box::new(MatrixModel::new(about))
     } else {
         Box::new(PythonModel::new(about, object.py())?)
     };
-    Ok((model, field, heard))
+    Ok((model, field, callbacks))
 }

@@ -18,13 +18,16 @@ pub(crate) enum Place {
 
 impl Place {
     /// Returns the place from the one argument that is given.
-    pub(crate) fn of(command: Option<Vec<String>>, address: Option<String>) -> Result<Self, Fault> {
+    pub(crate) fn from_arguments(
+        command: Option<Vec<String>>,
+        address: Option<String>,
+    ) -> Result<Self, Fault> {
         match (command, address) {
             (Some(c), None) if !c.is_empty() => Ok(Self::Command(c)),
             (None, Some(a)) => Ok(Self::Address(a)),
             _ => {
                 let rule = "a solver elsewhere needs either command=[\"python3\", \"solver.py\"] or address=\"unix:PATH\"";
-                Err(Fault::of("Key", rule))
+                Err(Fault::new("Key", rule))
             }
         }
     }
@@ -41,7 +44,7 @@ pub(crate) fn meet(
     let time = |what: &str, seconds: f64| {
         Duration::try_from_secs_f64(seconds).map_err(|e| {
             let rule = format!("{what} = {seconds} s: {e}; give a positive time, such as 4.0");
-            Fault::of("InvalidParameter", rule)
+            Fault::new("InvalidParameter", rule)
         })
     };
     let (timeout, usual) = (time("timeout", timeout)?, Options::default());

@@ -3,7 +3,7 @@
 use crate::arrays::array;
 use crate::border::{Pulse, outside};
 use crate::error::Fault;
-use crate::frames::{self, Kept};
+use crate::frames::{self, KeptFrames};
 use arlequin::core::Coupled;
 use arlequin_scene::output::json;
 use arlequin_scene::suggest::{Goal, suggest};
@@ -22,7 +22,7 @@ type Changes = Vec<(String, String)>;
 pub(crate) struct Scene(arlequin_scene::Scene);
 
 impl Scene {
-    fn of(source: Source, changes: Changes) -> Result<Self, Fault> {
+    fn from_source(source: Source, changes: Changes) -> Result<Self, Fault> {
         let read = arlequin_scene::Scene::of(source.clone());
         let scene = changes.iter().try_fold(
             read.map_err(|e| Fault::of_scene(e, &source))?,
@@ -42,13 +42,13 @@ impl Scene {
     #[staticmethod]
     fn read(path: PathBuf, changes: Changes) -> PyResult<Self> {
         let source = Source::read(&path).map_err(Fault::from)?;
-        Ok(Self::of(source, changes)?)
+        Ok(Self::from_source(source, changes)?)
     }
 
     /// Reads a text; paths in it are relative to the current folder.
     #[staticmethod]
     fn from_text(text: String, changes: Changes) -> PyResult<Self> {
-        Ok(Self::of(Source::new("scene", text), changes)?)
+        Ok(Self::from_source(Source::new("scene", text), changes)?)
     }
 
     /// Returns the scene with further changes.
@@ -81,12 +81,12 @@ impl Scene {
 
     /// Returns the plan of the run as JSON.
     fn check(&self, py: Python<'_>) -> PyResult<String> {
-        let made = outside(py, || {
+        let plan = outside(py, || {
             let prepared = self.0.prepare().map_err(self.fault())?;
             Ok(json("writing the plan", &prepared.preview())?)
         });
         py.check_signals()?;
-        made
+        plan
     }
 
     /// Proposes settings for an error or a time and returns them as JSON; writes the scene with them to
@@ -104,18 +104,18 @@ impl Scene {
             (None, Some(t)) => Goal::Time(t),
             _ => {
                 let rule = "suggest needs either error or time, such as error=0.02 or time=30.0 [s]";
-                return Err(Fault::of("Key", rule).into());
+                return Err(Fault::new("Key", rule).into());
             }
         };
-        let made = outside(py, || {
-            let found = suggest(&self.0, goal, frequency).map_err(self.fault())?;
+        let written = outside(py, || {
+            let proposal = suggest(&self.0, goal, frequency).map_err(self.fault())?;
             if let Some(file) = &apply {
-                found.write(&self.0, file).map_err(self.fault())?;
+                proposal.write(&self.0, file).map_err(self.fault())?;
             }
-            Ok(json("writing the proposal", &found)?)
+            Ok(json("writing the proposal", &proposal)?)
         });
         py.check_signals()?;
-        made
+        written
     }
 
     /// Makes all steps and writes results to a folder if one is given. Returns the results with the
@@ -133,8 +133,8 @@ impl Scene {
             let folder = folder.transpose().map_err(self.fault())?;
             let prepared = self.0.prepare().map_err(self.fault())?;
             Python::attach(|py| py.check_signals())?;
-            let kept = Kept::new(&prepared, frames).map_err(self.fault())?;
-            let mut watch = Watch::new(Some(kept), listener);
+            let kept_frames = KeptFrames::new(&prepared, frames).map_err(self.fault())?;
+            let mut watch = Watch::new(Some(kept_frames), listener);
             let done = match folder {
                 Some(folder) => prepared.run_into(folder, &mut watch),
                 None => prepared.run(&mut watch),
@@ -161,7 +161,7 @@ pub(crate) fn resume(
 
 /// Observer of a run for Python: keeps frames, calls the listener, checks for Ctrl-C.
 pub(crate) struct Watch {
-    kept: Option<Kept>,
+    kept: Option<KeptFrames>,
     listener: Option<Py<PyAny>>,
     pulse: Pulse,
     /// Reason for which the run was stopped.
@@ -169,7 +169,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    pub(crate) fn new(kept: Option<Kept>, listener: Option<Py<PyAny>>) -> Self {
+    pub(crate) fn new(kept: Option<KeptFrames>, listener: Option<Py<PyAny>>) -> Self {
         Self {
             kept,
             listener,
@@ -193,22 +193,24 @@ impl Watch {
 impl Observer for Watch {
     fn warning(&mut self, text: &str) {
         let Some(listener) = &self.listener else { return };
-        let told = Python::attach(|py| listener.call_method1(py, "warning", (text,)).map(drop));
-        if let (Err(e), None) = (told, &self.stop) {
+        let reported = Python::attach(|py| listener.call_method1(py, "warning", (text,)).map(drop));
+        if let (Err(e), None) = (reported, &self.stop) {
             self.stop = Some(e.into());
         }
     }
 
     fn step(&mut self, run: &Coupled<f64>, planned: usize) -> ControlFlow<()> {
-        let looked = self.kept.as_mut().map_or(Ok(()), |k| k.look(run, planned));
-        let told = self.pulse.beat(|py| match &self.listener {
+        let frame_result = self.kept.as_mut().map_or(Ok(()), |k| k.look(run, planned));
+        let reported = self.pulse.beat(|py| match &self.listener {
             Some(listener) => listener
                 .call_method1(py, "step", (run.steps(), planned))
                 .map(drop),
             None => Ok(()),
         });
-        let all = looked.map_err(Fault::from).and(told.map_err(Fault::from));
-        if let (Err(e), None) = (all, &self.stop) {
+        let outcome = frame_result
+            .map_err(Fault::from)
+            .and(reported.map_err(Fault::from));
+        if let (Err(e), None) = (outcome, &self.stop) {
             self.stop = Some(e);
         }
         if self.stop.is_some() {
@@ -225,7 +227,7 @@ pub(crate) struct Results {
     asleep: Option<Recorded>,
     end: End,
     folder: Option<PathBuf>,
-    kept: Option<Kept>,
+    kept: Option<KeptFrames>,
 }
 
 /// Returns a table as `{name: column}`, times included.
@@ -282,13 +284,13 @@ impl Results {
     fn curves<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
         for c in &self.recorded.curves {
-            let one = PyDict::new(py);
-            one.set_item("time [s]", array(py, c.times.clone()))?;
+            let entry = PyDict::new(py);
+            entry.set_item("time [s]", array(py, c.times.clone()))?;
             for axis in [&c.x, &c.y] {
                 let label = format!("{} [{}]", axis.label, axis.unit);
-                one.set_item(label, array(py, axis.values.clone()))?;
+                entry.set_item(label, array(py, axis.values.clone()))?;
             }
-            out.set_item(&c.name, one)?;
+            out.set_item(&c.name, entry)?;
         }
         Ok(out)
     }
@@ -296,19 +298,20 @@ impl Results {
     /// Fragments at the times of the frames: `[(time, model, number, particles, mass, centre, velocity)]`.
     #[allow(clippy::type_complexity, reason = "a row of the table of pieces")]
     fn fragments(&self) -> Vec<(f64, String, usize, usize, f64, [f64; 3], [f64; 3])> {
-        let all = self.recorded.fragments.iter();
-        all.map(|p| {
-            (
-                p.time,
-                p.model.clone(),
-                p.number,
-                p.particles,
-                p.mass,
-                p.centre,
-                p.velocity,
-            )
-        })
-        .collect()
+        let fragments = self.recorded.fragments.iter();
+        fragments
+            .map(|p| {
+                (
+                    p.time,
+                    p.model.clone(),
+                    p.number,
+                    p.particles,
+                    p.mass,
+                    p.centre,
+                    p.velocity,
+                )
+            })
+            .collect()
     }
 
     fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {

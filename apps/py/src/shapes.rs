@@ -32,7 +32,7 @@ fn kind_of(name: &str) -> Result<ElementKind, Fault> {
         "bar" => Ok(ElementKind::Bar2),
         "tet" => Ok(ElementKind::Tet4),
         "hex" => Ok(ElementKind::Hex8),
-        _ => Err(Fault::of(
+        _ => Err(Fault::new(
             "InvalidParameter",
             format!("kind of elements = '{name}': must be bar, tet or hex"),
         )),
@@ -40,30 +40,30 @@ fn kind_of(name: &str) -> Result<ElementKind, Fault> {
 }
 
 impl Mesh {
-    pub(crate) fn of(mesh: arlequin::fem_ref::Mesh<f64>) -> Self {
+    pub(crate) fn from_mesh(mesh: arlequin::fem_ref::Mesh<f64>) -> Self {
         Self(Arc::new(FemField::new(mesh)))
     }
 }
 
 /// Reads node numbers from rows of `columns` numbers.
 pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) -> Result<Vec<u32>, Fault> {
-    let all = from.as_array();
-    if all.ncols() != columns {
+    let numbers = from.as_array();
+    if numbers.ncols() != columns {
         let rule = format!(
             "{what}: node numbers have the shape {:?}; give (n, {columns})",
-            all.shape()
+            numbers.shape()
         );
-        return Err(Fault::of("SizeMismatch", rule));
+        return Err(Fault::new("SizeMismatch", rule));
     }
     let is_number = |k: &f64| k.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(k);
-    if let Some(k) = all.iter().find(|k| !is_number(k)) {
+    if let Some(k) = numbers.iter().find(|k| !is_number(k)) {
         let rule = format!(
             "{what} has the node number {k}; they are whole, from 0 to {}",
             u32::MAX
         );
-        return Err(Fault::of("InvalidParameter", rule));
+        return Err(Fault::new("InvalidParameter", rule));
     }
-    Ok(all.iter().map(|k| *k as u32).collect())
+    Ok(numbers.iter().map(|k| *k as u32).collect())
 }
 
 #[pymethods]
@@ -77,7 +77,7 @@ impl Mesh {
         );
         let cells = node_numbers("the mesh", &cells, kind.corners())?;
         let mesh = arlequin::fem_ref::Mesh::new(kind, nodes, cells)?;
-        Ok(Self::of(if kind == ElementKind::Bar2 {
+        Ok(Self::from_mesh(if kind == ElementKind::Bar2 {
             mesh.with_section(section)?
         } else {
             mesh
@@ -88,14 +88,17 @@ impl Mesh {
     #[staticmethod]
     #[pyo3(signature = (start, end, count, section = 1.0))]
     fn bar(start: f64, end: f64, count: usize, section: f64) -> Result<Self, Fault> {
-        Ok(Self::of(generate::bar(start, end, count, section)?))
+        Ok(Self::from_mesh(generate::bar(start, end, count, section)?))
     }
 
     /// Bars between increasing coordinates along x [m].
     #[staticmethod]
     #[pyo3(signature = (x, section = 1.0))]
     fn line(x: Numbers<'_>, section: f64) -> Result<Self, Fault> {
-        Ok(Self::of(generate::bar_at(&crate::arrays::flat(&x), section)?))
+        Ok(Self::from_mesh(generate::bar_at(
+            &crate::arrays::flat(&x),
+            section,
+        )?))
     }
 
     /// A box from corner `low` to corner `high` [m] with `counts` elements along x, y and z. For "tet" each
@@ -104,13 +107,18 @@ impl Mesh {
     fn block(kind: &str, low: Numbers<'_>, high: Numbers<'_>, counts: [usize; 3]) -> Result<Self, Fault> {
         let corners = [point("low", &low)?, point("high", &high)?];
         let [low, high] = corners;
-        Ok(Self::of(generate::block(kind_of(kind)?, low, high, counts)?))
+        Ok(Self::from_mesh(generate::block(
+            kind_of(kind)?,
+            low,
+            high,
+            counts,
+        )?))
     }
 
     /// Reads a mesh file of Gmsh.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        outside(py, || Ok(Self::of(arlequin::fem_ref::gmsh::load(&path)?)))
+        outside(py, || Ok(Self::from_mesh(arlequin::fem_ref::gmsh::load(&path)?)))
     }
 
     /// Nodes [m], (n, 3).
@@ -123,8 +131,8 @@ impl Mesh {
     #[getter]
     fn cells<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mesh = self.0.mesh();
-        let all: Vec<i64> = mesh.connectivity().iter().map(|k| i64::from(*k)).collect();
-        PyArray1::from_vec(py, all).call_method1("reshape", (-1, mesh.kind().corners()))
+        let corners: Vec<i64> = mesh.connectivity().iter().map(|k| i64::from(*k)).collect();
+        PyArray1::from_vec(py, corners).call_method1("reshape", (-1, mesh.kind().corners()))
     }
 
     /// Kind of the elements: "bar", "tet" or "hex".
@@ -211,8 +219,8 @@ impl Field {
     /// Nodes and shape functions at a point [m]: the field there is `values @ u[nodes]`.
     fn shape_at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Row<'py>> {
         let mut row = ShapeRow::default();
-        let found = self.0.shape_at(&point("x", &x)?, false, &mut row);
-        found.map_err(Fault::from)?;
+        let result = self.0.shape_at(&point("x", &x)?, false, &mut row);
+        result.map_err(Fault::from)?;
         let nodes = row.nodes.iter().map(|k| *k as i64).collect();
         Ok((PyArray1::from_vec(py, nodes), PyArray1::from_vec(py, row.values)))
     }
@@ -231,7 +239,7 @@ pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolatio
         return Ok(field.get().0.clone());
     }
     let rule = format!("{from} is no field: give an arlequin.Mesh or an arlequin.Field");
-    Err(Fault::of("InvalidParameter", rule).into())
+    Err(Fault::new("InvalidParameter", rule).into())
 }
 
 /// Returns the multiplier space on a mesh, or on natural neighbours of points.

@@ -1,7 +1,7 @@
 //! Models with their weights, and interfaces between them.
 
 use crate::arrays::{Numbers, flat};
-use crate::border::{Heard, outside};
+use crate::border::{Callbacks, outside};
 use crate::choices::{Effect, Junction, Weights, time_function};
 use crate::error::Fault;
 use crate::models::NativeModel;
@@ -27,20 +27,20 @@ pub(crate) struct Subdomain {
     #[pyo3(get)]
     pub(crate) name: String,
     inner: Mutex<Option<Inner>>,
-    heard: Mutex<Heard>,
+    callbacks: Mutex<Callbacks>,
 }
 
 impl Subdomain {
-    fn made(name: String, inner: Inner, heard: Heard) -> Self {
+    fn from_parts(name: String, inner: Inner, callbacks: Callbacks) -> Self {
         Self {
             name,
             inner: Mutex::new(Some(inner)),
-            heard: Mutex::new(heard),
+            callbacks: Mutex::new(callbacks),
         }
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    fn callbacks(&self) -> MutexGuard<'_, Callbacks> {
+        self.callbacks.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn take(&self) -> Result<Inner, Fault> {
@@ -49,9 +49,9 @@ impl Subdomain {
     }
 
     /// Takes the subdomain for a run. Its Python objects and pending exceptions pass to `to`.
-    pub(crate) fn give(&self, to: &mut Heard) -> Result<Inner, Fault> {
+    pub(crate) fn give(&self, to: &mut Callbacks) -> Result<Inner, Fault> {
         let inner = self.take()?;
-        to.take(std::mem::take(&mut *self.heard()));
+        to.take(std::mem::take(&mut *self.callbacks()));
         Ok(inner)
     }
 
@@ -61,31 +61,35 @@ impl Subdomain {
         Ok(())
     }
 
-    fn of(
+    fn with_role(
         model: &Bound<'_, PyAny>,
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
         role: &str,
     ) -> PyResult<Self> {
-        let (made, own, heard) = match model.cast::<NativeModel>() {
+        let (built, default_field, callbacks) = match model.cast::<NativeModel>() {
             Ok(native) => {
                 let native = native.get();
                 let field = native.field()?;
-                (native.give()?, field, Heard::default())
+                (native.give()?, field, Callbacks::default())
             }
             Err(_) => plug::model(model)?,
         };
-        let field = field.map_or(Ok(own), field_of)?;
-        let name = made.name().to_owned();
+        let field = field.map_or(Ok(default_field), field_of)?;
+        let name = built.name().to_owned();
         if role == "coarse" && field.samples().is_some() {
             let rule = format!(
                 "model '{name}' cannot be the coarse one: its field exists at particles only; give it a field, such as \
                  arlequin.Field.natural(points), or the fine role"
             );
-            return Err(Fault::of("Unsupported", rule).into());
+            return Err(Fault::new("Unsupported", rule).into());
         }
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
-        Ok(Self::made(name, Inner::new(made, field, weights), heard))
+        Ok(Self::from_parts(
+            name,
+            Inner::new(built, field, weights),
+            callbacks,
+        ))
     }
 }
 
@@ -99,7 +103,7 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        Self::of(model, weights, field, "coarse")
+        Self::with_role(model, weights, field, "coarse")
     }
 
     /// A model in the fine role. `field` replaces the model's own.
@@ -110,7 +114,7 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        Self::of(model, weights, field, "fine")
+        Self::with_role(model, weights, field, "fine")
     }
 
     /// A whole solver, which makes its own steps and has its own state, supports and loads.
@@ -121,13 +125,13 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let (made, own, heard) = PythonSolver::of(solver)?;
-        let field = field.map_or(Ok(own), field_of)?;
+        let (built, default_field, callbacks) = PythonSolver::from_object(solver)?;
+        let field = field.map_or(Ok(default_field), field_of)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
-        let name = core::Participant::name(&made).to_owned();
-        let inner = Inner::participant(Box::new(made), field, weights).map_err(Fault::from);
-        let inner = heard.raised().map_or(inner, |e| Err(e.into()))?;
-        Ok(Self::made(name, inner, heard))
+        let name = core::Participant::name(&built).to_owned();
+        let inner = Inner::participant(Box::new(built), field, weights).map_err(Fault::from);
+        let inner = callbacks.raised().map_or(inner, |e| Err(e.into()))?;
+        Ok(Self::from_parts(name, inner, callbacks))
     }
 
     /// A whole solver named `name` in another process. It is started by a `command`, such as `["python3",
@@ -146,13 +150,13 @@ impl Subdomain {
         timeout: f64,
         start_timeout: Option<f64>,
     ) -> PyResult<Self> {
-        let place = Place::of(command, address)?;
+        let place = Place::from_arguments(command, address)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
         let inner = outside(py, || {
             let (solver, field) = meet(&name, &place, timeout, start_timeout)?;
             Ok(Inner::participant(Box::new(solver), field, weights)?)
         })?;
-        Ok(Self::made(name, inner, Heard::default()))
+        Ok(Self::from_parts(name, inner, Callbacks::default()))
     }
 
     /// Sets the initial displacements [m] and velocities [m/s] of all unknowns.
@@ -181,15 +185,15 @@ impl Subdomain {
             time,
         };
         slf.change(|s| Ok(s.with_support(motion)))?;
-        slf.heard().hear(pending.as_ref());
+        slf.callbacks().add_pending(pending.as_ref());
         Ok(slf)
     }
 
     /// Adds an effect, such as `BodyForce` or `Load`.
     fn with_effect<'py>(slf: PyRef<'py, Self>, effect: &Effect) -> Result<PyRef<'py, Self>, Fault> {
-        let made = (effect.make)()?;
-        slf.change(|s| Ok(s.with_effect(made)))?;
-        slf.heard().hear(effect.pending.as_ref());
+        let built = (effect.make)()?;
+        slf.change(|s| Ok(s.with_effect(built)))?;
+        slf.callbacks().add_pending(effect.pending.as_ref());
         Ok(slf)
     }
 
@@ -202,17 +206,17 @@ impl Subdomain {
         fraction: Option<f64>,
         implicit: bool,
     ) -> Result<PyRef<'_, Self>, Fault> {
-        let own = match (ratio, fraction, implicit) {
+        let own_step = match (ratio, fraction, implicit) {
             (Some(n), None, false) => OwnStep::Ratio(n),
             (None, Some(f), false) => OwnStep::Fraction(f),
             (None, None, true) => OwnStep::Implicit,
             (None, None, false) => OwnStep::Same,
             _ => {
                 let rule = "own step: give one of ratio, fraction and implicit";
-                return Err(Fault::of("InvalidParameter", rule));
+                return Err(Fault::new("InvalidParameter", rule));
             }
         };
-        slf.change(|s| Ok(s.with_step(own)))?;
+        slf.change(|s| Ok(s.with_step(own_step)))?;
         Ok(slf)
     }
 
@@ -228,7 +232,7 @@ impl Subdomain {
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        self.heard().show(&visit)
+        self.callbacks().show(&visit)
     }
 }
 
@@ -242,7 +246,7 @@ pub(crate) enum Which {
 impl Which {
     /// Returns the number among `names`.
     pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
-        let found = match self {
+        let number = match self {
             Self::Number(k) => usize::try_from(*k).ok().filter(|k| *k < names.len()),
             Self::Name(n) => {
                 let mut of_name = (0..names.len()).filter(|k| names[*k] == *n);
@@ -250,18 +254,18 @@ impl Which {
                 if of_name.next().is_some() {
                     let rule =
                         format!("several are named '{n}'; set other names, or give the number of the {what}");
-                    return Err(Fault::of("UnknownName", rule));
+                    return Err(Fault::new("UnknownName", rule));
                 }
                 first
             }
         };
-        found.ok_or_else(|| {
+        number.ok_or_else(|| {
             let asked = match self {
                 Self::Number(k) => k.to_string(),
                 Self::Name(n) => format!("'{n}'"),
             };
             let known = names.join(", ");
-            Fault::of(
+            Fault::new(
                 "UnknownName",
                 format!("there is no {what} {asked}; there are: {known}"),
             )

@@ -65,7 +65,7 @@ fn pool() -> Result<Arc<ThreadPool>, Fault> {
     }
     let built = builder().build();
     let built =
-        built.map_err(|e| Fault::of("System", format!("starting threads in a forked process: {e}")))?;
+        built.map_err(|e| Fault::new("System", format!("starting threads in a forked process: {e}")))?;
     Ok(pool.insert(Arc::new(built)).clone())
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn set_threads(count: usize) -> PyResult<()> {
             threads::PER_CORE,
             threads::cores()
         );
-        return Err(Fault::of("InvalidParameter", rule).into());
+        return Err(Fault::new("InvalidParameter", rule).into());
     }
     start(count)
 }
@@ -102,7 +102,7 @@ fn start(count: usize) -> PyResult<()> {
     let built = ThreadPoolBuilder::new().num_threads(count).build_global();
     built.map_err(|_| {
         let rule = "threads have been started already: call set_threads before anything else, or set RAYON_NUM_THREADS";
-        Fault::of("System", rule).into()
+        Fault::new("System", rule).into()
     })
 }
 

@@ -109,9 +109,9 @@ pub fn table() -> Vec<Case> {
 /// # Errors
 /// Errors of the core.
 pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result<f64> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
-        Arc::new(Slab::between(at(2.0), at(1.0))?),
+        Arc::new(Slab::between(point(2.0), point(1.0))?),
         case.profile.clone(),
         0.0,
     )?;

@@ -44,8 +44,12 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
 /// Errors of the core and the meshes.
 pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     let [left, right] = [LENGTH / 2.0 - overlap / 2.0, LENGTH / 2.0 + overlap / 2.0];
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let ramp = Ramp::new(Arc::new(Slab::between(at(right), at(left))?), Profile::Cubic, 0.0)?;
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let ramp = Ramp::new(
+        Arc::new(Slab::between(point(right), point(left))?),
+        Profile::Cubic,
+        0.0,
+    )?;
     let coarse = Weights::same(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let material = Elastic::new(6.895e9, 0.25, 2768.0)?;

@@ -56,12 +56,12 @@ pub fn impulse(line: &Line, from: [usize; 2], to: [usize; 2], steps: usize) -> R
 pub fn reciprocity(line: &Line, steps: usize) -> Result<f64> {
     let bar = [COARSE, 2];
     let particle = [FINE, line.fine_bonds - 7];
-    let [there, here] = [
+    let [at_particle, at_bar] = [
         impulse(line, bar, particle, steps)?,
         impulse(line, particle, bar, steps)?,
     ];
-    let top = there.iter().fold(0.0, |m: f64, u| m.max(u.abs()));
-    let pairs = there.iter().zip(&here);
+    let top = at_particle.iter().fold(0.0, |m: f64, u| m.max(u.abs()));
+    let pairs = at_particle.iter().zip(&at_bar);
     Ok(pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top.max(f64::MIN_POSITIVE))
 }
 
@@ -89,16 +89,16 @@ pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Resu
         let start = -(line.overlap + wide + 30.0);
         line.build(&pulse(start, wide, k, phase), &rest)?
     };
-    let all = |c: &Coupled<f64>| {
+    let side_energy = |c: &Coupled<f64>| {
         let s = &c.subdomains()[side];
         s.kinetic_energy() + s.internal_energy()
     };
-    let before = all(&c);
+    let before = side_energy(&c);
     // Long enough for the slower lattice to bring the reflected packet back out of the overlap.
     let way = (2.0 * width + 100.0 + 2.0 * line.overlap) / lattice(line.h).2.min(fast);
     let steps = (way / c.dt()) as usize;
     run(&mut c, steps)?;
-    Ok(all(&c) / before)
+    Ok(side_energy(&c) / before)
 }
 
 /// Energy that remains of a pulse which runs to and fro between the free ends of bar and chain.

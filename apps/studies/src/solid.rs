@@ -26,8 +26,8 @@ pub fn block<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Res
 /// # Errors
 /// Errors of the profile.
 pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>> {
-    let at = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
-    let slab = Slab::between(at(OVERLAP[1]), at(OVERLAP[0]))?;
+    let point = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
+    let slab = Slab::between(point(OVERLAP[1]), point(OVERLAP[0]))?;
     Ok(Weights::same(Arc::new(Ramp::new(
         Arc::new(slab),
         profile,
@@ -87,8 +87,8 @@ pub fn bodies<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<[Subdomain<T
     let right = block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3])?;
     let coarse = FemModel::new("left", left, material()?)?;
     let fine = FemModel::new("right", right, material()?)?;
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
-    Ok([Subdomain::coarse(coarse, w), Subdomain::fine(fine, rest)])
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&w));
+    Ok([Subdomain::coarse(coarse, w), Subdomain::fine(fine, fine_weights)])
 }
 
 /// Gives both bodies random velocities.

@@ -171,10 +171,10 @@ impl Bar {
     }
 
     fn slab(&self) -> Result<Arc<dyn Overlap<f64>>> {
-        let at = |x: f64| Point3::new(x, 0.0, 0.0);
+        let point = |x: f64| Point3::new(x, 0.0, 0.0);
         Ok(Arc::new(Slab::between(
-            at(self.zone),
-            at(self.zone + self.overlap),
+            point(self.zone),
+            point(self.zone + self.overlap),
         )?))
     }
 
@@ -281,7 +281,7 @@ impl Bar {
     fn paired(&self, packing: &Packing, coupled: &Loads, alone: &Loads) -> Result<Vec<Pair>> {
         use arlequin::core::Weight;
         let (slab, weight) = (self.slab()?, self.weight()?);
-        let of = |(key, load): (&[u32; 2], &f64)| {
+        let pair = |(key, load): (&[u32; 2], &f64)| {
             let [a, b] = key.map(|i| packing.positions[i as usize]);
             let middle = Point3::from((a + b) * 0.5);
             // Bonds outside of the overlap have no twin to compare with.
@@ -295,7 +295,7 @@ impl Bar {
                 alone: *alone.get(key)?,
             })
         };
-        Ok(coupled.iter().filter_map(of).collect())
+        Ok(coupled.iter().filter_map(pair).collect())
     }
 }
 

@@ -267,8 +267,8 @@ pub fn scattering_from(line: &Line, side: usize, wavelengths: &[f64]) -> Result<
 /// # Errors
 /// Errors of [`scattering`].
 pub fn top_reflection(line: &Line, wavelengths: &[f64]) -> Result<f64> {
-    let all = scattering(line, wavelengths)?;
-    Ok(all.iter().fold(0.0, |m, s| m.max(s.reflection)))
+    let responses = scattering(line, wavelengths)?;
+    Ok(responses.iter().fold(0.0, |m, s| m.max(s.reflection)))
 }
 
 /// Returns `count + 1` wavelengths from `first` to `last`, equally spaced in their logarithm.
@@ -300,8 +300,10 @@ pub fn tie(line: &Line, width: f64) -> Result<Tie> {
     let mut c = line.build(&rest, &pulse(width + 20.0, width, 0.0, -1.0))?;
     let inside: Vec<(usize, Point3<f64>)> = {
         let nodes = c.subdomains()[FINE].model().nodes();
-        let all = nodes.iter().copied().enumerate();
-        all.filter(|(_, x)| x.x >= -line.overlap && x.x <= 0.0).collect()
+        let numbered = nodes.iter().copied().enumerate();
+        numbered
+            .filter(|(_, x)| x.x >= -line.overlap && x.x <= 0.0)
+            .collect()
     };
     let middle = Point3::new(-0.5 * line.overlap, 0.0, 0.0);
     let (mut jump, mut size, mut mean_jump, mut mean_size) = (0.0, 0.0, 0.0, 0.0);

@@ -41,8 +41,8 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
         }
     };
     let figures = |all: &[Check]| -> Vec<Value> {
-        let one = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
-        all.iter().map(one).collect()
+        let figure = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
+        all.iter().map(figure).collect()
     };
     let mut out = json!({"name": case.name, "why": case.why, "naive": case.naive, "promise": case.promise});
     match measured {

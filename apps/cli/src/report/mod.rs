@@ -62,7 +62,7 @@ fn loudness() -> Loudness {
 }
 
 /// Returns a function that shows each phase of a set-up as it begins, until it is dropped.
-pub(crate) fn phase_teller() -> impl FnMut(&str) {
+pub(crate) fn phase_reporter() -> impl FnMut(&str) {
     let progress = Progress::default();
     move |phase| progress.phase(phase)
 }

@@ -98,12 +98,12 @@ fn of_effects(folder: &Path, title: &str, table: &Table) -> Result<()> {
         if !seen.insert((shown.quantity.clone(), shown.unit.clone())) {
             continue;
         }
-        let same = |n: &str| {
+        let curve_name = |n: &str| {
             let h = header(n).filter(|h| h.quantity == shown.quantity && h.unit == shown.unit)?;
             Some(h.curve)
         };
         let headline = headline(title, &shown.quantity);
-        let plot = Plot::over_time(headline, &shown.quantity, &shown.unit, columns(table, same));
+        let plot = Plot::over_time(headline, &shown.quantity, &shown.unit, columns(table, curve_name));
         let file = format!("effect-{}.svg", shown.quantity.replace(' ', "-"));
         draw(&folder.join(file), &plot)?;
     }
@@ -200,8 +200,8 @@ fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     for start in (0..n).step_by(size) {
         // Two points per group.
         let range = start..(start + size).min(n);
-        let by = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
-        let ends = [range.clone().min_by(by), range.max_by(by)];
+        let order = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        let ends = [range.clone().min_by(order), range.max_by(order)];
         let mut ends: Vec<usize> = ends.into_iter().flatten().collect();
         ends.sort_unstable();
         ends.dedup();
@@ -237,8 +237,8 @@ fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
 
 /// Returns the range of the horizontal axis. A linear axis includes zero.
 fn span(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
-    let all = plot.curves.iter().flat_map(|c| c.times.iter());
-    let (first, last) = extremes(all.map(|t| scaled(*t, factor, plot.log[0])));
+    let abscissae = plot.curves.iter().flat_map(|c| c.times.iter());
+    let (first, last) = extremes(abscissae.map(|t| scaled(*t, factor, plot.log[0])));
     if plot.log[0] {
         (first, last)
     } else {

@@ -19,7 +19,7 @@ struct Doing {
     what: String,
     label: String,
     done: usize,
-    of: usize,
+    total: usize,
     since: Option<Instant>,
     over: bool,
 }
@@ -28,19 +28,19 @@ impl Doing {
     /// Returns a line such as `steps 1200 of 5000, 38 s to go`; `None` if no work is in progress.
     fn words(&self, now: Instant) -> Option<String> {
         let since = self.since?;
-        if self.of == 0 {
+        if self.total == 0 {
             return Some(self.what.clone());
         }
         let gone = now.duration_since(since).as_secs_f64();
-        let left = gone * (self.of.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
+        let seconds_left = gone * (self.total.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
         let to_go = if self.done > 0 {
-            format!(", {left:.0} s to go")
+            format!(", {seconds_left:.0} s to go")
         } else {
             String::new()
         };
         Some(format!(
             "{} {} of {}{}{to_go}",
-            self.what, self.done, self.of, self.label
+            self.what, self.done, self.total, self.label
         ))
     }
 }
@@ -64,8 +64,8 @@ impl Default for Progress {
             false if std::io::stderr().is_terminal() => Place::Terminal(Mutex::default()),
             false => {
                 let shared = Arc::<(Mutex<Doing>, Condvar)>::default();
-                let told = shared.clone();
-                let log = std::thread::Builder::new().spawn(move || log(&told));
+                let log_state = shared.clone();
+                let log = std::thread::Builder::new().spawn(move || log(&log_state));
                 Place::Log(shared, log.ok())
             }
         })
@@ -94,8 +94,8 @@ fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
 
 impl Progress {
     /// Returns the function by which libraries report their progress.
-    pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
-        |what, done, of| self.show(what, done, of)
+    pub(crate) fn reporter(&self) -> impl Fn(&str, usize, usize) + Sync {
+        |what, done, total| self.show(what, done, total)
     }
 
     /// Reports the start of a set-up phase, whose duration is not known.
@@ -106,8 +106,8 @@ impl Progress {
         self.show(&format!("set-up: {phase}"), 0, 0);
     }
 
-    /// Reports that `done` of `of` units are done.
-    pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
+    /// Reports that `done` of `total` units are done.
+    pub(crate) fn show(&self, what: &str, done: usize, total: usize) {
         match &self.0 {
             Place::Nowhere => {}
             Place::Terminal(shown) => {
@@ -116,7 +116,7 @@ impl Progress {
                     if let Some((_, bar)) = shown.take() {
                         bar.finish_and_clear();
                     }
-                    *shown = Some((what.to_owned(), bar(what, of)));
+                    *shown = Some((what.to_owned(), bar(what, total)));
                 }
                 if let Some((_, bar)) = &*shown {
                     bar.set_position(done as u64);
@@ -129,13 +129,13 @@ impl Progress {
                     doing.label.clear();
                     doing.since = Some(Instant::now());
                 }
-                (doing.done, doing.of) = (done, of);
+                (doing.done, doing.total) = (done, total);
             }
         }
     }
 
     /// Sets the label of the unit in progress.
-    pub(crate) fn at(&self, label: &str) {
+    pub(crate) fn set_label(&self, label: &str) {
         match &self.0 {
             Place::Nowhere => {}
             Place::Terminal(shown) => {
@@ -185,15 +185,15 @@ impl Drop for Progress {
     }
 }
 
-fn bar(what: &str, of: usize) -> ProgressBar {
-    let (bar, template) = match of {
+fn bar(what: &str, total: usize) -> ProgressBar {
+    let (bar, template) = match total {
         0 => (
             ProgressBar::new_spinner(),
             format!("{{spinner}} {what}, {{elapsed}}"),
         ),
-        of => {
+        total => {
             let text = format!("{{bar:40}} {{pos}}/{{len}} {what}{{msg}}, {{elapsed}} gone, {{eta}} to go");
-            (ProgressBar::new(of as u64), text)
+            (ProgressBar::new(total as u64), text)
         }
     };
     if let Ok(style) = ProgressStyle::with_template(&template) {
@@ -213,7 +213,7 @@ mod tests {
         let start = Instant::now();
         let mut doing = Doing {
             what: "steps".into(),
-            of: 400,
+            total: 400,
             done: 100,
             since: Some(start),
             ..Doing::default()

@@ -76,8 +76,8 @@ impl<'a> Writer<'a> {
     fn resolve(&self, schema: &'a Object) -> (&'a Object, Option<&'a str>) {
         // A reference with a description is wrapped in `allOf`.
         let inner = objects(schema, "allOf").next().unwrap_or(schema);
-        let found = referred(inner).and_then(|n| Some((self.definitions.get_key_value(n)?, n)));
-        match found {
+        let definition = referred(inner).and_then(|n| Some((self.definitions.get_key_value(n)?, n)));
+        match definition {
             Some(((name, Value::Object(o)), _)) => (o, Some(name)),
             _ => (inner, None),
         }
@@ -233,9 +233,9 @@ fn properties(table: &Object) -> impl Iterator<Item = (&String, &Object, bool)> 
         let list = table.get("required").and_then(Value::as_array);
         list.is_some_and(|l| l.iter().any(|r| r.as_str() == Some(key)))
     };
-    let all = table.get("properties").and_then(Value::as_object);
-    let all = all.into_iter().flatten();
-    all.filter_map(move |(k, v)| Some((k, v.as_object()?, needed(k))))
+    let entries = table.get("properties").and_then(Value::as_object);
+    let entries = entries.into_iter().flatten();
+    entries.filter_map(move |(k, v)| Some((k, v.as_object()?, needed(k))))
 }
 
 /// Returns whether a schema has keys, directly or in one of its choices.
@@ -250,20 +250,20 @@ fn is_table(schema: &Object) -> bool {
 fn choices(schema: &Object) -> String {
     let plain = schema.get("enum").and_then(Value::as_array);
     let plain = plain.into_iter().flatten().filter_map(Value::as_str);
-    let mut all: Vec<String> = plain.map(|w| format!("`\"{w}\"`")).collect();
+    let mut entries: Vec<String> = plain.map(|w| format!("`\"{w}\"`")).collect();
     for c in objects(schema, "oneOf").filter(|_| !is_table(schema)) {
         let names = c.get("enum").and_then(Value::as_array).into_iter().flatten();
         let names = names.chain(c.get("const")).filter_map(Value::as_str);
         let (meaning, _) = sentence(text(c, "description"));
         let meaning = begun_small(meaning.trim_end_matches('.'));
-        all.extend(names.map(|w| match meaning.as_str() {
+        entries.extend(names.map(|w| match meaning.as_str() {
             "" => format!("`\"{w}\"`"),
             m => format!("`\"{w}\"`: {m}"),
         }));
     }
-    match all.is_empty() {
+    match entries.is_empty() {
         true => String::new(),
-        false => all.join("; ") + ".",
+        false => entries.join("; ") + ".",
     }
 }
 
@@ -289,19 +289,19 @@ fn sentence(description: &str) -> (String, Option<String>) {
 /// Splits the first unit in brackets from a meaning.
 fn without_unit(meaning: &str) -> (String, String) {
     let inside = |t: &str| t.len() < 14 && !t.contains([',', '`', '"', '.']);
-    let found = meaning.find(" [").and_then(|from| {
-        let to = from + meaning[from..].find(']')?;
-        let unit = &meaning[from + 2..to];
+    let split = meaning.find(" [").and_then(|from| {
+        let end = from + meaning[from..].find(']')?;
+        let unit = &meaning[from + 2..end];
         // A bracket before `(` is a Markdown link.
-        let is_unit = inside(unit) && !meaning[to + 1..].starts_with('(');
+        let is_unit = inside(unit) && !meaning[end + 1..].starts_with('(');
         is_unit.then(|| {
             (
-                format!("{}{}", &meaning[..from], &meaning[to + 1..]),
+                format!("{}{}", &meaning[..from], &meaning[end + 1..]),
                 unit.to_owned(),
             )
         })
     });
-    found.unwrap_or_else(|| (meaning.to_owned(), String::new()))
+    split.unwrap_or_else(|| (meaning.to_owned(), String::new()))
 }
 
 /// Returns a text with its first letter in lower case, unless it begins with a name or a formula.

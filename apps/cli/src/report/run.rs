@@ -23,7 +23,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     if s.load_steps.is_empty() {
         motion(s, planned);
     } else {
-        rest(s, planned);
+        at_rest(s, planned);
     }
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
@@ -82,7 +82,7 @@ fn motion(s: &Summary, planned: usize) {
 }
 
 /// Prints the lines of a scene at rest.
-fn rest(s: &Summary, planned: usize) {
+fn at_rest(s: &Summary, planned: usize) {
     let residual = s.load_steps.iter().map(|l| l.residual).fold(0.0, f64::max);
     let iterations: usize = s.load_steps.iter().map(|l| l.iterations).sum();
     let how = match iterations {
@@ -346,11 +346,11 @@ fn models(all: &[ModelLine]) {
 /// Returns the expected time of a solution with each solver on many ranks, and a proposal if another solver
 /// is faster.
 fn solutions(i: &InterfaceLine) -> Option<String> {
-    let all = &i.solution_times;
-    let by = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
-    let words: Vec<String> = all.iter().map(by).collect();
-    let (best, least) = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let taken = all.iter().find(|t| t.0 == i.solver);
+    let times = &i.solution_times;
+    let entry = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
+    let words: Vec<String> = times.iter().map(entry).collect();
+    let (best, least) = times.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let taken = times.iter().find(|t| t.0 == i.solver);
     // Without a time the chosen solver uses dense eigenvectors, which are slower than all others.
     let gains = taken.is_none_or(|t| *least < WORTH * t.1);
     let key = if gains {

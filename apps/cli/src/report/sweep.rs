@@ -54,8 +54,8 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
     };
     let json = sweep.write(out)?;
     csv(&out.join("sweep.csv"), sweep)?;
-    let plots = work_precision::all(file, sweep, work_precision::Screen::Wide)?;
-    let narrow = work_precision::all(file, sweep, work_precision::Screen::Narrow)?;
+    let plots = work_precision::pictures(file, sweep, work_precision::Screen::Wide)?;
+    let narrow = work_precision::pictures(file, sweep, work_precision::Screen::Narrow)?;
     let folder = out.join("plots");
     std::fs::create_dir_all(&folder).map_err(write(&folder))?;
     for (name, svg) in &plots {
@@ -115,8 +115,8 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
             None => "",
         };
         let mut row = vec![quoted(&r.label), mark.into(), r.status.into()];
-        let own = |p: &&String| quoted(r.parameters.get(*p).map_or("", String::as_str));
-        row.extend(parameters.iter().map(own));
+        let cell = |p: &&String| quoted(r.parameters.get(*p).map_or("", String::as_str));
+        row.extend(parameters.iter().map(cell));
         row.extend([count(r.unknowns), count(r.steps), number(r.dt)]);
         row.extend([r.seconds.setup, r.seconds.stepping, r.seconds.output].map(number));
         row.extend(PHASES.map(|p| number(r.seconds.per_step.get(p).copied())));

@@ -44,7 +44,7 @@ pub(crate) fn part(
         let _ = writeln!(text, "{}", line.trim_start_matches('#').trim());
     }
     let _ = writeln!(text, "\nSweep file: `examples/sweeps/{stem}.toml`.\n");
-    for (name, svg) in picture::all(file, sweep, picture::Screen::Wide)? {
+    for (name, svg) in picture::pictures(file, sweep, picture::Screen::Wide)? {
         let image = format!("sweep-{stem}-{name}.svg");
         let path = images.join(&image);
         std::fs::write(&path, svg).map_err(write(&path))?;
@@ -190,8 +190,8 @@ fn predicted_part(text: &mut String, s: &Sweep) {
         let _ = writeln!(text, "| {label} | {u} | {v} | {} |", t.map(seconds).join(" | "));
     }
     let ratio = |k: usize| {
-        let all = rows.iter().map(|r| r.1[k][0] / r.1[k][1]);
-        let (a, b) = all.fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
+        let ratios = rows.iter().map(|r| r.1[k][0] / r.1[k][1]);
+        let (a, b) = ratios.fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
         format!("{a:.2} to {b:.2}")
     };
     let _ = writeln!(

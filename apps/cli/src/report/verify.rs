@@ -109,10 +109,10 @@ const COLUMNS: [&str; 8] = [
 
 /// Returns the table as plain text, with each remark below its row.
 pub(crate) fn table(rows: &[Check]) -> String {
-    let all: Vec<[String; 8]> = rows.iter().map(cells).collect();
+    let cell_rows: Vec<[String; 8]> = rows.iter().map(cells).collect();
     let width: Vec<usize> = (0..8)
         .map(|k| {
-            let longest = all.iter().map(|c| c[k].chars().count()).max();
+            let longest = cell_rows.iter().map(|c| c[k].chars().count()).max();
             longest.unwrap_or(0).max(COLUMNS[k].chars().count())
         })
         .collect();
@@ -121,7 +121,7 @@ pub(crate) fn table(rows: &[Check]) -> String {
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
     let mut out = line(&COLUMNS.map(str::to_owned)) + "\n";
-    for (row, c) in rows.iter().zip(&all) {
+    for (row, c) in rows.iter().zip(&cell_rows) {
         out += &(line(c) + "\n");
         if !row.note.is_empty() {
             out += &format!("{:w$}  ({})\n", "", row.note, w = width[0]);

@@ -104,7 +104,7 @@ impl Shown {
     }
 
     /// Returns the error of a run if it is positive, as a logarithmic axis needs.
-    fn of(self, r: &Run) -> Option<f64> {
+    fn error_of(self, r: &Run) -> Option<f64> {
         let e = match self {
             Self::Displacement => r.errors.displacement,
             Self::Velocity => r.errors.velocity,
@@ -170,7 +170,7 @@ enum Symbol {
 }
 
 /// Draws all pictures of a sweep. Returns their names and SVG texts.
-pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
+pub(crate) fn pictures(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
     let mut out = Vec::new();
     for shown in [Shown::Displacement, Shown::Velocity] {
         if let Some(svg) = work_precision(sweep, shown, screen)? {
@@ -188,7 +188,7 @@ pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec
 /// Draws the error over the time of all runs; `None` if no run has both.
 fn work_precision(s: &Sweep, shown: Shown, screen: Screen) -> Result<Option<String>> {
     let name = format!("work-precision-{}", shown.name());
-    let point = |r: &Run| Some((r.cost?, shown.of(r)?));
+    let point = |r: &Run| Some((r.cost?, shown.error_of(r)?));
     let points: Vec<(&Run, (f64, f64))> = s.runs.iter().filter_map(|r| Some((r, point(r)?))).collect();
     // The reference has no error of its own, so its time is drawn as a line.
     let exact: Vec<f64> = s
@@ -256,15 +256,18 @@ fn draw_work(
         top,
         row: 0,
     };
-    let all: Points = points.iter().map(|p| p.1).collect();
-    let overall = front(&all);
+    let coordinates: Points = points.iter().map(|p| p.1).collect();
+    let overall = front(&coordinates);
     chart
         .draw_series(LineSeries::new(overall.iter().copied(), GREY.stroke_width(1)))
         .map_err(|e| text(&e))?;
     let coupled = points.iter().filter(|p| p.0.mark.is_none());
-    let own = front(&coupled.map(|p| p.1).collect::<Points>());
+    let coupled_front = front(&coupled.map(|p| p.1).collect::<Points>());
     chart
-        .draw_series(LineSeries::new(own.iter().copied(), BLUE.stroke_width(2)))
+        .draw_series(LineSeries::new(
+            coupled_front.iter().copied(),
+            BLUE.stroke_width(2),
+        ))
         .map_err(|e| text(&e))?;
     for (value, colour, words) in exact
         .iter()
@@ -277,9 +280,9 @@ fn draw_work(
             .map_err(|e| text(&e))?;
         legend.entry(Symbol::Dashes(colour), words)?;
     }
-    let seen = draw_points(&mut chart, points, &own)?;
+    let seen = draw_points(&mut chart, points, &coupled_front)?;
     name_points(&mut legend, seen)?;
-    if own.len() > 1 {
+    if coupled_front.len() > 1 {
         legend.entry(Symbol::Line(BLUE), "front of the coupled runs")?;
     }
     if overall.len() > 1 {
@@ -292,11 +295,11 @@ fn draw_work(
 fn draw_points(
     chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<Decades, Decades>>,
     points: &[(&Run, (f64, f64))],
-    own: &Points,
+    coupled_front: &Points,
 ) -> std::result::Result<[bool; 4], String> {
     let mut seen = [false; 4];
     for (r, p) in points {
-        let on_front = own.contains(p);
+        let on_front = coupled_front.contains(p);
         let kind = match r.mark {
             Some(Mark::AllFine) => {
                 chart
@@ -424,10 +427,10 @@ fn panel(
     expected: Option<f64>,
 ) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
-    let all = || curves.iter().flat_map(|c| c.2.iter().copied());
+    let all_points = || curves.iter().flat_map(|c| c.2.iter().copied());
     let (Some(x), Some(y)) = (
-        Decades::over(all().map(|p| p.0)),
-        Decades::over(all().map(|p| p.1)),
+        Decades::over(all_points().map(|p| p.0)),
+        Decades::over(all_points().map(|p| p.1)),
     ) else {
         return Ok(());
     };

@@ -40,10 +40,10 @@ pub(super) fn read(folder: &Path) -> Vec<Plot> {
         for (k, name) in names.iter().enumerate().skip(1) {
             let Some(h) = header(file, name) else { continue };
             let column = rows.iter().map(|r| r[k]).collect();
-            let same = plots
+            let existing = plots
                 .iter_mut()
                 .find(|p| p.title == h.quantity && p.unit == h.unit);
-            match same {
+            match existing {
                 Some(p) => {
                     p.names.push(h.curve);
                     p.columns.push(column);
@@ -68,7 +68,7 @@ pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
         Some((words, unit)) => (words, unit),
         None => (name, ""),
     };
-    let made = |curve: &str, quantity: &str| {
+    let some_header = |curve: &str, quantity: &str| {
         Some(Header {
             curve: curve.to_owned(),
             quantity: quantity.to_owned(),
@@ -77,19 +77,19 @@ pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     };
     match file {
         "energy.csv" if unit == "J" => match words.strip_prefix("work ") {
-            Some(of) => made(of, "work"),
+            Some(object) => some_header(object, "work"),
             None if words == "drift" || words == "work" => None,
-            None => made(words, "energy"),
+            None => some_header(words, "energy"),
         },
         "energy.csv" => None,
         _ => {
-            let (of, quantity) = words.split_once(' ')?;
+            let (object, quantity) = words.split_once(' ')?;
             // Components of one vector share a plot.
             match quantity.rsplit_once(' ') {
-                Some((q, axis @ ("x" | "y" | "z"))) => made(&format!("{of} {axis}"), q),
+                Some((q, axis @ ("x" | "y" | "z"))) => some_header(&format!("{object} {axis}"), q),
                 _ if file == "effects.csv" && unit.is_empty() && quantity != "broken bonds" => None,
                 _ if file == "effects.csv" && unit == "s" => None,
-                _ => made(of, quantity),
+                _ => some_header(object, quantity),
             }
         }
     }
@@ -106,18 +106,18 @@ fn thinned(plot: Plot) -> Plot {
     let buckets = (ROWS / (2 * plot.columns.len())).max(50);
     let size = rows.div_ceil(buckets);
     // Both ends of the time axis remain.
-    let mut kept = vec![0, rows - 1];
+    let mut kept_rows = vec![0, rows - 1];
     for start in (0..rows).step_by(size) {
         let range = start..(start + size).min(rows);
         for column in &plot.columns {
-            let by = |a: &usize, b: &usize| column[*a].total_cmp(&column[*b]);
-            kept.extend(range.clone().min_by(by));
-            kept.extend(range.clone().max_by(by));
+            let order = |a: &usize, b: &usize| column[*a].total_cmp(&column[*b]);
+            kept_rows.extend(range.clone().min_by(order));
+            kept_rows.extend(range.clone().max_by(order));
         }
     }
-    kept.sort_unstable();
-    kept.dedup();
-    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    kept_rows.sort_unstable();
+    kept_rows.dedup();
+    let pick = |values: &[f64]| kept_rows.iter().map(|k| values[*k]).collect::<Vec<f64>>();
     Plot {
         times: pick(&plot.times),
         columns: plot.columns.iter().map(|c| pick(c)).collect(),

@@ -19,7 +19,7 @@ pub(super) struct Series {
 
 impl Series {
     /// Returns the file for a time: the last file that is not later, or the first file.
-    pub(super) fn at(&self, time: f64) -> Option<&Path> {
+    pub(super) fn file_at(&self, time: f64) -> Option<&Path> {
         let k = self.files.partition_point(|f| f.0 <= time);
         Some(&self.files.get(k.saturating_sub(1))?.1)
     }
@@ -139,8 +139,9 @@ impl Frame {
 
 /// Finds an array by its name; for an empty name the first array of vectors.
 fn named(arrays: &[Array], place: Place, name: &str) -> Option<Array> {
-    let mut all = arrays.iter();
-    all.find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
+    let mut candidates = arrays.iter();
+    candidates
+        .find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
         .cloned()
 }
 
@@ -176,8 +177,8 @@ impl Vtu {
             ("Points", Place::Grid),
             ("Cells", Place::Grid),
         ] {
-            let found = piece.children().filter(|n| n.has_tag_name(section));
-            for node in found
+            let sections = piece.children().filter(|n| n.has_tag_name(section));
+            for node in sections
                 .flat_map(|n| n.children())
                 .filter(|n| n.has_tag_name("DataArray"))
             {
@@ -224,12 +225,12 @@ impl Vtu {
         self.file.read_exact(&mut size)?;
         let size = u64::from_le_bytes(size);
         // A damaged length must not allocate all memory.
-        let left = self
+        let remaining = self
             .file
             .metadata()?
             .len()
             .saturating_sub(self.data + array.offset + 8);
-        if size > left {
+        if size > remaining {
             return Err(std::io::ErrorKind::UnexpectedEof.into());
         }
         let mut bytes = vec![0; size as usize];

@@ -60,7 +60,7 @@ fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
 
 impl Grid {
     /// Reads the grid of a frame.
-    pub(super) fn of(frame: &mut Frame, path: &Path) -> Result<Self> {
+    pub(super) fn read_from(frame: &mut Frame, path: &Path) -> Result<Self> {
         let need = |f: &Frame, name: &str| {
             let rule = format!("has no array '{name}'; make the run again");
             f.find(Place::Grid, name)
@@ -96,27 +96,31 @@ impl Grid {
         let mut between: HashMap<[u32; 4], usize> = HashMap::new();
         let mut start = 0;
         for (cell, (end, kind)) in ends.iter().zip(kinds).enumerate() {
-            let own = &corners[start..*end as usize];
+            let cell_corners = &corners[start..*end as usize];
             start = *end as usize;
             match (faces_of(*kind), kind) {
-                (Some(faces), _) if own.len() > faces.iter().flatten().copied().max().unwrap_or(0) => {
+                (Some(faces), _)
+                    if cell_corners.len() > faces.iter().flatten().copied().max().unwrap_or(0) =>
+                {
                     for face in faces {
                         // Sorted corners make the key independent of the direction in which a cell lists
                         // the face.
-                        let at = face.map(|k| own[k]);
-                        let mut key = at;
+                        let nodes = face.map(|k| cell_corners[k]);
+                        let mut key = nodes;
                         key.sort_unstable();
                         if let Some(k) = between.remove(&key) {
                             grid.faces[k][5] = cell as u32;
                         } else {
                             between.insert(key, grid.faces.len());
                             grid.faces
-                                .push([at[0], at[1], at[2], at[3], cell as u32, OUTSIDE]);
+                                .push([nodes[0], nodes[1], nodes[2], nodes[3], cell as u32, OUTSIDE]);
                         }
                     }
-                    grid.corners.extend(own);
+                    grid.corners.extend(cell_corners);
                 }
-                (_, 3) if own.len() == 2 => grid.lines.push([own[0], own[1], cell as u32]),
+                (_, 3) if cell_corners.len() == 2 => {
+                    grid.lines.push([cell_corners[0], cell_corners[1], cell as u32])
+                }
                 (_, 1) => {}
                 _ => grid.unknown += 1,
             }
@@ -134,9 +138,14 @@ impl Grid {
     /// Returns the centres of all cells \[m\]; zero for cells without faces.
     pub(super) fn centres(&self) -> Vec<f64> {
         let centre = |k: usize| {
-            let own = self.cell(k);
-            let sum = |c: usize| own.iter().map(|i| self.points[3 * *i as usize + c]).sum::<f64>();
-            std::array::from_fn::<_, 3, _>(|c| sum(c) / own.len().max(1) as f64)
+            let corners = self.cell(k);
+            let sum = |c: usize| {
+                corners
+                    .iter()
+                    .map(|i| self.points[3 * *i as usize + c])
+                    .sum::<f64>()
+            };
+            std::array::from_fn::<_, 3, _>(|c| sum(c) / corners.len().max(1) as f64)
         };
         (0..self.ends.len()).flat_map(centre).collect()
     }

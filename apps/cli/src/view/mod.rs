@@ -77,11 +77,11 @@ impl Plan {
         for s in series {
             let frame = Frame::open(first(s))?;
             // The page stores two bytes per value.
-            let of = |place: Place| -> usize {
-                let all = frame.arrays.iter().filter(|a| a.place == place && varies(a));
-                all.map(|a| 2 * a.components).sum()
+            let bytes_per_item = |place: Place| -> usize {
+                let varying = frame.arrays.iter().filter(|a| a.place == place && varies(a));
+                varying.map(|a| 2 * a.components).sum()
             };
-            let (of_point, of_cell) = (of(Place::Point), of(Place::Cell));
+            let (of_point, of_cell) = (bytes_per_item(Place::Point), bytes_per_item(Place::Cell));
             if frame.find(Place::Point, "radius [m]").is_some() {
                 grains += of_point * frame.points + of_cell * frame.cells;
                 count += frame.points;
@@ -94,12 +94,14 @@ impl Plan {
             }
         }
         let mut notices = Vec::new();
-        let all = times.len();
-        let fits = (bytes / (grains + rest).max(1)).max(FRAMES.min(all)).max(1);
-        if fits < all {
-            let last = all - 1;
+        let total = times.len();
+        let fits = (bytes / (grains + rest).max(1)).max(FRAMES.min(total)).max(1);
+        if fits < total {
+            let last = total - 1;
             times = (0..fits).map(|k| times[k * last / (fits - 1).max(1)]).collect();
-            notices.push(format!("{fits} of {all} frames are shown; more with --megabytes"));
+            notices.push(format!(
+                "{fits} of {total} frames are shown; more with --megabytes"
+            ));
         }
         let room = (bytes / times.len()).saturating_sub(rest) as f64;
         // At least 0.2 % of the particles remain, however small the limit.

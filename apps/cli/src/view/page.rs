@@ -43,9 +43,9 @@ impl Store {
     fn put<const N: usize>(&mut self, numbers: impl Iterator<Item = [u8; N]>) -> Stored {
         // Typed arrays in JavaScript must begin at a multiple of their number's size.
         self.0.resize(self.0.len().next_multiple_of(4), 0);
-        let at = self.0.len();
+        let offset = self.0.len();
         self.0.extend(numbers.flatten());
-        Stored(at, (self.0.len() - at) / N)
+        Stored(offset, (self.0.len() - offset) / N)
     }
 
     fn floats(&mut self, numbers: impl Iterator<Item = f64>) -> Stored {

@@ -54,10 +54,10 @@ impl Part {
     pub(super) fn read(series: &Series, plan: &Plan, notices: &mut Vec<String>) -> Result<Self> {
         let path = first(series);
         let mut frame = Frame::open(path)?;
-        let mut full = Grid::of(&mut frame, path)?;
-        let mut tell = |text: String| notices.push(format!("'{}': {text}", series.name));
+        let mut full = Grid::read_from(&mut frame, path)?;
+        let mut notify = |text: String| notices.push(format!("'{}': {text}", series.name));
         if full.unknown > 0 {
-            tell(format!(
+            notify(format!(
                 "{} cells of kinds that this page does not draw",
                 full.unknown
             ));
@@ -68,26 +68,26 @@ impl Part {
         };
         if full.ends.len() > CELLS && !full.faces.is_empty() {
             full.hollow();
-            tell("its surface alone is shown, and what is within only where a cut opens no cells".into());
+            notify("its surface alone is shown, and what is within only where a cut opens no cells".into());
         }
         let broken = breaks(series, plan, full.ends.len())?;
         let (grid, centres, kept) = reduced(&full, !radii.is_empty(), plan.share, &broken);
         if kept.lines.len() < full.lines.len() && plan.share >= 1.0 {
-            tell(format!(
+            notify(format!(
                 "{} of {} bonds are shown, all broken ones among them",
                 kept.lines.len(),
                 full.lines.len()
             ));
         }
         let fields = fields(series, plan, &full, &kept)?;
-        let of = |list: &[u32], all: &[u16]| list.iter().map(|k| all[*k as usize]).collect();
+        let selected = |list: &[u32], all: &[u16]| list.iter().map(|k| all[*k as usize]).collect();
         Ok(Self {
             name: series.name.clone(),
             radii: drawn(&radii, &kept, plan.share),
             broken: if broken.is_empty() {
                 broken
             } else {
-                of(&kept.lines, &broken)
+                selected(&kept.lines, &broken)
             },
             grid,
             centres,
@@ -107,14 +107,14 @@ fn drawn(radii: &[f64], kept: &Kept, share: f64) -> Vec<f64> {
             1.0
         }
     };
-    let all = kept.points.iter().filter(|_| !radii.is_empty());
-    all.map(|k| radii[*k as usize] * size(k)).collect()
+    let points = kept.points.iter().filter(|_| !radii.is_empty());
+    points.map(|k| radii[*k as usize] * size(k)).collect()
 }
 
 /// Returns for each cell the first frame at which it is broken.
 fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
     let mut out = Vec::new();
-    for (k, path) in plan.times.iter().filter_map(|t| series.at(*t)).enumerate() {
+    for (k, path) in plan.times.iter().filter_map(|t| series.file_at(*t)).enumerate() {
         let mut frame = Frame::open(path)?;
         let Some(array) = frame.find(Place::Cell, "broken [-]") else {
             return Ok(out);
@@ -164,7 +164,7 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
         lines.retain(|l| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE));
     }
     let (mut cells, mut centres) = (vec![GONE; full.ends.len()], Vec::new());
-    let all = full.centres();
+    let all_centres = full.centres();
     let mut faces = full.faces.clone();
     for face in &mut faces {
         face[..4].iter_mut().for_each(|i| *i = number[*i as usize]);
@@ -172,7 +172,7 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
             let k = *cell as usize;
             if cells[k] == GONE {
                 cells[k] = (centres.len() / 3) as u32;
-                centres.extend(&all[3 * k..3 * k + 3]);
+                centres.extend(&all_centres[3 * k..3 * k + 3]);
             }
             *cell = cells[k];
         }
@@ -231,9 +231,9 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
             continue;
         }
         let mut frames = Vec::new();
-        for path in plan.times.iter().filter_map(|t| series.at(*t)) {
+        for path in plan.times.iter().filter_map(|t| series.file_at(*t)) {
             let mut frame = Frame::open(path)?;
-            let found = frame.find(
+            let current = frame.find(
                 array.place,
                 if array.place == Place::Grid {
                     ""
@@ -241,7 +241,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                     &array.name
                 },
             );
-            let found = found
+            let current = current
                 .filter(|f| f.components == array.components)
                 .ok_or_else(|| {
                     let rule = format!(
@@ -250,7 +250,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                     );
                     value("DIR", path.display(), &rule)
                 })?;
-            let mut values = frame.numbers(&found)?;
+            let mut values = frame.numbers(&current)?;
             if array.place == Place::Grid {
                 if values.len() != full.points.len() {
                     let rule =
@@ -286,11 +286,11 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
 
 /// Selects the values of the points or lines in `list`, component after component.
 fn picked(values: &[f64], components: usize, list: &[u32]) -> Vec<f32> {
-    let of = |c: usize| {
+    let component = |c: usize| {
         list.iter()
             .map(move |k| values[*k as usize * components + c] as f32)
     };
-    (0..components).flat_map(of).collect()
+    (0..components).flat_map(component).collect()
 }
 
 /// Scales values over all frames to 16 bits, each component between its own lowest and highest value.
@@ -302,14 +302,14 @@ fn quantised(name: String, on_lines: bool, components: usize, mut frames: Vec<Ve
     let count = frames.first().map_or(0, |f| f.len() / components);
     let (mut low, mut high) = (vec![0.0; components], vec![0.0; components]);
     for c in 0..components {
-        let all = || {
+        let finite_values = || {
             frames
                 .iter()
                 .flat_map(|f| &f[c * count..(c + 1) * count])
                 .filter(|v| v.is_finite())
         };
-        low[c] = f64::from(all().copied().fold(f32::INFINITY, f32::min));
-        high[c] = f64::from(all().copied().fold(f32::NEG_INFINITY, f32::max));
+        low[c] = f64::from(finite_values().copied().fold(f32::INFINITY, f32::min));
+        high[c] = f64::from(finite_values().copied().fold(f32::NEG_INFINITY, f32::max));
         // No finite value: any range will do.
         if low[c] > high[c] {
             (low[c], high[c]) = (0.0, 0.0);

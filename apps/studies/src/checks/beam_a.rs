@@ -82,14 +82,14 @@ pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
 }
 
 /// Returns elongation and three frequencies of a run.
-fn found(r: &Record) -> [f64; 4] {
+fn measured(r: &Record) -> [f64; 4] {
     let f = |k: u32| r.frequency("free-end", BAR.axial(k));
     [r.mean("free-end"), f(0), f(1), f(2)]
 }
 
 /// Compares one run with theory, solid and printed values.
 fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
-    let ours = found(r);
+    let ours = measured(r);
     let theory = [BAR.elongation(), BAR.axial(0), BAR.axial(1), BAR.axial(2)];
     let mut checks = Vec::new();
     for k in 0..4 {
@@ -120,8 +120,11 @@ fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
 /// Compares the energy of a short packet with and without absorber.
 fn packet_rows(done: &Runs) -> Vec<Check> {
     let mut checks = Vec::new();
-    let kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
-    if let (Some(bare), Some(absorbed)) = (kept("a/cnem-dem packet"), kept("a/cnem-dem packet absorbed")) {
+    let energy_kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
+    if let (Some(bare), Some(absorbed)) = (
+        energy_kept("a/cnem-dem packet"),
+        energy_kept("a/cnem-dem packet absorbed"),
+    ) {
         checks.push(Check::against(
             "short packet in the particles: energy kept over 20 us, no absorber",
             bare,
@@ -190,15 +193,16 @@ pub(super) fn evaluate(done: &Runs) -> Result<Report> {
 fn figures(done: &Runs) -> Vec<Figure> {
     let mut out = Vec::new();
     let curves = |list: &[(&str, &str)], probe: &str| -> Vec<_> {
-        let all = list
+        let series = list
             .iter()
             .filter_map(|(name, key)| Some(done.get(key)?.curve(name, probe)));
-        all.map(|(n, t, v)| {
-            // About three periods.
-            let end = t.partition_point(|t| *t < 45e-6);
-            (n, t[..end].to_vec(), v[..end].to_vec())
-        })
-        .collect()
+        series
+            .map(|(n, t, v)| {
+                // About three periods.
+                let end = t.partition_point(|t| *t < 45e-6);
+                (n, t[..end].to_vec(), v[..end].to_vec())
+            })
+            .collect()
     };
     let free = curves(
         &[

@@ -100,9 +100,9 @@ const SPHERES: &str = "1.54e-3";
 
 /// Returns the kinds of models, each with its scene, its assignments and its cost.
 fn kinds(quick: bool) -> Vec<(&'static str, Deck, Vec<String>, u32)> {
-    let own = |list: &[String]| list.to_vec();
+    let assignments = |list: &[String]| list.to_vec();
     let alone = |kind: &str, h: &str| {
-        own(&[
+        assignments(&[
             format!("model.whole.kind={kind}"),
             format!("model.whole.spacing={h}"),
         ])
@@ -112,7 +112,7 @@ fn kinds(quick: bool) -> Vec<(&'static str, Deck, Vec<String>, u32)> {
         return out;
     }
     let pair = |kind: &str| {
-        own(&[
+        assignments(&[
             format!("model.left.kind={kind}"),
             format!("model.left.spacing={MESH}"),
             format!("model.right.spacing={SPHERES}"),
@@ -143,11 +143,11 @@ pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
         }
         if kind == "cnem-dem" {
             let end = format!("time.end={:e}", LOADS[0].periods / BAR.axial(0));
-            let same = ["model.left.material.young=75.8e9".to_owned(), end];
+            let matched_modulus = ["model.left.material.young=75.8e9".to_owned(), end];
             out.push(
                 RunSpec::new("b/cnem-dem matched", deck, cost, &[])
                     .with(&set)
-                    .with(&same),
+                    .with(&matched_modulus),
             );
         }
         let spec = RunSpec::new(&format!("b/{kind} velocity"), deck, cost, &[]);
@@ -173,7 +173,7 @@ fn band(kind: &str, load: &str) -> [f64; 2] {
     }
 }
 
-fn found(l: &Load, r: &Record) -> [f64; 2] {
+fn measured(l: &Load, r: &Record) -> [f64; 2] {
     [r.mean(l.probe), r.frequency(l.probe, (l.guess)(BAR))]
 }
 
@@ -181,7 +181,7 @@ fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Check> {
     // Column of the printed values.
     let column = if kind == "dem" { 1 } else { 2 };
     let mut checks = Vec::new();
-    for (k, ours) in found(l, r).into_iter().enumerate() {
+    for (k, ours) in measured(l, r).into_iter().enumerate() {
         let name = format!("{kind}, {}: {}", l.name, l.units[k]);
         let most = band(kind, l.name)[k];
         checks.push(Check::against(
@@ -208,7 +208,7 @@ fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Check> {
 
 fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<Check> {
     let mut checks = Vec::new();
-    let ours = found(l, r);
+    let ours = measured(l, r);
     for k in 0..2 {
         let name = format!("{kind}, {}: {}", l.name, l.units[k]);
         let accept = Accept::Relative(l.most[k]);
@@ -220,14 +220,14 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<C
         checks.push(Check::against(name.clone(), ours[k], l.truth[k], SOLID, accept));
         if l.name == "bending" {
             let thin = [BAR.thin_deflection(), BAR.thin_bending()][k];
-            let own = (l.truth[k] / thin - 1.0).abs();
+            let shear_effect = (l.truth[k] / thin - 1.0).abs();
             checks.push(
                 Check::against(
                     name.clone(),
                     ours[k],
                     thin,
                     "beam theory as printed",
-                    Accept::Relative(l.most[k] + own),
+                    Accept::Relative(l.most[k] + shear_effect),
                 )
                 .note("without shear: off a solid by itself, which is added to what is accepted"),
             );
@@ -247,7 +247,7 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<C
 /// mainly in their modulus, which a continuum part does not share. The deviation is added to the accepted
 /// error where it shows: for finite elements and for the axial frequency.
 fn beside_dem(kind: &str, l: &Load, k: usize, ours: f64, dem: &Record) -> Check {
-    let alone = found(l, dem)[k];
+    let alone = measured(l, dem)[k];
     let name = format!("{kind}, {}: {}", l.name, l.units[k]);
     let row = |most: f64| Check::against(name, ours, alone, "our DEM alone", Accept::Relative(most));
     if kind == "cnem-dem" && !(l.name == "tension" && k == 1) {
@@ -263,7 +263,7 @@ fn matched(done: &Runs) -> Vec<Check> {
     let (Some(r), Some(d)) = (done.get("b/cnem-dem matched"), done.get("b/dem tension")) else {
         return Vec::new();
     };
-    let (ours, alone) = (found(l, r), found(l, d));
+    let (ours, alone) = (measured(l, r), measured(l, d));
     let row = |k: usize| {
         let name = format!(
             "cnem-dem, continuum of the packing's modulus, tension: {}",

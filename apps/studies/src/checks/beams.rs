@@ -155,11 +155,11 @@ impl RunSpec {
             out.condition = Some(report.condition);
             out.multipliers = [report.multipliers, report.rank];
         }
-        let all = |s: &arlequin::core::Subdomain<f64>| s.kinetic_energy() + s.internal_energy();
+        let total = |s: &arlequin::core::Subdomain<f64>| s.kinetic_energy() + s.internal_energy();
         out.energies = run
             .subdomains()
             .iter()
-            .map(|s| all(s) / energy.max(f64::MIN_POSITIVE))
+            .map(|s| total(s) / energy.max(f64::MIN_POSITIVE))
             .collect();
         Ok(out)
     }

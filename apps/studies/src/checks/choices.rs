@@ -1,7 +1,7 @@
 //! The papers' parameter study on the line: weighting, junction length, mediator spacing, locking.
 
 use super::check::{Accept, Check, short};
-use super::{Figure, Report, Runs, Series, at};
+use super::{Figure, Report, Runs, Series, core_error};
 use crate::line::{Line, Product, rest};
 use crate::waves;
 use arlequin::core::{Profile, Result as CoreResult, Weighting};
@@ -22,7 +22,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
                 weighting,
                 ..Line::default()
             };
-            let p = waves::long_pulse(&line).map_err(at("weighting"))?;
+            let p = waves::long_pulse(&line).map_err(core_error("weighting"))?;
             let nodal = weighting == Weighting::Nodal;
             let name = |what: &str| {
                 let law = if nodal { "nodal" } else { "energy" };
@@ -100,7 +100,7 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
             0.005,
             Product::H1(l * mediator),
         );
-        let c = condition(&line).map_err(at("conditioning"))?;
+        let c = condition(&line).map_err(core_error("conditioning"))?;
         curve.push(c);
         if c < best.1 {
             best = (l, c);
@@ -144,7 +144,7 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                 0.005,
                 Product::H1(published / reference * mediator),
             );
-            let cost = condition(&theirs).map_err(at("conditioning"))? / best.1;
+            let cost = condition(&theirs).map_err(core_error("conditioning"))? / best.1;
             let row = Check::new(
                 format!(
                     "cond(their l) / cond(l_opt), L_O = {} h_D, {name} mediator",
@@ -159,7 +159,7 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                 short(best.0)
             )));
             let plain = condition(&bench(Profile::Linear, overlap, mediator, 0.005, Product::L2))
-                .map_err(at("conditioning"))?;
+                .map_err(core_error("conditioning"))?;
             let name = format!(
                 "cond(L2) / cond(H1 at l_opt), L_O = {} h_D, {name}",
                 short(overlap)
@@ -220,7 +220,7 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
                 step: arlequin::core::TimeStep::Fraction(0.5),
                 ..line
             };
-            let c = condition(&line).map_err(at("conditioning"))?;
+            let c = condition(&line).map_err(core_error("conditioning"))?;
             if first[k] <= 0.0 {
                 // The first floor is the reference for the others.
                 first[k] = c;
@@ -269,25 +269,25 @@ pub(super) fn mediator(_: &Runs) -> Result<Report> {
         ),
     ];
     for (h, overlap, published, tried) in settings {
-        let mut found = Vec::new();
+        let mut reflections = Vec::new();
         for b in tried {
             let line = Line {
                 h,
                 ..bench(Profile::Cubic, overlap, *b, 1e-6, Product::L2)
             };
-            let all = waves::wavelengths(4.2, 40.0, 100);
-            found.push(waves::top_reflection(&line, &all).map_err(at("mediator"))?);
+            let wavelengths = waves::wavelengths(4.2, 40.0, 100);
+            reflections.push(waves::top_reflection(&line, &wavelengths).map_err(core_error("mediator"))?);
         }
-        let best = (0..tried.len()).fold(0, |a, k| if found[k] < found[a] { k } else { a });
+        let best = (0..tried.len()).fold(0, |a, k| if reflections[k] < reflections[a] { k } else { a });
         let name = format!("h_C = {h} h_D, L_O = {overlap} h_D");
         let what = format!("best h_B / h_D, {name}");
         let row = Check::against(what, tried[best], published, J14, Accept::Relative(0.3));
         let upto = tried
             .iter()
-            .zip(&found)
+            .zip(&reflections)
             .filter(|(b, _)| **b <= h)
             .map(|(_, r)| *r);
-        let spread = upto.fold(0.0, f64::max) / found[best];
+        let spread = upto.fold(0.0, f64::max) / reflections[best];
         if spread > 1.5 {
             checks.push(row.note(
                 "ours: least reflection over 4.2 to 40 h_C; theirs is judged by eye on a free-end displacement",
@@ -308,15 +308,15 @@ pub(super) fn mediator(_: &Runs) -> Result<Report> {
         checks.push(
             Check::new(
                 format!("reflection at their h_B over the least one, {name}"),
-                found[near] / found[best],
+                reflections[near] / reflections[best],
                 Accept::AtMost(2.0),
             )
             .note(format!(
                 "and at h_B = h_D {} times the least one",
-                short(found[0] / found[best])
+                short(reflections[0] / reflections[best])
             )),
         );
-        curves.push((name, tried.to_vec(), found));
+        curves.push((name, tried.to_vec(), reflections));
     }
     let figure = mediator_figure(curves);
     Ok(Report {
@@ -353,7 +353,7 @@ pub(super) fn locking(_: &Runs) -> Result<Report> {
             fine_bonds: 300,
             ..bench(Profile::Cubic, 40.0, mediator, 0.05, Product::L2)
         };
-        let tie = waves::tie(&line, 12.0).map_err(at("locking"))?;
+        let tie = waves::tie(&line, 12.0).map_err(core_error("locking"))?;
         let row = Check::new(
             format!("difference of the overlap velocities, {name} mediator"),
             tie.difference,

@@ -204,8 +204,8 @@ pub fn choose(names: &[String]) -> Result<Vec<&'static Case>> {
     }
     let known: Vec<String> = CASES.iter().map(|c| c.name.to_owned()).collect();
     let find = |n: &String| {
-        let found = CASES.iter().find(|c| c.name == n);
-        found.ok_or_else(|| unknown("verify", n, "case", known.iter()))
+        let case = CASES.iter().find(|c| c.name == n);
+        case.ok_or_else(|| unknown("verify", n, "case", known.iter()))
     };
     names.iter().map(find).collect()
 }
@@ -285,7 +285,7 @@ pub fn in_parallel<T: Sync, R: Send>(
                 loop {
                     let k = next.fetch_add(1, Ordering::Relaxed);
                     let Some(item) = items.get(k) else { break };
-                    let made = match &pool {
+                    let result = match &pool {
                         Ok(pool) => pool.install(|| work(item)),
                         Err(e) => Err(Error::System {
                             what: "starting the threads",
@@ -293,7 +293,7 @@ pub fn in_parallel<T: Sync, R: Send>(
                         }),
                     };
                     if let Ok(mut slot) = slots[k].lock() {
-                        *slot = Some(made);
+                        *slot = Some(result);
                     }
                     progress(what, finished.fetch_add(1, Ordering::Relaxed) + 1, items.len());
                 }
@@ -304,11 +304,11 @@ pub fn in_parallel<T: Sync, R: Send>(
         what: "verify",
         message: "a worker ended without a result".into(),
     };
-    let found = slots.into_iter().map(|s| s.into_inner().ok().flatten());
-    found.map(|r| r.unwrap_or_else(|| Err(lost()))).collect()
+    let results = slots.into_iter().map(|s| s.into_inner().ok().flatten());
+    results.map(|r| r.unwrap_or_else(|| Err(lost()))).collect()
 }
 
 /// Wraps an error of the core with a description of the computation.
-fn at(what: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
+fn core_error(what: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
     arlequin_scene::error::core(what)
 }

@@ -36,7 +36,7 @@ struct LoadCurve {
 }
 
 impl LoadCurve {
-    fn of(deck: &Deck) -> Result<Self> {
+    fn from_deck(deck: &Deck) -> Result<Self> {
         let scene = Scene::of(Source::new(deck.name, deck.text))?;
         let results = scene.prepare()?.run(&mut Silent)?;
         let curve = &results.recorded.curves[0];
@@ -88,32 +88,32 @@ pub(super) fn strength(done: &Runs) -> Result<Report> {
     if done.quick {
         return Ok(Report::default());
     }
-    let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::of(&d));
+    let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::from_deck(&d));
     let (tension, disc, bend) = (tension?, disc?, bend?);
     // Dimensions in the scenes [m, m²]: section of the bar; diameter and thickness of the disc; span, width
     // and height of the beam.
     let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 3e-3, 4e-3]);
     // Strength by direct tension, by splitting a disc, and by bending with linear stress over the height.
-    let own = tension.peak() / section;
+    let tensile_strength = tension.peak() / section;
     let split = 2.0 * disc.peak() / (PI * wide * thick);
     let bent = 1.5 * bend.peak() * span / (width * height * height);
     let checks = vec![
         Check::new(
             "strength in direct tension [MPa]",
-            1e-6 * own,
+            1e-6 * tensile_strength,
             Accept::Between(10.0, 100.0),
         ),
         Check::against(
             "peak load of the Brazilian disc [N]",
             disc.peak(),
-            0.5 * PI * wide * thick * own,
+            0.5 * PI * wide * thick * tensile_strength,
             "elastic disc, Hertz",
             Accept::Relative(0.25),
         )
         .note(format!("indirect strength {:.1} MPa", 1e-6 * split)),
         Check::against(
             "modulus of rupture in bending over the strength in tension",
-            bent / own,
+            bent / tensile_strength,
             1.0,
             "beam theory; 1 to 2 in grainy materials",
             Accept::Between(0.8, 2.2),

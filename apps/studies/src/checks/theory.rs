@@ -1,7 +1,7 @@
 //! Acceptance checks of the method on the line: a bar and a chain of springs.
 
 use super::check::{Accept, Check};
-use super::{Figure, Report, Runs, Series, at};
+use super::{Figure, Report, Runs, Series, core_error};
 use crate::line::{Line, rest, run};
 use crate::waves::{self, Damping};
 use arlequin::core::harmonic::Scattering;
@@ -26,7 +26,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
             profile: Profile::Constant(alpha),
             ..Line::default()
         };
-        let p = waves::long_pulse(&line).map_err(at("transmission"))?;
+        let p = waves::long_pulse(&line).map_err(core_error("transmission"))?;
         let name = |what: &str| format!("{what}, alpha = {alpha} in the overlap");
         out.push(Check::against(
             name("t"),
@@ -50,7 +50,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
             everywhere: Some(alpha),
             ..Line::default()
         };
-        let p = waves::long_pulse(&line).map_err(at("transmission"))?;
+        let p = waves::long_pulse(&line).map_err(core_error("transmission"))?;
         let name = format!("t, alpha = {alpha} everywhere");
         out.push(
             Check::against(name, p.t, expected, PROTOTYPE, Accept::Absolute(0.005))
@@ -70,8 +70,8 @@ pub(super) fn invariants(_: &Runs) -> Result<Report> {
         overlap: 40.0,
         ..Line::default()
     };
-    let mut c = waves::random_state(&line, [2, 1]).map_err(at("invariants"))?;
-    run(&mut c, 20_000).map_err(at("invariants"))?;
+    let mut c = waves::random_state(&line, [2, 1]).map_err(core_error("invariants"))?;
+    run(&mut c, 20_000).map_err(core_error("invariants"))?;
     let [_, displacement] = c.jumps(0);
     checks(vec![
         Check::new(
@@ -98,7 +98,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
             fine_bonds: 200,
             ..Line::default()
         };
-        let c = line.build(&rest, &rest).map_err(at("critical step"))?;
+        let c = line.build(&rest, &rest).map_err(core_error("critical step"))?;
         let ratio = c.critical_steps().iter().fold(f64::MAX, |a, b| a.min(*b));
         let name = format!("critical step over that of the fine model, epsilon = {epsilon}");
         out.push(Check::against(
@@ -115,12 +115,12 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
             run(&mut c, 20_000)?;
             Ok(c.drift())
         };
-        let below = at_factor(0.999).map_err(at("critical step"))?;
+        let below = at_factor(0.999).map_err(core_error("critical step"))?;
         let name = format!("drift of H at 0.999 of it, epsilon = {epsilon}");
         out.push(Check::new(name, below, Accept::AtMost(1e-6)));
         let blown = match at_factor(1.001) {
             Err(Core::EnergyGrowth { .. } | Core::EnergyLoss { .. } | Core::Diverged { .. }) => 1.0,
-            Err(e) => return Err(at("critical step")(e)),
+            Err(e) => return Err(core_error("critical step")(e)),
             Ok(_) => 0.0,
         };
         let name = format!("stopped as unstable at 1.001 of it (1 = yes), epsilon = {epsilon}");
@@ -138,7 +138,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
 pub(super) fn absorber(done: &Runs) -> Result<Report> {
     let line = waves::packet_line();
     let send = |wavelength: f64, width: f64, damping: Option<Damping>| {
-        waves::packet(&line, wavelength, width, damping).map_err(at("absorber"))
+        waves::packet(&line, wavelength, width, damping).map_err(core_error("absorber"))
     };
     let bare = send(8.0, 60.0, None)?;
     let damped = send(8.0, 60.0, Some(Damping::STANDARD))?;
@@ -210,7 +210,7 @@ fn absorber_figure(curves: Vec<Series>) -> Figure {
 /// Check 6 of the method: uniform strain across the overlap.
 pub(super) fn patch(_: &Runs) -> Result<Report> {
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
-    let compatible = Profile::mediator_compatible(&stations).map_err(at("patch"))?;
+    let compatible = Profile::mediator_compatible(&stations).map_err(core_error("patch"))?;
     let mut out = Vec::new();
     for (name, profile, accept) in [
         ("linear weight", Profile::Linear, Accept::AtMost(1e-11)),
@@ -221,7 +221,7 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
             profile,
             ..waves::patch_line()
         };
-        let defect = waves::patch_defects(&line).map_err(at("patch"))?;
+        let defect = waves::patch_defects(&line).map_err(core_error("patch"))?;
         // The strain jumps from spring to spring where the displacement does not. It errs by a fifth at the
         // border where the weight of the springs vanishes.
         let strain = match accept {
@@ -266,12 +266,12 @@ pub(super) fn reflection(done: &Runs) -> Result<Report> {
     };
     let mut out = Vec::new();
     for (overlap, top, strains) in bounds {
-        out.extend(reflected(&line(overlap), top, strains).map_err(at("reflection"))?);
+        out.extend(reflected(&line(overlap), top, strains).map_err(core_error("reflection"))?);
     }
     if !done.figures {
         return Ok(out.into());
     }
-    let curves = reflection_curves(&bounds.map(|b| line(b.0))).map_err(at("reflection"))?;
+    let curves = reflection_curves(&bounds.map(|b| line(b.0))).map_err(core_error("reflection"))?;
     Ok(Report {
         checks: out,
         figures: vec![reflection_figure(curves)],
@@ -354,16 +354,16 @@ fn reflection_curves(lines: &[Line]) -> arlequin::core::Result<Vec<Series>> {
     let mut curves = Vec::new();
     let dense = waves::wavelengths(3.2, 40.0, 200);
     for line in lines {
-        let found = waves::scattering(line, &dense)?;
+        let responses = waves::scattering(line, &dense)?;
         // Frequency over that of the coarse cutoff, c/(π h).
-        let f: Vec<f64> = found
+        let f: Vec<f64> = responses
             .iter()
             .map(|s| (std::f64::consts::PI / s.wavelength).sin() * line.h)
             .collect();
-        let r = found.iter().map(|s| s.reflection.max(1e-6)).collect();
+        let r = responses.iter().map(|s| s.reflection.max(1e-6)).collect();
         curves.push((format!("r, L_O = {} h", line.overlap / 10.0), f.clone(), r));
         if line.overlap < 30.0 {
-            let t = found.iter().map(|s| s.transmission.max(1e-6)).collect();
+            let t = responses.iter().map(|s| s.transmission.max(1e-6)).collect();
             curves.push(("t, L_O = 2 h".to_owned(), f, t));
         }
     }
@@ -394,9 +394,9 @@ pub(super) fn rank(_: &Runs) -> Result<Report> {
         ..Line::default()
     };
     let pulse = crate::line::pulse(150.0, 100.0, 0.0, -1.0);
-    let mut c = line.build(&rest, &pulse).map_err(at("rank"))?;
+    let mut c = line.build(&rest, &pulse).map_err(core_error("rank"))?;
     let report = c.interfaces()[0].report().clone();
-    run(&mut c, 1000).map_err(at("rank"))?;
+    run(&mut c, 1000).map_err(core_error("rank"))?;
     let count = |what: &str, ours: usize, expected: usize| {
         Check::against(
             what,

@@ -68,12 +68,17 @@ impl Cloud {
     pub(super) fn lattice(h: f64, first: f64) -> Self {
         let across = (1.0 / h).round() as usize;
         let along = ((4.0 - first) / h).round() as usize;
-        let at = |k: usize, from: f64| from + h * k as f64;
+        let coordinate = |k: usize, from: f64| from + h * k as f64;
         let mut positions = Vec::new();
         for i in 0..along {
             for j in 0..across {
-                positions
-                    .extend((0..across).map(|k| Vector3::new(at(i, first), at(j, 0.5 * h), at(k, 0.5 * h))));
+                positions.extend((0..across).map(|k| {
+                    Vector3::new(
+                        coordinate(i, first),
+                        coordinate(j, 0.5 * h),
+                        coordinate(k, 0.5 * h),
+                    )
+                }));
             }
         }
         let mut pairs = Vec::new();
@@ -100,8 +105,9 @@ impl Cloud {
     pub(super) fn near(&self, x: [f64; 3]) -> usize {
         let x = Vector3::from(x);
         let distance = |i: &usize| (self.positions[*i] - x).norm();
-        let all = 0..self.positions.len();
-        all.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        let numbers = 0..self.positions.len();
+        numbers
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
             .unwrap_or_default()
     }
 
@@ -217,8 +223,8 @@ impl Torn {
         let after = self.run.momentum();
         // Contact turns spheres about their current positions, but angular momentum is about their initial
         // positions, so it is not compared.
-        let kept = if self.run.effects().len() > 1 { 1 } else { 2 };
-        for (k, what) in ["linear", "angular"].into_iter().enumerate().take(kept) {
+        let conserved = if self.run.effects().len() > 1 { 1 } else { 2 };
+        for (k, what) in ["linear", "angular"].into_iter().enumerate().take(conserved) {
             let change = (after[k] - before[k]).norm() / scale;
             out.add(
                 format!("change of the {what} momentum{name}"),
@@ -454,7 +460,7 @@ fn everything() -> Result<Outcome> {
     let spec = Fracture::new(Criterion::Energy, 1e-9);
     let mut torn = coupled(&cloud, spec, &start, &touching)?;
     let held = torn.run.subdomains()[1].internal_energy();
-    let all = torn.run.energy();
+    let total = torn.run.energy();
     torn.run.advance(&mut Silent)?;
     let gone = locked(&torn.log).released();
     out.add(
@@ -467,8 +473,8 @@ fn everything() -> Result<Outcome> {
         gone / held,
         0.95..=1.0,
     );
-    let left = torn.run.subdomains()[1].internal_energy();
-    out.add("energy of the particles after it", left, 0.0..=0.0);
+    let remaining = torn.run.subdomains()[1].internal_energy();
+    out.add("energy of the particles after it", remaining, 0.0..=0.0);
     torn.keeps(&mut out, "", 4000)?;
     let created = torn
         .run
@@ -476,11 +482,15 @@ fn everything() -> Result<Outcome> {
         .iter()
         .filter_map(|e| e.dissipated())
         .fold(0.0_f64, |m, d| m.max(-d));
-    out.add("energy created by an effect over all", created / all, 0.0..=1e-3);
+    out.add(
+        "energy created by an effect over all",
+        created / total,
+        0.0..=1e-3,
+    );
     let after = torn.run.energy() + locked(&torn.log).released();
     out.add(
         "energy with what was released over that of the start",
-        after / all,
+        after / total,
         0.9..=1.0 + 1e-3,
     );
     let mut unbroken = coupled(&cloud, Fracture::new(Criterion::Energy, 1e9), &start, &touching)?;

@@ -34,8 +34,8 @@ impl Outcome {
     /// Returns whether every number lies in its range, and both lists have entries.
     #[must_use]
     pub fn pass(&self) -> bool {
-        let all = |f: &[Check]| !f.is_empty() && f.iter().all(|c| c.pass);
-        all(&self.naive) && all(&self.ours)
+        let all_pass = |f: &[Check]| !f.is_empty() && f.iter().all(|c| c.pass);
+        all_pass(&self.naive) && all_pass(&self.ours)
     }
 
     fn add_naive(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {

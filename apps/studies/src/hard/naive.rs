@@ -117,7 +117,7 @@ impl Naive {
         let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
         let mut mass = c.inertia().to_vec();
         mass.extend_from_slice(d.inertia());
-        let both = |f: &dyn Fn(&arlequin::core::Subdomain<f64>) -> Vec<f64>| {
+        let joined = |f: &dyn Fn(&arlequin::core::Subdomain<f64>) -> Vec<f64>| {
             let mut x = f(c);
             x.extend(f(d));
             DVector::from_vec(x)
@@ -134,7 +134,7 @@ impl Naive {
                 t.add_triplet(i + shift, j + shift, *v);
             }
         }
-        let inverse = both(&|s| s.inverse_inertia().to_vec());
+        let inverse = joined(&|s| s.inverse_inertia().to_vec());
         let fixed = (0..n).filter(|i| inverse[*i] <= 0.0).collect();
         let s = &b * DMatrix::from_diagonal(&inverse) * b.transpose();
         // No check of the rank; an exactly singular matrix has no inverse.
@@ -149,8 +149,8 @@ impl Naive {
             b,
             fixed,
             split,
-            q: both(&|s| s.state().q.clone()),
-            v: both(&|s| s.state().v.clone()),
+            q: joined(&|s| s.state().q.clone()),
+            v: joined(&|s| s.state().v.clone()),
             a: DVector::zeros(n),
             lambda: DVector::zeros(s.nrows()),
         })
@@ -159,10 +159,10 @@ impl Naive {
     /// Sets the state of bar and chain before they were coupled.
     #[must_use]
     pub fn started_from(mut self, subdomains: &[arlequin::core::Subdomain<f64>; 2]) -> Self {
-        let all = |f: fn(&arlequin::core::Subdomain<f64>) -> &Vec<f64>| {
+        let joined = |f: fn(&arlequin::core::Subdomain<f64>) -> &Vec<f64>| {
             DVector::from_iterator(self.q.len(), subdomains.iter().flat_map(|s| f(s).iter().copied()))
         };
-        let (q, v) = (all(|s| &s.state().q), all(|s| &s.state().v));
+        let (q, v) = (joined(|s| &s.state().q), joined(|s| &s.state().v));
         (self.q, self.v) = (q, v);
         self
     }
@@ -172,8 +172,8 @@ impl Naive {
     #[must_use]
     pub fn with_masses_of(mut self, run: &Coupled<f64>) -> Self {
         let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
-        let all = c.inertia().iter().chain(d.inertia()).copied();
-        self.mass = DVector::from_iterator(self.mass.len(), all);
+        let masses = c.inertia().iter().chain(d.inertia()).copied();
+        self.mass = DVector::from_iterator(self.mass.len(), masses);
         let inverse = DMatrix::from_diagonal(&self.mass.map(|m| 1.0 / m));
         let s = &self.b * inverse * self.b.transpose();
         self.inverse = s
@@ -213,11 +213,11 @@ impl Naive {
     pub fn untouched(&self, run: &Coupled<f64>, range: [f64; 2]) -> f64 {
         let nodes = run.subdomains()[FINE].model().nodes();
         let inside = (0..nodes.len()).filter(|k| (range[0]..=range[1]).contains(&nodes[*k].x));
-        let all: Vec<usize> = inside.collect();
-        let free = all
+        let numbers: Vec<usize> = inside.collect();
+        let free = numbers
             .iter()
             .filter(|k| self.b.column(self.split + **k).amax() <= 0.0);
-        free.count() as f64 / all.len() as f64
+        free.count() as f64 / numbers.len() as f64
     }
 
     /// Returns the largest velocity jump, relative to the sum of the multiplier's coefficients.

@@ -91,14 +91,17 @@ pub(super) fn coupled_with(
     change: &mut dyn FnMut(DemModel) -> Result<DemModel>,
 ) -> Result<Coupled<f64>> {
     let weights = solid::weights(Profile::Cubic, 0.05)?;
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let left = FemModel::new(
         "left",
         block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?,
         Elastic::new(1.0, 0.17, 1.0)?,
     )?;
     let right = change(model(packing)?)?;
-    let bodies = [Subdomain::coarse(left, weights), Subdomain::fine(right, others)];
+    let bodies = [
+        Subdomain::coarse(left, weights),
+        Subdomain::fine(right, fine_weights),
+    ];
     let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let interface = InterfaceSpec {
         options: InterfaceOptions {
@@ -191,7 +194,7 @@ fn anisotropic() -> Result<Outcome> {
         d.x.abs() < 0.5 * d.norm()
     };
     let before = packing.pairs.len();
-    let mut kept = Vec::new();
+    let mut bonds = Vec::new();
     // Removes every third transverse bond, unless this cuts the body in two.
     let mut candidates = 0;
     for k in 0..before {
@@ -199,22 +202,23 @@ fn anisotropic() -> Result<Outcome> {
             candidates += 1;
             candidates % 3 == 0
         };
-        let rest = || {
-            kept.iter()
+        let remaining = || {
+            bonds
+                .iter()
                 .chain(&packing.pairs[k + 1..])
                 .copied()
                 .collect::<Vec<_>>()
         };
-        if !drop || connected(packing.radii.len(), &rest()) < packing.radii.len() {
-            kept.push(packing.pairs[k]);
+        if !drop || connected(packing.radii.len(), &remaining()) < packing.radii.len() {
+            bonds.push(packing.pairs[k]);
         }
     }
     out.add(
         "share of the bonds left",
-        kept.len() as f64 / before as f64,
+        bonds.len() as f64 / before as f64,
         0.7..=0.9,
     );
-    packing.pairs = kept;
+    packing.pairs = bonds;
     measure(&mut out, &packing)?;
     Ok(out)
 }

@@ -75,10 +75,10 @@ fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<
 }
 
 fn two(coarse: Mesh<f64>, fine: Mesh<f64>, weights: Weights<f64>) -> Result<[Subdomain<f64>; 2]> {
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     Ok([
         Subdomain::coarse(FemModel::new("left", coarse, material()?)?, weights),
-        Subdomain::fine(FemModel::new("right", fine, material()?)?, others),
+        Subdomain::fine(FemModel::new("right", fine, material()?)?, fine_weights),
     ])
 }
 
@@ -180,10 +180,10 @@ fn clamped_line() -> Result<f64> {
 /// drift.
 fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut weights = solid::weights(Profile::Cubic, 0.01)?;
-    let mut others = Weights::complement_of(std::slice::from_ref(&weights));
+    let mut fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     if external_everywhere {
         weights.external = Arc::new(Uniform(1.0));
-        others.external = Arc::new(Uniform(1.0));
+        fine_weights.external = Arc::new(Uniform(1.0));
     }
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Hex8, [2.0, 4.0], [8, 4, 4])?;
@@ -199,7 +199,8 @@ fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     } else {
         Partition::Checked
     });
-    let right = Subdomain::fine(FemModel::new("right", right, material()?)?, others).with_effect(Box::new(b));
+    let right =
+        Subdomain::fine(FemModel::new("right", right, material()?)?, fine_weights).with_effect(Box::new(b));
     let mediator = block(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let mut c = couple(vec![left, right], mediator, 0.2)?;
     let steps = 500;
@@ -238,8 +239,8 @@ impl Weight<f64> for Product {
 /// product of their complements the fine model.
 fn product_defect() -> Result<f64> {
     let ramp = |axis: usize| -> Result<Ramp<f64>> {
-        let at = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
-        let slab = arlequin::core::Slab::between(at(1.0), at(2.0))?;
+        let point = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
+        let slab = arlequin::core::Slab::between(point(1.0), point(2.0))?;
         Ramp::new(Arc::new(slab), Profile::Cubic, 0.0)
     };
     let pair = |coarse| -> Result<Product> { Ok(Product([ramp(0)?, ramp(1)?], coarse)) };

@@ -32,22 +32,22 @@ pub(super) const CASES: &[HardCase] = &[
 fn different<T: Real>(a: &Coupled<T>, b: &Coupled<T>) -> usize {
     let bits = |x: &T| x.as_f64().to_bits();
     let states = |c: &Coupled<T>| -> Vec<u64> {
-        let each = |s: &arlequin::core::Subdomain<T>| {
+        let state_bits = |s: &arlequin::core::Subdomain<T>| {
             let s = s.state();
             s.q.iter().chain(&s.v).chain(&s.a).map(bits).collect::<Vec<_>>()
         };
-        let mut all: Vec<u64> = c.subdomains().iter().flat_map(each).collect();
-        all.extend(
+        let mut numbers: Vec<u64> = c.subdomains().iter().flat_map(state_bits).collect();
+        numbers.extend(
             c.interfaces()
                 .iter()
                 .flat_map(|i| i.multipliers().iter().map(bits)),
         );
-        all.extend(
+        numbers.extend(
             [c.drift(), c.constraint_residual(), c.energy(), c.time()]
                 .iter()
                 .map(bits),
         );
-        all
+        numbers
     };
     let (a, b) = (states(a), states(b));
     a.iter().zip(&b).filter(|(x, y)| x != y).count() + a.len().abs_diff(b.len())
@@ -60,11 +60,11 @@ fn interrupted<T: Real>(build: &dyn Fn() -> Result<Coupled<T>>, steps: usize) ->
     whole.run(steps, &mut Silent)?;
     let mut first = build()?;
     first.run(steps / 2, &mut Silent)?;
-    let kept = first.snapshot()?;
+    let snapshot = first.snapshot()?;
     let mut second = build()?;
     // Steps before the restore must leave no trace.
     second.run(7, &mut Silent)?;
-    second.restore(&kept)?;
+    second.restore(&snapshot)?;
     second.run(steps - steps / 2, &mut Silent)?;
     Ok(different(&whole, &second))
 }

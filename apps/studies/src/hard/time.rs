@@ -51,24 +51,24 @@ fn line() -> Line {
     }
 }
 
-fn at(step: TimeStep<f64>) -> Result<Coupled<f64>> {
+fn with_step(step: TimeStep<f64>) -> Result<Coupled<f64>> {
     random_state(&Line { step, ..line() }, [2, 1])
 }
 
 fn edge_of_stability() -> Result<Outcome> {
     let mut out = Outcome::default();
-    let limit = critical(&at(TimeStep::Fraction(0.5))?);
-    let mut below = at(TimeStep::Seconds(0.999 * limit))?;
+    let limit = critical(&with_step(TimeStep::Fraction(0.5))?);
+    let mut below = with_step(TimeStep::Seconds(0.999 * limit))?;
     run(&mut below, 50_000)?;
     out.add("drift after 50 000 steps at 0.999", below.drift(), 0.0..=1e-8);
-    out.add_refusal("1.001", at(TimeStep::Seconds(1.001 * limit)), |e| {
+    out.add_refusal("1.001", with_step(TimeStep::Seconds(1.001 * limit)), |e| {
         matches!(e, Error::UnstableStep { .. })
     });
-    let mut above = at(TimeStep::Unchecked(1.001 * limit))?;
+    let mut above = with_step(TimeStep::Unchecked(1.001 * limit))?;
     let end = step_of_blow_up(&mut above, 50_000)?;
     out.add("step at which the guard ends the run at 1.001", end, 1.0..=5000.0);
     let mut naive = Naive::new(
-        &at(TimeStep::Fraction(0.5))?,
+        &with_step(TimeStep::Fraction(0.5))?,
         &*line().mediator_space()?,
         0.0,
         Rule::Refined,
