@@ -73,7 +73,7 @@ fn render(error: &Error, source: Option<&Source>) -> String {
     let span = span.or_else(|| source.and_then(|s| s.span_of(key?)));
     let message = error.to_string();
     let title = Level::ERROR.primary_title(&message);
-    let shown = match (source, span) {
+    let rendered = match (source, span) {
         (Some(s), Some(span)) => {
             let annotation = AnnotationKind::Primary.span(span).label(key);
             let path = s.path.display().to_string();
@@ -82,5 +82,5 @@ fn render(error: &Error, source: Option<&Source>) -> String {
         }
         _ => Renderer::plain().render(&[Group::with_title(title)]),
     };
-    shown + "\n"
+    rendered + "\n"
 }

@@ -151,7 +151,7 @@ fn main() -> ExitCode {
         }
         std::process::exit(e.exit_code())
     });
-    report::speak(cli.loudness.of_rank(ranks::leads()));
+    report::set_loudness(cli.loudness.of_rank(ranks::leads()));
     run_command(cli.command).unwrap_or_else(|e| e.report())
 }
 
@@ -201,7 +201,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             let links = LinkLine::of(scene);
             if !start && !links.is_empty() {
                 scene.check_tables()?;
-                report::result(&links, common.json, |l| report::held(l))?;
+                report::result(&links, common.json, |l| report::not_started(l))?;
                 return Ok(ExitCode::SUCCESS);
             }
             run::watch_links(scene)?;

@@ -153,14 +153,14 @@ impl Processes {
             what: "waiting for a run",
             message: e.to_string(),
         };
-        let mut asked: Option<Instant> = None;
+        let mut interrupted_at: Option<Instant> = None;
         loop {
             // The standard library has no wait with a time limit, so the state is polled.
             if let Some(status) = child.try_wait().map_err(system)? {
                 return Ok(Some(status));
             }
             if self.stop.load(Ordering::Relaxed) {
-                let since = *asked.get_or_insert_with(Instant::now);
+                let since = *interrupted_at.get_or_insert_with(Instant::now);
                 if since.elapsed() > PATIENCE {
                     child.kill().map_err(system)?;
                     child.wait().map_err(system)?;

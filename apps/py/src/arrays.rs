@@ -26,10 +26,15 @@ pub(crate) fn flat(from: &Numbers<'_>) -> Vec<f64> {
 
 /// Reads points \[m\] from an array with three columns, or from coordinates along x.
 pub(crate) fn points(what: &str, from: &Numbers<'_>) -> Result<Vec<Point3<f64>>, Fault> {
-    let (all, shape) = (flat(from), from.as_array().shape().to_vec());
+    let (numbers, shape) = (flat(from), from.as_array().shape().to_vec());
     match shape.as_slice() {
-        [_] => Ok(all.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
-        [_, 3] => Ok(all.as_chunks::<3>().0.iter().map(|p| Point3::from(*p)).collect()),
+        [_] => Ok(numbers.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
+        [_, 3] => Ok(numbers
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|p| Point3::from(*p))
+            .collect()),
         _ => Err(Fault::new(
             "SizeMismatch",
             format!("{what} have the shape {shape:?}; give (n, 3), or (n,) for points along x [m]"),

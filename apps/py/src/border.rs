@@ -47,7 +47,7 @@ pub(crate) fn is_interrupted() -> bool {
     if RAISED.with_borrow(Option::is_some) {
         return true;
     }
-    if LOOKED.get().is_some_and(|at| at.elapsed() < LOOK) {
+    if LOOKED.get().is_some_and(|last| last.elapsed() < LOOK) {
         return false;
     }
     LOOKED.set(Some(Instant::now()));

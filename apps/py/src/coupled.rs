@@ -106,13 +106,14 @@ impl Observer<f64> for Watch<'_> {
 }
 
 /// Issues the warnings of a run as Python warnings.
-fn warn(py: Python<'_>, all: &[String]) -> PyResult<()> {
-    if all.is_empty() {
+fn warn(py: Python<'_>, messages: &[String]) -> PyResult<()> {
+    if messages.is_empty() {
         return Ok(());
     }
     let kind = py.import("arlequin.errors")?.getattr("Warning")?;
     let warnings = py.import("warnings")?;
-    all.iter()
+    messages
+        .iter()
         .try_for_each(|text| warnings.call_method1("warn", (text, &kind)).map(drop))
 }
 
@@ -171,11 +172,11 @@ impl Coupled {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let k = which.among(&self.names, "subdomain")?;
         let run = self.lock()?;
-        let (layout, all) = (
+        let (layout, unknowns) = (
             run.subdomains()[k].model().layout(),
             pick(run.subdomains()[k].state()),
         );
-        let (moves, turns) = all.split_at(layout.translations());
+        let (moves, turns) = unknowns.split_at(layout.translations());
         match rotations {
             false => rows(py, moves.to_vec(), layout.components),
             true => rows(py, turns.to_vec(), layout.rotations),
@@ -383,12 +384,12 @@ impl Coupled {
         x: Numbers<'py>,
     ) -> PyResult<[Bound<'py, PyArray2<f64>>; 2]> {
         let k = model.among(&self.names, "subdomain")?;
-        let (all, run) = (points("points", &x)?, self.lock()?);
+        let (positions, run) = (points("points", &x)?, self.lock()?);
         let mut out = [
-            Vec::with_capacity(3 * all.len()),
-            Vec::with_capacity(3 * all.len()),
+            Vec::with_capacity(3 * positions.len()),
+            Vec::with_capacity(3 * positions.len()),
         ];
-        for x in &all {
+        for x in &positions {
             let sample = run.subdomains()[k].sample(x).map_err(Fault::from)?;
             out.iter_mut().zip(sample).for_each(|(o, v)| o.extend(v.iter()));
         }

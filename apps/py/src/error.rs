@@ -78,19 +78,19 @@ impl Fault {
 
     /// Returns an error of a scene with the line of the scene file.
     pub(crate) fn of_scene(e: arlequin_scene::Error, source: &Source) -> Self {
-        let (at, span) = e.place();
-        let span = span.or_else(|| source.span_of(at?));
+        let (key, span) = e.place();
+        let span = span.or_else(|| source.span_of(key?));
         let place = span.map(|s| {
             1 + source.text[..s.start.min(source.text.len())]
                 .matches('\n')
                 .count()
         });
-        let (path, at) = (source.path.display().to_string(), at.map(str::to_owned));
+        let (path, key) = (source.path.display().to_string(), key.map(str::to_owned));
         match Self::from(e) {
             Self::Native { kind, message, .. } => Self::Native {
                 message: place.map_or_else(|| message.clone(), |n| format!("{path}:{n}: {message}")),
                 kind,
-                key: at,
+                key,
                 line: place,
             },
             python => python,

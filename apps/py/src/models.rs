@@ -55,7 +55,7 @@ impl NativeModel {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn gone(&self) -> Fault {
+    fn already_used(&self) -> Fault {
         let rule = format!("model '{}' is part of a run already; make another one", self.name);
         Fault::new("Unsupported", rule)
     }
@@ -70,7 +70,7 @@ impl NativeModel {
             Kind::Cnem(m) => call(&mut **m),
             Kind::Chain(m) => call(m),
             Kind::Dem(Some(m)) => call(&mut **m),
-            Kind::Dem(None) => Err(self.gone()),
+            Kind::Dem(None) => Err(self.already_used()),
         })?
     }
 
@@ -82,7 +82,7 @@ impl NativeModel {
             Kind::Cnem(m) => Ok(m.field()),
             Kind::Chain(m) => Ok(m.fine_field()),
             Kind::Dem(Some(m)) => Ok(m.particle_field()),
-            Kind::Dem(None) => Err(self.gone()),
+            Kind::Dem(None) => Err(self.already_used()),
         }
     }
 
@@ -92,7 +92,7 @@ impl NativeModel {
             Kind::Fem(m) => Ok(m.clone()),
             Kind::Cnem(m) => Ok(m.clone()),
             Kind::Chain(m) => Ok(Box::new(m.clone())),
-            Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.gone())?),
+            Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.already_used())?),
         }
     }
 
@@ -211,7 +211,7 @@ impl NativeModel {
             Ok(linear.stiffness().to_csr())
         });
         let (begin, columns, values) = stiffness?.into_raw_storage();
-        let numbers = |of: Vec<usize>| PyArray1::from_iter(py, of.into_iter().map(|k| k as i64));
+        let numbers = |integers: Vec<usize>| PyArray1::from_iter(py, integers.into_iter().map(|k| k as i64));
         Ok((array(py, values), numbers(columns), numbers(begin)))
     }
 

@@ -45,10 +45,10 @@ pub(crate) fn optional<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<
 impl Described {
     pub(crate) fn from_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let text = |what: &str| -> PyResult<Option<String>> {
-            let Some(found) = optional(object, what)? else {
+            let Some(value) = optional(object, what)? else {
                 return Ok(None);
             };
-            found.extract().map(Some).or_else(|_| {
+            value.extract().map(Some).or_else(|_| {
                 let rule = format!("{what} = {}: that of a model or solver is a text", found.repr()?);
                 Err(Fault::new("InvalidParameter", rule).into())
             })
@@ -119,7 +119,7 @@ impl Described {
     /// Returns the means of a weight over elements or bonds, or its values at nodes.
     pub(crate) fn shares(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let over = |cells: &Vec<Cell<f64>>| match cells.as_slice() {
-            [one] => weight.mean(one),
+            [cell] => weight.mean(cell),
             several => {
                 let parts = several
                     .iter()
@@ -129,8 +129,8 @@ impl Described {
             }
         };
         match &self.places {
-            Places::Elements(all) => all.iter().map(over).collect(),
-            Places::Bonds(all) => all.iter().map(|c| weight.mean(c)).collect(),
+            Places::Elements(elements) => elements.iter().map(over).collect(),
+            Places::Bonds(bonds) => bonds.iter().map(|c| weight.mean(c)).collect(),
             Places::Nodes => self.nodes.iter().map(|x| weight.at(x)).collect(),
         }
     }

@@ -48,10 +48,10 @@ impl Subdomain {
         inner.take().ok_or_else(|| used("subdomain"))
     }
 
-    /// Takes the subdomain for a run. Its Python objects and pending exceptions pass to `to`.
-    pub(crate) fn give(&self, to: &mut Callbacks) -> Result<Inner, Fault> {
+    /// Takes the subdomain for a run. Its Python objects and pending exceptions pass to `callbacks`.
+    pub(crate) fn give(&self, callbacks: &mut Callbacks) -> Result<Inner, Fault> {
         let inner = self.take()?;
-        to.take(std::mem::take(&mut *self.callbacks()));
+        callbacks.take(std::mem::take(&mut *self.callbacks()));
         Ok(inner)
     }
 
@@ -260,14 +260,14 @@ impl Which {
             }
         };
         number.ok_or_else(|| {
-            let asked = match self {
+            let requested = match self {
                 Self::Number(k) => k.to_string(),
                 Self::Name(n) => format!("'{n}'"),
             };
             let known = names.join(", ");
             Fault::new(
                 "UnknownName",
-                format!("there is no {what} {asked}; there are: {known}"),
+                format!("there is no {what} {requested}; there are: {known}"),
             )
         })
     }

@@ -38,9 +38,9 @@ pub(crate) fn with_threads<V: Send>(work: impl FnOnce() -> V + Send) -> Result<V
 }
 
 fn builder() -> ThreadPoolBuilder {
-    let asked = COUNT.load(Ordering::Relaxed);
-    let count = if asked > 0 {
-        asked
+    let requested = COUNT.load(Ordering::Relaxed);
+    let count = if requested > 0 {
+        requested
     } else {
         rayon::current_num_threads()
     };
@@ -110,9 +110,9 @@ fn start(count: usize) -> PyResult<()> {
 /// user in that case.
 #[pyfunction]
 pub(crate) fn _bound_threads() -> PyResult<Option<String>> {
-    let Some(asked) = threads::asked().filter(|n| *n > threads::most()) else {
+    let Some(requested) = threads::asked().filter(|n| *n > threads::most()) else {
         return Ok(None);
     };
     start(threads::most())?;
-    Ok(Some(threads::too_many("RAYON_NUM_THREADS", asked)))
+    Ok(Some(threads::too_many("RAYON_NUM_THREADS", requested)))
 }

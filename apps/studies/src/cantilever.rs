@@ -38,11 +38,11 @@ fn block(x: [f64; 2], h: f64) -> Result<Mesh<f64>> {
 }
 
 /// Builds one cell of the table. `ratio` is the mesh ratio `1:ratio`, `overlap` the width of the overlap
-/// \[m\], `own` the number of own steps of the finer side in a step of 1 µs.
+/// \[m\], `own_steps` the number of own steps of the finer side in a step of 1 µs.
 ///
 /// # Errors
 /// Errors of the core and the meshes.
-pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
+pub fn build(ratio: f64, overlap: f64, own_steps: usize) -> Result<Coupled<f64>> {
     let [left, right] = [LENGTH / 2.0 - overlap / 2.0, LENGTH / 2.0 + overlap / 2.0];
     let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
@@ -74,7 +74,7 @@ pub fn build(ratio: f64, overlap: f64, own: usize) -> Result<Coupled<f64>> {
     };
     let subdomains = vec![
         bend(Subdomain::coarse(clamped, coarse).with_support(PrescribedMotion::fixed(root)))?,
-        bend(Subdomain::fine(free, fine).with_step(OwnStep::Ratio(own)))?,
+        bend(Subdomain::fine(free, fine).with_step(OwnStep::Ratio(own_steps)))?,
     ];
     let interface = InterfaceSpec {
         name: "overlap".into(),
@@ -103,8 +103,8 @@ pub const WIDTHS: [f64; 3] = [50.8e-3, 25.4e-3, 12.7e-3];
 ///
 /// # Errors
 /// Errors of [`build`] and of the steps.
-pub fn drift(ratio: f64, overlap: f64, own: usize) -> Result<Drift> {
-    let mut run = build(ratio, overlap, own)?;
+pub fn drift(ratio: f64, overlap: f64, own_steps: usize) -> Result<Drift> {
+    let mut run = build(ratio, overlap, own_steps)?;
     let start = run.energy();
     let mut out = Drift {
         start,

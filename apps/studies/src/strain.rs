@@ -150,18 +150,18 @@ impl Bar {
     fn alone(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
         let (model, numbers) = Self::particles(packing, f64::INFINITY)?;
         let bonds = model.body().clone();
-        let held = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
+        let fixed_unknowns = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
         let body = self.pulled(model, Weights::uncoupled(), time)?;
-        let body = body.with_support(PrescribedMotion::fixed(held));
+        let body = body.with_support(PrescribedMotion::fixed(fixed_unknowns));
         let run = Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.9), None)?;
         Ok(Body { run, bonds, numbers })
     }
 
-    fn box_of(&self, from: f64, to: f64, h: f64) -> Result<arlequin::fem_ref::Mesh<f64>> {
+    fn block(&self, start: f64, end: f64, h: f64) -> Result<arlequin::fem_ref::Mesh<f64>> {
         let across = (self.section / h).round().max(1.0) as usize;
-        let along = ((to - from) / h).round().max(1.0) as usize;
-        let low = Point3::new(from, 0.0, 0.0);
-        let high = Point3::new(to, self.section, self.section);
+        let along = ((end - start) / h).round().max(1.0) as usize;
+        let low = Point3::new(start, 0.0, 0.0);
+        let high = Point3::new(end, self.section, self.section);
         Ok(generate::block(
             ElementKind::Hex8,
             low,
@@ -193,9 +193,9 @@ impl Bar {
     /// Builds the coupled body.
     fn coupled(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
         let weights = Weights::same(self.weight()?);
-        let mesh = self.box_of(self.zone, self.length(), self.h)?;
+        let mesh = self.block(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
-        let held = nodes
+        let fixed_unknowns = nodes
             .filter(|(_, x)| x.x > self.length() - 1e-9)
             .flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2])
             .collect();
@@ -207,7 +207,7 @@ impl Bar {
             Weights::complement_of(std::slice::from_ref(&weights)),
             time,
         )?;
-        let mediator = Arc::new(FemField::new(self.box_of(
+        let mediator = Arc::new(FemField::new(self.block(
             self.zone,
             self.zone + self.overlap,
             self.mediator,
@@ -232,7 +232,8 @@ impl Bar {
                 ..InterfaceOptions::default()
             },
         };
-        let coarse = Subdomain::coarse(elements, weights).with_support(PrescribedMotion::fixed(held));
+        let coarse =
+            Subdomain::coarse(elements, weights).with_support(PrescribedMotion::fixed(fixed_unknowns));
         let run = Coupled::new(vec![coarse, fine], vec![spec], TimeStep::Fraction(0.9), None)?;
         Ok(Body { run, bonds, numbers })
     }

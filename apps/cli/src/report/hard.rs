@@ -40,9 +40,9 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
             json!(x.to_string())
         }
     };
-    let figures = |all: &[Check]| -> Vec<Value> {
+    let figures = |checks: &[Check]| -> Vec<Value> {
         let figure = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
-        all.iter().map(figure).collect()
+        checks.iter().map(figure).collect()
     };
     let mut out = json!({"name": case.name, "why": case.why, "naive": case.naive, "promise": case.promise});
     match measured {

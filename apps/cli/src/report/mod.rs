@@ -19,7 +19,7 @@ pub(crate) mod verify;
 mod work_precision;
 
 pub(crate) use calibrate::text as calibration;
-pub(crate) use run::{comparison, finished, held, holdings, plan, proposal};
+pub(crate) use run::{comparison, finished, holdings, not_started, plan, proposal};
 
 use crate::error::Result;
 pub(crate) use progress::Progress;
@@ -53,7 +53,7 @@ impl Loudness {
 static LOUDNESS: OnceLock<Loudness> = OnceLock::new();
 
 /// Sets the amount of output; later calls change nothing.
-pub(crate) fn speak(how: Loudness) {
+pub(crate) fn set_loudness(how: Loudness) {
     let _ = LOUDNESS.set(how);
 }
 

@@ -31,8 +31,8 @@ impl Doing {
         if self.total == 0 {
             return Some(self.what.clone());
         }
-        let gone = now.duration_since(since).as_secs_f64();
-        let seconds_left = gone * (self.total.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
+        let elapsed = now.duration_since(since).as_secs_f64();
+        let seconds_left = elapsed * (self.total.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
         let to_go = if self.done > 0 {
             format!(", {seconds_left:.0} s to go")
         } else {

@@ -44,8 +44,8 @@ pub(crate) fn markdown(schema: &Value) -> String {
 }
 
 /// Counts the references to every definition.
-fn count<'a>(at: &'a Value, uses: &mut BTreeMap<&'a str, usize>) {
-    match at {
+fn count<'a>(node: &'a Value, uses: &mut BTreeMap<&'a str, usize>) {
+    match node {
         Value::Object(o) => {
             if let Some(name) = referred(o) {
                 *uses.entry(name).or_default() += 1;

@@ -194,14 +194,14 @@ fn sizes(p: &Preview) {
 const WORTH: f64 = 0.7;
 
 /// Prints before the first step which models are partitioned on several ranks.
-pub(crate) fn holdings(all: &[RankLine], json: bool) {
+pub(crate) fn holdings(lines: &[RankLine], json: bool) {
     if !json && !super::loudness().quiet {
-        ranks(all);
+        ranks(lines);
     }
 }
 
-fn ranks(all: &[RankLine]) {
-    for r in all {
+fn ranks(lines: &[RankLine]) {
+    for r in lines {
         let how = if r.parts {
             "in parts"
         } else {
@@ -211,8 +211,8 @@ fn ranks(all: &[RankLine]) {
     }
 }
 
-fn links(all: &[LinkLine]) {
-    for l in all {
+fn links(lines: &[LinkLine]) {
+    for l in lines {
         match l.mass {
             Some(mass) => println!("link       {:<16} {}, mass {mass:.6e} kg", l.model, l.does),
             None => println!("link       {:<16} {}", l.model, l.does),
@@ -221,21 +221,21 @@ fn links(all: &[LinkLine]) {
 }
 
 /// Prints what a scene would start, and states that nothing was started.
-pub(crate) fn held(all: &[LinkLine]) {
-    links(all);
+pub(crate) fn not_started(lines: &[LinkLine]) {
+    links(lines);
     println!(
         "The tables of the scene are in order. Nothing was started: check with --start meets the other side."
     );
 }
 
 /// Prints the time of each phase of a set-up, unless the set-up was short.
-fn phases(all: &[PhaseTime]) {
-    let total: f64 = all.iter().map(|p| p.seconds).sum();
+fn phases(lines: &[PhaseTime]) {
+    let total: f64 = lines.iter().map(|p| p.seconds).sum();
     let verbose = super::loudness().verbose;
     if total < SHORT && !verbose {
         return;
     }
-    for p in all.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
+    for p in lines.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
         println!("set-up     {:<42} {:>9.2} s", p.phase, p.seconds);
     }
 }
@@ -275,9 +275,9 @@ pub(crate) fn comparison(c: &Comparison) {
     }
 }
 
-fn effects(all: &[EffectReport]) {
+fn effects(lines: &[EffectReport]) {
     let joules = |x: Option<f64>| x.map_or_else(|| format!("{:>14}", "-"), |x| format!("{x:>14.6e}"));
-    for e in all {
+    for e in lines {
         let share = e.share.map_or_else(
             || "in the forces".to_owned(),
             |s| format!("{:.1} % of the steps", 100.0 * s),
@@ -288,15 +288,15 @@ fn effects(all: &[EffectReport]) {
             e.stored,
             joules(e.dissipated)
         );
-        if let (Some(n), Some(of)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
-            println!("           {n} of {of} bonds broke");
+        if let (Some(n), Some(total)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
+            println!("           {n} of {total} bonds broke");
         }
     }
 }
 
-fn momentum(all: &[MomentumLine]) {
+fn momentum(lines: &[MomentumLine]) {
     let size = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    for m in all {
+    for m in lines {
         let name = m.models.join(" + ");
         let (p, l) = (size(&m.linear), size(&m.angular));
         let change = |d: Option<f64>| d.map_or_else(String::new, |d| format!(", changed by {d:.1e}"));
@@ -326,8 +326,8 @@ fn own_steps(m: &ModelLine) -> String {
     }
 }
 
-fn models(all: &[ModelLine]) {
-    for m in all {
+fn models(lines: &[ModelLine]) {
+    for m in lines {
         println!(
             "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s, {}",
             m.name,
@@ -364,8 +364,8 @@ fn solutions(i: &InterfaceLine) -> Option<String> {
     ))
 }
 
-fn interfaces(all: &[InterfaceLine]) {
-    for i in all {
+fn interfaces(lines: &[InterfaceLine]) {
+    for i in lines {
         println!(
             "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
              condition {}{:.2e}, solved by {}{}",
@@ -381,7 +381,7 @@ fn interfaces(all: &[InterfaceLine]) {
             i.solver,
             match i.together.as_slice() {
                 [] => String::new(),
-                all => format!(" together with '{}'", all.join("', '")),
+                lines => format!(" together with '{}'", lines.join("', '")),
             }
         );
         if let (Some([low, high]), Some(count)) = (i.eigenvalues, i.planned_iterations) {
@@ -422,8 +422,8 @@ fn interfaces(all: &[InterfaceLine]) {
     }
 }
 
-fn warnings(all: &[String]) {
-    for w in all {
+fn warnings(lines: &[String]) {
+    for w in lines {
         println!("warning    {w}");
     }
 }

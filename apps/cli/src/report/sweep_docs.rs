@@ -64,11 +64,11 @@ pub(crate) fn part(
 }
 
 /// Returns the slope of the logarithms over the first half of the rows, by least squares.
-fn slope(rows: &[HookRow], of: impl Fn(&HookRow) -> Option<f64>) -> Option<f64> {
+fn slope(rows: &[HookRow], error: impl Fn(&HookRow) -> Option<f64>) -> Option<f64> {
     let points: Vec<[f64; 2]> = rows
         .iter()
         .take(rows.len().div_ceil(2))
-        .filter_map(|r| Some([r.value.ln(), of(r).filter(|e| *e > 0.0)?.ln()]))
+        .filter_map(|r| Some([r.value.ln(), error(r).filter(|e| *e > 0.0)?.ln()]))
         .collect();
     let n = points.len() as f64;
     let mean = [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / n);

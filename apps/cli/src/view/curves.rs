@@ -170,10 +170,10 @@ mod tests {
             columns: vec![curve],
         });
         assert!(plot.times.len() <= ROWS + 2);
-        let at = plot.columns[0]
+        let peak = plot.columns[0]
             .iter()
             .position(|v| (*v - 5.0).abs() < 1e-12)
             .expect("the peak");
-        assert!((plot.times[at] - 77_777.0).abs() < 1e-12);
+        assert!((plot.times[peak] - 77_777.0).abs() < 1e-12);
     }
 }

@@ -189,14 +189,17 @@ mod tests {
         assert_eq!(grid.faces.iter().filter(|f| f[5] == 1).count(), 1);
         assert_eq!(grid.centres(), [0.5, 0.5, 0.5, 1.5, 0.5, 0.5]);
         // Volume by the divergence theorem: a third of the sum of x · n over the outer faces.
-        let at = |i: u32| std::array::from_fn::<_, 3, _>(|c| grid.points[3 * i as usize + c]);
+        let point = |i: u32| std::array::from_fn::<_, 3, _>(|c| grid.points[3 * i as usize + c]);
         let det = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
             a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
                 + a[2] * (b[0] * c[1] - b[1] * c[0])
         };
         let outer = grid.faces.iter().filter(|f| f[5] == OUTSIDE);
         let volume: f64 = outer
-            .map(|f| (det(at(f[0]), at(f[1]), at(f[2])) + det(at(f[0]), at(f[2]), at(f[3]))) / 6.0)
+            .map(|f| {
+                (det(point(f[0]), point(f[1]), point(f[2])) + det(point(f[0]), point(f[2]), point(f[3])))
+                    / 6.0
+            })
             .sum();
         assert!((volume - 2.0).abs() < 1e-12, "{volume}");
         assert_eq!(grid.at_points(&[1.0, 3.0], 1)[..3], [1.0, 2.0, 3.0]);

@@ -73,7 +73,7 @@ impl Plan {
         let mut times: Vec<f64> = series.iter().flat_map(|s| s.files.iter().map(|f| f.0)).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
-        let (mut grains, mut rest, mut count) = (0, 0, 0);
+        let (mut grains, mut mesh_bytes, mut count) = (0, 0, 0);
         for s in series {
             let frame = Frame::open(first(s))?;
             // The page stores two bytes per value.
@@ -88,14 +88,16 @@ impl Plan {
             } else if frame.cells > CELLS {
                 // Estimated number of surface points: a cube of n points has about 6 n^(2/3) on its
                 // surface.
-                rest += (of_point + of_cell) * 6 * (frame.points as f64).powf(2.0 / 3.0) as usize;
+                mesh_bytes += (of_point + of_cell) * 6 * (frame.points as f64).powf(2.0 / 3.0) as usize;
             } else {
-                rest += (of_point + of_cell) * frame.points;
+                mesh_bytes += (of_point + of_cell) * frame.points;
             }
         }
         let mut notices = Vec::new();
         let total = times.len();
-        let fits = (bytes / (grains + rest).max(1)).max(FRAMES.min(total)).max(1);
+        let fits = (bytes / (grains + mesh_bytes).max(1))
+            .max(FRAMES.min(total))
+            .max(1);
         if fits < total {
             let last = total - 1;
             times = (0..fits).map(|k| times[k * last / (fits - 1).max(1)]).collect();
@@ -103,7 +105,7 @@ impl Plan {
                 "{fits} of {total} frames are shown; more with --megabytes"
             ));
         }
-        let room = (bytes / times.len()).saturating_sub(rest) as f64;
+        let room = (bytes / times.len()).saturating_sub(mesh_bytes) as f64;
         // At least 0.2 % of the particles remain, however small the limit.
         let share = (room / grains.max(1) as f64).clamp(0.002, 1.0);
         if share < 1.0 {

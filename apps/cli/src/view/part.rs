@@ -121,9 +121,9 @@ fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
         };
         let now = frame.numbers(&array)?;
         out.resize(cells, WHOLE);
-        for (at, gone) in out.iter_mut().zip(now) {
-            if *at == WHOLE && gone > 0.5 {
-                *at = k as u16;
+        for (first_broken, value) in out.iter_mut().zip(now) {
+            if *first_broken == WHOLE && value > 0.5 {
+                *first_broken = k as u16;
             }
         }
     }
@@ -204,11 +204,11 @@ fn scattered(k: u32) -> u32 {
 
 /// Returns the particles with broken bonds, which show cracks; `None` if there are none.
 fn cracked(full: &Grid, broken: &[u16]) -> Option<BTreeSet<u32>> {
-    let gone = |l: &&[u32; 3]| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE);
+    let is_broken = |l: &&[u32; 3]| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE);
     let ends: BTreeSet<u32> = full
         .lines
         .iter()
-        .filter(gone)
+        .filter(is_broken)
         .flat_map(|l| [l[0], l[1]])
         .collect();
     (!ends.is_empty()).then_some(ends)

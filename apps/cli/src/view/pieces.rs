@@ -54,8 +54,8 @@ impl Pieces {
         };
         let points = out.pieces.iter().flat_map(Piece::owned_points).map(|p| p.1);
         let cells = out.pieces.iter().flat_map(|p| &p.cells).copied();
-        let known = |p: &Piece| p.points.iter().all(|k| (*k as usize) < out.points);
-        if !once(points, out.points) || !once(cells, out.cells) || !out.pieces.iter().all(known) {
+        let in_range = |p: &Piece| p.points.iter().all(|k| (*k as usize) < out.points);
+        if !once(points, out.points) || !once(cells, out.cells) || !out.pieces.iter().all(in_range) {
             return Err(damaged(path, "its pieces do not make a whole"));
         }
         Ok(out)
@@ -154,7 +154,7 @@ impl Piece {
             let array = array.ok_or_else(|| damaged(path, &format!("it has no '{name}'")))?;
             file.numbers(&array)
         };
-        let whole = |all: Vec<f64>| all.into_iter().map(|x| x as u32).collect();
+        let whole = |numbers: Vec<f64>| numbers.into_iter().map(|x| x as u32).collect();
         let points = whole(numbers(Place::Point, POINTS)?);
         let ghost = numbers(Place::Point, GHOST)?;
         let cells = whole(numbers(Place::Cell, CELLS)?);

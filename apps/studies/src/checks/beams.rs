@@ -342,8 +342,9 @@ mod tests {
             length: 0.1,
             radius: 0.01,
         };
-        let near =
-            |ours: f64, other: f64, most: f64| assert!((ours / other - 1.0).abs() < most, "{ours} {other}");
+        let near = |ours: f64, reference: f64, most: f64| {
+            assert!((ours / reference - 1.0).abs() < most, "{ours} {reference}");
+        };
         near(b.axial(0), 14_351.0, 1e-4);
         near(b.thin_bending(), 1606.0, 1e-3);
         near(b.torsion(), 9382.0, 1e-4);

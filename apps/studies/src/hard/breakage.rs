@@ -284,20 +284,20 @@ impl Torn {
 fn one_particle() -> Result<Outcome> {
     let mut out = Outcome::default();
     let cloud = Cloud::lattice(0.25, 2.125);
-    let lost = cloud.near([2.375, 0.375, 0.375]);
+    let loner = cloud.near([2.375, 0.375, 0.375]);
     let shift = Vector3::repeat(0.01);
     let start = Start {
-        displacement: &|i, _| if i == lost { shift } else { Vector3::zeros() },
+        displacement: &|i, _| if i == loner { shift } else { Vector3::zeros() },
         ..Start::default()
     };
     let mut torn = coupled(&cloud, Fracture::new(Criterion::Mises, 0.2), &start, &none)?;
     torn.keeps(&mut out, "", 4000)?;
     out.add("bonds broken", torn.broken(), 6.0..=6.0);
-    let name = format!("1 particles have none left ({})", torn.places[lost]);
+    let name = format!("1 particles have none left ({})", torn.places[loner]);
     out.add("warnings that name the particle", torn.warnings(&name), 1.0..=1.0);
     let remedy = torn.warnings("enlarge the region of particles");
     out.add("warnings that name the remedy", remedy, 1.0..=1.0);
-    let far = (torn.moved(lost) - shift).norm() / cloud.radii[lost];
+    let far = (torn.moved(loner) - shift).norm() / cloud.radii[loner];
     out.add("way of the particle in its radii", far, 0.0..=1.0);
     // The naive masses: means over the remaining bonds, by the rule that made the initial masses.
     let (mut sum, mut left) = (vec![0.0; cloud.radii.len()], vec![0.0; cloud.radii.len()]);
@@ -459,10 +459,10 @@ fn everything() -> Result<Outcome> {
         |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> { Ok(vec![Box::new(Contact::new(m, law)?)]) };
     let spec = Fracture::new(Criterion::Energy, 1e-9);
     let mut torn = coupled(&cloud, spec, &start, &touching)?;
-    let held = torn.run.subdomains()[1].internal_energy();
+    let stored = torn.run.subdomains()[1].internal_energy();
     let total = torn.run.energy();
     torn.run.advance(&mut Silent)?;
-    let gone = locked(&torn.log).released();
+    let released = locked(&torn.log).released();
     out.add(
         "bonds broken in the first step",
         torn.broken(),
@@ -470,7 +470,7 @@ fn everything() -> Result<Outcome> {
     );
     out.add(
         "energy booked over what the particles held",
-        gone / held,
+        released / stored,
         0.95..=1.0,
     );
     let remaining = torn.run.subdomains()[1].internal_energy();
@@ -498,7 +498,7 @@ fn everything() -> Result<Outcome> {
     let new = unbroken.run.subdomains()[1].internal_energy();
     out.add_naive(
         "share of it that is missing if the energy at the new positions is booked",
-        (gone - new).abs() / gone,
+        (released - new).abs() / released,
         1e-4..=1.0,
     );
     Ok(out)

@@ -50,14 +50,14 @@ fn row(field: &dyn Interpolation<f64>, x: f64, gradient: bool) -> Result<ShapeRo
 }
 
 /// Returns positions and lengths of the sampling points on a mediator.
-fn samples(mediator: &dyn Interpolation<f64>, others: &[&[Point3<f64>]], rule: Rule) -> Vec<(f64, f64)> {
+fn samples(mediator: &dyn Interpolation<f64>, model_nodes: &[&[Point3<f64>]], rule: Rule) -> Vec<(f64, f64)> {
     let mut cuts: Vec<f64> = mediator.nodes().iter().map(|p| p.x).collect();
     let [low, high] = [
         cuts.iter().copied().fold(f64::INFINITY, f64::min),
         cuts.iter().copied().fold(f64::NEG_INFINITY, f64::max),
     ];
     if rule == Rule::Refined {
-        let more = others.iter().flat_map(|n| n.iter()).map(|p| p.x);
+        let more = model_nodes.iter().flat_map(|n| n.iter()).map(|p| p.x);
         cuts.extend(more.filter(|x| *x > low && *x < high));
     }
     cuts.sort_by(f64::total_cmp);

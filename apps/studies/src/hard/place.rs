@@ -117,7 +117,7 @@ fn supports() -> Result<Outcome> {
         PrescribedMotion::fixed(nodes.iter().flat_map(|n| 3 * n..3 * n + 3).collect())
     };
     let (a, b) = (fixed(&left), fixed(&right));
-    let held = [a.dofs.clone(), b.dofs.clone()];
+    let fixed_unknowns = [a.dofs.clone(), b.dofs.clone()];
     let [left, right] = two(left, right, solid::weights(Profile::Cubic, 0.0)?)?;
     let bodies = shaken([left.with_support(a), right.with_support(b)], 4)?;
     let mediator = block(ElementKind::Hex8, solid::OVERLAP, [4, 4, 4])?;
@@ -131,7 +131,7 @@ fn supports() -> Result<Outcome> {
     out.add("warnings", report.warnings.len() as f64, 1.0..=9.0);
     c.run(500, &mut Silent)?;
     out.add("drift", c.drift(), 0.0..=1e-11);
-    let moved = c.subdomains().iter().zip(&held).flat_map(|(s, h)| {
+    let moved = c.subdomains().iter().zip(&fixed_unknowns).flat_map(|(s, h)| {
         let q = &s.state().q;
         h.iter().map(|d| q[*d].abs())
     });

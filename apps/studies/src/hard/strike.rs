@@ -40,8 +40,8 @@ const LAW: ContactLaw = ContactLaw {
 /// energy.
 fn least_dissipated(torn: &Torn, scale: f64) -> f64 {
     let lines = torn.run.effects();
-    let gone = lines.iter().filter_map(|e| e.dissipated());
-    gone.fold(f64::INFINITY, f64::min) / scale
+    let dissipated = lines.iter().filter_map(|e| e.dissipated());
+    dissipated.fold(f64::INFINITY, f64::min) / scale
 }
 
 /// Returns the lattice with two small bonded spheres beside its far end.
