@@ -241,6 +241,7 @@ fn with_scene(
     communicator: &ranks::OtherRanks,
     command: impl FnOnce(&Scene) -> Result<ExitCode>,
 ) -> Result<ExitCode, Located> {
+    // If one rank cannot read the scene, all ranks fail together.
     let source = arlequin_scene::together(communicator.as_ref(), Source::read(&common.scene))?;
     let run = || {
         let read = || {

@@ -190,6 +190,7 @@ impl Runner for Processes {
         if let Some(n) = self.threads {
             command.args(["--threads", &n.to_string()]);
         }
+        // Results go to files, messages to the log.
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
         let mut child = command.spawn().map_err(|e| Error::System {
             what: "starting a run",

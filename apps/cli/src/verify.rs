@@ -73,6 +73,7 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
     let reports = checks::run(&chosen, &options, &progress.reporter())?;
     drop(progress);
     let mut rows: Vec<Check> = reports.iter().flat_map(|r| r.checks.clone()).collect();
+    // Unlisted checks are shown only if they fail.
     rows.retain(|c| c.listed || !c.pass);
     report::result(&rows, args.json, |rows| {
         report::text(&report::verify::table(rows));

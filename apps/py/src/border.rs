@@ -27,6 +27,7 @@ pub(crate) fn outside<V: Send>(
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
     let result = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
+    // Ctrl-C comes first: an error of the computation is only its consequence.
     if let Some(raised) = raised() {
         return Err(raised);
     }
@@ -47,6 +48,7 @@ pub(crate) fn is_interrupted() -> bool {
     if RAISED.with_borrow(Option::is_some) {
         return true;
     }
+    // Each check takes the interpreter's lock, so checks are rare.
     if LOOKED.get().is_some_and(|last| last.elapsed() < LOOK) {
         return false;
     }

@@ -131,6 +131,7 @@ fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> 
 
 impl Coupled {
     fn lock(&self) -> Result<MutexGuard<'_, Inner>, Fault> {
+        // Waiting could block for ever: this thread may be computing around the model that asks.
         match self.run.try_lock() {
             Ok(run) => Ok(run),
             Err(TryLockError::Poisoned(p)) => Ok(p.into_inner()),
@@ -274,6 +275,7 @@ impl Coupled {
             steps_made += done;
             warn(py, &warned)?;
             stop.map_or(Ok(()), Err)?;
+            // The observer runs with the interpreter's lock, between two computations.
             if let Some(observer) = observer
                 && observer.call1((slf,))?.extract::<bool>().is_ok_and(|go| !go)
             {

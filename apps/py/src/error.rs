@@ -110,6 +110,7 @@ impl From<core::Error> for Fault {
             if let Some(Raised(raised)) = source.downcast_ref() {
                 return Self::Python(Python::attach(|py| raised.clone_ref(py)));
             }
+            // Errors of the models keep their own names as codes.
             if let Some(inner) = source.downcast_ref::<dem_beam::Error>() {
                 return Self::new(&variant(inner), e.to_string());
             }

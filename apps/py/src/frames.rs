@@ -47,6 +47,7 @@ impl KeptFrames {
         let names: Vec<String> = names.collect();
         let every = match count {
             None => built.frame_every,
+            // Never due.
             Some(0) => usize::MAX,
             Some(n) => built.steps.div_ceil(n).max(1),
         };

@@ -120,6 +120,7 @@ impl Described {
     pub(crate) fn shares(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let over = |cells: &Vec<Cell<f64>>| match cells.as_slice() {
             [cell] => weight.mean(cell),
+            // The mean over an element weights its cells by their measures.
             several => {
                 let parts = several
                     .iter()
@@ -208,6 +209,7 @@ impl Described {
             components,
             rotations,
         } = self.layout;
+        // One mass per node counts for all of its components.
         if any.len() == nodes && rotations == 0 && components > 1 {
             for (mass, of_node) in any.iter().zip(out.chunks_exact_mut(components)) {
                 of_node.fill(*mass);
@@ -228,6 +230,7 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
     let segment = |pair: &[u32; 2]| {
         let [a, b] = pair.map(|k| nodes.get(k as usize).copied());
         let ends = [a?, b?];
+        // Means do not depend on the section.
         Some(Cell::Segment { ends, section: 1.0 })
     };
     let segments: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(segment).collect();
@@ -353,6 +356,7 @@ impl Model<f64> for PythonModel {
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> Result<f64> {
+        // The estimate from forces holds for laws that are linear about rest.
         if !self.knows_its_step {
             let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(false, q, f);
             return arlequin::core::spectrum::critical_step(inverse_inertia, forces);

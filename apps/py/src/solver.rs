@@ -65,6 +65,7 @@ impl PythonSolver {
                 return Ok(None);
             };
             let value = method.call0()?.extract::<Option<f64>>()?;
+            // A critical step must be positive; an invariant may have any sign.
             let sound = |x: &f64| *x > 0.0 || (name != "critical_step" && !x.is_nan());
             match value.filter(|x| !sound(x)) {
                 None => Ok(value),

@@ -130,6 +130,7 @@ impl Subdomain {
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
         let name = core::Participant::name(&built).to_owned();
         let inner = Inner::participant(Box::new(built), field, weights).map_err(Fault::from);
+        // An exception of the solver is raised instead of the error that it caused.
         let inner = callbacks.raised().map_or(inner, |e| Err(e.into()))?;
         Ok(Self::from_parts(name, inner, callbacks))
     }

@@ -33,6 +33,7 @@ impl Runner for InProcess {
                 Outcome::Interrupted
             }
             Ok(_) => Outcome::Complete,
+            // Ctrl-C during a set-up arrives as an error.
             Err(e) => match raised() {
                 Some(raised) => {
                     *self.stop() = Some(raised.into());

@@ -54,6 +54,7 @@ fn join() -> bool {
     let built = builder().use_current_thread().build();
     let joined = built.is_ok();
     JOINED.set(joined);
+    // Dropping the pool would end it.
     std::mem::forget(built);
     joined
 }

@@ -123,6 +123,7 @@ pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result
     )?;
     let chain = Chain::new("springs", 1.0, 0.25, 8, 1.0, 1.0)?.with_stiffness(case.springs);
     let fine = Weights::complement_of(std::slice::from_ref(&weights));
+    // Eight springs join nodes 0 to 8.
     let load = Load::on_dofs("end", vec![(8, case.young / 3.0)], TimeFunction::Step)?;
     let subdomains = vec![
         Subdomain::coarse(bar, weights).with_support(PrescribedMotion::fixed(vec![0])),

@@ -117,6 +117,7 @@ impl Bar {
         let inside = |i: u32| packing.positions[i as usize].x < end;
         let pairs = packing.pairs.iter().filter(|p| p.iter().all(|i| inside(*i)));
         pairs.clone().flatten().for_each(|i| bonded[*i as usize] = true);
+        // Spheres without a bond are left out.
         let numbers: Vec<u32> = (0..bonded.len() as u32).filter(|i| bonded[*i as usize]).collect();
         let place = |i: &u32| numbers.partition_point(|n| n < i) as u32;
         let pairs: Vec<[u32; 2]> = pairs.map(|[i, j]| [place(i), place(j)]).collect();
@@ -180,6 +181,7 @@ impl Bar {
 
     fn weight(&self) -> Result<Arc<Ramp<f64>>> {
         let layers = (self.overlap / self.mediator).round().max(1.0);
+        // One station per layer of mediator nodes across the overlap.
         let stations: Vec<f64> = (0..=layers as usize).map(|k| k as f64 / layers).collect();
         let profile = match &self.profile {
             Some(p) => p.clone(),
@@ -214,6 +216,7 @@ impl Bar {
         )?));
         if self.absorber > 0.0 {
             let (slab, top) = (self.slab()?, self.absorber);
+            // The rate grows with the square of the depth in the overlap.
             let rate = move |x: &Point3<f64>| match slab.place(x) {
                 Place::Fine => 0.0,
                 Place::Coarse => top,

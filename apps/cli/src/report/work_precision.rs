@@ -61,6 +61,7 @@ impl Ranged for Decades {
 
     fn key_points<H: KeyPointHint>(&self, _: H) -> Vec<f64> {
         let decades = (self.1 / self.0).log10();
+        // Short axes need ticks between the powers of ten.
         let steps: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
         let powers = self.0.log10().floor() as i32..=self.1.log10().ceil() as i32;
         powers

@@ -95,6 +95,7 @@ impl Plan {
         }
         let mut notices = Vec::new();
         let total = times.len();
+        // At least `FRAMES` frames, or all if there are fewer.
         let fits = (bytes / (grains + mesh_bytes).max(1))
             .max(FRAMES.min(total))
             .max(1);

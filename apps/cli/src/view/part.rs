@@ -257,6 +257,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                         "has another number of points than the first frame, which this page cannot show";
                     return Err(value("DIR", path.display(), rule));
                 }
+                // The array holds positions; the page needs displacements.
                 values.iter_mut().zip(&full.points).for_each(|(v, x)| *v -= x);
             } else if array.place == Place::Cell && !on_lines {
                 values = full.at_points(&values, array.components);
@@ -316,6 +317,7 @@ fn quantised(name: String, on_lines: bool, components: usize, mut frames: Vec<Ve
         }
     }
     let short = |v: f32, c: usize| {
+        // A constant field has no width.
         let width = (high[c] - low[c]).max(f64::MIN_POSITIVE);
         ((f64::from(v) - low[c]) / width * f64::from(u16::MAX)).round() as u16
     };

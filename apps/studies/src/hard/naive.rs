@@ -135,6 +135,7 @@ impl Naive {
             }
         }
         let inverse = joined(&|s| s.inverse_inertia().to_vec());
+        // Supported unknowns have no inverse inertia.
         let fixed = (0..n).filter(|i| inverse[*i] <= 0.0).collect();
         let s = &b * DMatrix::from_diagonal(&inverse) * b.transpose();
         // No check of the rank; an exactly singular matrix has no inverse.

@@ -128,6 +128,7 @@ fn measure(out: &mut Outcome, packing: &Packing) -> Result<()> {
     );
     let single = model(packing)?;
     let mut masses = vec![0.0; packing.radii.len()];
+    // The model reorders particles; the rule needs masses in the order of the packing.
     for (k, m) in single.order().iter().zip(single.masses()) {
         masses[*k as usize] = *m;
     }

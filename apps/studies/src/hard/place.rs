@@ -64,6 +64,7 @@ fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<
         }
         for n in corners {
             let next = nodes.len() as u32;
+            // Nodes are numbered in the order of their first use.
             let k = *index.entry(*n).or_insert_with(|| {
                 nodes.push(mesh.nodes()[*n as usize]);
                 next
@@ -245,6 +246,7 @@ fn product_defect() -> Result<f64> {
     };
     let pair = |coarse| -> Result<Product> { Ok(Product([ramp(0)?, ramp(1)?], coarse)) };
     let weights = [pair(true)?, pair(false)?];
+    // Midpoint rule over the region where both ramps fall.
     let n = 200;
     let cell = |k: usize| 1.0 + (k as f64 + 0.5) / n as f64;
     let mut sum = 0.0;

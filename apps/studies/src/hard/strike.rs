@@ -51,6 +51,7 @@ fn with_pebbles(ratio: f64) -> Cloud {
     for side in [-1.0, 1.0] {
         cloud
             .positions
+            // Leaves a gap of a tenth of the small radius.
             .push(Vector3::new(4.0 + 1.1 * r, 0.375 + side * r, 0.375));
         cloud.radii.push(r);
     }

@@ -66,6 +66,7 @@ fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
     for x in model.nodes() {
         v.extend(SPIN.cross(&(x.coords - centre)).iter());
     }
+    // Translations come first, then rotations.
     (0..model.nodes().len()).for_each(|_| v.extend(SPIN.iter()));
     let field = model.fine_field();
     let side = Subdomain::new(wrap(model), field, Weights::uncoupled());
