@@ -37,7 +37,7 @@ fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
         Profile::Cubic,
         1e-6,
     )?;
-    let weights = Weights::same(Arc::new(ramp));
+    let weights = Weights::from_weight(Arc::new(ramp));
     let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let fine = fem("fine", block([OVERLAP[0], LENGTH], 0.25e-3)?)?;
     let pull = |_: &_| Vector3::new(1000.0 / (SIDE * SIDE), 0.0, 0.0);

@@ -198,7 +198,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
         Command::Check { common, start, ranks } => with_scene(&common, &None, |scene| {
             let planned = ranks.map(|n| scene.clone().for_ranks(n));
             let scene = planned.as_ref().unwrap_or(scene);
-            let links = LinkLine::of(scene);
+            let links = LinkLine::list(scene);
             if !start && !links.is_empty() {
                 scene.check_tables()?;
                 report::result(&links, common.json, |l| report::not_started(l))?;
@@ -246,7 +246,7 @@ fn with_scene(
     let run = || {
         let read = || {
             threads::start(common.threads)?;
-            Scene::of(source.clone())?.assign(&common.set)
+            Scene::from_source(source.clone())?.assign(&common.set)
         };
         let scene = arlequin_scene::together(communicator.as_ref(), read())?;
         match communicator {

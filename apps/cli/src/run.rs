@@ -126,7 +126,7 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
 
 /// Watches for Ctrl-C if the set-up of the scene starts programs, so that these programs end with it.
 pub(crate) fn watch_links(scene: &Scene) -> Result<()> {
-    if !LinkLine::of(scene).is_empty() {
+    if !LinkLine::list(scene).is_empty() {
         watch_interrupt()?;
     }
     Ok(())

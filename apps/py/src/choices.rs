@@ -153,7 +153,7 @@ impl Ramp {
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         use arlequin::core::Weight;
         let positions = points("points", &x)?;
-        Ok(array(py, positions.iter().map(|x| self.0.at(x)).collect()))
+        Ok(array(py, positions.iter().map(|x| self.0.value(x)).collect()))
     }
 }
 
@@ -167,7 +167,7 @@ impl Weights {
     /// Weights with one ramp for all three energies.
     #[staticmethod]
     fn same(ramp: &Ramp) -> Self {
-        Self(arlequin::core::Weights::same(ramp.0.clone()))
+        Self(arlequin::core::Weights::from_weight(ramp.0.clone()))
     }
 
     /// Weights of one, for a model that is not coupled.
@@ -199,7 +199,7 @@ impl Weights {
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
         let positions = points("points", &x)?;
         Ok([&self.0.internal, &self.0.kinetic, &self.0.external]
-            .map(|w| array(py, positions.iter().map(|x| w.at(x)).collect())))
+            .map(|w| array(py, positions.iter().map(|x| w.value(x)).collect())))
     }
 }
 
@@ -277,7 +277,7 @@ impl TimeFunction {
 
     /// Returns the value at time `t` [s].
     fn at(&self, t: f64) -> f64 {
-        self.0.at(t)
+        self.0.value(t)
     }
 }
 

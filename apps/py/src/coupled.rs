@@ -228,7 +228,7 @@ impl Coupled {
             interfaces: specs,
             pairs: Vec::new(),
         };
-        let result = outside(py, || Ok(Inner::of(parts, step, Some(guard))?));
+        let result = outside(py, || Ok(Inner::from_parts(parts, step, Some(guard))?));
         Ok(Self {
             run: Mutex::new(callbacks.raised().map_or(result, Err)?),
             names,

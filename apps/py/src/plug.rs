@@ -132,7 +132,7 @@ impl Described {
         match &self.places {
             Places::Elements(elements) => elements.iter().map(over).collect(),
             Places::Bonds(bonds) => bonds.iter().map(|c| weight.mean(c)).collect(),
-            Places::Nodes => self.nodes.iter().map(|x| weight.at(x)).collect(),
+            Places::Nodes => self.nodes.iter().map(|x| weight.value(x)).collect(),
         }
     }
 

@@ -23,7 +23,7 @@ pub(crate) struct Scene(arlequin_scene::Scene);
 
 impl Scene {
     fn from_source(source: Source, changes: Changes) -> Result<Self, Fault> {
-        let read = arlequin_scene::Scene::of(source.clone());
+        let read = arlequin_scene::Scene::from_source(source.clone());
         let scene = changes.iter().try_fold(
             read.map_err(|e| Fault::of_scene(e, &source))?,
             |s, (path, value)| s.set(path, value),

@@ -115,7 +115,7 @@ pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result
         case.profile.clone(),
         0.0,
     )?;
-    let weights = Weights::same(Arc::new(ramp));
+    let weights = Weights::from_weight(Arc::new(ramp));
     let bar = FemModel::new(
         "bar",
         generate::bar(0.0, 2.0, 4, 1.0)?,

@@ -50,7 +50,7 @@ pub fn build(ratio: f64, overlap: f64, own_steps: usize) -> Result<Coupled<f64>>
         Profile::Cubic,
         0.0,
     )?;
-    let coarse = Weights::same(Arc::new(ramp));
+    let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
     let material = Elastic::new(6.895e9, 0.25, 2768.0)?;
     let clamped = FemModel::new("clamped", block([0.0, right], FINE / ratio)?, material)?;

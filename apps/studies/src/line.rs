@@ -97,7 +97,7 @@ impl Line {
                 Arc::new(Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon)?)
             }
         };
-        Ok(Weights::same(weight).with_weighting(self.weighting))
+        Ok(Weights::from_weight(weight).with_weighting(self.weighting))
     }
 
     /// Returns the multiplier space.

@@ -28,7 +28,7 @@ pub fn block<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Res
 pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>> {
     let point = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
     let slab = Slab::between(point(OVERLAP[1]), point(OVERLAP[0]))?;
-    Ok(Weights::same(Arc::new(Ramp::new(
+    Ok(Weights::from_weight(Arc::new(Ramp::new(
         Arc::new(slab),
         profile,
         T::of(epsilon),

@@ -194,7 +194,7 @@ impl Bar {
 
     /// Builds the coupled body.
     fn coupled(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
-        let weights = Weights::same(self.weight()?);
+        let weights = Weights::from_weight(self.weight()?);
         let mesh = self.block(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
         let fixed_unknowns = nodes
@@ -294,7 +294,7 @@ impl Bar {
             };
             Some(Pair {
                 s,
-                alpha: 1.0 - weight.at(&middle),
+                alpha: 1.0 - weight.value(&middle),
                 coupled: *load,
                 alone: *alone.get(key)?,
             })

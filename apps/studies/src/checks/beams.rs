@@ -108,7 +108,7 @@ impl RunSpec {
 
     fn attempt(&self) -> Result<Record> {
         let (name, text) = self.deck.text();
-        let scene = Scene::of(Source::new(name, text))?.assign(&self.set)?;
+        let scene = Scene::from_source(Source::new(name, text))?.assign(&self.set)?;
         let Built {
             mut run,
             probes,

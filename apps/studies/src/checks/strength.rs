@@ -37,7 +37,7 @@ struct LoadCurve {
 
 impl LoadCurve {
     fn from_deck(deck: &Deck) -> Result<Self> {
-        let scene = Scene::of(Source::new(deck.name, deck.text))?;
+        let scene = Scene::from_source(Source::new(deck.name, deck.text))?;
         let results = scene.prepare()?.run(&mut Silent)?;
         let curve = &results.recorded.curves[0];
         Ok(Self {

@@ -361,7 +361,7 @@ fn fragment() -> Result<Outcome> {
     );
     // The naive weights: those at each particle's current position.
     let weight = solid::weights(Profile::Cubic, 0.05)?.kinetic;
-    let share = |x: Vector3<f64>| 1.0 - weight.at(&x.into());
+    let share = |x: Vector3<f64>| 1.0 - weight.value(&x.into());
     let sums = chips.iter().fold([0.0, 0.0], |s, i| {
         let x = cloud.positions[*i];
         [s[0] + share(x), s[1] + share(x + torn.moved(*i))]

@@ -38,7 +38,7 @@ fn contrast(young: f64, density: f64, step: TimeStep<f64>) -> Result<Coupled<f64
         ..Line::default()
     };
     let slab = Slab::between(Point3::origin(), Point3::new(-line.overlap, 0.0, 0.0))?;
-    let weights = Weights::same(Arc::new(Ramp::new(
+    let weights = Weights::from_weight(Arc::new(Ramp::new(
         Arc::new(slab),
         line.profile.clone(),
         line.epsilon,

@@ -226,8 +226,8 @@ fn loads() -> Result<Outcome> {
 struct Product([Ramp<f64>; 2], bool);
 
 impl Weight<f64> for Product {
-    fn at(&self, x: &Point3<f64>) -> f64 {
-        let f = [self.0[0].at(x), self.0[1].at(x)];
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        let f = [self.0[0].value(x), self.0[1].value(x)];
         if self.1 {
             f[0] * f[1]
         } else {
@@ -253,7 +253,7 @@ fn product_defect() -> Result<f64> {
     for i in 0..n {
         for j in 0..n {
             let x = Point3::new(cell(i), cell(j), 0.5);
-            sum += weights.iter().map(|w| w.at(&x)).sum::<f64>();
+            sum += weights.iter().map(|w| w.value(&x)).sum::<f64>();
         }
     }
     Ok(1.0 - sum / (n * n) as f64)
@@ -327,7 +327,7 @@ fn corner() -> Result<Outcome> {
         ),
     ];
     for (name, nest) in cases {
-        let weights = Weights::same(Arc::new(Ramp::new(nest.overlap, Profile::Cubic, 0.01)?));
+        let weights = Weights::from_weight(Arc::new(Ramp::new(nest.overlap, Profile::Cubic, 0.01)?));
         let bodies = two(nest.coarse, nest.fine, weights)?;
         let mut c = couple(shaken(bodies, 8)?, nest.mediator, 0.0)?;
         out.add(
