@@ -1,6 +1,6 @@
-//! All fifteen cells of the cantilever table (`cargo bench --bench cantilever`, some minutes), with 1, 2
-//! and 4 own steps of the finer side: drift of the energy beside the one published for overlapping Schwarz
-//! coupling.
+//! All fifteen cells of the cantilever table (`cargo bench --bench cantilever`, some minutes), each with 1,
+//! 2 and 4 own steps of the finer side: our drift of energy, and the drift published for overlapping
+//! Schwarz coupling.
 
 use arlequin_studies::cantilever::{self, PUBLISHED, WIDTHS};
 
@@ -12,11 +12,11 @@ fn main() -> arlequin::core::Result<()> {
     let mut worst: f64 = 0.0;
     for (ratio, published) in PUBLISHED {
         for (width, schwarz) in WIDTHS.into_iter().zip(published) {
-            for own in [1, 2, 4] {
-                let d = cantilever::drift(ratio, width, own)?;
+            for own_steps in [1, 2, 4] {
+                let d = cantilever::drift(ratio, width, own_steps)?;
                 worst = d.invariant.iter().fold(worst, |a, b| a.max(b.abs()));
                 println!(
-                    "1:{ratio:<4} {:>8.1} {own:>10} {:>9.1} {:>14.1e} {:>9.1e} {:>17.3} {:>9.3} {:>16.1}",
+                    "1:{ratio:<4} {:>8.1} {own_steps:>10} {:>9.1} {:>14.1e} {:>9.1e} {:>17.3} {:>9.3} {:>16.1}",
                     width * 1e3,
                     d.start,
                     d.invariant[0],

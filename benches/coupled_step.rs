@@ -1,9 +1,10 @@
-//! What coupling adds to a step: finite elements and particles coupled, beside either of them alone.
+//! Cost that coupling adds to a step: finite elements and particles coupled, compared with each of them
+//! alone.
 //!
-//! `cargo bench --bench coupled_step [particles [threads]]`; default 12 000 on one thread. The models are
-//! measured in turns, so that all see the same machine; printed are the shortest times per step of the run,
-//! their ratio `coupled / (particles + elements / ratio of the steps)`, and the interface's share per
-//! stored entry of `B`.
+//! `cargo bench --bench coupled_step [particles [threads]]`; default 12 000 particles on one thread. All
+//! cases are measured in turns, so that each sees the same load of the machine. Printed are the shortest
+//! times per step of the run, the ratio `coupled / (particles + elements / ratio of the steps)`, and the
+//! interface's time per stored entry of `B`.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin::core::nalgebra::Vector3;
@@ -23,11 +24,11 @@ const BEAM: BeamMaterial = BeamMaterial {
     radius_ratio: 0.71,
 };
 
-/// Rounds of all cases, and steps of each.
+/// Number of rounds over all cases, and of steps in each round.
 const ROUNDS: usize = 12;
 const STEPS: usize = 40;
 
-/// Time spent in interfaces.
+/// Measures the time spent in interfaces.
 #[derive(Debug)]
 struct Clock {
     phase: Option<Phase>,
@@ -59,7 +60,7 @@ impl Observer<f64> for Clock {
     }
 }
 
-/// Elements on (0, 3), particles on (2, 4), unit section; which of the two take part.
+/// Bodies of the benchmark, with unit section: elements on (0, 3), particles on (2, 4).
 struct Deck {
     packing: Packing,
     spacing: f64,
@@ -74,7 +75,7 @@ impl Deck {
         })
     }
 
-    /// Elements of four spacings along an edge.
+    /// Builds elements with an edge of four particle spacings.
     fn coarse(&self) -> Result<FemModel<f64>> {
         let across = (0.25 / self.spacing).round().max(2.0) as usize;
         let mesh = block(ElementKind::Hex8, [0.0, 3.0], [3 * across, across, across])?;
@@ -99,14 +100,15 @@ impl Deck {
 
     fn sides(&self) -> Result<[Subdomain<f64>; 2]> {
         let weights = solid::weights(Profile::Cubic, 0.05)?;
-        let others = Weights::complement_of(std::slice::from_ref(&weights));
+        let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
         Ok([
             Subdomain::coarse(self.coarse()?, weights).with_step(OwnStep::Same),
-            Subdomain::fine(self.fine()?, others),
+            Subdomain::fine(self.fine()?, fine_weights),
         ])
     }
 
-    /// Both, with so many mediator elements across and own steps of the particles.
+    /// Couples both models with `across` mediator elements across the section and `ratio` own steps of the
+    /// particles.
     fn coupled(&self, across: usize, ratio: usize, junction: Box<dyn Junction<f64>>) -> Result<Coupled<f64>> {
         let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [across; 3])?;
         let interface = InterfaceSpec {
@@ -127,22 +129,22 @@ impl Deck {
         )
     }
 
-    /// One side alone.
+    /// Builds a run of one side alone.
     fn alone(&self, side: usize) -> Result<Coupled<f64>> {
-        let one = self.sides()?.into_iter().nth(side).into_iter();
-        let one = one.map(|s| s.with_partition(Partition::Unchecked)).collect();
-        Coupled::new(one, Vec::new(), TimeStep::Seconds(self.step()?), Some(rare()))
+        let bodies = self.sides()?.into_iter().nth(side).into_iter();
+        let bodies = bodies.map(|s| s.with_partition(Partition::Unchecked)).collect();
+        Coupled::new(bodies, Vec::new(), TimeStep::Seconds(self.step()?), Some(rare()))
     }
 
-    /// A step for all cases: 0.4 of what the particles alone can take.
+    /// Returns the own step of all cases \[s\]: 0.4 of the particles' critical step.
     fn step(&self) -> Result<f64> {
         let [_, fine] = self.sides()?;
-        let one = vec![fine.with_partition(Partition::Unchecked)];
-        Ok(Coupled::new(one, Vec::new(), TimeStep::Fraction(0.4), None)?.dt())
+        let bodies = vec![fine.with_partition(Partition::Unchecked)];
+        Ok(Coupled::new(bodies, Vec::new(), TimeStep::Fraction(0.4), None)?.dt())
     }
 }
 
-/// The ledger is not what is measured.
+/// Returns a guard that computes the ledger so rarely that it does not affect the times.
 fn rare() -> Guard<f64> {
     Guard {
         interval: 1_000_000,
@@ -150,7 +152,7 @@ fn rare() -> Guard<f64> {
     }
 }
 
-/// Shortest time per step of each run, and of its interfaces \[s\].
+/// Returns the shortest time per step of each run, and of its interfaces \[s\].
 fn best(runs: &mut [Coupled<f64>]) -> Result<Vec<[f64; 2]>> {
     let mut out = vec![[f64::INFINITY; 2]; runs.len()];
     for _ in 0..ROUNDS {
@@ -204,6 +206,7 @@ fn measure(particles: usize) -> Result<()> {
         let r = i.report();
         let entries: usize = (0..2)
             .filter_map(|m| i.coupling_matrix(m))
+            // Each entry of the junction stands for three equal components.
             .map(|b| b.nnz() / 3)
             .sum();
         println!(
@@ -223,7 +226,7 @@ fn measure(particles: usize) -> Result<()> {
 }
 
 fn main() -> Result<()> {
-    // Benchmarks are called with flags of their own.
+    // `cargo bench` adds flags, which are skipped.
     let mut numbers = std::env::args().filter_map(|a| a.parse().ok());
     let (particles, threads) = (numbers.next().unwrap_or(12_000), numbers.next().unwrap_or(1));
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {

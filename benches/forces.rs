@@ -1,6 +1,6 @@
-//! Internal forces of one body by every continuum model, in one run: nanoseconds per node and call, and the
-//! ratio to linear tetrahedra with as many nodes. Minimum of many calls, in turns, since other work on the
-//! machine only adds.
+//! Internal forces of one body by each continuum model: nanoseconds per node and call, and the ratio to
+//! linear tetrahedra with the same number of nodes. Shown is the minimum of many calls, taken in turns,
+//! since other work on the machine only adds time.
 //!
 //! Run with `cargo bench --bench forces`; set `RAYON_NUM_THREADS` for the number of threads.
 #![allow(clippy::print_stdout, reason = "a benchmark shows its figures")]
@@ -12,11 +12,11 @@ use cnem::{CnemModel, Options, Stabilisation, constraint::Surface, domain::Domai
 use nalgebra::Point3;
 use std::time::Instant;
 
-/// Nodes along an edge of the cube: in the cache, at the size of an earlier record, in memory.
+/// Nodes along an edge of the cube: in the cache, at the size of an earlier record, beyond the cache.
 const SIZES: [usize; 3] = [10, 21, 32];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // Run once as a test or listed: nothing to show.
+    // Started as a test or to be listed, the program shows nothing.
     let bench = std::env::args().any(|a| a == "--bench");
     for n in SIZES.into_iter().take(if bench { SIZES.len() } else { 0 }) {
         compare(n)?;
@@ -74,7 +74,7 @@ fn compare(n: usize) -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Inner nodes moved off the grid by up to a fifth of its spacing.
+/// Moves inner nodes off the grid by up to a fifth of its spacing.
 fn shaken(nodes: &[Point3<f64>], n: usize) -> Vec<Point3<f64>> {
     let mut state = 1_u64;
     let mut noise = || {

@@ -1,8 +1,8 @@
-//! Exchanges the coarse continuum of a coupled beam, natural elements for finite elements, by one line.
+//! Exchanges the coarse continuum of a coupled beam, finite elements for natural elements, by one line.
 //!
-//! A silica beam of 20 mm by 2 mm by 2 mm, clamped at the left and pulled with 1 kN at the right: the
-//! coarse model left of 14 mm, a fine one right of 10 mm. Printed side by side: tip displacement, first
-//! axial frequency, and what the undivided fine model gives.
+//! A silica beam of 20 mm by 2 mm by 2 mm is clamped at the left and pulled with 1 kN at the right. The
+//! coarse model lies left of 14 mm, the fine model right of 10 mm. Printed are tip displacement, first
+//! axial frequency and drift for both coarse models, and the values of beam theory.
 //!
 //! `cargo run --release --example swap_continuum`
 
@@ -31,14 +31,14 @@ fn cnem(name: &str, mesh: Mesh<f64>) -> Result<CnemModel> {
 
 /// Couples any coarse continuum with the fine finite elements.
 fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
-        Arc::new(Slab::between(at(OVERLAP[1]), at(OVERLAP[0]))?),
+        Arc::new(Slab::between(point(OVERLAP[1]), point(OVERLAP[0]))?),
         Profile::Cubic,
         1e-6,
     )?;
     let weights = Weights::from_weight(Arc::new(ramp));
-    let rest = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let fine = fem("fine", block([OVERLAP[0], LENGTH], 0.25e-3)?)?;
     let pull = |_: &_| Vector3::new(1000.0 / (SIDE * SIDE), 0.0, 0.0);
     let load = Load::traction("pull", fine.mesh().surface("x-max")?, &pull, TimeFunction::Step)?;
@@ -55,7 +55,7 @@ fn beam(coarse: impl CoarseModel<f64> + 'static) -> Result<Coupled<f64>> {
     );
     let bodies = vec![
         Subdomain::coarse(coarse, weights).with_support(support),
-        Subdomain::fine(fine, rest).with_effect(Box::new(load)),
+        Subdomain::fine(fine, fine_weights).with_effect(Box::new(load)),
     ];
     Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.9), None)
 }
@@ -66,8 +66,8 @@ fn tip(run: &Coupled<f64>, q: &[f64]) -> f64 {
     end.iter().map(|n| q[3 * n]).sum::<f64>() / end.len() as f64
 }
 
-/// Static tip displacement [m], first axial frequency [Hz] from the mean crossings of the suddenly loaded
-/// beam, drift.
+/// Returns the static tip displacement \[m\], the first axial frequency \[Hz\] of the suddenly loaded beam
+/// from its crossings of the static level, and the drift.
 fn results(mut run: Coupled<f64>) -> Result<[f64; 3]> {
     let Equilibrium { displacements, .. } = run.equilibrium(0.0)?;
     let level = tip(&run, &displacements[1]);
@@ -76,6 +76,7 @@ fn results(mut run: Coupled<f64>) -> Result<[f64; 3]> {
     while crossings.len() < 11 {
         run.advance(&mut Silent)?;
         let now = tip(&run, &run.subdomains()[1].state().q) - level;
+        // Time of the crossing by linear interpolation.
         if before * now < 0.0 {
             crossings.push(run.time() - run.dt() * now / (now - before));
         }
@@ -88,7 +89,7 @@ fn results(mut run: Coupled<f64>) -> Result<[f64; 3]> {
 #[allow(clippy::print_stdout, reason = "an example shows its results")]
 fn main() -> Result<()> {
     let mesh = || block([0.0, OVERLAP[1]], 0.5e-3);
-    // The one line: which coarse continuum.
+    // This line chooses the coarse continuum.
     let with_fem = results(beam(fem("coarse", mesh()?)?)?)?;
     let with_cnem = results(beam(cnem("coarse", mesh()?)?)?)?;
     // Beam theory: U = F L / (E S), f = c / (4 L).

@@ -1,4 +1,4 @@
-//! `arlequin calibrate`: its options.
+//! `arlequin calibrate`: options.
 
 use crate::error::{Located, Result, key, value};
 use crate::{report, threads};
@@ -9,7 +9,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// A value that scenes know by the same names.
+/// Returns a parser for a choice that scenes write by the same names.
 fn one_of<T>(names: &'static [&'static str]) -> impl clap::builder::TypedValueParser<Value = T>
 where
     T: serde::de::DeserializeOwned + Clone + Send + Sync + 'static,
@@ -22,10 +22,10 @@ where
     })
 }
 
-/// What to measure, and on what.
+/// Arguments of `arlequin calibrate`: the sample and the quantities to measure.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Calibrate {
-    /// Scene whose particles are taken; without one, flags say it all.
+    /// Scene whose particles are used; without a scene, flags give all values.
     #[arg(conflicts_with_all = ["cylinder", "cuboid"])]
     scene: Option<PathBuf>,
     /// Model of the scene [default: its only one of kind "dem"]
@@ -85,13 +85,14 @@ pub(crate) struct Calibrate {
     /// Strength of the beams [Pa]; ratios do not depend on it [default: 200e6]
     #[arg(long, value_name = "PASCAL", requires = "strength")]
     beam_strength: Option<f64>,
-    /// Weibull modulus of the scatter of strengths between beams [default: no scatter]
+    /// Weibull modulus of the scatter in strength between beams [default: no scatter]
     #[arg(long, value_name = "M", requires = "strength")]
     weibull: Option<f64>,
-    /// Mean diameters of the spheres [m] at which bars are pulled [default: the one of the elasticity]
+    /// Mean diameters of the spheres [m] at which bars are pulled [default: the diameter of the elastic
+    /// test]
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength")]
     sizes: Option<Vec<f64>>,
-    /// Number of packings, which differ by their seed.
+    /// Number of packings, each with another seed.
     #[arg(long, value_name = "N", default_value_t = 5)]
     seeds: u64,
     /// Worker threads [default: one per core]
@@ -102,37 +103,40 @@ pub(crate) struct Calibrate {
     json: bool,
 }
 
-/// Runs the command, with or without a scene.
-pub(crate) fn calibrate(asked: &Calibrate) -> Result<ExitCode, Located> {
-    let source = asked.scene.as_deref().map(Source::read).transpose()?;
+/// Runs `arlequin calibrate`, with or without a scene.
+pub(crate) fn calibrate(arguments: &Calibrate) -> Result<ExitCode, Located> {
+    let source = arguments.scene.as_deref().map(Source::read).transpose()?;
     let progress = report::Progress::default();
-    let measured = threads::start(asked.threads)
-        .and_then(|_| asked.check())
-        .and_then(|()| measure(&asked.wanted(), source.as_ref(), &progress.teller()));
+    let measured = threads::start(arguments.threads)
+        .and_then(|_| arguments.check())
+        .and_then(|()| measure(&arguments.wanted(), source.as_ref(), &progress.reporter()));
     drop(progress);
-    let found = match (measured, &source) {
+    let calibration = match (measured, &source) {
         (Err(e), Some(source)) => return Err(Located::within(source)(e)),
-        (found, _) => found?,
+        (calibration, _) => calibration?,
     };
-    report::result(&found, asked.json, |c| report::text(&report::calibration(c)))?;
-    Ok(ExitCode::from(u8::from(found.refused.is_some())))
+    report::result(&calibration, arguments.json, |c| {
+        report::text(&report::calibration(c))
+    })?;
+    // A refused target is reported with the measurements, and shows in the exit code.
+    Ok(ExitCode::from(u8::from(calibration.refused.is_some())))
 }
 
 impl Calibrate {
-    /// Refuses numbers that make no sense, by the names of their flags.
+    /// Refuses numbers out of range, and names their flags.
     fn check(&self) -> Result<()> {
         if self.seeds == 0 || self.seeds > 1000 {
             return Err(value("--seeds", self.seeds, "must be 1 to 1000"));
         }
-        let one = |x: Option<f64>| x.map(|x| vec![x]);
+        let as_list = |x: Option<f64>| x.map(|x| vec![x]);
         let positive = [
             ("--cylinder", self.cylinder.clone(), 2),
             ("--box", self.cuboid.clone(), 3),
-            ("--spacing", one(self.spacing), 1),
-            ("--coordination", one(self.coordination), 1),
-            ("--young", one(self.young), 1),
-            ("--radius-ratio", one(self.radius_ratio), 1),
-            ("--target-young", one(self.target_young), 1),
+            ("--spacing", as_list(self.spacing), 1),
+            ("--coordination", as_list(self.coordination), 1),
+            ("--young", as_list(self.young), 1),
+            ("--radius-ratio", as_list(self.radius_ratio), 1),
+            ("--target-young", as_list(self.target_young), 1),
         ];
         for (name, numbers, count) in positive {
             let Some(numbers) = numbers else { continue };
@@ -159,7 +163,7 @@ impl Calibrate {
         self.check_strength()
     }
 
-    /// Refuses flags of the strength that make no sense.
+    /// Refuses values of the strength test that are out of range.
     fn check_strength(&self) -> Result<()> {
         if !self.strength {
             return Ok(());
@@ -170,10 +174,10 @@ impl Calibrate {
                 "strength is that of a bar; remove --periodic or --strength",
             ));
         }
-        let one = |x: Option<f64>| x.into_iter().collect::<Vec<f64>>();
+        let as_list = |x: Option<f64>| x.into_iter().collect::<Vec<f64>>();
         let positive = [
-            ("--beam-strength", one(self.beam_strength)),
-            ("--weibull", one(self.weibull)),
+            ("--beam-strength", as_list(self.beam_strength)),
+            ("--weibull", as_list(self.weibull)),
             ("--sizes", self.sizes.clone().unwrap_or_default()),
         ];
         for (name, numbers) in positive {
@@ -184,7 +188,7 @@ impl Calibrate {
         Ok(())
     }
 
-    /// What the library is asked for.
+    /// Returns the request for the library.
     fn wanted(&self) -> Wanted {
         fn exact<const N: usize>(numbers: Option<&Vec<f64>>) -> Option<[f64; N]> {
             numbers.and_then(|n| n.as_slice().try_into().ok())

@@ -1,4 +1,4 @@
-//! What the program tells of itself: the schema of its files, completions for shells, man pages.
+//! Descriptions of the program itself: schema of its files, shell completions, man pages.
 
 use crate::Cli;
 use crate::error::{Result, write};
@@ -8,25 +8,25 @@ use clap::CommandFactory;
 use clap_complete::Shell;
 use std::path::{Path, PathBuf};
 
-/// What the command line says.
+/// Arguments of `arlequin schema`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SchemaArguments {
-    /// The schema of sweep files instead.
+    /// Print the schema of sweep files instead.
     #[arg(long)]
     sweep: bool,
-    /// The reference in Markdown that the book shows.
+    /// Print the Markdown reference of the book instead.
     #[arg(long, hide = true)]
     reference: bool,
 }
 
 /// Prints the JSON Schema of scenes or sweeps.
-pub(crate) fn schema(asked: &SchemaArguments) -> Result<()> {
-    let schema = if asked.sweep {
+pub(crate) fn schema(arguments: &SchemaArguments) -> Result<()> {
+    let schema = if arguments.sweep {
         schema::sweep()
     } else {
         schema::scene()
     };
-    if asked.reference {
+    if arguments.reference {
         report::text(&report::reference::markdown(&schema));
     } else {
         report::line(&report::pretty(&schema)?);
@@ -34,14 +34,14 @@ pub(crate) fn schema(asked: &SchemaArguments) -> Result<()> {
     Ok(())
 }
 
-/// Prints what a shell needs to complete commands and options.
+/// Prints the completion script of a shell.
 pub(crate) fn completions(shell: Shell) {
     let mut out = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "arlequin", &mut out);
     report::text(&String::from_utf8_lossy(&out));
 }
 
-/// Prints the man page, or writes those of all commands into a folder.
+/// Prints the man page, or writes the man pages of all commands into a folder.
 pub(crate) fn man(folder: Option<&Path>) -> Result<()> {
     let command = Cli::command();
     let Some(folder) = folder else {

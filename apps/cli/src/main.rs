@@ -1,4 +1,4 @@
-//! Command line of the Arlequin workspace: a scene file in, results out.
+//! Command line of the Arlequin workspace: reads scene files, runs them and writes results.
 
 mod calibrate;
 mod describe;
@@ -47,7 +47,7 @@ enum Command {
         #[command(flatten)]
         waiting: ranks::Waiting,
     },
-    /// Go on with a run that was killed or interrupted, from its last checkpoint.
+    /// Continue a run that was killed or interrupted, from its last checkpoint.
     Resume {
         /// Output folder of the run.
         folder: PathBuf,
@@ -70,30 +70,32 @@ enum Command {
     },
     /// Read and build a scene, print the plan, run nothing.
     ///
-    /// A scene with links to other programs is read only, and what it would start or wait for is printed.
+    /// A scene with links to other programs is only read; the programs it would start or wait for are
+    /// printed.
     Check {
         #[command(flatten)]
         common: Common,
-        /// Meet the other side of links as well: start their commands, wait at their addresses.
+        /// Connect links as well: start their commands, wait at their addresses.
         #[arg(long)]
         start: bool,
-        /// Tell also which models would be in parts on so many ranks.
+        /// Print also which models would be partitioned on this number of ranks.
         #[arg(long, value_name = "N")]
         ranks: Option<usize>,
     },
-    /// Measure Young's modulus and Poisson's ratio of packings with the spread over seeds, or find beams
-    /// for given ones.
+    /// Measure Young's modulus and Poisson's ratio of packings over several seeds, or find the beams that
+    /// give required values.
     Calibrate(calibrate::Calibrate),
-    /// Run the decks of the literature and compare with their numbers.
+    /// Run the cases of the literature and compare with their numbers.
     Verify(verify::Args),
-    /// Run a scene with many settings: what accuracy costs in time.
+    /// Run a scene with many settings and compare error with time.
     Sweep(sweep::Arguments),
     /// Write the page on accuracy and cost from finished sweeps.
     #[command(hide = true)]
     SweepDocs(sweep::DocumentArguments),
-    /// Write a page that shows the results of a run: turned, cut, coloured, over time, with its curves.
+    /// Write a web page that shows the results of a run: 3D views, cuts, colours, frames over time and
+    /// curves.
     View(view::Arguments),
-    /// Print the JSON Schema of scenes: editors complete and check TOML files with it.
+    /// Print the JSON Schema of scenes, with which editors complete and check TOML files.
     Schema(describe::SchemaArguments),
     /// Print the completions for a shell.
     Completions {
@@ -115,7 +117,7 @@ enum Command {
 }
 
 impl Command {
-    /// Its name on the command line, for those that one process alone can do.
+    /// Returns the command's name for the error that refuses it on several ranks.
     fn name(&self) -> &'static str {
         match self {
             Self::Check { .. } => "check",
@@ -143,13 +145,13 @@ struct Common {
 
 fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|e| {
-        // Said once, whatever the number of ranks.
+        // Only rank 0 prints the message; all ranks exit with the same code.
         if ranks::leads() {
             e.exit()
         }
         std::process::exit(e.exit_code())
     });
-    report::speak(cli.loudness.of_rank(ranks::leads()));
+    report::set_loudness(cli.loudness.of_rank(ranks::leads()));
     run_command(cli.command).unwrap_or_else(|e| e.report())
 }
 
@@ -160,8 +162,8 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             out,
             force,
             waiting,
-        } => ranks::run(waiting, |others| {
-            with_scene(&common, &others, |scene| {
+        } => ranks::run(waiting, |communicator| {
+            with_scene(&common, &communicator, |scene| {
                 run::run(scene, out.as_deref(), force, common.json)
             })
         }),
@@ -170,10 +172,10 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             threads,
             json,
             waiting,
-        } => ranks::run(waiting, |others| {
+        } => ranks::run(waiting, |communicator| {
             let started = threads::start(threads).map(|_| ());
-            arlequin_scene::together(others.as_ref(), started)?;
-            Ok(run::resume(&folder, others, json)?)
+            arlequin_scene::together(communicator.as_ref(), started)?;
+            Ok(run::resume(&folder, communicator, json)?)
         }),
         other => {
             if let Err(e) = ranks::refuse_several(other.name()) {
@@ -188,9 +190,10 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
     }
 }
 
-/// Commands of one process.
+/// Runs a command that works in a single process.
 fn run_alone(command: Command) -> Result<ExitCode, Located> {
     match command {
+        // Handled in `run_command` already.
         Command::Run { .. } | Command::Resume { .. } => Ok(ExitCode::SUCCESS),
         Command::Check { common, start, ranks } => with_scene(&common, &None, |scene| {
             let planned = ranks.map(|n| scene.clone().for_ranks(n));
@@ -198,12 +201,12 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             let links = LinkLine::list(scene);
             if !start && !links.is_empty() {
                 scene.check_tables()?;
-                report::result(&links, common.json, |l| report::held(l))?;
+                report::result(&links, common.json, |l| report::not_started(l))?;
                 return Ok(ExitCode::SUCCESS);
             }
             run::watch_links(scene)?;
             report::result(
-                &scene.prepare_with(&mut report::phase_teller())?.preview(),
+                &scene.prepare_with(&mut report::phase_reporter())?.preview(),
                 common.json,
                 report::plan,
             )?;
@@ -213,7 +216,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Calibrate(asked) => calibrate::calibrate(&asked),
+        Command::Calibrate(arguments) => calibrate::calibrate(&arguments),
         Command::Verify(args) => Ok(verify::verify(&args)?),
         Command::Sweep(a) => sweep::sweep(&a),
         Command::SweepDocs(a) => sweep::document(&a),
@@ -221,9 +224,9 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             suggest::suggest(scene, &wish, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
-        Command::New(asked) => Ok(new::new(&asked).map(|()| ExitCode::SUCCESS)?),
-        Command::View(asked) => Ok(view::view(&asked).map(|()| ExitCode::SUCCESS)?),
-        Command::Schema(asked) => Ok(describe::schema(&asked).map(|()| ExitCode::SUCCESS)?),
+        Command::New(arguments) => Ok(new::new(&arguments).map(|()| ExitCode::SUCCESS)?),
+        Command::View(arguments) => Ok(view::view(&arguments).map(|()| ExitCode::SUCCESS)?),
+        Command::Schema(arguments) => Ok(describe::schema(&arguments).map(|()| ExitCode::SUCCESS)?),
         Command::Completions { shell } => {
             describe::completions(shell);
             Ok(ExitCode::SUCCESS)
@@ -232,20 +235,21 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
     }
 }
 
-/// Runs a command on a scene; errors point into its text.
+/// Runs a command on a scene. Errors point to the line of the scene file that caused them.
 fn with_scene(
     common: &Common,
-    others: &ranks::Others,
+    communicator: &ranks::OtherRanks,
     command: impl FnOnce(&Scene) -> Result<ExitCode>,
 ) -> Result<ExitCode, Located> {
-    let source = arlequin_scene::together(others.as_ref(), Source::read(&common.scene))?;
+    // If one rank cannot read the scene, all ranks fail together.
+    let source = arlequin_scene::together(communicator.as_ref(), Source::read(&common.scene))?;
     let run = || {
         let read = || {
             threads::start(common.threads)?;
             Scene::from_source(source.clone())?.assign(&common.set)
         };
-        let scene = arlequin_scene::together(others.as_ref(), read())?;
-        match others {
+        let scene = arlequin_scene::together(communicator.as_ref(), read())?;
+        match communicator {
             Some(c) => command(&scene.on_ranks(c.clone())?),
             None => command(&scene),
         }

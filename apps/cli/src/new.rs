@@ -1,21 +1,22 @@
-//! `arlequin new`: a scene to begin with, commented, which runs as it is.
+//! `arlequin new`: writes a commented scene that runs as it is.
 
 use crate::error::{Result, key, write};
 use crate::report;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 
-/// What the command line says.
+/// Arguments of `arlequin new`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Folder to make, or a scene file (.toml) to write in a folder that is there; nothing is ever replaced.
+    /// Folder to create, or a scene file (.toml) to write into an existing folder; nothing is ever
+    /// replaced.
     place: PathBuf,
-    /// What to begin with.
+    /// Scene to begin with.
     #[arg(long, value_enum, default_value_t)]
     template: Template,
 }
 
-/// Scenes to begin with.
+/// Scenes that `arlequin new` can write.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
 enum Template {
     /// A pulse runs through a fine and a coarse mesh of a beam.
@@ -25,11 +26,11 @@ enum Template {
     Bend,
     /// A ball strikes a block: particles under the impact, finite elements below.
     Impact,
-    /// A plate with a hole from a Gmsh file: stress at the hole.
+    /// A plate with a hole, read from a Gmsh file: stress at the hole.
     Plate,
 }
 
-/// A file's name and text; the scene comes first.
+/// Name and text of a file. The scene is the first file of a template.
 type File = (&'static str, &'static str);
 
 impl Template {
@@ -63,6 +64,7 @@ pub(crate) fn new(a: &Arguments) -> Result<()> {
         };
         files.push((path, text));
     }
+    // Unlike `exists`, this also finds links whose target is missing.
     if let Some((path, _)) = files.iter().find(|f| std::fs::symlink_metadata(&f.0).is_ok()) {
         let rule = "is there already, and is not replaced; name another folder or file";
         return Err(key(path.display().to_string(), rule));

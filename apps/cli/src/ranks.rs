@@ -1,4 +1,4 @@
-//! Several ranks, as `mpirun` and batch systems start them: who speaks, and how all of them end.
+//! Runs on several ranks, started by `mpirun` or a batch system: which rank prints, and how all ranks end.
 
 use crate::error::{Located, Result, value};
 #[cfg(feature = "mpi")]
@@ -9,48 +9,50 @@ use clap::Args;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// How this rank hears of the others; none alone.
-pub(crate) type Others = Option<Arc<dyn Communicator>>;
+/// Communicator to the other ranks; `None` if this process runs alone.
+pub(crate) type OtherRanks = Option<Arc<dyn Communicator>>;
 
-/// Longest wait for another rank \[s\]: writing frames and checkpoints, and the spread of set-ups, must fit.
+/// Default limit on waiting for another rank \[s\]. It must cover the writing of frames and checkpoints and
+/// the different durations of the ranks' set-ups.
 const WAIT: f64 = 600.0;
 
-// No comment for documentation: it would become the help of the program.
+// No doc comment: clap would print it as the help of the program.
 #[derive(Debug, Clone, Copy, Args)]
 pub(crate) struct Waiting {
-    /// Under mpirun: seconds that a rank waits for another before all of them end with an error [default:
-    /// 600]
+    /// Under mpirun: longest time that a rank waits for another before all ranks end with an error
+    /// [default: 600]
     #[arg(long, value_name = "SECONDS")]
     wait: Option<f64>,
 }
 
 impl Waiting {
-    /// The wait in seconds.
+    /// Returns the limit in seconds.
     fn seconds(self) -> Result<f64> {
         match self.wait {
             None => Ok(WAIT),
-            // What no clock counts is no limit.
+            // Larger values overflow the clock.
             Some(s) if s > 0.0 && s <= 1e9 => Ok(s),
             Some(s) => Err(value("--wait", s, "must be above 0 and at most 1e9 s")),
         }
     }
 }
 
-/// Processes of this job on this machine, which share its cores.
+/// Returns the number of processes of this job on this machine, which share its cores.
 pub(crate) fn on_this_machine() -> usize {
+    // Set for each process by Open MPI, and by MPICH and Intel MPI.
     let names = ["OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS"];
-    let told = names
+    let count = names
         .iter()
         .find_map(|n| std::env::var(n).ok()?.trim().parse().ok());
-    told.unwrap_or(1).max(1)
+    count.unwrap_or(1).max(1)
 }
 
-/// Whether this process is the one to speak.
+/// Returns whether this process prints: rank 0, or a process that runs alone.
 pub(crate) fn leads() -> bool {
     Launched::from_environment().is_none_or(|l| l.rank == 0)
 }
 
-/// Refuses a command that makes no sense on several ranks: it would be done by each of them.
+/// Refuses a command that would do the same work on every rank.
 pub(crate) fn refuse_several(command: &str) -> Result<()> {
     match Launched::from_environment() {
         Some(l) if l.ranks > 1 => Err(value(
@@ -62,11 +64,11 @@ pub(crate) fn refuse_several(command: &str) -> Result<()> {
     }
 }
 
-/// Does `work`, as one rank of several where a launcher started them.
+/// Runs `work`, as one of several ranks if a launcher started them.
 #[cfg(feature = "mpi")]
 pub(crate) fn run(
     waiting: Waiting,
-    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+    work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     use arlequin_mpi::processes::{self, Ending};
     let wait = waiting.seconds()?;
@@ -81,7 +83,7 @@ pub(crate) fn run(
     };
     let done = processes::run(ending, |communicator| match work(Some(communicator)) {
         Ok(code) => Ok(code),
-        // All ranks are here, with this error or the knowledge of it.
+        // Every rank has received this error, so the communication ends in order.
         Err(e) if e.is_everywhere() => Ok(e.report_once()),
         Err(e) => Err(e.plain()),
     });
@@ -91,11 +93,11 @@ pub(crate) fn run(
     })
 }
 
-/// Does `work` alone: refuses to be one of several, who would all write the same files.
+/// Runs `work` in a single process. Refuses several ranks, which would all write the same files.
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn run(
     waiting: Waiting,
-    work: impl FnOnce(Others) -> Result<ExitCode, Located>,
+    work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     waiting.seconds()?;
     if let Some(Launched { rank, ranks }) = Launched::from_environment().filter(|l| l.ranks > 1) {

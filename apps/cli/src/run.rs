@@ -1,7 +1,7 @@
 //! `arlequin run` and `arlequin resume`.
 
 use crate::error::{Error, Result};
-use crate::ranks::{self, Others};
+use crate::ranks::{self, OtherRanks};
 use crate::report::{self, Progress};
 use arlequin::core::{Coupled, interrupt};
 use arlequin_scene::output::curves::CurveLine;
@@ -16,47 +16,47 @@ use std::sync::{Arc, OnceLock};
 /// Exit code of a run that the user ended (128 + SIGINT).
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// Raised by Ctrl-C and SIGTERM, once they are watched for.
+/// Set by Ctrl-C and SIGTERM, once [`watch_interrupt`] has installed the handler.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
-/// Whether steps are made: these end in order, whatever comes.
+/// True once time stepping has begun: a second signal then no longer ends the process at once.
 static STEPS: AtomicBool = AtomicBool::new(false);
 
 /// Runs a scene and writes its results.
 pub(crate) fn run(scene: &Scene, out: Option<&Path>, force: bool, as_json: bool) -> Result<ExitCode> {
-    // What is wrong with the scene is said as `check` says it, before its folder is looked at.
+    // Reports errors of the scene before errors of its folder, in the same words as `arlequin check`.
     scene.check_tables()?;
     let folder = RunFolder::new(scene, out, force)?;
     watch_links(scene)?;
-    let prepared = scene.prepare_with(&mut report::phase_teller())?;
+    let prepared = scene.prepare_with(&mut report::phase_reporter())?;
     report::holdings(&prepared.built().holdings, as_json);
     finished(&prepared.run_into(folder, &mut Terminal::new(as_json)?)?, as_json)
 }
 
-/// Goes on with the run of a folder from its last checkpoint.
-pub(crate) fn resume(target: &Path, others: Others, as_json: bool) -> Result<ExitCode> {
+/// Continues the run of a folder from its last checkpoint.
+pub(crate) fn resume(target: &Path, communicator: OtherRanks, as_json: bool) -> Result<ExitCode> {
     watch_interrupt()?;
-    let resumed = arlequin_scene::resume_on(target, others)?;
+    let resumed = arlequin_scene::resume_on(target, communicator)?;
     finished(&resumed.run(&mut Terminal::new(as_json)?)?, as_json)
 }
 
-/// Reports what a run left.
-fn finished(done: &Results, as_json: bool) -> Result<ExitCode> {
-    let summary = done.summary();
-    // Other ranks have the same summary.
+/// Reports the results of a run and returns the exit code.
+fn finished(results: &Results, as_json: bool) -> Result<ExitCode> {
+    let summary = results.summary();
+    // Every rank has the same summary, so only rank 0 prints it.
     let leads = ranks::leads();
     if as_json && leads {
         report::line(&json("writing summary.json", summary)?);
-    } else if let Some(folder) = done.folder.as_ref().filter(|_| leads && !as_json) {
-        report::finished(summary, folder, done.planned);
+    } else if let Some(folder) = results.folder.as_ref().filter(|_| leads && !as_json) {
+        report::finished(summary, folder, results.planned);
     }
-    Ok(if done.end == End::Interrupted {
+    Ok(if results.end == End::Interrupted {
         ExitCode::from(INTERRUPTED)
     } else {
         ExitCode::SUCCESS
     })
 }
 
-/// A user at a terminal, who sees warnings and a bar and may press Ctrl-C.
+/// Observer for a user at a terminal: prints warnings, shows a progress bar, stops on Ctrl-C.
 struct Terminal {
     json: bool,
     bar: Progress,
@@ -64,8 +64,8 @@ struct Terminal {
 }
 
 impl Terminal {
-    /// Watches for Ctrl-C only from now on, unless there are links: without them a set-up leaves nothing
-    /// behind.
+    /// Begins to watch for Ctrl-C. Before this call Ctrl-C ends the process at once, which is safe because
+    /// a set-up without links to other programs leaves nothing behind.
     fn new(json: bool) -> Result<Self> {
         let stop = watch_interrupt()?;
         STEPS.store(true, Ordering::Relaxed);
@@ -101,8 +101,9 @@ impl Observer for Terminal {
     }
 }
 
-/// A flag that Ctrl-C and SIGTERM raise; waits for other programs and packings end with it. A second signal
-/// during the set-up ends the process.
+/// Returns the flag that Ctrl-C and SIGTERM set, and installs the signal handler on the first call. The
+/// flag also ends waits for other programs and packings. A second signal during the set-up ends the
+/// process.
 pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     if let Some(stop) = STOP.get() {
         return Ok(stop.clone());
@@ -110,6 +111,7 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     let stop = STOP.get_or_init(Arc::default).clone();
     let flag = stop.clone();
     let raise = move || {
+        // During the steps the loop ends by itself and writes its results; a set-up may take minutes.
         if flag.swap(true, Ordering::Relaxed) && !STEPS.load(Ordering::Relaxed) {
             std::process::exit(INTERRUPTED.into());
         }
@@ -122,7 +124,7 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// Watches for Ctrl-C where the set-up of a scene starts programs, which are to end with it.
+/// Watches for Ctrl-C if the set-up of the scene starts programs, so that these programs end with it.
 pub(crate) fn watch_links(scene: &Scene) -> Result<()> {
     if !LinkLine::list(scene).is_empty() {
         watch_interrupt()?;
@@ -130,7 +132,7 @@ pub(crate) fn watch_links(scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether Ctrl-C or SIGTERM came.
+/// Returns whether Ctrl-C or SIGTERM arrived.
 pub(crate) fn is_interrupted() -> bool {
     STOP.get().is_some_and(|stop| stop.load(Ordering::Relaxed))
 }

@@ -1,4 +1,4 @@
-//! `arlequin suggest`: its options.
+//! `arlequin suggest`: options.
 
 use crate::error::{Result, key, value};
 use crate::report;
@@ -6,7 +6,7 @@ use arlequin_scene::Scene;
 use arlequin_scene::suggest::{Goal, suggest as propose};
 use std::path::PathBuf;
 
-/// What is wished for.
+/// Goal of a proposal.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Wish {
     /// Largest relative error against the fine model everywhere, such as 2%
@@ -15,7 +15,7 @@ pub(crate) struct Wish {
     /// Longest time of set-up and steps, such as 30s or 5min
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
-    /// Highest frequency of interest [Hz], if loads do not tell
+    /// Highest frequency of interest [Hz], if the loads do not determine it
     #[arg(long, value_name = "HZ")]
     frequency: Option<f64>,
     /// Write the scene with the proposed values
@@ -23,16 +23,16 @@ pub(crate) struct Wish {
     apply: Option<PathBuf>,
 }
 
-/// Proposes settings, and writes them where that is wished.
+/// Proposes settings, and writes a scene with them if `--apply` is given.
 pub(crate) fn suggest(scene: &Scene, wish: &Wish, json: bool) -> Result<()> {
-    let found = propose(scene, goal(wish)?, wish.frequency)?;
+    let proposal = propose(scene, goal(wish)?, wish.frequency)?;
     if let Some(out) = &wish.apply {
-        found.write(scene, out)?;
+        proposal.write(scene, out)?;
     }
-    report::result(&found, json, |p| report::proposal(p, wish.apply.as_deref()))
+    report::result(&proposal, json, |p| report::proposal(p, wish.apply.as_deref()))
 }
 
-/// A positive number with one of several units.
+/// Parses a positive number with one of several units.
 fn number(name: &str, text: &str, units: &[(&str, f64)], rule: &str) -> Result<f64> {
     let text = text.trim();
     let (digits, factor) = units

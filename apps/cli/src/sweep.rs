@@ -1,5 +1,5 @@
-//! `arlequin sweep`: its runs one after another, each in a process of its own: no two share the cores, each
-//! has its own peak of memory, and what one does wrong ends with it.
+//! `arlequin sweep`: makes the runs of a sweep one after another, each in its own process. So runs do not
+//! compete for cores, each has its own peak of memory, and a crash ends only one run.
 
 use crate::error::{Error, Located, Result, key, write};
 use crate::report::{self, Progress};
@@ -13,15 +13,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What the command line says.
+/// Arguments of `arlequin sweep`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Sweep file.
     sweep: PathBuf,
-    /// Output folder; finished runs in it are taken again [default: results/ and the name of the sweep]
+    /// Output folder; its finished runs are used again [default: results/ and the name of the sweep]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Make all runs again.
+    /// Repeat all runs.
     #[arg(long)]
     fresh: bool,
     /// Print sweep.json.
@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-/// What the command line says.
+/// Arguments of `arlequin sweep-docs`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DocumentArguments {
     /// Page to write; pictures go to images/ beside it
@@ -40,13 +40,14 @@ pub(crate) struct DocumentArguments {
     pairs: Vec<PathBuf>,
 }
 
-/// How long an interrupted run may take to end by itself.
+/// Time that an interrupted run has to end by itself before it is killed.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// How far apart one Ctrl-C may reach two processes.
+/// Longest delay between the arrivals of one Ctrl-C in two processes.
 const SAME_SIGNAL: Duration = Duration::from_secs(1);
 
-/// Whether a run ended as Ctrl-C or SIGTERM ends it: with code 130, or at once if it was still being set up.
+/// Returns whether a run ended because of Ctrl-C or SIGTERM: with exit code 130, or by the signal itself if
+/// the run was still being set up.
 fn ended_by_signal(status: ExitStatus) -> bool {
     #[cfg(unix)]
     let signal = std::os::unix::process::ExitStatusExt::signal(&status);
@@ -55,7 +56,7 @@ fn ended_by_signal(status: ExitStatus) -> bool {
     status.code() == Some(130) || matches!(signal, Some(2 | 15))
 }
 
-/// Makes a sweep.
+/// Runs `arlequin sweep`.
 pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode, Located> {
     threads::start(None)?;
     let source = Source::read(&arguments.sweep)?;
@@ -68,29 +69,29 @@ pub(crate) fn sweep(arguments: &Arguments) -> Result<ExitCode, Located> {
         mark::claim("--out", &out)?;
         let file = prepared.file().clone();
         let processes = Processes::new(file.threads, run::watch_interrupt()?)?;
-        let tell = |label: &str, k: usize, of: usize| {
-            progress.show("runs", k, of);
-            progress.at(label);
+        let report_progress = |label: &str, k: usize, count: usize| {
+            progress.show("runs", k, count);
+            progress.set_label(label);
         };
-        let made = prepared.make(&out, arguments.fresh, &processes, &tell)?;
-        Ok((file, made))
+        let result = prepared.make(&out, arguments.fresh, &processes, &report_progress)?;
+        Ok((file, result))
     };
-    let (file, made) = make().map_err(Located::within(&source))?;
+    let (file, result) = make().map_err(Located::within(&source))?;
     drop(progress);
-    let json = report::sweep::write_all(&out, &file, &made)?;
+    let json = report::sweep::write_all(&out, &file, &result)?;
     if arguments.json {
         report::line(&json);
     } else {
-        report::sweep::finished(&made, &out);
+        report::sweep::finished(&result, &out);
     }
-    Ok(match made.status {
+    Ok(match result.status {
         "interrupted" => ExitCode::from(run::INTERRUPTED),
         "failed" => ExitCode::FAILURE,
         _ => ExitCode::SUCCESS,
     })
 }
 
-/// Writes the page on finished sweeps.
+/// Runs `arlequin sweep-docs`: writes the page about finished sweeps.
 pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
     if !a.pairs.len().is_multiple_of(2) {
         let rule = "every sweep file must be followed by its output folder";
@@ -111,6 +112,7 @@ pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
                 return Err(key(out.to_string(), rule));
             }
             let file = prepared.file().clone();
+            // All runs are finished, so no process is started here.
             let nothing = Processes::new(file.threads, Arc::default())?;
             Ok((file, prepared.make(&pair[1], false, &nothing, &|_, _, _| ())?))
         };
@@ -123,7 +125,7 @@ pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Makes runs by this program itself.
+/// Makes each run of a sweep in a new process of this program.
 #[derive(Debug)]
 struct Processes {
     program: PathBuf,
@@ -144,23 +146,26 @@ impl Processes {
         })
     }
 
-    /// Waits for a run; Ctrl-C reaches it too, and it then has some seconds to end by itself.
+    /// Waits for a run to end. Ctrl-C reaches the run too; it then has [`PATIENCE`] to end by itself,
+    /// otherwise it is killed and `None` is returned.
     fn wait(&self, child: &mut Child, folder: &Path) -> Result<Option<ExitStatus>> {
         let system = |e: std::io::Error| Error::System {
             what: "waiting for a run",
             message: e.to_string(),
         };
-        let mut asked: Option<Instant> = None;
+        let mut interrupted_at: Option<Instant> = None;
         loop {
+            // The standard library has no wait with a time limit, so the state is polled.
             if let Some(status) = child.try_wait().map_err(system)? {
                 return Ok(Some(status));
             }
             if self.stop.load(Ordering::Relaxed) {
-                let since = *asked.get_or_insert_with(Instant::now);
+                let since = *interrupted_at.get_or_insert_with(Instant::now);
                 if since.elapsed() > PATIENCE {
                     child.kill().map_err(system)?;
                     child.wait().map_err(system)?;
-                    // What cannot be removed keeps its name, and the next run of this member begins there.
+                    // If removal fails, the folder keeps its name and the next run of this member starts
+                    // again in it.
                     let _ = mark::remove(&beside(folder, "unfinished"));
                     return Ok(None);
                 }
@@ -185,6 +190,7 @@ impl Runner for Processes {
         if let Some(n) = self.threads {
             command.args(["--threads", &n.to_string()]);
         }
+        // Results go to files, messages to the log.
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
         let mut child = command.spawn().map_err(|e| Error::System {
             what: "starting a run",
@@ -192,7 +198,7 @@ impl Runner for Processes {
         })?;
         let status = self.wait(&mut child, target)?;
         if status.is_some_and(ended_by_signal) {
-            // Ctrl-C reached the run first; the flag of this process follows in a moment.
+            // The run received Ctrl-C first; the flag of this process follows within [`SAME_SIGNAL`].
             let since = Instant::now();
             while !self.stop.load(Ordering::Relaxed) && since.elapsed() < SAME_SIGNAL {
                 std::thread::sleep(Duration::from_millis(5));
@@ -202,7 +208,7 @@ impl Runner for Processes {
             return Ok(Outcome::Interrupted);
         }
         if status.is_some_and(|s| s.success()) {
-            // Nothing was said: an empty log would only stand in the way.
+            // The run wrote no messages, so its empty log is removed.
             if std::fs::metadata(&words).is_ok_and(|d| d.len() == 0) {
                 let _ = std::fs::remove_file(&words);
             }
@@ -222,7 +228,7 @@ impl Runner for Processes {
     }
 }
 
-/// The path with a further ending.
+/// Returns the path with `.` and a further ending.
 fn beside(folder: &Path, ending: &str) -> PathBuf {
     let mut name = folder.as_os_str().to_owned();
     name.push(".");

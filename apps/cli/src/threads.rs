@@ -1,11 +1,11 @@
-//! How many threads work: as many as asked for, within what the machine can run.
+//! Number of worker threads: as many as requested, at most as many as the machine can run.
 
 use crate::error::{Error, Result, value};
 use crate::report;
 use arlequin_scene::threads;
 
-/// Number of threads for a wish, of the command line or else of `RAYON_NUM_THREADS`; one per core without a
-/// wish. Says so where the machine bounds it.
+/// Returns the number of threads: as requested on the command line, otherwise by `RAYON_NUM_THREADS`,
+/// otherwise one per core. Warns if the machine's limit reduces it.
 pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     if wanted == Some(0) {
         return Err(value("--threads", 0, "must be at least 1"));
@@ -13,7 +13,7 @@ pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     let (name, n) = match (wanted, threads::asked()) {
         (Some(n), _) => ("--threads", n),
         (None, Some(n)) => ("RAYON_NUM_THREADS", n),
-        // Ranks share the cores of their machine.
+        // The ranks on one machine share its cores.
         (None, None) => return Ok((threads::cores() / crate::ranks::on_this_machine()).max(1)),
     };
     if n > threads::most() {
@@ -22,7 +22,7 @@ pub(crate) fn bounded(wanted: Option<usize>) -> Result<usize> {
     Ok(n.min(threads::most()))
 }
 
-/// Starts the threads of this process; how many there are.
+/// Starts the threads of this process and returns their number.
 pub(crate) fn start(wanted: Option<usize>) -> Result<usize> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(bounded(wanted)?)

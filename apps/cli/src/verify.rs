@@ -1,4 +1,4 @@
-//! `arlequin verify`: its options.
+//! `arlequin verify`: options and choice of cases.
 
 use crate::error::{Result, unknown, write};
 use crate::report::{self, Progress};
@@ -14,16 +14,16 @@ use std::process::ExitCode;
 pub(crate) struct Args {
     /// Cases to run [default: all]
     cases: Vec<String>,
-    /// Run the hard cases instead: what naive code does with them, and whether our promises hold.
+    /// Run the hard cases instead: results of naive code, and whether our promises hold.
     #[arg(long, conflicts_with_all = ["out", "docs", "resume"])]
     hard: bool,
     /// Print the rows as JSON.
     #[arg(long)]
     json: bool,
-    /// List the cases and stop.
+    /// List the cases and exit.
     #[arg(long)]
     list: bool,
-    /// Cheap cases and cheap variants only, under a minute.
+    /// Only cheap cases and cheap variants, in less than a minute.
     #[arg(long)]
     quick: bool,
     /// Write the plots and verify.json to this folder.
@@ -32,10 +32,10 @@ pub(crate) struct Args {
     /// Write validation.md and its plots to this documentation folder.
     #[arg(long, value_name = "DIR")]
     docs: Option<PathBuf>,
-    /// Keep the runs of the beams in this folder, and take from it those that are there already.
+    /// Store the runs of the beams in this folder, and use those that are already stored there.
     #[arg(long, value_name = "DIR")]
     resume: Option<PathBuf>,
-    /// Cases at a time, each on one thread [default: one per core]
+    /// Number of cases run at the same time, each on one thread [default: one per core]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
 }
@@ -70,9 +70,10 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
         threads,
         kept: args.resume.as_deref(),
     };
-    let reports = checks::run(&chosen, &options, &progress.teller())?;
+    let reports = checks::run(&chosen, &options, &progress.reporter())?;
     drop(progress);
     let mut rows: Vec<Check> = reports.iter().flat_map(|r| r.checks.clone()).collect();
+    // Unlisted checks are shown only if they fail.
     rows.retain(|c| c.listed || !c.pass);
     report::result(&rows, args.json, |rows| {
         report::text(&report::verify::table(rows));
@@ -97,7 +98,7 @@ fn code(passed: bool) -> ExitCode {
     }
 }
 
-/// Runs the hard cases: those named, all, or with `--quick` the fast ones.
+/// Runs the hard cases: the named ones, otherwise all, with `--quick` only the fast ones.
 fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
     let chosen = chosen_hard(args)?;
     if args.list {
@@ -106,35 +107,35 @@ fn hard(args: &Args, threads: usize, progress: &Progress) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let measured = checks::in_parallel(&chosen, threads, "hard cases", &progress.teller(), |case| {
+    let measured = checks::in_parallel(&chosen, threads, "hard cases", &progress.reporter(), |case| {
         Ok((case.run)().map_err(|e| e.to_string()))
     })?;
     progress.clear();
-    let kept = measured
+    let passed = measured
         .iter()
         .filter(|m| m.as_ref().is_ok_and(Outcome::pass))
         .count();
-    let all = || chosen.iter().zip(&measured);
+    let pairs = || chosen.iter().zip(&measured);
     if args.json {
-        let all: Vec<_> = all().map(|(c, m)| report::hard::json(c, m)).collect();
-        report::line(&report::pretty(&all)?);
+        let pairs: Vec<_> = pairs().map(|(c, m)| report::hard::json(c, m)).collect();
+        report::line(&report::pretty(&pairs)?);
     } else {
-        all().for_each(|(c, m)| report::text(&report::hard::text(c, m)));
-        report::line(&format!("{kept} of {} promises kept", chosen.len()));
+        pairs().for_each(|(c, m)| report::text(&report::hard::text(c, m)));
+        report::line(&format!("{passed} of {} promises kept", chosen.len()));
     }
-    Ok(code(kept == chosen.len()))
+    Ok(code(passed == chosen.len()))
 }
 
-/// The hard cases that are meant.
+/// Returns the hard cases that the arguments select.
 fn chosen_hard(args: &Args) -> Result<Vec<HardCase>> {
-    let all = cases();
+    let hard_cases = cases();
     for name in &args.cases {
-        if all.iter().all(|c| c.name != name) {
-            let known: Vec<String> = all.iter().map(|c| c.name.to_owned()).collect();
+        if hard_cases.iter().all(|c| c.name != name) {
+            let known: Vec<String> = hard_cases.iter().map(|c| c.name.to_owned()).collect();
             return Err(unknown("verify --hard", name, "hard case", known.iter()));
         }
     }
     let wanted = |c: &HardCase| args.cases.is_empty() || args.cases.iter().any(|n| n == c.name);
     let cheap = |c: &HardCase| c.fast || !args.quick;
-    Ok(all.into_iter().filter(|c| wanted(c) && cheap(c)).collect())
+    Ok(hard_cases.into_iter().filter(|c| wanted(c) && cheap(c)).collect())
 }

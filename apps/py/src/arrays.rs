@@ -1,59 +1,64 @@
-//! numpy arrays in and out.
+//! Conversion between numpy arrays and Rust vectors.
 
 use crate::error::Fault;
 use arlequin::core::nalgebra::Point3;
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLikeDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-/// Anything that numpy makes numbers of.
+/// Any object that numpy converts to numbers.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
 
-/// A vector as an array.
+/// Returns a vector as an array.
 pub(crate) fn array(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
     PyArray1::from_vec(py, values)
 }
 
-/// Rows of so many columns.
+/// Returns an array with rows of `columns` numbers.
 pub(crate) fn rows(py: Python<'_>, values: Vec<f64>, columns: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let count = values.len() / columns.max(1);
     PyArray1::from_vec(py, values).reshape([count, columns])
 }
 
-/// All numbers in the order of their indices.
+/// Returns all numbers of an array, in the order of their indices.
 pub(crate) fn flat(from: &Numbers<'_>) -> Vec<f64> {
     from.as_array().iter().copied().collect()
 }
 
-/// Points \[m\] of an array with three columns, or of coordinates along x.
+/// Reads points \[m\] from an array with three columns, or from coordinates along x.
 pub(crate) fn points(what: &str, from: &Numbers<'_>) -> Result<Vec<Point3<f64>>, Fault> {
-    let (all, shape) = (flat(from), from.as_array().shape().to_vec());
+    let (numbers, shape) = (flat(from), from.as_array().shape().to_vec());
     match shape.as_slice() {
-        [_] => Ok(all.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
-        [_, 3] => Ok(all.as_chunks::<3>().0.iter().map(|p| Point3::from(*p)).collect()),
-        _ => Err(Fault::of(
+        [_] => Ok(numbers.into_iter().map(|x| Point3::new(x, 0.0, 0.0)).collect()),
+        [_, 3] => Ok(numbers
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|p| Point3::from(*p))
+            .collect()),
+        _ => Err(Fault::new(
             "SizeMismatch",
             format!("{what} have the shape {shape:?}; give (n, 3), or (n,) for points along x [m]"),
         )),
     }
 }
 
-/// One point \[m\].
+/// Reads one point \[m\].
 pub(crate) fn point(what: &str, from: &Numbers<'_>) -> Result<Point3<f64>, Fault> {
-    let all = flat(from);
-    match *all.as_slice() {
+    let numbers = flat(from);
+    match *numbers.as_slice() {
         [x] => Ok(Point3::new(x, 0.0, 0.0)),
         [x, y, z] => Ok(Point3::new(x, y, z)),
-        _ => Err(Fault::of(
+        _ => Err(Fault::new(
             "SizeMismatch",
             format!(
                 "{what} has {} numbers; give x, y and z, or x alone [m]",
-                all.len()
+                numbers.len()
             ),
         )),
     }
 }
 
-/// Coordinates of points as rows.
+/// Returns an array with one row of coordinates per point.
 pub(crate) fn coordinates<'py>(
     py: Python<'py>,
     points: &[Point3<f64>],

@@ -1,4 +1,5 @@
-//! What crosses from Python to Rust: without the interpreter's lock, and back without a panic.
+//! Border between Python and Rust: releases the interpreter's lock during computations and turns panics
+//! into exceptions.
 
 use crate::error::Fault;
 use crate::threads::with_threads;
@@ -10,45 +11,49 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two looks for Ctrl-C: no one waits that long, and no step is slowed down by it.
+/// Time between two checks for Ctrl-C: short for a user, long enough to slow no step down.
 const LOOK: Duration = Duration::from_millis(50);
 
 thread_local! {
-    /// What Ctrl-C raised while Rust computed; [`outside`] hands it to the interpreter.
+    /// Exception that Ctrl-C raised during a computation; [`outside`] raises it in the interpreter.
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
-    /// When this thread looked for Ctrl-C last.
+    /// Time of this thread's last check for Ctrl-C.
     static LOOKED: Cell<Option<Instant>> = const { Cell::new(None) };
 }
 
-/// Computes without the interpreter's lock; errors, panics and Ctrl-C become exceptions.
+/// Runs `work` without the interpreter's lock. Errors, panics and Ctrl-C become exceptions.
 pub(crate) fn outside<V: Send>(
     py: Python<'_>,
     work: impl FnOnce() -> Result<V, Fault> + Send,
 ) -> PyResult<V> {
-    let made = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
+    let result = py.detach(|| catch_unwind(AssertUnwindSafe(|| with_threads(work).flatten())));
+    // Ctrl-C comes first: an error of the computation is only its consequence.
     if let Some(raised) = raised() {
         return Err(raised);
     }
-    made.unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
+    result
+        .unwrap_or_else(|payload| Err(Fault::panic(&*payload)))
         .map_err(PyErr::from)
 }
 
-/// Takes what Ctrl-C raised while this thread computed.
+/// Takes the exception that Ctrl-C raised while this thread computed.
 pub(crate) fn raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// Whether Ctrl-C was pressed, or another signal raised an exception: for long loops and waits of the
-/// crates. The interpreter handles signals on its main thread alone; elsewhere the answer is no.
+/// Returns whether Ctrl-C was pressed, or another signal raised an exception. Long loops and waits of the
+/// crates call this. The interpreter handles signals only on its main thread; on other threads the answer
+/// is false.
 pub(crate) fn is_interrupted() -> bool {
     if RAISED.with_borrow(Option::is_some) {
         return true;
     }
-    if LOOKED.get().is_some_and(|at| at.elapsed() < LOOK) {
+    // Each check takes the interpreter's lock, so checks are rare.
+    if LOOKED.get().is_some_and(|last| last.elapsed() < LOOK) {
         return false;
     }
     LOOKED.set(Some(Instant::now()));
-    // Handlers of signals run here, and may call this package: nothing is borrowed meanwhile.
+    // Signal handlers run here and may call this package, so nothing may be borrowed.
     let raised = Python::attach(|py| py.check_signals()).err();
     let stops = raised.is_some();
     if stops {
@@ -57,17 +62,18 @@ pub(crate) fn is_interrupted() -> bool {
     stops
 }
 
-/// Looks into the interpreter now and then.
+/// Checks for signals at intervals of [`LOOK`].
 #[derive(Debug)]
 pub(crate) struct Pulse(Instant);
 
 impl Pulse {
-    /// From now on.
+    /// Starts the first interval.
     pub(crate) fn new() -> Self {
         Self(Instant::now())
     }
 
-    /// Whether it is time; Ctrl-C and the like are the error, of `then` as well.
+    /// Checks for signals and calls `then` if the interval has passed. Exceptions of a signal or of `then`
+    /// are the error.
     pub(crate) fn beat(&mut self, then: impl FnOnce(Python<'_>) -> PyResult<()>) -> PyResult<()> {
         if let Some(raised) = raised() {
             return Err(raised);
@@ -83,58 +89,60 @@ impl Pulse {
     }
 }
 
-/// A reference to an object of Python: that of a model in the core, which the subdomain or run around it
-/// shows to the interpreter's garbage collector. One reference for both: the collector counts.
+/// A reference to a Python object. The model in the core shares it with the subdomain or run that shows it
+/// to the garbage collector: a second reference, not shown, would keep the object alive for ever.
 pub(crate) type Shared = Arc<Py<PyAny>>;
 
-/// What a subdomain or a run has in Python: objects that it asks, and where their exceptions wait.
+/// Python objects that a subdomain or a run calls, and the slots where their exceptions wait.
 #[derive(Debug, Default)]
-pub(crate) struct Heard {
+pub(crate) struct Callbacks {
     objects: Vec<Shared>,
     pending: Vec<Pending>,
 }
 
-impl Heard {
-    pub(crate) fn of(object: Option<Shared>, pending: Pending) -> Self {
+impl Callbacks {
+    pub(crate) fn new(object: Option<Shared>, pending: Pending) -> Self {
         Self {
             objects: object.into_iter().collect(),
             pending: vec![pending],
         }
     }
 
-    /// Exceptions of a function wait there as well.
-    pub(crate) fn hear(&mut self, pending: Option<&Pending>) {
+    /// Adds the slot where the exceptions of a function wait.
+    pub(crate) fn add_pending(&mut self, pending: Option<&Pending>) {
         self.pending.extend(pending.cloned());
     }
 
-    /// Takes over what another has.
+    /// Takes over all objects and slots of another subdomain or run.
     pub(crate) fn take(&mut self, other: Self) {
         self.objects.extend(other.objects);
         self.pending.extend(other.pending);
     }
 
-    /// The exception that waits.
+    /// Takes the first exception that waits.
     pub(crate) fn raised(&self) -> Option<PyErr> {
         self.pending.iter().find_map(Pending::take)
     }
 
+    /// Returns whether an exception waits.
     pub(crate) fn waits(&self) -> bool {
         self.pending.iter().any(Pending::waits)
     }
 
-    /// Shows the objects to the garbage collector. There is nothing to clear: whatever refers back to a run
-    /// is an object of Python that the collector can empty.
+    /// Shows the objects to the garbage collector. There is nothing to clear: every cycle passes through a
+    /// Python object that the collector can clear.
     pub(crate) fn show(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
         self.objects.iter().try_for_each(|o| visit.call(&**o))
     }
 }
 
-/// An exception raised where the core takes none: the run looks here once it has stopped.
+/// Slot for an exception where the core accepts none. The run checks the slot after it has stopped.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pending(Arc<Mutex<Option<PyErr>>>);
 
 impl Pending {
     pub(crate) fn keep(&self, e: PyErr) {
+        // The first exception is the cause of later ones, so it stays.
         let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         slot.get_or_insert(e);
     }
@@ -148,23 +156,23 @@ impl Pending {
     }
 }
 
-/// An object of Python that keeps weights or a state, for as long as one run has it: a second run would
-/// change them behind the back of the first.
+/// Marks a Python object that holds weights or a state as used by one run. A second run would change both
+/// without the first one noticing.
 pub(crate) struct Claim(usize);
 
 static CLAIMED: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());
 
 impl Claim {
-    pub(crate) fn of(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
-        let at = object.as_ptr() as usize;
-        let mut all = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.insert(at) {
-            return Ok(Self(at));
+    pub(crate) fn new(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
+        let address = object.as_ptr() as usize;
+        let mut claimed = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
+        if claimed.insert(address) {
+            return Ok(Self(address));
         }
         let text = format!(
             "'{name}' is part of a subdomain or run that is still there; make another one, or delete that first"
         );
-        Err(Fault::of("Unsupported", text))
+        Err(Fault::new("Unsupported", text))
     }
 }
 
@@ -177,7 +185,7 @@ impl Drop for Claim {
     }
 }
 
-/// For tests of the border: the mistake that must not be.
+/// Panics on purpose; tests check that the panic becomes an exception.
 #[pyfunction]
 pub(crate) fn _mistake(py: Python<'_>, text: String) -> PyResult<()> {
     outside(py, || std::panic::panic_any(text))

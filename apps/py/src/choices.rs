@@ -22,17 +22,17 @@ impl Elastic {
     fn new(young: f64, poisson: f64, density: f64) -> Result<Self, Fault> {
         Ok(Self(arlequin::core::Elastic::new(young, poisson, density)?))
     }
-    /// [Pa].
+    /// Young's modulus [Pa].
     #[getter]
     fn young(&self) -> f64 {
         self.0.young()
     }
-    /// [-].
+    /// Poisson's ratio [-].
     #[getter]
     fn poisson(&self) -> f64 {
         self.0.poisson()
     }
-    /// [kg/m3].
+    /// Density [kg/m3].
     #[getter]
     fn density(&self) -> f64 {
         self.0.density()
@@ -58,8 +58,8 @@ impl Elastic {
     }
 }
 
-/// A flat overlap: a layer between the fine model's border through `fine` and the coarse model's through
-/// `coarse` [m].
+/// A flat overlap: the layer between the fine model's border through `fine` and the coarse model's border
+/// through `coarse` [m].
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Slab(Arc<dyn Overlap<f64>>);
@@ -73,7 +73,7 @@ impl Slab {
     }
 }
 
-/// A ball or a box; made by `ball` and `block`.
+/// A ball or a box, created by `ball` and `block`.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Region(Primitive<f64>);
@@ -95,7 +95,7 @@ impl Region {
     }
 }
 
-/// An overlap around a region: the fine model alone fills `core`, and ends where `domain` does.
+/// An overlap around a region: inside `core` there is only the fine model, which fills `domain`.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Shell(Arc<dyn Overlap<f64>>);
@@ -119,10 +119,11 @@ fn overlap_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Overlap<f64>>> {
         return Ok(shell.get().0.clone());
     }
     let rule = format!("{from} is no overlap: give an arlequin.Slab or an arlequin.Shell");
-    Err(Fault::of("InvalidParameter", rule).into())
+    Err(Fault::new("InvalidParameter", rule).into())
 }
 
-/// The weight of the coarse model across an overlap: 1 where only it is, 0 where only the fine one is.
+/// The weight of the coarse model across an overlap: 1 where only the coarse model is, 0 where only the
+/// fine model is.
 ///
 /// `profile` is "cubic", "linear", "quintic", "constant" (with `value`) or "mediator-compatible" (with the
 /// positions of the mediator's nodes across the overlap, from 0 to 1, as `stations`); inside the overlap
@@ -144,66 +145,66 @@ impl Ramp {
     ) -> PyResult<Self> {
         let kind: ProfileKind = profile.parse().map_err(Fault::from)?;
         let profile = kind.profile(value, &stations).map_err(Fault::from)?;
-        let made = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
-        Ok(Self(Arc::new(made.map_err(Fault::from)?)))
+        let ramp = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
+        Ok(Self(Arc::new(ramp.map_err(Fault::from)?)))
     }
 
-    /// Its value at points [m].
+    /// Returns the weight at points [m].
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         use arlequin::core::Weight;
-        let all = points("points", &x)?;
-        Ok(array(py, all.iter().map(|x| self.0.value(x)).collect()))
+        let positions = points("points", &x)?;
+        Ok(array(py, positions.iter().map(|x| self.0.value(x)).collect()))
     }
 }
 
-/// Shares of one model in internal energy, kinetic energy and external work.
+/// Shares of a model in internal energy, kinetic energy and external work.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Weights(pub(crate) arlequin::core::Weights<f64>);
 
 #[pymethods]
 impl Weights {
-    /// The same share of all three.
+    /// Weights with one ramp for all three energies.
     #[staticmethod]
     fn same(ramp: &Ramp) -> Self {
         Self(arlequin::core::Weights::from_weight(ramp.0.clone()))
     }
 
-    /// All of everything: a model that is not coupled.
+    /// Weights of one, for a model that is not coupled.
     #[staticmethod]
     fn uncoupled() -> Self {
         Self(arlequin::core::Weights::uncoupled())
     }
 
-    /// What coarse models leave to a fine one.
+    /// Weights of a fine model: the rest that the coarse models leave.
     #[staticmethod]
     #[pyo3(signature = (*coarse))]
     fn complement_of(coarse: Vec<PyRef<'_, Self>>) -> Self {
-        let all: Vec<_> = coarse.iter().map(|w| w.0.clone()).collect();
-        Self(arlequin::core::Weights::complement_of(&all))
+        let coarse_weights: Vec<_> = coarse.iter().map(|w| w.0.clone()).collect();
+        Self(arlequin::core::Weights::complement_of(&coarse_weights))
     }
 
-    /// The share of a model in what coarser ones leave.
+    /// Weights of a model in the share that coarser models leave, `left`.
     fn within(&self, left: &Self) -> Self {
         Self(self.0.clone().within(&left.0))
     }
 
-    /// The same weights by "energy" (of elements and bonds) or "nodal".
+    /// Returns the weights with means over elements and bonds ("energy") or with values at nodes ("nodal").
     fn with_weighting(&self, weighting: &str) -> Result<Self, Fault> {
         let weighting: Weighting = weighting.parse()?;
         Ok(Self(self.0.clone().with_weighting(weighting)))
     }
 
-    /// Shares of internal energy, kinetic energy and external work at points [m].
+    /// Returns the shares of internal energy, kinetic energy and external work at points [m].
     fn at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
-        let all = points("points", &x)?;
+        let positions = points("points", &x)?;
         Ok([&self.0.internal, &self.0.kinetic, &self.0.external]
-            .map(|w| array(py, all.iter().map(|x| w.value(x)).collect())))
+            .map(|w| array(py, positions.iter().map(|x| w.value(x)).collect())))
     }
 }
 
-/// The scalar product in which velocities of two models agree; made by `L2`, `H1Strain`, `H1Gradient` and
-/// `H1Seminorm`.
+/// The scalar product in which the velocities of two models agree. Created by `L2`, `H1Strain`,
+/// `H1Gradient` and `H1Seminorm`.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Junction(JunctionKind, f64);
@@ -233,20 +234,20 @@ impl Junction {
     }
 }
 
-/// A function of time: `step`, `ramp`, `smooth_pulse`, `table`, or any of Python's.
+/// A function of time: `step`, `ramp`, `smooth_pulse`, `table`, or any Python function.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct TimeFunction(arlequin::core::TimeFunction<f64>);
 
 #[pymethods]
 impl TimeFunction {
-    /// One from time zero on.
+    /// One for all times from zero.
     #[staticmethod]
     fn step() -> Self {
         Self(arlequin::core::TimeFunction::Step)
     }
 
-    /// From 0 to 1 within `duration` [s].
+    /// Rises linearly from 0 to 1 within `duration` [s].
     #[staticmethod]
     fn ramp(duration: f64) -> Self {
         Self(arlequin::core::TimeFunction::Ramp { duration })
@@ -258,7 +259,7 @@ impl TimeFunction {
         Self(arlequin::core::TimeFunction::SmoothPulse { duration })
     }
 
-    /// Linear between times [s] and values, constant outside.
+    /// Interpolates linearly between times [s] and values; constant outside.
     #[staticmethod]
     fn table(times: Numbers<'_>, values: Numbers<'_>) -> Result<Self, Fault> {
         let (times, values) = (flat(&times), flat(&values));
@@ -268,22 +269,22 @@ impl TimeFunction {
                 times.len(),
                 values.len()
             );
-            return Err(Fault::of("SizeMismatch", text));
+            return Err(Fault::new("SizeMismatch", text));
         }
         let pairs = times.into_iter().zip(values).collect();
         Ok(Self(arlequin::core::TimeFunction::Table(pairs)))
     }
 
-    /// Its value at time `t` [s].
+    /// Returns the value at time `t` [s].
     fn at(&self, t: f64) -> f64 {
         self.0.value(t)
     }
 }
 
-/// A function of time, and where its exceptions wait if it is one of Python's.
+/// A function of time, and the slot for its exceptions if it is a Python function.
 pub(crate) type OverTime = (arlequin::core::TimeFunction<f64>, Option<Pending>);
 
-/// A function of time that is one of this module or any of Python's; none is one from time zero on.
+/// Reads a function of time: one of this module, any Python function, or a step at time zero for `None`.
 pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTime> {
     let Some(from) = from else {
         return Ok((arlequin::core::TimeFunction::Step, None));
@@ -294,56 +295,58 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
     if !from.is_callable() {
         let rule =
             format!("{from} is no function of time: give an arlequin.TimeFunction or a function of t [s]");
-        return Err(Fault::of("InvalidParameter", rule).into());
+        return Err(Fault::new("InvalidParameter", rule).into());
     }
-    // What fails shows at once; later the value is not a number, and the exception waits for the run to stop.
+    // A failing function is refused here. If it fails later, its value is NaN and the exception waits until
+    // the run stops.
     from.call1((0.0,))?.extract::<f64>()?;
     let (text, function) = (from.str()?.to_string(), from.clone().unbind());
     let pending = Pending::default();
-    let kept = pending.clone();
-    let at = move |t: f64| {
-        if kept.waits() {
+    let slot = pending.clone();
+    let evaluate = move |t: f64| {
+        if slot.waits() {
             return f64::NAN;
         }
         Python::attach(|py| {
             let value = function.call1(py, (t,)).and_then(|v| v.extract::<f64>(py));
             value.unwrap_or_else(|e| {
-                // Before time zero the core takes the value at zero where there is none; Ctrl-C counts at
-                // any time.
+                // For negative times the core takes the value at zero if there is none, so the exception
+                // may be ignored; Ctrl-C counts at any time.
                 if t >= 0.0 || !e.is_instance_of::<PyException>(py) {
-                    kept.keep(e);
+                    slot.keep(e);
                 }
                 f64::NAN
             })
         })
     };
-    let formula = arlequin::core::TimeFunction::Formula(Formula::new(&text, at));
+    let formula = arlequin::core::TimeFunction::Formula(Formula::new(&text, evaluate));
     Ok((formula, Some(pending)))
 }
 
 type Made = Result<Box<dyn EffectSpec<f64>>, Fault>;
 
-/// Something that acts on a model; made by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and
+/// An effect on a model. Created by `Load`, `BodyForce`, `MassDamping`, `StiffnessDamping` and
 /// `LocalDamping`.
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Effect {
     pub(crate) make: Box<dyn Fn() -> Made + Send + Sync>,
-    /// Where exceptions of its function of time wait.
+    /// Slot for exceptions of its function of time.
     pub(crate) pending: Option<Pending>,
 }
 
 impl Effect {
-    fn of<E: EffectSpec<f64> + 'static>(
+    fn checked<E: EffectSpec<f64> + 'static>(
         make: impl Fn() -> arlequin::core::Result<E> + Send + Sync + 'static,
         pending: Option<Pending>,
     ) -> Result<Self, Fault> {
+        // Refuses invalid values where the effect is created, not only where it is used.
         make()?;
         let make = Box::new(move || -> Made { Ok(Box::new(make()?)) });
         Ok(Self { make, pending })
     }
 }
 
-/// Forces [N] (moments [N m]) on unknowns, times a function of time.
+/// Forces [N] (moments [N m]) on unknowns, multiplied by a function of time.
 #[pyfunction]
 #[pyo3(name = "Load", signature = (name, dofs, forces, time = None))]
 pub(crate) fn load(
@@ -362,39 +365,40 @@ pub(crate) fn load(
             forces.len(),
             dofs.len()
         );
-        return Err(Fault::of("SizeMismatch", text).into());
+        return Err(Fault::new("SizeMismatch", text).into());
     }
     let pairs: Vec<_> = dofs.into_iter().zip(forces).collect();
     let make = move || Load::on_dofs(&name, pairs.clone(), time.clone());
-    Ok(Effect::of(make, pending)?)
+    Ok(Effect::checked(make, pending)?)
 }
 
-/// An acceleration of every point [m/s2], such as that of gravity, times a function of time.
+/// An acceleration of every point [m/s2], such as gravity, multiplied by a function of time.
 #[pyfunction]
 #[pyo3(name = "BodyForce", signature = (acceleration, time = None))]
 pub(crate) fn body_force(acceleration: [f64; 3], time: Option<&Bound<'_, PyAny>>) -> PyResult<Effect> {
     let (time, pending) = time_function(time)?;
     let make = move || BodyForce::new(Vector3::from(acceleration))?.over_time(time.clone());
-    Ok(Effect::of(make, pending)?)
+    Ok(Effect::checked(make, pending)?)
 }
 
-/// Damping by velocity at a rate [1/s].
+/// Damping proportional to velocity and mass, with a rate [1/s].
 #[pyfunction]
 #[pyo3(name = "MassDamping")]
 pub(crate) fn mass_damping(rate: f64) -> Result<Effect, Fault> {
-    Effect::of(move || MassDamping::new(rate), None)
+    Effect::checked(move || MassDamping::new(rate), None)
 }
 
-/// Damping by rate of strain with a time [s].
+/// Damping proportional to the strain rate, with a time [s].
 #[pyfunction]
 #[pyo3(name = "StiffnessDamping")]
 pub(crate) fn stiffness_damping(time: f64) -> Result<Effect, Fault> {
-    Effect::of(move || StiffnessDamping::new(time), None)
+    Effect::checked(move || StiffnessDamping::new(time), None)
 }
 
-/// Damping by a share of the unbalanced force, 0.1 to 0.8 in use: for ways to rest, not for waves.
+/// Damping by a share of the unbalanced force, usually 0.1 to 0.8. It is meant for approaching rest, not
+/// for waves.
 #[pyfunction]
 #[pyo3(name = "LocalDamping")]
 pub(crate) fn local_damping(share: f64) -> Result<Effect, Fault> {
-    Effect::of(move || LocalDamping::new(share), None)
+    Effect::checked(move || LocalDamping::new(share), None)
 }

@@ -1,4 +1,4 @@
-//! The checks of the core, on any model or solver.
+//! Conformance checks of the core for any model or solver.
 
 use crate::arrays::{Numbers, points};
 use crate::border::outside;
@@ -11,32 +11,32 @@ use arlequin::core::{Model, Uniform, conformance};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Asks a model of the library, or one written in Python under weights of one.
+/// Calls `call` on a model of the library, or on a Python model with weights of one.
 fn with(
     object: &Bound<'_, PyAny>,
-    ask: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
+    call: impl FnOnce(&mut dyn Model<f64>) -> Result<f64, Fault> + Send,
 ) -> PyResult<f64> {
     if let Ok(native) = object.cast::<NativeModel>() {
         let native = native.get();
-        return outside(object.py(), || native.with(ask));
+        return outside(object.py(), || native.with(call));
     }
-    let (mut model, _, heard) = plug::model(object)?;
-    let made = outside(object.py(), move || {
+    let (mut model, _, callbacks) = plug::model(object)?;
+    let answer = outside(object.py(), move || {
         model.set_internal_weight(&Uniform(1.0))?;
-        ask(&mut *model)
+        call(&mut *model)
     });
-    heard.raised().map_or(made, Err)
+    callbacks.raised().map_or(answer, Err)
 }
 
-/// Largest force under a rigid motion, relative to that under a random one of `amplitude` [m]: a small
-/// turn, or one of half a radian for a law that balances about present positions.
+/// Largest force under a rigid motion, relative to the force under a random motion of `amplitude` [m]. The
+/// rigid rotation is small, or half a radian for a law whose moments vanish about present positions.
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
 pub(crate) fn rigid_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::rigid_forces(m, amplitude)?))
 }
 
-/// Largest relative difference between forces and minus the slope of the energy, at displacements of
+/// Largest relative difference between forces and the negative slope of the energy, at displacements of
 /// `amplitude` [m].
 #[pyfunction]
 #[pyo3(signature = (model, amplitude = 1e-3))]
@@ -53,13 +53,13 @@ pub(crate) fn symmetric_forces(model: &Bound<'_, PyAny>, amplitude: f64) -> PyRe
     with(model, |m| Ok(conformance::symmetric_forces(m, amplitude)?))
 }
 
-/// Relative difference between the mass and what is expected [kg]; huge where a mass is not positive.
+/// Relative difference between the mass and the expected mass [kg]; very large if a mass is not positive.
 #[pyfunction]
 pub(crate) fn mass(model: &Bound<'_, PyAny>, expected: f64) -> PyResult<f64> {
     with(model, |m| Ok(conformance::mass(m, expected)?))
 }
 
-/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, the most
+/// Defects of shape functions over points [m]: of their sum, of linear fields, of gradients, and the most
 /// negative value.
 #[pyfunction]
 #[pyo3(signature = (field, points, gradients = false))]
@@ -69,18 +69,18 @@ pub(crate) fn shapes<'py>(
     points: Numbers<'py>,
     gradients: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (field, at) = (field_of(field)?, self::points("points", &points)?);
-    let found = outside(py, || Ok(conformance::shapes(&*field, &at, gradients)?))?;
+    let (field, positions) = (field_of(field)?, self::points("points", &points)?);
+    let defects = outside(py, || Ok(conformance::shapes(&*field, &positions, gradients)?))?;
     let out = PyDict::new(py);
-    out.set_item("unity", found.unity)?;
-    out.set_item("linear", found.linear)?;
-    out.set_item("gradient", found.gradient)?;
-    out.set_item("negative", found.negative)?;
+    out.set_item("unity", defects.unity)?;
+    out.set_item("linear", defects.linear)?;
+    out.set_item("gradient", defects.gradient)?;
+    out.set_item("negative", defects.negative)?;
     Ok(out)
 }
 
-/// Kicks a solver in motion and lets it make so many steps of `step` [s]: defects of what the coupling
-/// relies on.
+/// Kicks a solver and lets it make `steps` steps of `step` [s]. Returns the defects of all properties that
+/// the coupling relies on.
 #[pyfunction]
 #[pyo3(signature = (solver, step, steps = 100))]
 pub(crate) fn participant<'py>(
@@ -89,18 +89,18 @@ pub(crate) fn participant<'py>(
     step: f64,
     steps: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (mut solver, _, heard) = PythonSolver::of(solver)?;
-    let made = outside(py, move || {
+    let (mut solver, _, callbacks) = PythonSolver::from_object(solver)?;
+    let result = outside(py, move || {
         Ok(conformance::participant(&mut solver, step, steps)?)
     });
-    let found = heard.raised().map_or(made, Err)?;
+    let defects = callbacks.raised().map_or(result, Err)?;
     let out = PyDict::new(py);
-    out.set_item("travelled", found.travelled)?;
-    out.set_item("gained", found.gained)?;
-    out.set_item("kick", found.kick)?;
-    out.set_item("moved", found.moved)?;
-    out.set_item("drift", found.drift)?;
-    out.set_item("work", found.work)?;
-    out.set_item("resumed", found.resumed)?;
+    out.set_item("travelled", defects.travelled)?;
+    out.set_item("gained", defects.gained)?;
+    out.set_item("kick", defects.kick)?;
+    out.set_item("moved", defects.moved)?;
+    out.set_item("drift", defects.drift)?;
+    out.set_item("work", defects.work)?;
+    out.set_item("resumed", defects.resumed)?;
     Ok(out)
 }

@@ -1,7 +1,7 @@
 //! Coupled runs.
 
 use crate::arrays::{Numbers, array, points, rows};
-use crate::border::{Heard, Pulse, outside};
+use crate::border::{Callbacks, Pulse, outside};
 use crate::error::Fault;
 use crate::subdomain::{Interface, Subdomain, Which};
 use arlequin::core::snapshot::Snapshot as State;
@@ -16,7 +16,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 type Inner = core::Coupled<f64>;
 
-/// Columns of the energy over time.
+/// Columns of the table of energies.
 const COLUMNS: [&str; 9] = [
     "time [s]",
     "kinetic [J]",
@@ -31,39 +31,39 @@ const COLUMNS: [&str; 9] = [
 
 /// A coupled run: `Coupled(subdomains, interfaces, fraction=0.9)`.
 ///
-/// The step of the run is the longest of which every own step is at most a `fraction` of the critical one
-/// of its model; or as `chosen` at such a fraction with as many own steps as models need; or `seconds` [s].
-/// The balance of energy is drawn every `energy_every` steps, and a run that gains or loses more than
-/// `growth` of the energy in play without an effect that did so ends.
+/// The step of the run is the longest step with every own step at most `fraction` of its model's critical
+/// step. With `chosen` instead of `fraction`, models also take as many own steps as they need. `seconds`
+/// sets the step itself [s]. The energy balance is computed every `energy_every` steps. A run ends if its
+/// energy changes by more than `growth` of the energy in play without an effect that explains it.
 #[pyclass(frozen, subclass, module = "arlequin")]
 pub(crate) struct Coupled {
     run: Mutex<Inner>,
     names: Vec<String>,
     interfaces: Vec<String>,
-    heard: Heard,
+    callbacks: Callbacks,
     drawn: Mutex<Vec<[f64; 9]>>,
-    /// Whether an exception ended it, perhaps within a step: models are then at different instants.
+    /// True if an exception ended the run, perhaps within a step: models may then be at different times.
     torn: AtomicBool,
 }
 
-/// The state of a run, to go back to.
+/// The state of a run, which can be restored.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Snapshot(State<f64>);
 
 #[pymethods]
 impl Snapshot {
-    /// Steps made.
+    /// Number of steps made.
     #[getter]
     fn steps(&self) -> usize {
         self.0.step
     }
 }
 
-/// Draws up the energy and looks for Ctrl-C.
+/// Records energies and checks for Ctrl-C.
 struct Watch<'a> {
     drawn: &'a Mutex<Vec<[f64; 9]>>,
-    heard: &'a Heard,
+    callbacks: &'a Callbacks,
     pulse: Pulse,
     stop: Option<PyErr>,
     warned: Vec<String>,
@@ -98,21 +98,22 @@ impl Observer<f64> for Watch<'_> {
             self.stop = Some(e);
             return Ok(ControlFlow::Break(()));
         }
-        Ok(match self.heard.waits() {
+        Ok(match self.callbacks.waits() {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         })
     }
 }
 
-/// Tells warnings of a run as Python's.
-fn warn(py: Python<'_>, all: &[String]) -> PyResult<()> {
-    if all.is_empty() {
+/// Issues the warnings of a run as Python warnings.
+fn warn(py: Python<'_>, messages: &[String]) -> PyResult<()> {
+    if messages.is_empty() {
         return Ok(());
     }
     let kind = py.import("arlequin.errors")?.getattr("Warning")?;
     let warnings = py.import("warnings")?;
-    all.iter()
+    messages
+        .iter()
         .try_for_each(|text| warnings.call_method1("warn", (text, &kind)).map(drop))
 }
 
@@ -123,58 +124,60 @@ fn step_of(fraction: Option<f64>, seconds: Option<f64>, chosen: Option<f64>) -> 
         (None, None, Some(f)) => Ok(TimeStep::Chosen(f)),
         _ => {
             let rule = "step of the run: give one of fraction, seconds and chosen";
-            Err(Fault::of("InvalidParameter", rule))
+            Err(Fault::new("InvalidParameter", rule))
         }
     }
 }
 
 impl Coupled {
     fn lock(&self) -> Result<MutexGuard<'_, Inner>, Fault> {
+        // Waiting could block for ever: this thread may be computing around the model that asks.
         match self.run.try_lock() {
             Ok(run) => Ok(run),
             Err(TryLockError::Poisoned(p)) => Ok(p.into_inner()),
-            Err(TryLockError::WouldBlock) => Err(Fault::of(
+            Err(TryLockError::WouldBlock) => Err(Fault::new(
                 "Busy",
                 "this run computes already, in another thread or around the model that asks; wait until it has ended",
             )),
         }
     }
 
-    /// Refuses to go on from a state that is none of one instant.
+    /// Refuses to continue from a state whose models may be at different times.
     fn whole(&self) -> Result<(), Fault> {
         if !self.torn.load(Ordering::Relaxed) {
             return Ok(());
         }
         let rule = "an exception ended this run, perhaps within a step, and its models may be at different instants: go back \
                     with restore(snapshot), or build it anew";
-        Err(Fault::of("Unsupported", rule))
+        Err(Fault::new("Unsupported", rule))
     }
 
-    /// Computes; an exception of a model that waits comes before what it led to.
+    /// Runs `work` on the run. If an exception of a Python model waits, it is raised instead of the error
+    /// that it caused.
     fn compute<V: Send>(
         &self,
         py: Python<'_>,
         work: impl FnOnce(&mut Inner) -> Result<V, Fault> + Send,
     ) -> PyResult<V> {
-        let made = outside(py, || work(&mut *self.lock()?));
-        self.heard.raised().map_or(made, Err)
+        let result = outside(py, || work(&mut *self.lock()?));
+        self.callbacks.raised().map_or(result, Err)
     }
 
-    /// Values of a model: (nodes, components), and of its rotations.
+    /// Returns the displacements of a model's nodes, (nodes, components), or their rotations.
     fn values<'py>(
         &self,
         py: Python<'py>,
-        of: &Which,
+        which: &Which,
         rotations: bool,
         pick: impl Fn(&core::State<f64>) -> &Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let k = of.among(&self.names, "subdomain")?;
+        let k = which.among(&self.names, "subdomain")?;
         let run = self.lock()?;
-        let (layout, all) = (
+        let (layout, unknowns) = (
             run.subdomains()[k].model().layout(),
             pick(run.subdomains()[k].state()),
         );
-        let (moves, turns) = all.split_at(layout.translations());
+        let (moves, turns) = unknowns.split_at(layout.translations());
         match rotations {
             false => rows(py, moves.to_vec(), layout.components),
             true => rows(py, turns.to_vec(), layout.rotations),
@@ -204,12 +207,13 @@ impl Coupled {
             .iter()
             .map(|i| i.spec(&names))
             .collect::<Result<Vec<_>, Fault>>()?;
-        let mut heard = Heard::default();
-        let all = subdomains
+        let mut callbacks = Callbacks::default();
+        let bodies = subdomains
             .iter()
-            .map(|s| s.give(&mut heard))
+            .map(|s| s.give(&mut callbacks))
             .collect::<Result<Vec<_>, Fault>>()?;
-        let nodal = all.iter().any(|s| s.weights().weighting == Weighting::Nodal);
+        let nodal = bodies.iter().any(|s| s.weights().weighting == Weighting::Nodal);
+        // Nodal weighting does not conserve energy, so its guard allows far larger growth.
         let mut guard = Guard::for_weighting(if nodal {
             Weighting::Nodal
         } else {
@@ -220,25 +224,25 @@ impl Coupled {
         let parts = Parts {
             start,
             end: None,
-            subdomains: all,
+            subdomains: bodies,
             interfaces: specs,
             pairs: Vec::new(),
         };
-        let made = outside(py, || Ok(Inner::from_parts(parts, step, Some(guard))?));
+        let result = outside(py, || Ok(Inner::from_parts(parts, step, Some(guard))?));
         Ok(Self {
-            run: Mutex::new(heard.raised().map_or(made, Err)?),
+            run: Mutex::new(callbacks.raised().map_or(result, Err)?),
             names,
             interfaces: interfaces.iter().map(|i| i.name.clone()).collect(),
-            heard,
+            callbacks,
             drawn: Mutex::new(Vec::new()),
             torn: AtomicBool::new(false),
         })
     }
 
-    /// Makes so many steps, or fewer if `observer(run)` answers False, which is called every `every` steps;
-    /// returns how many were made. Ctrl-C ends it between two steps, and the next call goes on; but within
-    /// a model written in Python, Ctrl-C is an exception like others: after it, a run goes on from a
-    /// snapshot only.
+    /// Makes `steps` steps and returns how many were made. `observer(run)` is called every `every` steps
+    /// and ends the run by returning False. Ctrl-C ends the run between two steps, and the next call
+    /// continues. Within a model written in Python, Ctrl-C is an exception like others: the run then
+    /// continues only from a snapshot.
     #[pyo3(signature = (steps, observer = None, every = 1))]
     fn run(
         slf: &Bound<'_, Self>,
@@ -247,36 +251,38 @@ impl Coupled {
         every: usize,
     ) -> PyResult<usize> {
         let (this, py) = (slf.get(), slf.py());
-        let mut made = 0;
-        while made < steps {
+        let mut steps_made = 0;
+        while steps_made < steps {
             let ahead = match observer {
-                Some(_) => every.max(1).min(steps - made),
-                None => steps - made,
+                Some(_) => every.max(1).min(steps - steps_made),
+                None => steps - steps_made,
             };
             let (done, stop, warned) = this.compute(py, |run| {
                 this.whole()?;
+                // Stays set if an exception leaves the models within a step.
                 this.torn.store(true, Ordering::Relaxed);
                 let mut watch = Watch {
                     drawn: &this.drawn,
-                    heard: &this.heard,
+                    callbacks: &this.callbacks,
                     pulse: Pulse::new(),
                     stop: None,
                     warned: Vec::new(),
                 };
                 let done = run.run(ahead, &mut watch)?;
-                this.torn.store(this.heard.waits(), Ordering::Relaxed);
+                this.torn.store(this.callbacks.waits(), Ordering::Relaxed);
                 Ok((done, watch.stop, watch.warned))
             })?;
-            made += done;
+            steps_made += done;
             warn(py, &warned)?;
             stop.map_or(Ok(()), Err)?;
+            // The observer runs with the interpreter's lock, between two computations.
             if let Some(observer) = observer
                 && observer.call1((slf,))?.extract::<bool>().is_ok_and(|go| !go)
             {
                 break;
             }
         }
-        Ok(made)
+        Ok(steps_made)
     }
 
     /// Names of the models.
@@ -297,19 +303,19 @@ impl Coupled {
         Ok(self.lock()?.time())
     }
 
-    /// Steps made.
+    /// Number of steps made.
     #[getter]
     fn steps(&self) -> Result<usize, Fault> {
         Ok(self.lock()?.steps())
     }
 
-    /// Critical step of every subdomain [s].
+    /// Critical step of each subdomain [s].
     #[getter]
     fn critical_steps(&self) -> Result<Vec<f64>, Fault> {
         Ok(self.lock()?.critical_steps().to_vec())
     }
 
-    /// Own steps of every subdomain in a step of the run.
+    /// Number of own steps of each subdomain in a step of the run.
     #[getter]
     fn own_steps(&self) -> Result<Vec<usize>, Fault> {
         Ok(self.lock()?.plan().own_steps)
@@ -321,19 +327,19 @@ impl Coupled {
         Ok(self.lock()?.drift())
     }
 
-    /// What a user should know so far, each fault of each object once, with its largest figure.
+    /// Warnings so far: each fault of each object once, with its largest value.
     #[getter]
     fn warnings(&self) -> Result<Vec<String>, Fault> {
         Ok(self.lock()?.warnings().iter().map(ToString::to_string).collect())
     }
 
-    /// Drift of the energy balance that the laws of the models and round-off explain so far.
+    /// Drift of the energy balance that the models' laws and round-off explain so far.
     #[getter]
     fn explained_drift(&self) -> Result<f64, Fault> {
         Ok(self.lock()?.explained_drift())
     }
 
-    /// Largest relative jump of velocities across interfaces so far.
+    /// Largest relative velocity jump across interfaces so far.
     #[getter]
     fn constraint_residual(&self) -> Result<f64, Fault> {
         Ok(self.lock()?.constraint_residual())
@@ -361,12 +367,12 @@ impl Coupled {
         self.values(py, &model, false, |s| &s.v)
     }
 
-    /// Rotations of a model [rad], (nodes, 3); empty for one whose nodes do not turn.
+    /// Rotations of a model [rad], (nodes, 3); empty if its nodes have no rotations.
     fn rotation<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.values(py, &model, true, |s| &s.q)
     }
 
-    /// Lumped inertia of every unknown under the weights of the model [kg, kg m2].
+    /// Lumped inertia of every unknown with the weights of the model [kg, kg m2].
     fn inertia<'py>(&self, py: Python<'py>, model: Which) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let k = model.among(&self.names, "subdomain")?;
         Ok(array(py, self.lock()?.subdomains()[k].inertia().to_vec()))
@@ -380,14 +386,14 @@ impl Coupled {
         x: Numbers<'py>,
     ) -> PyResult<[Bound<'py, PyArray2<f64>>; 2]> {
         let k = model.among(&self.names, "subdomain")?;
-        let (all, run) = (points("points", &x)?, self.lock()?);
+        let (positions, run) = (points("points", &x)?, self.lock()?);
         let mut out = [
-            Vec::with_capacity(3 * all.len()),
-            Vec::with_capacity(3 * all.len()),
+            Vec::with_capacity(3 * positions.len()),
+            Vec::with_capacity(3 * positions.len()),
         ];
-        for x in &all {
-            let found = run.subdomains()[k].sample(x).map_err(Fault::from)?;
-            out.iter_mut().zip(found).for_each(|(o, v)| o.extend(v.iter()));
+        for x in &positions {
+            let sample = run.subdomains()[k].sample(x).map_err(Fault::from)?;
+            out.iter_mut().zip(sample).for_each(|(o, v)| o.extend(v.iter()));
         }
         let [u, v] = out;
         Ok([rows(py, u, 3)?, rows(py, v, 3)?])
@@ -397,11 +403,11 @@ impl Coupled {
     fn multipliers<'py>(&self, py: Python<'py>, interface: Which) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let k = interface.among(&self.interfaces, "interface")?;
         let run = self.lock()?;
-        let found = &run.interfaces()[k];
-        rows(py, found.multipliers().to_vec(), found.components())
+        let tie = &run.interfaces()[k];
+        rows(py, tie.multipliers().to_vec(), tie.components())
     }
 
-    /// Energies over time, one row each time they were drawn.
+    /// Energies over time, one row for each time the energy balance was computed.
     fn _energies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let out = PyDict::new(py);
@@ -411,15 +417,19 @@ impl Coupled {
         Ok(out)
     }
 
-    /// Displacements of every model in equilibrium under the loads and supports of time `t` [s]; all must
-    /// be linear.
+    /// Displacements of every model in static equilibrium under the loads and supports at time `t` [s]. All
+    /// models must be linear.
     #[pyo3(signature = (t = 0.0))]
     fn equilibrium<'py>(&self, py: Python<'py>, t: f64) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
-        let found = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
-        Ok(found.displacements.into_iter().map(|q| array(py, q)).collect())
+        let equilibrium = self.compute(py, |run| Ok(run.equilibrium(t)?))?;
+        Ok(equilibrium
+            .displacements
+            .into_iter()
+            .map(|q| array(py, q))
+            .collect())
     }
 
-    /// The present state.
+    /// Returns the present state.
     fn snapshot(&self, py: Python<'_>) -> PyResult<Snapshot> {
         self.compute(py, |run| {
             self.whole()?;
@@ -427,7 +437,7 @@ impl Coupled {
         })
     }
 
-    /// Goes back to a state of this run, or of one that was built in the same way.
+    /// Restores a state of this run, or of a run that was built in the same way.
     fn restore(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
         self.compute(py, |run| {
             self.torn.store(true, Ordering::Relaxed);
@@ -438,10 +448,11 @@ impl Coupled {
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        self.heard.show(&visit)
+        self.callbacks.show(&visit)
     }
 
-    /// Force and moment that multipliers exert on both sides together, relative to the force on one.
+    /// Sum of the forces and of the moments that multipliers exert on both sides, relative to the force on
+    /// one side.
     fn _interface_momentum(&self) -> Result<[f64; 2], Fault> {
         Ok(core::conformance::interface_momentum(&*self.lock()?))
     }

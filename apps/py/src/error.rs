@@ -1,4 +1,5 @@
-//! Errors of the crates as exceptions of `arlequin.errors`, which carry the names they have in Rust as codes.
+//! Converts errors of the crates to exceptions of `arlequin.errors`, whose codes are the names of the
+//! errors in Rust.
 
 use arlequin::{cnem, core, dem_beam, fem_ref};
 use arlequin_scene::Source;
@@ -7,25 +8,25 @@ use pyo3::prelude::*;
 use std::any::Any;
 use std::fmt::Debug;
 
-/// What went wrong, before it is a Python exception.
+/// An error before it becomes a Python exception.
 #[derive(Debug)]
 pub(crate) enum Fault {
-    /// In Rust.
+    /// An error in Rust.
     Native {
-        /// Name of the exception's class.
+        /// Code of the exception.
         kind: String,
-        /// What it says.
+        /// Message.
         message: String,
-        /// Key of the scene it speaks of.
+        /// Key of the scene that the error concerns.
         key: Option<String>,
-        /// Line of the scene's file, from 1.
+        /// Line of the scene file, from 1.
         line: Option<usize>,
     },
-    /// In Python.
+    /// An exception in Python.
     Python(PyErr),
 }
 
-/// An exception of a model written in Python, on its way through the core.
+/// An exception of a model written in Python while it passes through the core.
 #[derive(Debug)]
 pub(crate) struct Raised(PyErr);
 
@@ -37,12 +38,12 @@ impl std::fmt::Display for Raised {
 
 impl std::error::Error for Raised {}
 
-/// The exception of the model `name` as an error of the core.
+/// Wraps the exception of the model `name` in an error of the core.
 pub(crate) fn raised(name: &str, e: PyErr) -> core::Error {
     core::Error::of_model(name, Raised(e))
 }
 
-/// Name of an error's variant: the first word of what derives `Debug`.
+/// Returns the name of an error's variant: the first word of its derived `Debug` text.
 fn variant(e: &impl Debug) -> String {
     let text = format!("{e:?}");
     let end = text.find(|c: char| !c.is_alphanumeric()).unwrap_or(text.len());
@@ -50,8 +51,8 @@ fn variant(e: &impl Debug) -> String {
 }
 
 impl Fault {
-    /// An error with the class of this name.
-    pub(crate) fn of(kind: &str, message: impl Into<String>) -> Self {
+    /// Returns an error with the code `kind`.
+    pub(crate) fn new(kind: &str, message: impl Into<String>) -> Self {
         Self::Native {
             kind: kind.to_owned(),
             message: message.into(),
@@ -61,35 +62,35 @@ impl Fault {
     }
 
     fn named(e: &(impl Debug + std::fmt::Display)) -> Self {
-        Self::of(&variant(e), e.to_string())
+        Self::new(&variant(e), e.to_string())
     }
 
-    /// What a panic left.
+    /// Returns the error for a panic.
     pub(crate) fn panic(payload: &(dyn Any + Send)) -> Self {
         let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
         let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
         let text = text.unwrap_or_else(|| "without a word".into());
-        Self::of(
+        Self::new(
             "InternalError",
             format!("a mistake in arlequin itself: {text}; please report it with what led to it"),
         )
     }
 
-    /// An error of a scene, with the place in its file.
+    /// Returns an error of a scene with the line of the scene file.
     pub(crate) fn of_scene(e: arlequin_scene::Error, source: &Source) -> Self {
-        let (at, span) = e.place();
-        let span = span.or_else(|| source.span_of(at?));
+        let (key, span) = e.place();
+        let span = span.or_else(|| source.span_of(key?));
         let place = span.map(|s| {
             1 + source.text[..s.start.min(source.text.len())]
                 .matches('\n')
                 .count()
         });
-        let (path, at) = (source.path.display().to_string(), at.map(str::to_owned));
+        let (path, key) = (source.path.display().to_string(), key.map(str::to_owned));
         match Self::from(e) {
             Self::Native { kind, message, .. } => Self::Native {
                 message: place.map_or_else(|| message.clone(), |n| format!("{path}:{n}: {message}")),
                 kind,
-                key: at,
+                key,
                 line: place,
             },
             python => python,
@@ -109,14 +110,15 @@ impl From<core::Error> for Fault {
             if let Some(Raised(raised)) = source.downcast_ref() {
                 return Self::Python(Python::attach(|py| raised.clone_ref(py)));
             }
+            // Errors of the models keep their own names as codes.
             if let Some(inner) = source.downcast_ref::<dem_beam::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
             if let Some(inner) = source.downcast_ref::<cnem::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
             if let Some(inner) = source.downcast_ref::<arlequin_link::Error>() {
-                return Self::of(&variant(inner), e.to_string());
+                return Self::new(&variant(inner), e.to_string());
             }
         }
         Self::named(&e)
@@ -169,7 +171,7 @@ impl From<arlequin_scene::Error> for Fault {
             e => Self::named(&e),
         };
         match inner {
-            Self::Native { kind, .. } => Self::of(&kind, message),
+            Self::Native { kind, .. } => Self::new(&kind, message),
             python => python,
         }
     }
@@ -186,13 +188,13 @@ impl From<Fault> for PyErr {
                 line,
             } => (kind, message, key, line),
         };
-        let made = |py: Python<'_>| -> PyResult<Self> {
+        let build = |py: Python<'_>| -> PyResult<Self> {
             let make = py.import("arlequin.errors")?.getattr("_make")?;
             Ok(Self::from_value(make.call1((&kind, &message, key, line))?))
         };
         Python::attach(|py| {
-            made(py).unwrap_or_else(|e| {
-                // Ctrl-C while Rust computed is noticed here.
+            build(py).unwrap_or_else(|e| {
+                // Ctrl-C during a computation may arrive here.
                 if e.is_instance_of::<PyKeyboardInterrupt>(py) {
                     return e;
                 }

@@ -1,4 +1,4 @@
-//! The state of all models at some instants of a run, as the frames of a results folder have it.
+//! The states of all models at some times of a run, with the arrays that frames in a results folder have.
 
 use crate::arrays::{array, coordinates, rows};
 use arlequin::core::Coupled;
@@ -10,24 +10,25 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
 
-/// A model at one instant: arrays over its points, then over its cells.
+/// A model at one time: arrays over its points, arrays over its cells.
 type State = [Vec<Array>; 2];
 
-/// What is kept of a run over time.
-pub(crate) struct Kept {
+/// Frames of a run that are kept in memory.
+pub(crate) struct KeptFrames {
     painter: Frames,
     names: Vec<String>,
     every: usize,
-    /// Pictures of the models at rest.
+    /// Grids of the models in their reference positions.
     pub(crate) grids: Vec<(String, Arc<Grid>)>,
     /// Times \[s\].
     pub(crate) times: Vec<f64>,
-    /// All models at these.
+    /// States of all models at these times.
     pub(crate) states: Vec<Vec<State>>,
 }
 
-impl Kept {
-    /// About `count` frames, or as many as the scene asks for; the first is that before the first step.
+impl KeptFrames {
+    /// Prepares about `count` frames, or as many as the scene asks for. The first frame is the state before
+    /// the first step.
     pub(crate) fn new(prepared: &Prepared, count: Option<usize>) -> arlequin_scene::Result<Self> {
         let (built, scene) = (prepared.built(), prepared.scene());
         let pictures = Pictures {
@@ -35,7 +36,7 @@ impl Kept {
             mediators: Vec::new(),
             rigid: Vec::new(),
         };
-        // Nothing is written: the folder is only a name.
+        // No files are written, so the folder may be an empty name.
         let painter = Frames::new(
             Default::default(),
             &scene.spec().output.fields,
@@ -46,6 +47,7 @@ impl Kept {
         let names: Vec<String> = names.collect();
         let every = match count {
             None => built.frame_every,
+            // Never due.
             Some(0) => usize::MAX,
             Some(n) => built.steps.div_ceil(n).max(1),
         };
@@ -67,16 +69,20 @@ impl Kept {
         Ok(out)
     }
 
-    /// Takes a frame if one is due after a step, or if it is the last.
+    /// Takes a frame if one is due after this step, and after the last step.
     pub(crate) fn look(&mut self, run: &Coupled<f64>, planned: usize) -> arlequin_scene::Result<()> {
         let due =
             run.steps().is_multiple_of(self.every) || (run.steps() == planned && self.every < usize::MAX);
-        // As long as a model sleeps the run is another one.
-        let same = || {
+        // While a model sleeps, the run has other models than these frames.
+        let same_models = || {
             let now = run.subdomains().iter().map(|s| s.model().name());
             now.eq(self.names.iter().map(String::as_str))
         };
-        if due && same() { self.take(run) } else { Ok(()) }
+        if due && same_models() {
+            self.take(run)
+        } else {
+            Ok(())
+        }
     }
 
     fn take(&mut self, run: &Coupled<f64>) -> arlequin_scene::Result<()> {
@@ -90,8 +96,8 @@ impl Kept {
     }
 }
 
-/// `{model: {"points": {name: array}, "cells": {name: array}}}` of one frame.
-pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResult<Bound<'py, PyDict>> {
+/// Returns one frame as `{model: {"points": {name: array}, "cells": {name: array}}}`.
+pub(crate) fn fields<'py>(py: Python<'py>, kept: &KeptFrames, frame: usize) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     let Some(states) = kept.states.get(frame) else {
         return Ok(out);
@@ -99,32 +105,32 @@ pub(crate) fn fields<'py>(py: Python<'py>, kept: &Kept, frame: usize) -> PyResul
     for (name, state) in kept.names.iter().zip(states) {
         let model = PyDict::new(py);
         for (part, arrays) in ["points", "cells"].into_iter().zip(state) {
-            let all = PyDict::new(py);
+            let by_name = PyDict::new(py);
             for a in arrays {
                 match a.components {
-                    1 => all.set_item(&a.name, array(py, a.values.clone()))?,
-                    n => all.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
+                    1 => by_name.set_item(&a.name, array(py, a.values.clone()))?,
+                    n => by_name.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
                 }
             }
-            model.set_item(part, all)?;
+            model.set_item(part, by_name)?;
         }
         out.set_item(name, model)?;
     }
     Ok(out)
 }
 
-/// `{model: {"points", "cells", "cell_type", "radii"}}` of the models at rest.
-pub(crate) fn grids<'py>(py: Python<'py>, kept: &Kept) -> PyResult<Bound<'py, PyDict>> {
+/// Returns the grids as `{model: {"points", "cells", "cell_type", "radii"}}`.
+pub(crate) fn grids<'py>(py: Python<'py>, kept: &KeptFrames) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     for (name, grid) in &kept.grids {
-        let one = PyDict::new(py);
-        one.set_item("points", coordinates(py, &grid.points)?)?;
+        let entry = PyDict::new(py);
+        entry.set_item("points", coordinates(py, &grid.points)?)?;
         let cells: Vec<i64> = grid.connectivity.iter().map(|k| i64::from(*k)).collect();
         let cells = PyArray1::from_vec(py, cells).call_method1("reshape", (-1, grid.corners))?;
-        one.set_item("cells", cells)?;
-        one.set_item("cell_type", grid.cell_type)?;
-        one.set_item("radii", array(py, grid.radii.clone()))?;
-        out.set_item(name, one)?;
+        entry.set_item("cells", cells)?;
+        entry.set_item("cell_type", grid.cell_type)?;
+        entry.set_item("radii", array(py, grid.radii.clone()))?;
+        out.set_item(name, entry)?;
     }
     Ok(out)
 }

@@ -1,9 +1,9 @@
 //! The Python package of Arlequin: scenes, the objects of the library, and models and solvers written in
 //! Python.
 //!
-//! Thin on purpose: this module turns arguments and results into one another's language and keeps the
-//! border tight (no panic, no lock of the interpreter during a computation); tables, plots and base classes
-//! are in `python/arlequin`.
+//! This module is thin on purpose. It converts arguments and results, keeps panics from crossing the
+//! border, and releases the interpreter's lock during computations. Tables, plots and base classes are in
+//! `python/arlequin`.
 
 mod arrays;
 mod border;

@@ -8,7 +8,7 @@ use arlequin::core::sprs::CsMat;
 use arlequin::core::{DofLayout, Error, LinearModel, Model, Result, Weight, parallel};
 use pyo3::prelude::*;
 
-/// A model whose stiffness matrix comes from Python, and whose forces are found here: `f = −K q`.
+/// A model whose stiffness matrix comes from Python. Its forces `f = −K q` are computed in Rust.
 pub(crate) struct MatrixModel {
     about: Described,
     stiffness: CsMat<f64>,
@@ -21,12 +21,13 @@ impl MatrixModel {
         Self { about, stiffness }
     }
 
-    /// Row `i` of `K q`.
+    /// Returns row `i` of `K q`.
     fn row(&self, i: usize, q: &[f64]) -> f64 {
         let row = self.stiffness.outer_view(i);
         row.map_or(0.0, |r| r.iter().map(|(j, k)| k * q[j]).sum())
     }
 
+    /// Asks the Python object for the stiffness matrix with the weights of its elements, bonds or nodes.
     fn matrix(&self, py: Python<'_>, shares: Vec<f64>) -> PyResult<CsMat<f64>> {
         let answer = self
             .about
@@ -40,11 +41,11 @@ impl MatrixModel {
         let (name, n) = (&self.about.name, self.about.layout.dofs());
         if size != n {
             let text = format!("stiffness of '{name}': expected {n} rows, found {size}");
-            return Err(Fault::of("SizeMismatch", text).into());
+            return Err(Fault::new("SizeMismatch", text).into());
         }
         let values = crate::arrays::flat(&values);
         CsMat::try_new((n, n), begin, columns, values).map_err(|(.., e)| {
-            Fault::of(
+            Fault::new(
                 "InvalidParameter",
                 format!("stiffness of '{name}': {e}; give a matrix in rows"),
             )
@@ -53,11 +54,11 @@ impl MatrixModel {
     }
 }
 
-/// Largest `|K − Kᵀ|` over the largest `|K|`.
+/// Returns the largest `|K − Kᵀ|` over the largest `|K|`.
 fn asymmetry(k: &CsMat<f64>) -> f64 {
     let top = |m: &CsMat<f64>| m.data().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
-    let other = &k.transpose_view().to_csr();
-    let apart = top(&(k - other));
+    let transposed = &k.transpose_view().to_csr();
+    let apart = top(&(k - transposed));
     apart / top(k).max(f64::MIN_POSITIVE)
 }
 
@@ -70,8 +71,8 @@ impl Model<f64> for MatrixModel {
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
         let shares = self.about.shares(alpha);
-        let found = Python::attach(|py| self.matrix(py, shares));
-        self.stiffness = found.map_err(|e| self.about.raised(e))?;
+        let stiffness = Python::attach(|py| self.matrix(py, shares));
+        self.stiffness = stiffness.map_err(|e| self.about.raised(e))?;
         if let Some(index) = self.stiffness.data().iter().position(|x| !x.is_finite()) {
             let what = format!("stiffness of '{}'", self.about.name);
             return Err(Error::NotFinite { what, index });

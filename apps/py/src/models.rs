@@ -1,4 +1,4 @@
-//! The models of the library.
+//! Models of the library.
 
 use crate::arrays::{Numbers, array, coordinates, flat, point, points};
 use crate::border::outside;
@@ -21,12 +21,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 enum Kind {
     Fem(Box<Fem<f64>>),
     Cnem(Box<Cnem>),
-    /// Particles are too many to be kept twice: the run gets them.
+    /// A run takes a particle model away instead of copying it, since it may be very large.
     Dem(Option<Box<Dem>>),
     Chain(Chain),
 }
 
-/// What all models of the library have in common. Arrays over unknowns are `x0 y0 z0 x1 …`, then rotations.
+/// Common base of the library's models. Arrays over unknowns have the order `x0 y0 z0 x1 …`, then
+/// rotations.
 #[pyclass(frozen, subclass, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct NativeModel {
@@ -35,7 +36,7 @@ pub(crate) struct NativeModel {
     held: Mutex<Kind>,
 }
 
-/// Rows of a sparse matrix: values, columns, where rows begin.
+/// A sparse matrix by rows: values, columns, starts of the rows.
 type Csr<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<i64>>,
@@ -43,7 +44,7 @@ type Csr<'py> = (
 );
 
 impl NativeModel {
-    fn of(name: &str, kind: Kind) -> PyClassInitializer<Self> {
+    fn initializer(name: &str, kind: Kind) -> PyClassInitializer<Self> {
         PyClassInitializer::from(Self {
             name: name.to_owned(),
             held: Mutex::new(kind),
@@ -54,26 +55,26 @@ impl NativeModel {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn gone(&self) -> Fault {
+    fn already_used(&self) -> Fault {
         let rule = format!("model '{}' is part of a run already; make another one", self.name);
-        Fault::of("Unsupported", rule)
+        Fault::new("Unsupported", rule)
     }
 
-    /// Asks the model itself.
+    /// Calls `call` with the model.
     pub(crate) fn with<V: Send>(
         &self,
-        ask: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
+        call: impl FnOnce(&mut dyn Model<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
         with_threads(|| match &mut *self.lock() {
-            Kind::Fem(m) => ask(&mut **m),
-            Kind::Cnem(m) => ask(&mut **m),
-            Kind::Chain(m) => ask(m),
-            Kind::Dem(Some(m)) => ask(&mut **m),
-            Kind::Dem(None) => Err(self.gone()),
+            Kind::Fem(m) => call(&mut **m),
+            Kind::Cnem(m) => call(&mut **m),
+            Kind::Chain(m) => call(m),
+            Kind::Dem(Some(m)) => call(&mut **m),
+            Kind::Dem(None) => Err(self.already_used()),
         })?
     }
 
-    /// The field that it has without a choice.
+    /// Returns the model's default field.
     pub(crate) fn field(&self) -> Result<Arc<dyn Interpolation<f64>>, Fault> {
         use arlequin::core::FineModel;
         match &*self.lock() {
@@ -81,40 +82,40 @@ impl NativeModel {
             Kind::Cnem(m) => Ok(m.field()),
             Kind::Chain(m) => Ok(m.fine_field()),
             Kind::Dem(Some(m)) => Ok(m.particle_field()),
-            Kind::Dem(None) => Err(self.gone()),
+            Kind::Dem(None) => Err(self.already_used()),
         }
     }
 
-    /// The model for a run.
+    /// Returns the model for a run: a copy, or the model itself if it consists of particles.
     pub(crate) fn give(&self) -> Result<Box<dyn Model<f64>>, Fault> {
         match &mut *self.lock() {
             Kind::Fem(m) => Ok(m.clone()),
             Kind::Cnem(m) => Ok(m.clone()),
             Kind::Chain(m) => Ok(Box::new(m.clone())),
-            Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.gone())?),
+            Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.already_used())?),
         }
     }
 
-    /// Asks the model under weights, and takes these from it again.
+    /// Calls `call` on the model with weights, then sets its weights back to one.
     fn weighted<V: Send>(
         &self,
         weights: Option<&Weights>,
-        ask: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault> + Send,
+        call: impl FnOnce(&mut dyn Model<f64>, &arlequin::core::Weights<f64>) -> Result<V, Fault> + Send,
     ) -> Result<V, Fault> {
         let whole = arlequin::core::Weights::uncoupled();
         let weights = weights.map_or(&whole, |w| &w.0);
         self.with(|m| {
             m.set_internal_weight(&*weights.internal)?;
-            let found = ask(m, weights);
+            let answer = call(m, weights);
             m.set_internal_weight(&*whole.internal)?;
-            found
+            answer
         })
     }
 }
 
 #[pymethods]
 impl NativeModel {
-    /// "fem", "cnem", "dem" or "chain".
+    /// Kind of the model: "fem", "cnem", "dem" or "chain".
     #[getter]
     fn kind(&self) -> Result<String, Fault> {
         self.with(|m| Ok(m.kind().to_owned()))
@@ -139,28 +140,28 @@ impl NativeModel {
         self.with(|m| Ok(m.layout().rotations))
     }
 
-    /// The field that interfaces see.
+    /// The field that interfaces use.
     #[getter(field)]
     fn its_field(&self) -> Result<Field, Fault> {
         Ok(Field(self.field()?))
     }
 
-    /// Lumped inertia of every unknown under weights [kg, kg m2].
+    /// Lumped inertia of every unknown [kg, kg m2], weighted by `weights`.
     #[pyo3(signature = (weights = None))]
     fn lumped_inertia<'py>(
         &self,
         py: Python<'py>,
         weights: Option<&Weights>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let found = self.weighted(weights, |m, w| {
+        let inertia = self.weighted(weights, |m, w| {
             let mut out = vec![0.0; m.layout().dofs()];
             m.lumped_inertia(&*w.kinetic, &mut out)?;
             Ok(out)
         });
-        Ok(array(py, found?))
+        Ok(array(py, inertia?))
     }
 
-    /// Internal forces on every unknown at displacements `q` [m], under weights [N, N m].
+    /// Internal forces on every unknown at displacements `q` [m], weighted [N, N m].
     #[pyo3(signature = (q, weights = None))]
     fn internal_forces<'py>(
         &self,
@@ -169,16 +170,16 @@ impl NativeModel {
         weights: Option<&Weights>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let q = flat(&q);
-        let found = self.weighted(weights, |m, _| {
+        let forces = self.weighted(weights, |m, _| {
             arlequin::core::check_size(m, "displacements", q.len())?;
             let mut out = vec![0.0; q.len()];
             m.add_internal_forces(&q, &mut out)?;
             Ok(out)
         });
-        Ok(array(py, found?))
+        Ok(array(py, forces?))
     }
 
-    /// Internal energy at displacements `q` [m], under weights [J].
+    /// Internal energy at displacements `q` [m], weighted [J].
     #[pyo3(signature = (q, weights = None))]
     fn internal_energy(&self, q: Numbers<'_>, weights: Option<&Weights>) -> Result<f64, Fault> {
         let q = flat(&q);
@@ -188,7 +189,7 @@ impl NativeModel {
         })
     }
 
-    /// Largest stable step of velocity Verlet, uncoupled and unsupported [s].
+    /// Critical step of velocity Verlet without coupling and supports [s].
     #[getter]
     fn critical_step(&self) -> Result<f64, Fault> {
         self.weighted(None, |m, w| {
@@ -199,24 +200,24 @@ impl NativeModel {
         })
     }
 
-    /// The stiffness under weights: `(data, indices, indptr)` of its rows [N/m].
+    /// Weighted stiffness as `(data, indices, indptr)` of its rows [N/m].
     #[pyo3(signature = (weights = None))]
     fn _stiffness<'py>(&self, py: Python<'py>, weights: Option<&Weights>) -> PyResult<Csr<'py>> {
-        let found = self.weighted(weights, |m, _| {
+        let stiffness = self.weighted(weights, |m, _| {
             let Some(linear) = m.as_linear() else {
                 let rule = format!("model '{}' cannot tell a stiffness: it is not linear", self.name);
-                return Err(Fault::of("Unsupported", rule));
+                return Err(Fault::new("Unsupported", rule));
             };
             Ok(linear.stiffness().to_csr())
         });
-        let (begin, columns, values) = found?.into_raw_storage();
-        let numbers = |of: Vec<usize>| PyArray1::from_iter(py, of.into_iter().map(|k| k as i64));
+        let (begin, columns, values) = stiffness?.into_raw_storage();
+        let numbers = |integers: Vec<usize>| PyArray1::from_iter(py, integers.into_iter().map(|k| k as i64));
         Ok((array(py, values), numbers(columns), numbers(begin)))
     }
 
     fn __repr__(&self) -> String {
-        let told = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
-        format!("<Model {}>", told.unwrap_or_else(|_| self.name.clone()))
+        let summary = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
+        format!("<Model {}>", summary.unwrap_or_else(|_| self.name.clone()))
     }
 }
 
@@ -230,12 +231,12 @@ impl FemModel {
     #[new]
     fn new(name: &str, mesh: &Mesh, material: &Elastic) -> Result<PyClassInitializer<Self>, Fault> {
         let model = with_threads(|| Fem::new(name, mesh.0.mesh().clone(), material.0))??;
-        Ok(NativeModel::of(name, Kind::Fem(Box::new(model))).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Fem(Box::new(model))).add_subclass(Self))
     }
 }
 
-/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. Closed
-/// triangles `surface` of points bound bodies that are not convex.
+/// Natural elements on points [m] that fill their convex hull: `CnemModel(name, points, material)`. For
+/// other bodies, `surface` gives the closed boundary as triangles of points.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct CnemModel;
@@ -255,22 +256,22 @@ impl CnemModel {
         let surface = match surface {
             None => Surface::convex_hull(),
             Some(s) => {
-                let all: Vec<usize> = node_numbers("the surface", &s, 3)?
+                let corners: Vec<usize> = node_numbers("the surface", &s, 3)?
                     .into_iter()
                     .map(|k| k as usize)
                     .collect();
-                Surface::boundary(all.as_chunks::<3>().0.to_vec())
+                Surface::boundary(corners.as_chunks::<3>().0.to_vec())
             }
         };
         let model = outside(py, || {
             let domain = Domain::new(&nodes, &surface)?;
             Ok(Cnem::new(name, domain, material.0, Options::default())?)
         })?;
-        Ok(NativeModel::of(name, Kind::Cnem(Box::new(model))).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Cnem(Box::new(model))).add_subclass(Self))
     }
 }
 
-/// A packing of spheres and the pairs of them that beams join; made by `cylinder` and `block`.
+/// A packing of spheres with the pairs that are joined by beams. Created by `cylinder` and `block`.
 #[pyclass(frozen, name = "Packing", module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Spheres(Arc<Packing>);
@@ -290,8 +291,8 @@ impl Spheres {
 
 #[pymethods]
 impl Spheres {
-    /// About so many spheres in a cylinder along x from 0 to `length`, of `radius` [m]; `quench` is faster
-    /// and less even.
+    /// Packs about `count` spheres into a cylinder of `radius` along x from 0 to `length` [m]. `quench` is
+    /// faster and gives a less even packing.
     #[staticmethod]
     #[pyo3(signature = (length, radius, count, seed = 1, quench = false))]
     fn cylinder(
@@ -306,7 +307,7 @@ impl Spheres {
         Self::fill(py, container, count, seed, quench)
     }
 
-    /// The same in a box from corner `low` to corner `high` [m].
+    /// Packs about `count` spheres into a box from corner `low` to corner `high` [m].
     #[staticmethod]
     #[pyo3(signature = (low, high, count, seed = 1, quench = false))]
     fn block(
@@ -335,11 +336,11 @@ impl Spheres {
         array(py, self.0.radii.clone())
     }
 
-    /// Numbers of bonded spheres, (n, 2).
+    /// Numbers of the bonded spheres, (n, 2).
     #[getter]
     fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let all = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
-        PyArray1::from_iter(py, all).call_method1("reshape", (-1, 2))
+        let numbers = self.0.pairs.iter().flatten().map(|k| i64::from(*k));
+        PyArray1::from_iter(py, numbers).call_method1("reshape", (-1, 2))
     }
 
     fn __repr__(&self) -> String {
@@ -351,16 +352,16 @@ impl Spheres {
     }
 }
 
-/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)` of a
-/// `Packing`, or of `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and `poisson` are
-/// those of beams, by default of silica; `order` has the packing's number of every particle.
+/// Spheres joined by beams: `DemModel(name, packing, density, young=…, poisson=…, radius_ratio=…)`.
+/// `packing` is a `Packing`, or `(points, radii, pairs, volume)` [m, m, numbers, m3]. `young` [Pa] and
+/// `poisson` describe the beams, by default silica. `order` has the packing's number of every particle.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct DemModel {
     order: Vec<u32>,
 }
 
-/// Spheres of one's own.
+/// A packing of the library, or spheres from the user.
 #[derive(FromPyObject)]
 enum Particles<'py> {
     Packing(Bound<'py, Spheres>),
@@ -404,7 +405,7 @@ impl DemModel {
         };
         let model = model.map_err(Fault::from)?;
         let order = model.order().to_vec();
-        let base = NativeModel::of(name, Kind::Dem(Some(Box::new(model))));
+        let base = NativeModel::initializer(name, Kind::Dem(Some(Box::new(model))));
         Ok(base.add_subclass(Self { order }))
     }
 
@@ -415,8 +416,8 @@ impl DemModel {
     }
 }
 
-/// Equal masses [kg] (half at the ends) joined by equal springs [N/m] along x from `start` at `spacing` [m]:
-/// `ChainModel(name, start, spacing, bonds, mass, stiffness)`.
+/// Equal masses [kg] (half at the ends) joined by equal springs [N/m] along x from `start` with `spacing`
+/// [m]: `ChainModel(name, start, spacing, bonds, mass, stiffness)`.
 #[pyclass(frozen, extends = NativeModel, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct ChainModel;
@@ -433,6 +434,6 @@ impl ChainModel {
         stiffness: f64,
     ) -> Result<PyClassInitializer<Self>, Fault> {
         let model = Chain::new(name, start, spacing, bonds, mass, stiffness)?;
-        Ok(NativeModel::of(name, Kind::Chain(model)).add_subclass(Self))
+        Ok(NativeModel::initializer(name, Kind::Chain(model)).add_subclass(Self))
     }
 }

@@ -1,7 +1,7 @@
-//! Models written in Python behind the traits of the core.
+//! Implements the core's `Model` for models written in Python.
 
 use crate::arrays::{Numbers, array};
-use crate::border::{Claim, Heard, Pending, Shared};
+use crate::border::{Callbacks, Claim, Pending, Shared};
 use crate::error::{Fault, raised};
 use crate::matrix::MatrixModel;
 use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
@@ -14,17 +14,17 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// Where the numbers of a weight belong.
+/// Entities for which a Python object receives weights.
 enum Places {
-    /// Elements of the mesh, each of one cell or several.
+    /// Elements of the mesh; each has one or more cells.
     Elements(Vec<Vec<Cell<f64>>>),
-    /// Straight lines between nodes.
+    /// Straight bonds between nodes.
     Bonds(Vec<Cell<f64>>),
     /// Nodes.
     Nodes,
 }
 
-/// What an object of Python says of itself.
+/// Attributes of a Python object: name, unknowns, nodes, field, weights.
 pub(crate) struct Described {
     pub(crate) name: String,
     pub(crate) kind: String,
@@ -37,20 +37,20 @@ pub(crate) struct Described {
     pub(crate) pending: Pending,
 }
 
-/// An attribute that may be missing or none.
-pub(crate) fn optional<'py>(of: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
-    Ok(of.getattr_opt(name)?.filter(|x| !x.is_none()))
+/// Returns an attribute, or `None` if it is missing or None.
+pub(crate) fn optional<'py>(object: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    Ok(object.getattr_opt(name)?.filter(|x| !x.is_none()))
 }
 
 impl Described {
-    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub(crate) fn from_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let text = |what: &str| -> PyResult<Option<String>> {
-            let Some(found) = optional(object, what)? else {
+            let Some(value) = optional(object, what)? else {
                 return Ok(None);
             };
-            found.extract().map(Some).or_else(|_| {
+            value.extract().map(Some).or_else(|_| {
                 let rule = format!("{what} = {}: that of a model or solver is a text", found.repr()?);
-                Err(Fault::of("InvalidParameter", rule).into())
+                Err(Fault::new("InvalidParameter", rule).into())
             })
         };
         let name = text("name")?.unwrap_or_else(|| "python".into());
@@ -60,7 +60,7 @@ impl Described {
                 "'{name}' says nothing of its shape functions: set self.mesh = arlequin.Mesh(…), or self.field = \
                  arlequin.Field.natural(…) or .particles(…)"
             );
-            return Err(Fault::of("InvalidParameter", rule).into());
+            return Err(Fault::new("InvalidParameter", rule).into());
         };
         let field = field_of(&field)?;
         let nodes = field.nodes().to_vec();
@@ -69,10 +69,10 @@ impl Described {
             let Some(x) = optional(object, what)? else {
                 return Ok::<_, PyErr>(default);
             };
-            let found = x.extract::<usize>().ok().filter(|n| allowed.contains(n));
-            found.ok_or_else(|| {
+            let count = x.extract::<usize>().ok().filter(|n| allowed.contains(n));
+            count.ok_or_else(|| {
                 let rule = format!("{what} of '{name}' = {x}: a node has one of {allowed:?}");
-                Fault::of("InvalidParameter", rule).into()
+                Fault::new("InvalidParameter", rule).into()
             })
         };
         let plain = mesh.as_ref().map_or(3, |m| m.get().0.mesh().kind().components());
@@ -88,18 +88,18 @@ impl Described {
                 let rule = format!(
                     "arms of '{name}' = \"{other}\": moments vanish about positions at \"rest\" or \"present\" ones"
                 );
-                return Err(Fault::of("InvalidParameter", rule).into());
+                return Err(Fault::new("InvalidParameter", rule).into());
             }
         };
         let places = match (optional(object, "bonds")?, mesh) {
             (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
             (None, Some(mesh)) => {
-                let of = |e| {
+                let cells_of = |e| {
                     let mut out = Vec::new();
                     mesh.get().0.cells_of(e, &mut out);
                     out
                 };
-                Places::Elements((0..mesh.get().0.mesh().element_count()).map(of).collect())
+                Places::Elements((0..mesh.get().0.mesh().element_count()).map(cells_of).collect())
             }
             (None, None) => Places::Nodes,
         };
@@ -116,10 +116,11 @@ impl Described {
         })
     }
 
-    /// Means of a weight over elements or bonds, or its values at nodes.
+    /// Returns the means of a weight over elements or bonds, or its values at nodes.
     pub(crate) fn shares(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let over = |cells: &Vec<Cell<f64>>| match cells.as_slice() {
-            [one] => weight.mean(one),
+            [cell] => weight.mean(cell),
+            // The mean over an element weights its cells by their measures.
             several => {
                 let parts = several
                     .iter()
@@ -129,13 +130,13 @@ impl Described {
             }
         };
         match &self.places {
-            Places::Elements(all) => all.iter().map(over).collect(),
-            Places::Bonds(all) => all.iter().map(|c| weight.mean(c)).collect(),
+            Places::Elements(elements) => elements.iter().map(over).collect(),
+            Places::Bonds(bonds) => bonds.iter().map(|c| weight.mean(c)).collect(),
             Places::Nodes => self.nodes.iter().map(|x| weight.value(x)).collect(),
         }
     }
 
-    /// Refuses an object without one of these methods.
+    /// Refuses an object that lacks one of these methods.
     pub(crate) fn needs(&self, py: Python<'_>, methods: &[&str]) -> PyResult<()> {
         let missing = |name: &&&str| self.object.getattr(py, **name).is_err();
         let Some(name) = methods.iter().find(missing) else {
@@ -145,20 +146,20 @@ impl Described {
             "'{}' has no method {name}; docs/plug-in.md lists what is needed",
             self.name
         );
-        Err(Fault::of("Unsupported", rule).into())
+        Err(Fault::new("Unsupported", rule).into())
     }
 
-    /// What a run has of the object.
-    pub(crate) fn heard(&self) -> Heard {
-        Heard::of(Some(self.object.clone()), self.pending.clone())
+    /// Returns the object and its slot for exceptions, for the subdomain or run that uses it.
+    pub(crate) fn callbacks(&self) -> Callbacks {
+        Callbacks::new(Some(self.object.clone()), self.pending.clone())
     }
 
-    /// An exception of the object on its way through the core.
+    /// Wraps an exception of the object in an error of the core.
     pub(crate) fn raised(&self, e: PyErr) -> Error {
         raised(&self.name, e)
     }
 
-    /// Gives every number of an answer to `take`, one for each unknown; masses may also be one per node.
+    /// Reads an answer with one number for each unknown and passes each number to `take`.
     pub(crate) fn read(
         &self,
         what: &str,
@@ -173,7 +174,7 @@ impl Described {
                 index,
             }))),
         };
-        // The way of every step: a plain vector.
+        // The fast way, since this is read in every step: a plain vector.
         if let Ok(plain) = answer.cast::<PyArray1<f64>>() {
             let plain = plain.readonly();
             if let (Ok(values), true) = (plain.as_slice(), plain.len()? == out.len()) {
@@ -187,7 +188,7 @@ impl Described {
             out.iter_mut().zip(any.iter()).for_each(|(o, x)| take(o, *x));
             return finite(any.iter().position(|x| !x.is_finite()));
         }
-        Err(Fault::of(
+        Err(Fault::new(
             "SizeMismatch",
             format!(
                 "{what} of '{}': expected {} numbers, found {}",
@@ -199,7 +200,7 @@ impl Described {
         .into())
     }
 
-    /// Lumped inertia that the object answers with.
+    /// Reads the lumped inertia that the object returns, per unknown or per node.
     pub(crate) fn read_inertia(&self, answer: &Bound<'_, PyAny>, out: &mut [f64]) -> PyResult<()> {
         let any = answer.extract::<Numbers<'_>>()?;
         let any = any.as_array();
@@ -208,6 +209,7 @@ impl Described {
             components,
             rotations,
         } = self.layout;
+        // One mass per node counts for all of its components.
         if any.len() == nodes && rotations == 0 && components > 1 {
             for (mass, of_node) in any.iter().zip(out.chunks_exact_mut(components)) {
                 of_node.fill(*mass);
@@ -222,22 +224,23 @@ fn bonds_of(name: &str, bonds: &Bound<'_, PyAny>, nodes: &[Point3<f64>]) -> PyRe
     let what = format!("bonds of '{name}'");
     let numbers = bonds.extract::<Connectivity<'_>>().map_err(|_| {
         let rule = format!("{what} are no pairs of node numbers; give an array of whole numbers, (n, 2)");
-        Fault::of("SizeMismatch", rule)
+        Fault::new("SizeMismatch", rule)
     })?;
     let numbers = node_numbers(&what, &numbers, 2)?;
-    let one = |pair: &[u32; 2]| {
+    let segment = |pair: &[u32; 2]| {
         let [a, b] = pair.map(|k| nodes.get(k as usize).copied());
         let ends = [a?, b?];
+        // Means do not depend on the section.
         Some(Cell::Segment { ends, section: 1.0 })
     };
-    let all: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(one).collect();
-    all.ok_or_else(|| {
+    let segments: Option<Vec<_>> = numbers.as_chunks::<2>().0.iter().map(segment).collect();
+    segments.ok_or_else(|| {
         let rule = format!("bonds of '{name}' name nodes beyond its {}", nodes.len());
-        Fault::of("InvalidParameter", rule).into()
+        Fault::new("InvalidParameter", rule).into()
     })
 }
 
-/// What an object says of itself, for the traits of the core that ask it.
+/// Implements the methods of a core trait that return attributes of the object.
 macro_rules! as_described {
     () => {
         fn name(&self) -> &str {
@@ -256,11 +259,11 @@ macro_rules! as_described {
 }
 pub(crate) use as_described;
 
-/// A model whose forces are found in Python.
+/// A model whose forces are computed in Python.
 pub(crate) struct PythonModel {
     _claim: Claim,
     about: Described,
-    /// Whether it has methods that it need not have.
+    /// True if the object has these optional methods.
     advances: bool,
     knows_its_step: bool,
 }
@@ -270,13 +273,14 @@ impl PythonModel {
         about.needs(py, &["set_internal_weight", "internal_forces", "internal_energy"])?;
         let has = |name| Ok::<_, PyErr>(optional(about.object.bind(py), name)?.is_some());
         Ok(Self {
-            _claim: Claim::of(&about.name, &about.object)?,
+            _claim: Claim::new(&about.name, &about.object)?,
             advances: has("advance")?,
             knows_its_step: has("critical_step")?,
             about,
         })
     }
 
+    /// Calls `advance` or `internal_forces` and adds the answer to `f`.
     fn ask(&self, advances: bool, q: &[f64], f: &mut [f64]) -> Result<()> {
         Python::attach(|py| {
             let method = if advances {
@@ -295,7 +299,7 @@ impl PythonModel {
     }
 }
 
-/// Hands the means of a weight over and takes the inertia.
+/// Sends the means of the weight to the object and reads the inertia it returns.
 pub(crate) fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
     let shares = about.shares(weight);
     Python::attach(|py| {
@@ -318,13 +322,13 @@ impl Model<f64> for PythonModel {
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
         let shares = self.about.shares(alpha);
-        let told = Python::attach(|py| {
+        let result = Python::attach(|py| {
             let shares = array(py, shares);
             self.about
                 .object
                 .call_method1(py, "set_internal_weight", (shares,))
         });
-        told.map(drop).map_err(|e| self.about.raised(e))
+        result.map(drop).map_err(|e| self.about.raised(e))
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
@@ -336,7 +340,7 @@ impl Model<f64> for PythonModel {
     }
 
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let found = Python::attach(|py| {
+        let energy = Python::attach(|py| {
             let q = (PyArray1::from_slice(py, q),);
             let answer = self
                 .about
@@ -344,36 +348,38 @@ impl Model<f64> for PythonModel {
                 .call_method1(py, intern!(py, "internal_energy"), q)?;
             answer.extract::<f64>(py)
         });
-        found.unwrap_or_else(|e| {
+        // The method cannot return an error, so the exception waits until the run stops.
+        energy.unwrap_or_else(|e| {
             self.about.pending.keep(e);
             f64::NAN
         })
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> Result<f64> {
+        // The estimate from forces holds for laws that are linear about rest.
         if !self.knows_its_step {
             let forces = &mut |q: &[f64], f: &mut [f64]| self.ask(false, q, f);
             return arlequin::core::spectrum::critical_step(inverse_inertia, forces);
         }
-        let found = Python::attach(|py| {
+        let step = Python::attach(|py| {
             let inverse = (PyArray1::from_slice(py, inverse_inertia),);
             self.about
                 .object
                 .call_method1(py, "critical_step", inverse)?
                 .extract::<f64>(py)
         });
-        let found = found.map_err(|e| self.about.raised(e))?;
-        if found > 0.0 {
-            return Ok(found);
+        let step = step.map_err(|e| self.about.raised(e))?;
+        if step > 0.0 {
+            return Ok(step);
         }
         let name = format!("critical_step of '{}'", self.about.name);
         let rule = "must be positive [s], or infinite for a model that takes any step";
-        Err(arlequin::core::invalid(&name, found, rule))
+        Err(arlequin::core::invalid(&name, step, rule))
     }
 
     fn save(&self) -> Record<f64> {
-        let found = Python::attach(|py| saved(&self.about, py));
-        found
+        let record = Python::attach(|py| saved(&self.about, py));
+        record
             .unwrap_or_else(|e| {
                 self.about.pending.keep(e);
                 None
@@ -386,7 +392,7 @@ impl Model<f64> for PythonModel {
     }
 }
 
-/// What an object remembers, if it does.
+/// Returns the numbers that the object's `save` gives; `None` without such a method.
 pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record<f64>>> {
     let Some(save) = optional(about.object.bind(py), "save")? else {
         return Ok(None);
@@ -397,7 +403,7 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
             "save of '{}' answers None; give numbers, or have no save",
             about.name
         );
-        return Err(Fault::of("InvalidParameter", rule).into());
+        return Err(Fault::new("InvalidParameter", rule).into());
     }
     let numbers = answer.extract::<Numbers<'_>>()?;
     Ok(Some(Record {
@@ -406,7 +412,7 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
     }))
 }
 
-/// Gives it back.
+/// Passes saved numbers to the object's `restore`, if there is one.
 pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) -> PyResult<()> {
     let Some(restore) = optional(about.object.bind(py), "restore")? else {
         return Ok(());
@@ -414,18 +420,18 @@ pub(crate) fn restored(about: &Described, py: Python<'_>, from: &Record<f64>) ->
     restore.call1((array(py, from.numbers.clone()),)).map(drop)
 }
 
-/// A model of the core, its field, and what it has in Python.
-pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Heard);
+/// A model of the core, its field, and its Python objects.
+pub(crate) type Made = (Box<dyn Model<f64>>, Arc<dyn Interpolation<f64>>, Callbacks);
 
-/// Any model written in Python.
+/// Returns the model for an object written in Python: with a stiffness matrix or with forces.
 pub(crate) fn model(object: &Bound<'_, PyAny>) -> PyResult<Made> {
-    let about = Described::of(object)?;
-    let (field, heard) = (about.field.clone(), about.heard());
+    let about = Described::from_object(object)?;
+    let (field, callbacks) = (about.field.clone(), about.callbacks());
     about.needs(object.py(), &["inertia"])?;
     let model: Box<dyn Model<f64>> = if optional(object, "stiffness")?.is_some() {
         Box::new(MatrixModel::new(about))
     } else {
         Box::new(PythonModel::new(about, object.py())?)
     };
-    Ok((model, field, heard))
+    Ok((model, field, callbacks))
 }

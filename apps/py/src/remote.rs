@@ -8,30 +8,33 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Where a solver is found.
+/// How a solver is reached.
 pub(crate) enum Place {
-    /// It is started.
+    /// By starting this command.
     Command(Vec<String>),
-    /// Somebody else starts it.
+    /// By waiting at this address for a solver that somebody else starts.
     Address(String),
 }
 
 impl Place {
-    /// The one that is given.
-    pub(crate) fn of(command: Option<Vec<String>>, address: Option<String>) -> Result<Self, Fault> {
+    /// Returns the place from the one argument that is given.
+    pub(crate) fn from_arguments(
+        command: Option<Vec<String>>,
+        address: Option<String>,
+    ) -> Result<Self, Fault> {
         match (command, address) {
             (Some(c), None) if !c.is_empty() => Ok(Self::Command(c)),
             (None, Some(a)) => Ok(Self::Address(a)),
             _ => {
                 let rule = "a solver elsewhere needs either command=[\"python3\", \"solver.py\"] or address=\"unix:PATH\"";
-                Err(Fault::of("Key", rule))
+                Err(Fault::new("Key", rule))
             }
         }
     }
 }
 
-/// Meets a solver that answers within `timeout` [s], and starts within `start` [s], by default 30 s or
-/// `timeout`; and its field.
+/// Connects to a solver and returns it with its field. The solver must connect within `start` [s], by
+/// default 30 s or `timeout` if that is longer, and answer within `timeout` [s].
 pub(crate) fn meet(
     name: &str,
     place: &Place,
@@ -41,7 +44,7 @@ pub(crate) fn meet(
     let time = |what: &str, seconds: f64| {
         Duration::try_from_secs_f64(seconds).map_err(|e| {
             let rule = format!("{what} = {seconds} s: {e}; give a positive time, such as 4.0");
-            Fault::of("InvalidParameter", rule)
+            Fault::new("InvalidParameter", rule)
         })
     };
     let (timeout, usual) = (time("timeout", timeout)?, Options::default());
@@ -58,6 +61,7 @@ pub(crate) fn meet(
     Ok((solver, field))
 }
 
+/// Returns the field that a solver describes: particles or a mesh.
 fn field_of(d: &Description) -> Result<Arc<dyn Interpolation<f64>>, Fault> {
     match &d.shape {
         Shape::Particles { volumes, pairs } => {

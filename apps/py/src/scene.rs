@@ -1,9 +1,9 @@
-//! Scenes: read, checked, run.
+//! Scenes: reading, checking and running them.
 
 use crate::arrays::array;
 use crate::border::{Pulse, outside};
 use crate::error::Fault;
-use crate::frames::{self, Kept};
+use crate::frames::{self, KeptFrames};
 use arlequin::core::Coupled;
 use arlequin_scene::output::json;
 use arlequin_scene::suggest::{Goal, suggest};
@@ -13,7 +13,7 @@ use pyo3::types::PyDict;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-/// Assignments: paths of keys, and values as TOML.
+/// Assignments: key paths with their values as TOML.
 type Changes = Vec<(String, String)>;
 
 /// A scene file and the changes made to it.
@@ -22,7 +22,7 @@ type Changes = Vec<(String, String)>;
 pub(crate) struct Scene(arlequin_scene::Scene);
 
 impl Scene {
-    fn of(source: Source, changes: Changes) -> Result<Self, Fault> {
+    fn from_source(source: Source, changes: Changes) -> Result<Self, Fault> {
         let read = arlequin_scene::Scene::from_source(source.clone());
         let scene = changes.iter().try_fold(
             read.map_err(|e| Fault::of_scene(e, &source))?,
@@ -42,16 +42,16 @@ impl Scene {
     #[staticmethod]
     fn read(path: PathBuf, changes: Changes) -> PyResult<Self> {
         let source = Source::read(&path).map_err(Fault::from)?;
-        Ok(Self::of(source, changes)?)
+        Ok(Self::from_source(source, changes)?)
     }
 
     /// Reads a text; paths in it are relative to the current folder.
     #[staticmethod]
     fn from_text(text: String, changes: Changes) -> PyResult<Self> {
-        Ok(Self::of(Source::new("scene", text), changes)?)
+        Ok(Self::from_source(Source::new("scene", text), changes)?)
     }
 
-    /// The same scene with further changes.
+    /// Returns the scene with further changes.
     fn with_changes(&self, changes: Changes) -> PyResult<Self> {
         let scene = changes
             .iter()
@@ -79,17 +79,18 @@ impl Scene {
         self.0.changes().to_vec()
     }
 
-    /// What the run will be, as JSON.
+    /// Returns the plan of the run as JSON.
     fn check(&self, py: Python<'_>) -> PyResult<String> {
-        let made = outside(py, || {
+        let plan = outside(py, || {
             let prepared = self.0.prepare().map_err(self.fault())?;
             Ok(json("writing the plan", &prepared.preview())?)
         });
         py.check_signals()?;
-        made
+        plan
     }
 
-    /// Proposes settings for an error or a time: JSON; writes the scene with them to `apply`.
+    /// Proposes settings for an error or a time and returns them as JSON; writes the scene with them to
+    /// `apply`.
     fn suggest(
         &self,
         py: Python<'_>,
@@ -103,22 +104,22 @@ impl Scene {
             (None, Some(t)) => Goal::Time(t),
             _ => {
                 let rule = "suggest needs either error or time, such as error=0.02 or time=30.0 [s]";
-                return Err(Fault::of("Key", rule).into());
+                return Err(Fault::new("Key", rule).into());
             }
         };
-        let made = outside(py, || {
-            let found = suggest(&self.0, goal, frequency).map_err(self.fault())?;
+        let written = outside(py, || {
+            let proposal = suggest(&self.0, goal, frequency).map_err(self.fault())?;
             if let Some(file) = &apply {
-                found.write(&self.0, file).map_err(self.fault())?;
+                proposal.write(&self.0, file).map_err(self.fault())?;
             }
-            Ok(json("writing the proposal", &found)?)
+            Ok(json("writing the proposal", &proposal)?)
         });
         py.check_signals()?;
-        made
+        written
     }
 
-    /// Makes all steps; results go to a folder if there is one. The exception that ended it, if one did,
-    /// comes with them.
+    /// Makes all steps and writes results to a folder if one is given. Returns the results with the
+    /// exception that ended the run early, if there was one.
     fn run(
         &self,
         py: Python<'_>,
@@ -132,8 +133,8 @@ impl Scene {
             let folder = folder.transpose().map_err(self.fault())?;
             let prepared = self.0.prepare().map_err(self.fault())?;
             Python::attach(|py| py.check_signals())?;
-            let kept = Kept::new(&prepared, frames).map_err(self.fault())?;
-            let mut watch = Watch::new(Some(kept), listener);
+            let kept_frames = KeptFrames::new(&prepared, frames).map_err(self.fault())?;
+            let mut watch = Watch::new(Some(kept_frames), listener);
             let done = match folder {
                 Some(folder) => prepared.run_into(folder, &mut watch),
                 None => prepared.run(&mut watch),
@@ -143,7 +144,7 @@ impl Scene {
     }
 }
 
-/// Goes on with the run of a folder from its last checkpoint.
+/// Continues the run of a folder from its last checkpoint.
 #[pyfunction]
 pub(crate) fn resume(
     py: Python<'_>,
@@ -158,17 +159,17 @@ pub(crate) fn resume(
     })
 }
 
-/// What looks at a run for Python.
+/// Observer of a run for Python: keeps frames, calls the listener, checks for Ctrl-C.
 pub(crate) struct Watch {
-    kept: Option<Kept>,
+    kept: Option<KeptFrames>,
     listener: Option<Py<PyAny>>,
     pulse: Pulse,
-    /// What ended the run.
+    /// Reason for which the run was stopped.
     pub(crate) stop: Option<Fault>,
 }
 
 impl Watch {
-    pub(crate) fn new(kept: Option<Kept>, listener: Option<Py<PyAny>>) -> Self {
+    pub(crate) fn new(kept: Option<KeptFrames>, listener: Option<Py<PyAny>>) -> Self {
         Self {
             kept,
             listener,
@@ -192,22 +193,24 @@ impl Watch {
 impl Observer for Watch {
     fn warning(&mut self, text: &str) {
         let Some(listener) = &self.listener else { return };
-        let told = Python::attach(|py| listener.call_method1(py, "warning", (text,)).map(drop));
-        if let (Err(e), None) = (told, &self.stop) {
+        let reported = Python::attach(|py| listener.call_method1(py, "warning", (text,)).map(drop));
+        if let (Err(e), None) = (reported, &self.stop) {
             self.stop = Some(e.into());
         }
     }
 
     fn step(&mut self, run: &Coupled<f64>, planned: usize) -> ControlFlow<()> {
-        let looked = self.kept.as_mut().map_or(Ok(()), |k| k.look(run, planned));
-        let told = self.pulse.beat(|py| match &self.listener {
+        let frame_result = self.kept.as_mut().map_or(Ok(()), |k| k.look(run, planned));
+        let reported = self.pulse.beat(|py| match &self.listener {
             Some(listener) => listener
                 .call_method1(py, "step", (run.steps(), planned))
                 .map(drop),
             None => Ok(()),
         });
-        let all = looked.map_err(Fault::from).and(told.map_err(Fault::from));
-        if let (Err(e), None) = (all, &self.stop) {
+        let outcome = frame_result
+            .map_err(Fault::from)
+            .and(reported.map_err(Fault::from));
+        if let (Err(e), None) = (outcome, &self.stop) {
             self.stop = Some(e);
         }
         if self.stop.is_some() {
@@ -217,17 +220,17 @@ impl Observer for Watch {
     }
 }
 
-/// What a run left.
+/// Results of a run.
 #[pyclass(frozen, module = "arlequin._native")]
 pub(crate) struct Results {
     recorded: Recorded,
     asleep: Option<Recorded>,
     end: End,
     folder: Option<PathBuf>,
-    kept: Option<Kept>,
+    kept: Option<KeptFrames>,
 }
 
-/// `{name: column}` of a table, its times among them.
+/// Returns a table as `{name: column}`, times included.
 fn columns<'py>(py: Python<'py>, table: &Table) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     out.set_item("time [s]", array(py, table.times.clone()))?;
@@ -264,7 +267,7 @@ impl Results {
         Ok(json("writing the summary", &self.part(asleep).summary).map_err(Fault::from)?)
     }
 
-    /// `[(name, quantity, values)]`, and their times.
+    /// Returns the probes over time as `{name: column}`, times included.
     fn probes<'py>(&self, py: Python<'py>, asleep: bool) -> PyResult<Bound<'py, PyDict>> {
         columns(py, &self.part(asleep).probes)
     }
@@ -277,37 +280,38 @@ impl Results {
         columns(py, &self.part(asleep).effects)
     }
 
-    /// `{name: {"time [s]", label of x, label of y}}`.
+    /// Returns the curves as `{name: {"time [s]", label of x, label of y}}`.
     fn curves<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
         for c in &self.recorded.curves {
-            let one = PyDict::new(py);
-            one.set_item("time [s]", array(py, c.times.clone()))?;
+            let entry = PyDict::new(py);
+            entry.set_item("time [s]", array(py, c.times.clone()))?;
             for axis in [&c.x, &c.y] {
                 let label = format!("{} [{}]", axis.label, axis.unit);
-                one.set_item(label, array(py, axis.values.clone()))?;
+                entry.set_item(label, array(py, axis.values.clone()))?;
             }
-            out.set_item(&c.name, one)?;
+            out.set_item(&c.name, entry)?;
         }
         Ok(out)
     }
 
-    /// Pieces at the instants of the frames: `[(time, model, number, particles, mass, centre, velocity)]`.
+    /// Fragments at the times of the frames: `[(time, model, number, particles, mass, centre, velocity)]`.
     #[allow(clippy::type_complexity, reason = "a row of the table of pieces")]
     fn fragments(&self) -> Vec<(f64, String, usize, usize, f64, [f64; 3], [f64; 3])> {
-        let all = self.recorded.fragments.iter();
-        all.map(|p| {
-            (
-                p.time,
-                p.model.clone(),
-                p.number,
-                p.particles,
-                p.mass,
-                p.centre,
-                p.velocity,
-            )
-        })
-        .collect()
+        let fragments = self.recorded.fragments.iter();
+        fragments
+            .map(|p| {
+                (
+                    p.time,
+                    p.model.clone(),
+                    p.number,
+                    p.particles,
+                    p.mass,
+                    p.centre,
+                    p.velocity,
+                )
+            })
+            .collect()
     }
 
     fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {

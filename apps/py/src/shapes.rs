@@ -12,10 +12,11 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Node numbers as arrays of the border have them: as numbers, so that 0.5 is seen and not cut to 0.
+/// Arrays of node numbers. They are read as floating-point numbers, so that 0.5 is refused and not cut to
+/// 0.
 pub(crate) type Connectivity<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
 
-/// Nodes and values.
+/// Node numbers and values.
 type Row<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
 /// A finite element mesh: bars along x, tetrahedra or hexahedra of corner nodes.
@@ -31,7 +32,7 @@ fn kind_of(name: &str) -> Result<ElementKind, Fault> {
         "bar" => Ok(ElementKind::Bar2),
         "tet" => Ok(ElementKind::Tet4),
         "hex" => Ok(ElementKind::Hex8),
-        _ => Err(Fault::of(
+        _ => Err(Fault::new(
             "InvalidParameter",
             format!("kind of elements = '{name}': must be bar, tet or hex"),
         )),
@@ -39,30 +40,30 @@ fn kind_of(name: &str) -> Result<ElementKind, Fault> {
 }
 
 impl Mesh {
-    pub(crate) fn of(mesh: arlequin::fem_ref::Mesh<f64>) -> Self {
+    pub(crate) fn from_mesh(mesh: arlequin::fem_ref::Mesh<f64>) -> Self {
         Self(Arc::new(FemField::new(mesh)))
     }
 }
 
-/// Node numbers, so many in a row.
+/// Reads node numbers from rows of `columns` numbers.
 pub(crate) fn node_numbers(what: &str, from: &Connectivity<'_>, columns: usize) -> Result<Vec<u32>, Fault> {
-    let all = from.as_array();
-    if all.ncols() != columns {
+    let numbers = from.as_array();
+    if numbers.ncols() != columns {
         let rule = format!(
             "{what}: node numbers have the shape {:?}; give (n, {columns})",
-            all.shape()
+            numbers.shape()
         );
-        return Err(Fault::of("SizeMismatch", rule));
+        return Err(Fault::new("SizeMismatch", rule));
     }
     let is_number = |k: &f64| k.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(k);
-    if let Some(k) = all.iter().find(|k| !is_number(k)) {
+    if let Some(k) = numbers.iter().find(|k| !is_number(k)) {
         let rule = format!(
             "{what} has the node number {k}; they are whole, from 0 to {}",
             u32::MAX
         );
-        return Err(Fault::of("InvalidParameter", rule));
+        return Err(Fault::new("InvalidParameter", rule));
     }
-    Ok(all.iter().map(|k| *k as u32).collect())
+    Ok(numbers.iter().map(|k| *k as u32).collect())
 }
 
 #[pymethods]
@@ -76,40 +77,48 @@ impl Mesh {
         );
         let cells = node_numbers("the mesh", &cells, kind.corners())?;
         let mesh = arlequin::fem_ref::Mesh::new(kind, nodes, cells)?;
-        Ok(Self::of(if kind == ElementKind::Bar2 {
+        Ok(Self::from_mesh(if kind == ElementKind::Bar2 {
             mesh.with_section(section)?
         } else {
             mesh
         }))
     }
 
-    /// So many equal bars from `start` to `end` [m].
+    /// `count` equal bars from `start` to `end` [m].
     #[staticmethod]
     #[pyo3(signature = (start, end, count, section = 1.0))]
     fn bar(start: f64, end: f64, count: usize, section: f64) -> Result<Self, Fault> {
-        Ok(Self::of(generate::bar(start, end, count, section)?))
+        Ok(Self::from_mesh(generate::bar(start, end, count, section)?))
     }
 
-    /// Bars between coordinates along x [m], which rise.
+    /// Bars between increasing coordinates along x [m].
     #[staticmethod]
     #[pyo3(signature = (x, section = 1.0))]
     fn line(x: Numbers<'_>, section: f64) -> Result<Self, Fault> {
-        Ok(Self::of(generate::bar_at(&crate::arrays::flat(&x), section)?))
+        Ok(Self::from_mesh(generate::bar_at(
+            &crate::arrays::flat(&x),
+            section,
+        )?))
     }
 
-    /// A box from corner `low` to corner `high` [m] with so many elements (boxes of six, for "tet") along
-    /// x, y and z.
+    /// A box from corner `low` to corner `high` [m] with `counts` elements along x, y and z. For "tet" each
+    /// count is a box of six tetrahedra.
     #[staticmethod]
     fn block(kind: &str, low: Numbers<'_>, high: Numbers<'_>, counts: [usize; 3]) -> Result<Self, Fault> {
         let corners = [point("low", &low)?, point("high", &high)?];
         let [low, high] = corners;
-        Ok(Self::of(generate::block(kind_of(kind)?, low, high, counts)?))
+        Ok(Self::from_mesh(generate::block(
+            kind_of(kind)?,
+            low,
+            high,
+            counts,
+        )?))
     }
 
-    /// A mesh file of Gmsh.
+    /// Reads a mesh file of Gmsh.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        outside(py, || Ok(Self::of(arlequin::fem_ref::gmsh::load(&path)?)))
+        outside(py, || Ok(Self::from_mesh(arlequin::fem_ref::gmsh::load(&path)?)))
     }
 
     /// Nodes [m], (n, 3).
@@ -118,15 +127,15 @@ impl Mesh {
         coordinates(py, self.0.nodes())
     }
 
-    /// Corners of each element.
+    /// Corner nodes of each element.
     #[getter]
     fn cells<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mesh = self.0.mesh();
-        let all: Vec<i64> = mesh.connectivity().iter().map(|k| i64::from(*k)).collect();
-        PyArray1::from_vec(py, all).call_method1("reshape", (-1, mesh.kind().corners()))
+        let corners: Vec<i64> = mesh.connectivity().iter().map(|k| i64::from(*k)).collect();
+        PyArray1::from_vec(py, corners).call_method1("reshape", (-1, mesh.kind().corners()))
     }
 
-    /// "bar", "tet" or "hex".
+    /// Kind of the elements: "bar", "tet" or "hex".
     #[getter]
     fn kind(&self) -> &'static str {
         match self.0.mesh().kind() {
@@ -142,7 +151,7 @@ impl Mesh {
         self.0.mesh().volume()
     }
 
-    /// Its shape functions.
+    /// Field with the mesh's shape functions.
     #[getter]
     fn field(&self) -> Field {
         Field(self.0.clone())
@@ -159,19 +168,19 @@ impl Mesh {
     }
 }
 
-/// How values at nodes become a displacement at any point.
+/// Shape functions: interpolate nodal values at any point.
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Field(pub(crate) Arc<dyn Interpolation<f64>>);
 
 #[pymethods]
 impl Field {
-    /// Finite elements.
+    /// Shape functions of finite elements.
     #[staticmethod]
     fn of_mesh(mesh: &Mesh) -> Self {
         mesh.field()
     }
 
-    /// Natural neighbours of points [m] that span space, within their convex hull.
+    /// Natural-neighbour shape functions of points [m] that span space, inside their convex hull.
     #[staticmethod]
     fn natural(py: Python<'_>, points: Numbers<'_>) -> PyResult<Self> {
         let nodes = crate::arrays::points("points", &points)?;
@@ -183,8 +192,8 @@ impl Field {
         })
     }
 
-    /// At particles only, each standing for a volume [m3]; `pairs` of neighbours give gradients, which H1
-    /// junctions need.
+    /// Values at particles only; each particle represents a volume [m3]. `pairs` of neighbours add
+    /// gradients, which H1 junctions need.
     #[staticmethod]
     #[pyo3(signature = (points, volumes, pairs = None))]
     fn particles(
@@ -207,11 +216,11 @@ impl Field {
         coordinates(py, self.0.nodes())
     }
 
-    /// Nodes and values of the shape functions at a point [m]: the field there is `values @ u[nodes]`.
+    /// Nodes and shape functions at a point [m]: the field there is `values @ u[nodes]`.
     fn shape_at<'py>(&self, py: Python<'py>, x: Numbers<'py>) -> PyResult<Row<'py>> {
         let mut row = ShapeRow::default();
-        let found = self.0.shape_at(&point("x", &x)?, false, &mut row);
-        found.map_err(Fault::from)?;
+        let result = self.0.shape_at(&point("x", &x)?, false, &mut row);
+        result.map_err(Fault::from)?;
         let nodes = row.nodes.iter().map(|k| *k as i64).collect();
         Ok((PyArray1::from_vec(py, nodes), PyArray1::from_vec(py, row.values)))
     }
@@ -221,7 +230,7 @@ impl Field {
     }
 }
 
-/// The field of a mesh or a field itself.
+/// Returns a field, or the field of a mesh.
 pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolation<f64>>> {
     if let Ok(mesh) = from.cast::<Mesh>() {
         return Ok(mesh.get().0.clone());
@@ -230,10 +239,10 @@ pub(crate) fn field_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Interpolatio
         return Ok(field.get().0.clone());
     }
     let rule = format!("{from} is no field: give an arlequin.Mesh or an arlequin.Field");
-    Err(Fault::of("InvalidParameter", rule).into())
+    Err(Fault::new("InvalidParameter", rule).into())
 }
 
-/// A multiplier space: that of a mesh, or of natural neighbours.
+/// Returns the multiplier space on a mesh, or on natural neighbours of points.
 pub(crate) fn mediator_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Mediator<f64>>> {
     if let Ok(mesh) = from.cast::<Mesh>() {
         return Ok(mesh.get().0.clone());

@@ -1,7 +1,7 @@
 //! Whole solvers written in Python as participants.
 
 use crate::arrays::array;
-use crate::border::{Claim, Heard};
+use crate::border::{Callbacks, Claim};
 use crate::error::Fault;
 use crate::plug::{Described, as_described, optional, restored, saved};
 use arlequin::core::nalgebra::Point3;
@@ -15,66 +15,70 @@ use std::sync::Arc;
 #[pyclass(frozen, get_all, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Shares {
-    /// Of internal energy.
+    /// Weights of internal energy.
     internal: Py<PyArray1<f64>>,
-    /// Of kinetic energy.
+    /// Weights of kinetic energy.
     kinetic: Py<PyArray1<f64>>,
-    /// Of external work.
+    /// Weights of external work.
     external: Py<PyArray1<f64>>,
 }
 
-/// A solver whose methods are Python's.
+/// A solver whose methods are written in Python.
 pub(crate) struct PythonSolver {
     _claim: Claim,
     about: Described,
 }
 
 impl PythonSolver {
-    /// A solver, its field, and what it has in Python.
-    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Heard)> {
-        let about = Described::of(object)?;
+    /// Returns a solver, its field, and its Python objects.
+    pub(crate) fn from_object(
+        object: &Bound<'_, PyAny>,
+    ) -> PyResult<(Self, Arc<dyn Interpolation<f64>>, Callbacks)> {
+        let about = Described::from_object(object)?;
         let needed = ["weigh", "advance", "velocities", "displacements", "kick"];
         about.needs(object.py(), &needed)?;
-        let (field, heard) = (about.field.clone(), about.heard());
+        let (field, callbacks) = (about.field.clone(), about.callbacks());
         let solver = Self {
-            _claim: Claim::of(&about.name, &about.object)?,
+            _claim: Claim::new(&about.name, &about.object)?,
             about,
         };
-        Ok((solver, field, heard))
+        Ok((solver, field, callbacks))
     }
 
-    /// What a method without arguments answers; what goes wrong waits, and the numbers are none.
-    fn told(&self, method: &str, out: &mut [f64]) {
-        let told = Python::attach(|py| {
+    /// Reads the answer of a method without arguments. If the method fails, its exception waits and all
+    /// values are NaN.
+    fn read_answer(&self, method: &str, out: &mut [f64]) {
+        let result = Python::attach(|py| {
             let answer = self.about.object.call_method0(py, method)?;
             self.about.read(method, answer.bind(py), out, |o, x| *o = x)
         });
-        if let Err(e) = told {
+        if let Err(e) = result {
             self.about.pending.keep(e);
             out.fill(f64::NAN);
         }
     }
 
-    /// What a method says that may be missing.
+    /// Reads the answer of an optional method.
     fn number(&self, name: &str) -> Option<f64> {
-        let told = Python::attach(|py| {
+        let result = Python::attach(|py| {
             let Some(method) = optional(self.about.object.bind(py), name)? else {
                 return Ok(None);
             };
-            let found = method.call0()?.extract::<Option<f64>>()?;
+            let value = method.call0()?.extract::<Option<f64>>()?;
+            // A critical step must be positive; an invariant may have any sign.
             let sound = |x: &f64| *x > 0.0 || (name != "critical_step" && !x.is_nan());
-            match found.filter(|x| !sound(x)) {
-                None => Ok(found),
+            match value.filter(|x| !sound(x)) {
+                None => Ok(value),
                 Some(x) => {
                     let rule = format!(
                         "{name} of '{}' = {x}: no number that it may answer",
                         self.about.name
                     );
-                    Err(Fault::of("InvalidParameter", rule).into())
+                    Err(Fault::new("InvalidParameter", rule).into())
                 }
             }
         });
-        told.unwrap_or_else(|e: PyErr| {
+        result.unwrap_or_else(|e: PyErr| {
             self.about.pending.keep(e);
             Some(f64::NAN)
         })
@@ -96,52 +100,52 @@ impl Participant<f64> for PythonSolver {
             [&weights.internal, &weights.kinetic, &weights.external].map(|w| self.about.shares(&**w));
         Python::attach(|py| {
             let [internal, kinetic, external] = shares.map(|s| array(py, s).unbind());
-            let all = Shares {
+            let passed = Shares {
                 internal,
                 kinetic,
                 external,
             };
-            let answer = self.about.object.call_method1(py, "weigh", (all,))?;
+            let answer = self.about.object.call_method1(py, "weigh", (passed,))?;
             self.about.read_inertia(answer.bind(py), inertia)
         })
         .map_err(|e| self.about.raised(e))
     }
 
     fn advance(&mut self, from: f64, step: f64) -> Result<()> {
-        let made = Python::attach(|py| {
+        let result = Python::attach(|py| {
             self.about
                 .object
                 .call_method1(py, "advance", (from, step))
                 .map(drop)
         });
-        made.map_err(|e| self.about.raised(e))
+        result.map_err(|e| self.about.raised(e))
     }
 
     fn velocities(&self, out: &mut [f64]) {
-        self.told("velocities", out);
+        self.read_answer("velocities", out);
     }
 
     fn displacements(&self, out: &mut [f64]) {
-        self.told("displacements", out);
+        self.read_answer("displacements", out);
     }
 
     fn kick(&mut self, impulse: &[f64]) -> Result<()> {
-        let made = Python::attach(|py| {
+        let result = Python::attach(|py| {
             let impulse = (PyArray1::from_slice(py, impulse),);
             self.about.object.call_method1(py, "kick", impulse).map(drop)
         });
-        made.map_err(|e| self.about.raised(e))
+        result.map_err(|e| self.about.raised(e))
     }
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
-        let found =
+        let lookup =
             Python::attach(|py| optional(self.about.object.bind(py), "accelerations").map(|m| m.is_some()));
-        let has = found.unwrap_or_else(|e| {
+        let has = lookup.unwrap_or_else(|e| {
             self.about.pending.keep(e);
             false
         });
         if has {
-            self.told("accelerations", out);
+            self.read_answer("accelerations", out);
         }
         has
     }
@@ -155,8 +159,8 @@ impl Participant<f64> for PythonSolver {
     }
 
     fn save(&self) -> Result<Record<f64>> {
-        let found = Python::attach(|py| saved(&self.about, py)).map_err(|e| self.about.raised(e))?;
-        found.ok_or_else(|| self.unsupported("saved", "run without snapshots"))
+        let record = Python::attach(|py| saved(&self.about, py)).map_err(|e| self.about.raised(e))?;
+        record.ok_or_else(|| self.unsupported("saved", "run without snapshots"))
     }
 
     fn restore(&mut self, from: &Record<f64>) -> Result<()> {
@@ -168,9 +172,9 @@ impl Participant<f64> for PythonSolver {
     }
 }
 
-/// The error of an object that is used twice.
+/// Returns the error for an object that is used twice.
 pub(crate) fn used(what: &str) -> Fault {
-    Fault::of(
+    Fault::new(
         "Unsupported",
         format!("this {what} is part of a run already; make another one"),
     )

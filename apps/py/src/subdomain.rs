@@ -1,7 +1,7 @@
-//! Models with their weights, and what ties them.
+//! Models with their weights, and interfaces between them.
 
 use crate::arrays::{Numbers, flat};
-use crate::border::{Heard, outside};
+use crate::border::{Callbacks, outside};
 use crate::choices::{Effect, Junction, Weights, time_function};
 use crate::error::Fault;
 use crate::models::NativeModel;
@@ -16,10 +16,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 type Inner = core::Subdomain<f64>;
 
-/// One model with its weights, supports, effects and initial state; made by `coarse`, `fine` or
+/// A model with its weights, supports, effects and initial state. Created by `coarse`, `fine` or
 /// `participant`.
 ///
-/// What is said by `with_…` goes for the subdomain itself, which is returned as well.
+/// Each `with_…` method changes the subdomain and returns it.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Subdomain {
@@ -27,20 +27,20 @@ pub(crate) struct Subdomain {
     #[pyo3(get)]
     pub(crate) name: String,
     inner: Mutex<Option<Inner>>,
-    heard: Mutex<Heard>,
+    callbacks: Mutex<Callbacks>,
 }
 
 impl Subdomain {
-    fn made(name: String, inner: Inner, heard: Heard) -> Self {
+    fn from_parts(name: String, inner: Inner, callbacks: Callbacks) -> Self {
         Self {
             name,
             inner: Mutex::new(Some(inner)),
-            heard: Mutex::new(heard),
+            callbacks: Mutex::new(callbacks),
         }
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    fn callbacks(&self) -> MutexGuard<'_, Callbacks> {
+        self.callbacks.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn take(&self) -> Result<Inner, Fault> {
@@ -48,10 +48,10 @@ impl Subdomain {
         inner.take().ok_or_else(|| used("subdomain"))
     }
 
-    /// The subdomain for a run, which hears of its objects in Python from then on.
-    pub(crate) fn give(&self, to: &mut Heard) -> Result<Inner, Fault> {
+    /// Takes the subdomain for a run. Its Python objects and pending exceptions pass to `callbacks`.
+    pub(crate) fn give(&self, callbacks: &mut Callbacks) -> Result<Inner, Fault> {
         let inner = self.take()?;
-        to.take(std::mem::take(&mut *self.heard()));
+        callbacks.take(std::mem::take(&mut *self.callbacks()));
         Ok(inner)
     }
 
@@ -61,37 +61,41 @@ impl Subdomain {
         Ok(())
     }
 
-    fn of(
+    fn with_role(
         model: &Bound<'_, PyAny>,
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
         role: &str,
     ) -> PyResult<Self> {
-        let (made, own, heard) = match model.cast::<NativeModel>() {
+        let (built, default_field, callbacks) = match model.cast::<NativeModel>() {
             Ok(native) => {
                 let native = native.get();
                 let field = native.field()?;
-                (native.give()?, field, Heard::default())
+                (native.give()?, field, Callbacks::default())
             }
             Err(_) => plug::model(model)?,
         };
-        let field = field.map_or(Ok(own), field_of)?;
-        let name = made.name().to_owned();
+        let field = field.map_or(Ok(default_field), field_of)?;
+        let name = built.name().to_owned();
         if role == "coarse" && field.samples().is_some() {
             let rule = format!(
                 "model '{name}' cannot be the coarse one: its field exists at particles only; give it a field, such as \
                  arlequin.Field.natural(points), or the fine role"
             );
-            return Err(Fault::of("Unsupported", rule).into());
+            return Err(Fault::new("Unsupported", rule).into());
         }
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
-        Ok(Self::made(name, Inner::new(made, field, weights), heard))
+        Ok(Self::from_parts(
+            name,
+            Inner::new(built, field, weights),
+            callbacks,
+        ))
     }
 }
 
 #[pymethods]
 impl Subdomain {
-    /// A model in the coarse role, which has a continuous field; `field` replaces that of the model.
+    /// A model in the coarse role, which needs a continuous field. `field` replaces the model's own.
     #[staticmethod]
     #[pyo3(signature = (model, weights = None, *, field = None))]
     fn coarse(
@@ -99,10 +103,10 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        Self::of(model, weights, field, "coarse")
+        Self::with_role(model, weights, field, "coarse")
     }
 
-    /// A model in the fine role; `field` replaces that of the model.
+    /// A model in the fine role. `field` replaces the model's own.
     #[staticmethod]
     #[pyo3(signature = (model, weights = None, *, field = None))]
     fn fine(
@@ -110,10 +114,10 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        Self::of(model, weights, field, "fine")
+        Self::with_role(model, weights, field, "fine")
     }
 
-    /// A whole solver, which steps itself and brings its own state, supports and loads.
+    /// A whole solver, which makes its own steps and has its own state, supports and loads.
     #[staticmethod]
     #[pyo3(signature = (solver, weights = None, *, field = None))]
     fn participant(
@@ -121,16 +125,17 @@ impl Subdomain {
         weights: Option<&Weights>,
         field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let (made, own, heard) = PythonSolver::of(solver)?;
-        let field = field.map_or(Ok(own), field_of)?;
+        let (built, default_field, callbacks) = PythonSolver::from_object(solver)?;
+        let field = field.map_or(Ok(default_field), field_of)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
-        let name = core::Participant::name(&made).to_owned();
-        let inner = Inner::participant(Box::new(made), field, weights).map_err(Fault::from);
-        let inner = heard.raised().map_or(inner, |e| Err(e.into()))?;
-        Ok(Self::made(name, inner, heard))
+        let name = core::Participant::name(&built).to_owned();
+        let inner = Inner::participant(Box::new(built), field, weights).map_err(Fault::from);
+        // An exception of the solver is raised instead of the error that it caused.
+        let inner = callbacks.raised().map_or(inner, |e| Err(e.into()))?;
+        Ok(Self::from_parts(name, inner, callbacks))
     }
 
-    /// A whole solver in another process, as `name`: started by a `command`, such as `["python3",
+    /// A whole solver named `name` in another process. It is started by a `command`, such as `["python3",
     /// "solver.py"]`, or awaited at an `address`, such as `unix:solver.sock`. It must connect within
     /// `start_timeout` [s], by default 30 s or `timeout` if that is longer, and answer within `timeout`
     /// [s]. Ctrl-C ends the wait.
@@ -146,16 +151,16 @@ impl Subdomain {
         timeout: f64,
         start_timeout: Option<f64>,
     ) -> PyResult<Self> {
-        let place = Place::of(command, address)?;
+        let place = Place::from_arguments(command, address)?;
         let weights = weights.map_or_else(core::Weights::uncoupled, |w| w.0.clone());
         let inner = outside(py, || {
             let (solver, field) = meet(&name, &place, timeout, start_timeout)?;
             Ok(Inner::participant(Box::new(solver), field, weights)?)
         })?;
-        Ok(Self::made(name, inner, Heard::default()))
+        Ok(Self::from_parts(name, inner, Callbacks::default()))
     }
 
-    /// Initial displacements [m] and velocities [m/s] of all unknowns.
+    /// Sets the initial displacements [m] and velocities [m/s] of all unknowns.
     fn with_initial<'py>(
         slf: PyRef<'py, Self>,
         q: Numbers<'py>,
@@ -166,7 +171,7 @@ impl Subdomain {
         Ok(slf)
     }
 
-    /// Holds unknowns, or moves them by `amplitude` [m] times a function of time.
+    /// Fixes unknowns, or moves them by `amplitude` [m] times a function of time.
     #[pyo3(signature = (dofs, amplitude = 0.0, time = None))]
     fn with_support<'py>(
         slf: PyRef<'py, Self>,
@@ -181,20 +186,20 @@ impl Subdomain {
             time,
         };
         slf.change(|s| Ok(s.with_support(motion)))?;
-        slf.heard().hear(pending.as_ref());
+        slf.callbacks().add_pending(pending.as_ref());
         Ok(slf)
     }
 
     /// Adds an effect, such as `BodyForce` or `Load`.
     fn with_effect<'py>(slf: PyRef<'py, Self>, effect: &Effect) -> Result<PyRef<'py, Self>, Fault> {
-        let made = (effect.make)()?;
-        slf.change(|s| Ok(s.with_effect(made)))?;
-        slf.heard().hear(effect.pending.as_ref());
+        let built = (effect.make)()?;
+        slf.change(|s| Ok(s.with_effect(built)))?;
+        slf.callbacks().add_pending(effect.pending.as_ref());
         Ok(slf)
     }
 
-    /// How it steps between two reflections: in so many steps of its own (`ratio`), in as few as stay below
-    /// a `fraction` of its critical step, or in an `implicit` one.
+    /// Sets the own steps between two reflections: `ratio` steps, or the fewest steps that stay below
+    /// `fraction` of the critical step, or one `implicit` step.
     #[pyo3(signature = (*, ratio = None, fraction = None, implicit = false))]
     fn with_step(
         slf: PyRef<'_, Self>,
@@ -202,21 +207,21 @@ impl Subdomain {
         fraction: Option<f64>,
         implicit: bool,
     ) -> Result<PyRef<'_, Self>, Fault> {
-        let own = match (ratio, fraction, implicit) {
+        let own_step = match (ratio, fraction, implicit) {
             (Some(n), None, false) => OwnStep::Ratio(n),
             (None, Some(f), false) => OwnStep::Fraction(f),
             (None, None, true) => OwnStep::Implicit,
             (None, None, false) => OwnStep::Same,
             _ => {
                 let rule = "own step: give one of ratio, fraction and implicit";
-                return Err(Fault::of("InvalidParameter", rule));
+                return Err(Fault::new("InvalidParameter", rule));
             }
         };
-        slf.change(|s| Ok(s.with_step(own)))?;
+        slf.change(|s| Ok(s.with_step(own_step)))?;
         Ok(slf)
     }
 
-    /// "checked" or "unchecked": whether its weights must sum to one with those of the models it is tied to.
+    /// "checked" or "unchecked": whether its weights and those of the models coupled to it must sum to one.
     fn with_partition<'py>(slf: PyRef<'py, Self>, partition: &str) -> Result<PyRef<'py, Self>, Fault> {
         let partition: Partition = partition.parse()?;
         slf.change(|s| Ok(s.with_partition(partition)))?;
@@ -228,7 +233,7 @@ impl Subdomain {
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        self.heard().show(&visit)
+        self.callbacks().show(&visit)
     }
 }
 
@@ -240,9 +245,9 @@ pub(crate) enum Which {
 }
 
 impl Which {
-    /// Its number among names.
+    /// Returns the number among `names`.
     pub(crate) fn among(&self, names: &[String], what: &str) -> Result<usize, Fault> {
-        let found = match self {
+        let number = match self {
             Self::Number(k) => usize::try_from(*k).ok().filter(|k| *k < names.len()),
             Self::Name(n) => {
                 let mut of_name = (0..names.len()).filter(|k| names[*k] == *n);
@@ -250,27 +255,27 @@ impl Which {
                 if of_name.next().is_some() {
                     let rule =
                         format!("several are named '{n}'; set other names, or give the number of the {what}");
-                    return Err(Fault::of("UnknownName", rule));
+                    return Err(Fault::new("UnknownName", rule));
                 }
                 first
             }
         };
-        found.ok_or_else(|| {
-            let asked = match self {
+        number.ok_or_else(|| {
+            let requested = match self {
                 Self::Number(k) => k.to_string(),
                 Self::Name(n) => format!("'{n}'"),
             };
             let known = names.join(", ");
-            Fault::of(
+            Fault::new(
                 "UnknownName",
-                format!("there is no {what} {asked}; there are: {known}"),
+                format!("there is no {what} {requested}; there are: {known}"),
             )
         })
     }
 }
 
-/// What ties a coarse to a fine subdomain, both given by number or name: `mediator` is a mesh whose nodes
-/// carry the multipliers (or points, for natural neighbours), `junction` by default `L2()`, `sampling`
+/// Couples a coarse and a fine subdomain, both given by number or name. `mediator` is a mesh whose nodes
+/// carry the multipliers, or points for natural neighbours. `junction` is `L2()` by default. `sampling` is
 /// "intersection", "projection" or "particles".
 #[pyclass(frozen, module = "arlequin")]
 pub(crate) struct Interface {

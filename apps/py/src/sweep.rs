@@ -10,29 +10,30 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Makes runs in this process; what ended one of them is kept.
-struct Here(Mutex<Option<Fault>>);
+/// Makes the runs of a sweep in this process, and keeps the error that stopped one of them.
+struct InProcess(Mutex<Option<Fault>>);
 
-impl Here {
+impl InProcess {
     fn stop(&self) -> std::sync::MutexGuard<'_, Option<Fault>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Runner for Here {
+impl Runner for InProcess {
     fn run(&self, member: &Member, folder: &Path) -> arlequin_scene::Result<Outcome> {
         let mut watch = Watch::new(None, None);
         let scene = Scene::read(&member.scene).and_then(|s| s.assign(&member.set));
-        let made = scene.and_then(|s| {
+        let outcome = scene.and_then(|s| {
             let folder = RunFolder::new(&s, Some(folder), true)?;
             s.prepare()?.run_into(folder, &mut watch)
         });
-        Ok(match made {
+        Ok(match outcome {
             Ok(r) if r.end == End::Interrupted => {
                 *self.stop() = watch.stop;
                 Outcome::Interrupted
             }
             Ok(_) => Outcome::Complete,
+            // Ctrl-C during a set-up arrives as an error.
             Err(e) => match raised() {
                 Some(raised) => {
                     *self.stop() = Some(raised.into());
@@ -48,7 +49,8 @@ impl Runner for Here {
     }
 }
 
-/// Makes the runs of a sweep file into a folder and draws the conclusion: the text of its `sweep.json`.
+/// Makes the runs of a sweep file into a folder, draws the conclusion, and returns the text of its
+/// `sweep.json`.
 #[pyfunction]
 pub(crate) fn sweep(
     py: Python<'_>,
@@ -62,17 +64,23 @@ pub(crate) fn sweep(
         let fault = |e| Fault::of_scene(e, &source);
         let planned = PlannedSweep::new(&source).map_err(fault)?;
         mark::claim("out", &out)?;
-        let here = Here(Mutex::new(None));
-        let tell = |label: &str, done: usize, of: usize| {
+        let runner = InProcess(Mutex::new(None));
+        let report_progress = |label: &str, done: usize, total: usize| {
             let Some(listener) = &listener else { return };
-            let told = Python::attach(|py| listener.call_method1(py, "member", (label, done, of)).map(drop));
-            if let Err(e) = told {
-                *here.stop() = Some(e.into());
+            let reported = Python::attach(|py| {
+                listener
+                    .call_method1(py, "member", (label, done, total))
+                    .map(drop)
+            });
+            if let Err(e) = reported {
+                *runner.stop() = Some(e.into());
             }
         };
-        let made = planned.make(&out, fresh, &here, &tell).map_err(fault)?;
-        let text = made.write(&out)?;
-        match here.stop().take() {
+        let results = planned
+            .make(&out, fresh, &runner, &report_progress)
+            .map_err(fault)?;
+        let text = results.write(&out)?;
+        match runner.stop().take() {
             Some(e) => Err(e),
             None => Ok(text),
         }

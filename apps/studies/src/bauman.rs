@@ -1,9 +1,10 @@
-//! GOAL   the static coupling of bar and springs of Bauman et al. 2008, Comput. Mech. 42:511, section 5
-//! MODEL  bar on (0, 2) with 4 elements, 8 springs of length 0.25 on (1, 3), overlap (1, 2) BCs    u(0) =
-//! 0, end load E/3 at x = 3, for which the bar alone would give u(3) = 1 CASES  uniform (k = 1) and
-//! alternating (k = 100, 1) springs; mediator on the particles or on the bar's nodes;
-//!        alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1
-//! RESULT u(3)
+//! Static coupling of a bar and springs by Bauman et al. 2008, Comput. Mech. 42:511, section 5.
+//!
+//! - Models: bar on (0, 2) with 4 elements; 8 springs of length 0.25 on (1, 3); overlap (1, 2).
+//! - Boundary conditions: u(0) = 0; end load E/3 at x = 3, for which the bar alone would give u(3) = 1.
+//! - Cases: uniform (k = 1) and alternating (k = 100, 1) springs; mediator on the particles or on the bar's
+//!   nodes; alpha = 1/2 or linear; junctions L2, H1 seminorm (pinned), H1 with l = 1.
+//! - Result: u(3).
 
 use arlequin::core::effect::Load;
 use arlequin::core::nalgebra::Point3;
@@ -15,16 +16,16 @@ use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;
 
-/// One row of the table.
+/// One row of the published table.
 #[derive(Debug)]
 pub struct Case {
-    /// What it is.
+    /// Name of the row.
     pub name: &'static str,
     /// Young's modulus of the bar.
     pub young: f64,
-    /// Stiffness by spring.
+    /// Stiffness of each spring by its number.
     pub springs: fn(usize) -> f64,
-    /// Elements of the mediator.
+    /// Number of mediator elements.
     pub mediator_elements: usize,
     /// Weight across the overlap.
     pub profile: Profile<f64>,
@@ -32,10 +33,10 @@ pub struct Case {
     pub published: [f64; 3],
 }
 
-/// L2, H1 seminorm, H1.
+/// Returns the junctions of the table's columns: L2, H1 seminorm, H1.
 ///
 /// # Errors
-/// None with these lengths.
+/// Never fails with these lengths.
 pub fn junctions() -> Result<[Box<dyn Junction<f64>>; 3]> {
     Ok([
         Box::new(L2),
@@ -44,7 +45,7 @@ pub fn junctions() -> Result<[Box<dyn Junction<f64>>; 3]> {
     ])
 }
 
-/// The five rows.
+/// Returns the five rows of the table.
 #[must_use]
 pub fn table() -> Vec<Case> {
     let uniform = |_| 1.0;
@@ -103,14 +104,14 @@ pub fn table() -> Vec<Case> {
     ]
 }
 
-/// u(3) of one row with one junction.
+/// Computes u(3) of one row with one junction.
 ///
 /// # Errors
-/// Those of the core.
+/// Errors of the core.
 pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result<f64> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = Ramp::new(
-        Arc::new(Slab::between(at(2.0), at(1.0))?),
+        Arc::new(Slab::between(point(2.0), point(1.0))?),
         case.profile.clone(),
         0.0,
     )?;
@@ -122,6 +123,7 @@ pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result
     )?;
     let chain = Chain::new("springs", 1.0, 0.25, 8, 1.0, 1.0)?.with_stiffness(case.springs);
     let fine = Weights::complement_of(std::slice::from_ref(&weights));
+    // Eight springs join nodes 0 to 8.
     let load = Load::on_dofs("end", vec![(8, case.young / 3.0)], TimeFunction::Step)?;
     let subdomains = vec![
         Subdomain::coarse(bar, weights).with_support(PrescribedMotion::fixed(vec![0])),

@@ -1,15 +1,15 @@
-//! Runs that speak of two claims of the literature: that a wave out of the continuum is reflected more than
-//! one out of the particles, and that a wide overlap with a fine mediator damps the global wave.
+//! Runs that test two claims of the literature: a wave from the continuum is reflected more than one from
+//! the particles, and a wide overlap with a fine mediator damps the global wave.
 
 use crate::line::{COARSE, FINE, Line, pulse, rest, run};
 use crate::waves;
 use arlequin::core::{Coupled, Result, Silent};
 
-/// Largest difference over the wavelengths (in coarse elements) between the two ways through an overlap: of
-/// the reflected amplitudes, and of the shares of power that pass. Harmonic analysis.
+/// Compares both directions through an overlap by harmonic analysis. Returns the largest differences of the
+/// reflected amplitudes and of the shares of power that pass, over the wavelengths (in coarse elements).
 ///
 /// # Errors
-/// Those of the set-up and the analysis.
+/// Errors of the set-up and the analysis.
 pub fn one_way_beside_the_other(line: &Line, wavelengths: &[f64]) -> Result<[f64; 2]> {
     let out = waves::scattering_from(line, FINE, wavelengths)?;
     let back = waves::scattering_from(line, COARSE, wavelengths)?;
@@ -21,13 +21,13 @@ pub fn one_way_beside_the_other(line: &Line, wavelengths: &[f64]) -> Result<[f64
     ])
 }
 
-/// Displacement of node `to` (subdomain, number) over time after a unit impulse on node `from`, both
-/// outside of the overlap.
+/// Returns the displacement of node `to` (subdomain, number) over time after a unit impulse on node `from`.
+/// Both nodes are outside of the overlap.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn impulse(line: &Line, from: [usize; 2], to: [usize; 2], steps: usize) -> Result<Vec<f64>> {
-    // The mass that the run gives a node decides the velocity of an impulse.
+    // The velocity of a unit impulse follows from the weighted mass of the run.
     let mass = line.build(&rest, &rest)?.subdomains()[from[0]].inertia()[from[1]];
     let mut parts = Vec::new();
     for (k, s) in line.subdomains(&rest, &rest)?.into_iter().enumerate() {
@@ -47,32 +47,33 @@ pub fn impulse(line: &Line, from: [usize; 2], to: [usize; 2], steps: usize) -> R
     Ok(out)
 }
 
-/// Largest difference between what a bar node far from the overlap feels of an impulse on a particle and
-/// what the particle feels of the same impulse on the bar node, over the largest of either.
+/// Compares the motion of a bar node far from the overlap after an impulse on a particle with the motion of
+/// that particle after the same impulse on the bar node. Returns the largest difference over the largest
+/// displacement of the particle.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn reciprocity(line: &Line, steps: usize) -> Result<f64> {
     let bar = [COARSE, 2];
     let particle = [FINE, line.fine_bonds - 7];
-    let [there, here] = [
+    let [at_particle, at_bar] = [
         impulse(line, bar, particle, steps)?,
         impulse(line, particle, bar, steps)?,
     ];
-    let top = there.iter().fold(0.0, |m: f64, u| m.max(u.abs()));
-    let pairs = there.iter().zip(&here);
+    let top = at_particle.iter().fold(0.0, |m: f64, u| m.max(u.abs()));
+    let pairs = at_particle.iter().zip(&at_bar);
     Ok(pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top.max(f64::MIN_POSITIVE))
 }
 
-/// Share of the energy of a packet that comes back from the overlap, when it is sent out of the given
-/// subdomain. The wavelength is that in the chain, the half width that of the envelope there; the frequency
-/// is the same both ways.
+/// Returns the share of a packet's energy that comes back from the overlap when the packet starts in
+/// subdomain `side`. Wavelength and half width of the envelope are those in the chain; a packet from the
+/// bar gets the same frequency.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Result<f64> {
     let omega = 2.0 * (std::f64::consts::PI / wavelength).sin();
-    // Wavenumber, phase and group speed of a lattice of spacing a.
+    // Wavenumber, phase velocity and group velocity of a lattice of spacing a.
     let lattice = |a: f64| {
         let k = 2.0 / a * (0.5 * omega * a).asin();
         (k, omega / k, (0.5 * k * a).cos())
@@ -82,22 +83,25 @@ pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Resu
         line.build(&rest, &pulse(width + 30.0, width, k, -phase))?
     } else {
         let (k, phase, slow) = lattice(line.h);
+        // Shorter by the ratio of group velocities, so that the packet lasts as long as in the chain.
         let wide = width * slow / fast;
+        // The packet starts wholly outside of the overlap.
         let start = -(line.overlap + wide + 30.0);
         line.build(&pulse(start, wide, k, phase), &rest)?
     };
-    let all = |c: &Coupled<f64>| {
+    let side_energy = |c: &Coupled<f64>| {
         let s = &c.subdomains()[side];
         s.kinetic_energy() + s.internal_energy()
     };
-    let before = all(&c);
+    let before = side_energy(&c);
+    // Long enough for the slower lattice to bring the reflected packet back out of the overlap.
     let way = (2.0 * width + 100.0 + 2.0 * line.overlap) / lattice(line.h).2.min(fast);
     let steps = (way / c.dt()) as usize;
     run(&mut c, steps)?;
-    Ok(all(&c) / before)
+    Ok(side_energy(&c) / before)
 }
 
-/// What is left of a pulse that runs to and fro between the free ends of bar and chain.
+/// Energy that remains of a pulse which runs to and fro between the free ends of bar and chain.
 #[derive(Debug, Clone, Copy)]
 pub struct ToAndFro {
     /// Kinetic and internal energy at the end over that at the start.
@@ -109,7 +113,7 @@ pub struct ToAndFro {
 /// Lets a pulse of half width `width` pass the overlap `2 rounds` times.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn to_and_fro(line: &Line, width: f64, rounds: usize) -> Result<ToAndFro> {
     let mut c = line.build(&rest, &pulse(width + 20.0, width, 0.0, -1.0))?;
     let before = c.energy();

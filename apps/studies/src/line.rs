@@ -1,6 +1,6 @@
 //! One-dimensional setting of the method's acceptance checks: E = ρ = S = c = 1, particle spacing 1,
-//! overlap `[−L_O, 0]`, coarse bar nodes at `−h j` to the left, particles at `−L_O + j` to the right, P1
-//! mediator of equal elements.
+//! overlap `[−L_O, 0]`. Bar nodes lie at `−h j` to the left, particles at `−L_O + j` to the right. The
+//! mediator has equal linear elements.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
@@ -11,12 +11,12 @@ use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
 use std::sync::Arc;
 
-/// Left subdomain: the coarse bar. Right subdomain: the fine chain.
+/// Index of the left subdomain, the coarse bar.
 pub const COARSE: usize = 0;
-/// Index of the right one.
+/// Index of the right subdomain, the fine chain.
 pub const FINE: usize = 1;
 
-/// The scalar product of the constraint.
+/// Scalar product of the constraint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Product {
     /// `∫ λ v`.
@@ -34,7 +34,7 @@ impl Product {
     }
 }
 
-/// The knobs of one case; [`Line::default`] is the setting most checks share.
+/// Parameters of one case; [`Line::default`] is the setting that most checks share.
 #[derive(Debug, Clone)]
 pub struct Line {
     /// Length of a coarse element.
@@ -47,9 +47,9 @@ pub struct Line {
     pub profile: Profile<f64>,
     /// Smallest weight.
     pub epsilon: f64,
-    /// Elements of the bar.
+    /// Number of bar elements.
     pub coarse_elements: usize,
-    /// Springs of the chain.
+    /// Number of springs in the chain.
     pub fine_bonds: usize,
     /// How weights enter the models.
     pub weighting: Weighting,
@@ -57,11 +57,11 @@ pub struct Line {
     pub step: TimeStep<f64>,
     /// Own steps of the bar and of the chain.
     pub own: [OwnStep<f64>; 2],
-    /// Overrides the overlap weights by a constant over the whole subdomains.
+    /// Replaces the weights in the overlap by a constant over the whole subdomains.
     pub everywhere: Option<f64>,
-    /// The scalar product of the constraint.
+    /// Scalar product of the constraint.
     pub junction: Product,
-    /// Choices of the interface.
+    /// Options of the interface.
     pub options: InterfaceOptions<f64>,
 }
 
@@ -85,7 +85,7 @@ impl Default for Line {
     }
 }
 
-/// Displacement and velocity at every node of one subdomain.
+/// Returns displacement and velocity at a position x of one subdomain.
 pub type Wave<'a> = &'a dyn Fn(f64) -> (f64, f64);
 
 impl Line {
@@ -100,10 +100,10 @@ impl Line {
         Ok(Weights::from_weight(weight).with_weighting(self.weighting))
     }
 
-    /// The multiplier space.
+    /// Returns the multiplier space.
     ///
     /// # Errors
-    /// Those of the core and the models.
+    /// Errors of the core and the models.
     pub fn mediator_space(&self) -> Result<Arc<FemField<f64>>> {
         let n = (self.overlap / self.mediator).round() as usize;
         Ok(Arc::new(FemField::new(generate::bar(
@@ -125,10 +125,10 @@ impl Line {
         })
     }
 
-    /// Bar and chain, weighted, in the given state.
+    /// Builds bar and chain with their weights, in the given initial state.
     ///
     /// # Errors
-    /// Those of the core and the models.
+    /// Errors of the core and the models.
     pub fn subdomains(&self, coarse: Wave, fine: Wave) -> Result<[Subdomain<f64>; 2]> {
         let weights = self.coarse_weights()?;
         let x: Vec<f64> = (0..=self.coarse_elements)
@@ -142,7 +142,7 @@ impl Line {
             s.with_initial(q, v)
         };
         let right = Weights::complement_of(std::slice::from_ref(&weights));
-        // Constants over whole models are an impedance jump on purpose.
+        // Constants over whole models make an impedance jump, which is intended here.
         let partition = match self.everywhere {
             Some(_) => Partition::Unchecked,
             None => Partition::Checked,
@@ -153,29 +153,29 @@ impl Line {
         Ok([fill(bar.with_step(left_step), coarse)?, fill(chain, fine)?])
     }
 
-    /// A run of given subdomains.
+    /// Builds a run from given subdomains.
     ///
     /// # Errors
-    /// Those of the core and the models.
+    /// Errors of the core and the models.
     pub fn build_with(&self, subdomains: Vec<Subdomain<f64>>) -> Result<Coupled<f64>> {
         Coupled::new(subdomains, vec![self.interface()?], self.step, None)
     }
 
-    /// A run from the given state.
+    /// Builds a run from the given initial state.
     ///
     /// # Errors
-    /// Those of the core and the models.
+    /// Errors of the core and the models.
     pub fn build(&self, coarse: Wave, fine: Wave) -> Result<Coupled<f64>> {
         self.build_with(self.subdomains(coarse, fine)?.into())
     }
 }
 
-/// At rest.
+/// Wave at rest: displacement and velocity are zero.
 pub fn rest(_: f64) -> (f64, f64) {
     (0.0, 0.0)
 }
 
-/// `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, travelling with the given signed speed.
+/// Returns the wave `cos⁴(πy/2) cos(k(x − x0))` with `y = (x − x0)/W`, which travels with velocity `speed`.
 pub fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f64) {
     move |x| {
         let y = (x - x0) / width;
@@ -190,15 +190,16 @@ pub fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f
     }
 }
 
-/// Runs without watching.
+/// Advances a run without an observer.
 ///
 /// # Errors
-/// Those of the steps.
+/// Errors of the steps.
 pub fn run(coupled: &mut Coupled<f64>, steps: usize) -> Result<()> {
     coupled.run(steps, &mut arlequin::core::Silent).map(|_| ())
 }
 
-/// Displacement of one subdomain that is largest in modulus, among nodes that satisfy a condition on x.
+/// Returns the displacement of one subdomain with the largest modulus, among nodes whose x satisfies
+/// `keep`.
 pub fn peak(coupled: &Coupled<f64>, side: usize, keep: impl Fn(f64) -> bool) -> f64 {
     let s = &coupled.subdomains()[side];
     let inside = s

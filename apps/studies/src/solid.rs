@@ -1,5 +1,5 @@
-//! Three-dimensional setting: a coarse box on the left, a fine one on the right, non-coincident meshes in
-//! the overlap.
+//! Three-dimensional setting: a coarse block on the left, a fine block on the right, non-coincident meshes
+//! in the overlap.
 
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
@@ -9,25 +9,25 @@ use arlequin::core::{
 use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh, generate};
 use std::sync::Arc;
 
-/// Overlap along x.
+/// Ends of the overlap along x.
 pub const OVERLAP: [f64; 2] = [2.0, 3.0];
 
-/// Unit section from `x[0]` to `x[1]`.
+/// Meshes a block with unit section from `x[0]` to `x[1]`.
 ///
 /// # Errors
-/// Those of the mesh generator.
+/// Errors of the mesh generator.
 pub fn block<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Mesh<T>> {
     let p = |x: f64, y: f64| Point3::new(T::of(x), T::of(y), T::of(y));
     Ok(generate::block(kind, p(x[0], 0.0), p(x[1], 1.0), counts)?)
 }
 
-/// Weights of the coarse model.
+/// Returns the weights of the coarse model.
 ///
 /// # Errors
-/// Those of the profile.
+/// Errors of the profile.
 pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>> {
-    let at = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
-    let slab = Slab::between(at(OVERLAP[1]), at(OVERLAP[0]))?;
+    let point = |x: f64| Point3::new(T::of(x), T::zero(), T::zero());
+    let slab = Slab::between(point(OVERLAP[1]), point(OVERLAP[0]))?;
     Ok(Weights::from_weight(Arc::new(Ramp::new(
         Arc::new(slab),
         profile,
@@ -35,26 +35,26 @@ pub fn weights<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<Weights<T>>
     )?)))
 }
 
-/// Steel-like numbers scaled to one.
+/// Returns a steel-like material scaled to E = 1 and density 1.
 ///
 /// # Errors
-/// None with these numbers.
+/// Never fails with these numbers.
 pub fn material<T: Real>() -> Result<Elastic<T>> {
     Elastic::new(T::of(1.0), T::of(0.25), T::of(1.0))
 }
 
-/// A multiplier space that fills the section.
+/// Returns a multiplier space that fills the section.
 ///
 /// # Errors
-/// Those of the mesh generator.
+/// Errors of the mesh generator.
 pub fn mediator<T: Real>(kind: ElementKind, x: [f64; 2], counts: [usize; 3]) -> Result<Arc<FemField<T>>> {
     Ok(Arc::new(FemField::new(block(kind, x, counts)?)))
 }
 
-/// L2, H1 with strains, H1 with gradients.
+/// Returns the junctions L2, H1 with strains, H1 with gradients.
 ///
 /// # Errors
-/// None with these lengths.
+/// Never fails with these lengths.
 pub fn junctions<T: Real>() -> Result<Vec<Box<dyn Junction<T>>>> {
     let l = T::of(0.15);
     Ok(vec![
@@ -64,7 +64,7 @@ pub fn junctions<T: Real>() -> Result<Vec<Box<dyn Junction<T>>>> {
     ])
 }
 
-/// The interface between subdomains 0 and 1 with default options.
+/// Returns the interface between subdomains 0 and 1 with default options.
 pub fn spec<T: Real>(mediator: Arc<FemField<T>>, junction: Box<dyn Junction<T>>) -> InterfaceSpec<T> {
     InterfaceSpec {
         name: "overlap".into(),
@@ -76,24 +76,25 @@ pub fn spec<T: Real>(mediator: Arc<FemField<T>>, junction: Box<dyn Junction<T>>)
     }
 }
 
-/// Hexahedra on (0, 3), tetrahedra on (2, 4), nothing coincides.
+/// Builds hexahedra on (0, 3) and tetrahedra on (2, 4), without coincident nodes inside the overlap.
 ///
 /// # Errors
-/// Those of the models.
+/// Errors of the models.
 pub fn bodies<T: Real>(profile: Profile<T>, epsilon: f64) -> Result<[Subdomain<T>; 2]> {
     let w = weights(profile, epsilon)?;
+    // Spacings 1/2 and 2/7 along x, 1/2 and 1/3 across: no nodes coincide inside the overlap.
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3])?;
     let coarse = FemModel::new("left", left, material()?)?;
     let fine = FemModel::new("right", right, material()?)?;
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
-    Ok([Subdomain::coarse(coarse, w), Subdomain::fine(fine, rest)])
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&w));
+    Ok([Subdomain::coarse(coarse, w), Subdomain::fine(fine, fine_weights)])
 }
 
-/// The same with random velocities.
+/// Gives both bodies random velocities.
 ///
 /// # Errors
-/// None for finite numbers.
+/// Never fails for finite numbers.
 pub fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Result<Vec<Subdomain<T>>> {
     let mut next = crate::noise(seed);
     let shake = |s: Subdomain<T>| {
@@ -104,10 +105,10 @@ pub fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Result<Vec<Subdo
     bodies.map(shake).into_iter().collect()
 }
 
-/// A run at 0.8 of the critical step.
+/// Builds a run at 0.8 of the critical step.
 ///
 /// # Errors
-/// Those of the set-up.
+/// Errors of the set-up.
 pub fn couple<T: Real>(
     bodies: Vec<Subdomain<T>>,
     mediator: Arc<FemField<T>>,
@@ -117,7 +118,7 @@ pub fn couple<T: Real>(
     Coupled::new(bodies, vec![spec(mediator, junction)], step, None)
 }
 
-/// What a free coupled body keeps over 400 steps from a random state.
+/// Conserved quantities of a free coupled body over 400 steps from a random state.
 #[derive(Debug, Clone, Copy)]
 pub struct Kept {
     /// Change of linear and of angular momentum, relative to the sum of their nodal moduli.
@@ -130,7 +131,8 @@ pub struct Kept {
     pub condition: f64,
 }
 
-/// Sum of the moduli of all nodal momenta and of their moments: the scale of conservation.
+/// Returns the sums over all nodes of the moduli of momenta and of their moments, the scale for
+/// conservation.
 #[must_use]
 pub fn momentum_scale(c: &Coupled<f64>) -> [f64; 2] {
     let (mut p, mut l) = (0.0, 0.0);
@@ -146,10 +148,10 @@ pub fn momentum_scale(c: &Coupled<f64>) -> [f64; 2] {
     [p, l]
 }
 
-/// Runs 400 steps and says what was kept.
+/// Runs 400 steps and compares the conserved quantities.
 ///
 /// # Errors
-/// Those of the steps.
+/// Errors of the steps.
 pub fn kept(c: &mut Coupled<f64>) -> Result<Kept> {
     let (before, scale) = (c.momentum(), momentum_scale(c));
     c.run(400, &mut Silent)?;

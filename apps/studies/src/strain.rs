@@ -1,7 +1,7 @@
-//! How much harder the bonds of an overlap are loaded than the same bonds of a body of particles alone: a
-//! bar of spheres, and its twin of which the particles reach to the end of the overlap only and finite
-//! elements go on. Lengths in mean diameters of the spheres, density 1, beams 3.56 times stiffer than the
-//! packing, so that the wave speed is about one.
+//! Compares the loads of bonds in an overlap with the loads of the same bonds in a body of particles alone.
+//! The body is a bar of spheres; in its coupled twin the particles end with the overlap, and finite
+//! elements continue. Lengths are in mean diameters of the spheres, the density is 1, and beams are 3.56
+//! times stiffer than the packing, so that the wave speed is about one.
 
 use arlequin::core::effect::{Absorber, Load};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -16,31 +16,32 @@ use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Modulus, Poisson's ratio of the packing in units of the elements' modulus.
+/// Young's modulus of the elements, which is the unit of modulus, and Poisson's ratio. Both match the
+/// packing.
 const MATERIAL: (f64, f64) = (1.0, 0.175);
 
-/// The knobs of one case.
+/// Parameters of one case.
 #[derive(Debug, Clone)]
 pub struct Bar {
     /// Edge of the square section.
     pub section: f64,
-    /// Length in front of the overlap, of particles alone.
+    /// Length of the part in front of the overlap, with particles alone.
     pub zone: f64,
     /// Width of the overlap.
     pub overlap: f64,
-    /// Length of elements alone behind it.
+    /// Length of the part behind the overlap, with elements alone.
     pub rest: f64,
-    /// Elements.
+    /// Length of an element.
     pub h: f64,
-    /// Mediator elements.
+    /// Length of a mediator element.
     pub mediator: f64,
-    /// Shape of the weight; `None` is the mediator-compatible one.
+    /// Profile of the weight; `None` for the mediator-compatible profile.
     pub profile: Option<Profile<f64>>,
-    /// Smallest weight of the elements.
+    /// Floor of the elements' weight.
     pub epsilon: f64,
-    /// Smallest weight of the particles.
+    /// Floor of the particles' weight.
     pub fine_epsilon: f64,
-    /// Largest rate of the absorber in units of the wave speed over the diameter; zero for none.
+    /// Largest rate of the absorber in units of wave speed over diameter; zero for no absorber.
     pub absorber: f64,
     /// Seed of the packing.
     pub seed: u64,
@@ -64,22 +65,23 @@ impl Default for Bar {
     }
 }
 
-/// Loads of bonds by the two spheres of the packing.
+/// Loads of bonds by the packing's numbers of their two spheres.
 type Loads = BTreeMap<[u32; 2], f64>;
 
-/// A run whose last subdomain is of particles, their bonds, and their numbers in the packing.
+/// A run whose last subdomain consists of particles, the bonds of these particles, and the particles'
+/// numbers in the packing.
 struct Body {
     run: Coupled<f64>,
     bonds: BondedParticles,
     numbers: Vec<u32>,
 }
 
-/// One bond of the overlap, in both bodies.
+/// A bond of the overlap with its loads in both bodies.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
-    /// Position of its middle, 0 at the fine border and 1 at the coarse one.
+    /// Position of the bond's middle: 0 at the fine border, 1 at the coarse border.
     pub s: f64,
-    /// Weight of the particles there.
+    /// Weight of the particles at the bond's middle.
     pub alpha: f64,
     /// Load in the coupled body.
     pub coupled: f64,
@@ -95,6 +97,7 @@ impl Bar {
     fn packing(&self) -> Result<Packing> {
         let high = Vector3::new(self.length(), self.section, self.section);
         let container = Container::cuboid(Vector3::zeros(), high)?;
+        // Number of spheres at a packing density of 0.6; 1.0625 is their mean cubed diameter.
         let count = container.volume() / (std::f64::consts::PI / 6.0 * 1.0625) * 0.6;
         Ok(PackingSpec::quench(container, count as usize, self.seed).build()?)
     }
@@ -107,17 +110,20 @@ impl Bar {
         }
     }
 
-    /// Spheres of the packing whose centres are in front of `end`: the model and their numbers.
+    /// Builds a model of the spheres with centres before `end`. Returns it with the spheres' numbers in the
+    /// packing.
     fn particles(packing: &Packing, end: f64) -> Result<(DemModel, Vec<u32>)> {
         let mut bonded = vec![false; packing.positions.len()];
         let inside = |i: u32| packing.positions[i as usize].x < end;
         let pairs = packing.pairs.iter().filter(|p| p.iter().all(|i| inside(*i)));
         pairs.clone().flatten().for_each(|i| bonded[*i as usize] = true);
+        // Spheres without a bond are left out.
         let numbers: Vec<u32> = (0..bonded.len() as u32).filter(|i| bonded[*i as usize]).collect();
         let place = |i: &u32| numbers.partition_point(|n| n < i) as u32;
         let pairs: Vec<[u32; 2]> = pairs.map(|[i, j]| [place(i), place(j)]).collect();
         let positions: Vec<_> = numbers.iter().map(|i| packing.positions[*i as usize]).collect();
         let radii: Vec<f64> = numbers.iter().map(|i| packing.radii[*i as usize]).collect();
+        // The spheres represent their share of the packing's volume.
         let cubes = |r: &[f64]| r.iter().map(|r| r * r * r).sum::<f64>();
         let matter = Matter {
             beam: Self::beam(),
@@ -141,22 +147,22 @@ impl Bar {
         Ok(Subdomain::fine(model, weights).with_effect(Box::new(load)))
     }
 
-    /// The body of particles alone.
+    /// Builds the body of particles alone.
     fn alone(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
         let (model, numbers) = Self::particles(packing, f64::INFINITY)?;
         let bonds = model.body().clone();
-        let held = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
+        let fixed_unknowns = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
         let body = self.pulled(model, Weights::uncoupled(), time)?;
-        let body = body.with_support(PrescribedMotion::fixed(held));
+        let body = body.with_support(PrescribedMotion::fixed(fixed_unknowns));
         let run = Coupled::new(vec![body], Vec::new(), TimeStep::Fraction(0.9), None)?;
         Ok(Body { run, bonds, numbers })
     }
 
-    fn box_of(&self, from: f64, to: f64, h: f64) -> Result<arlequin::fem_ref::Mesh<f64>> {
+    fn block(&self, start: f64, end: f64, h: f64) -> Result<arlequin::fem_ref::Mesh<f64>> {
         let across = (self.section / h).round().max(1.0) as usize;
-        let along = ((to - from) / h).round().max(1.0) as usize;
-        let low = Point3::new(from, 0.0, 0.0);
-        let high = Point3::new(to, self.section, self.section);
+        let along = ((end - start) / h).round().max(1.0) as usize;
+        let low = Point3::new(start, 0.0, 0.0);
+        let high = Point3::new(end, self.section, self.section);
         Ok(generate::block(
             ElementKind::Hex8,
             low,
@@ -166,15 +172,16 @@ impl Bar {
     }
 
     fn slab(&self) -> Result<Arc<dyn Overlap<f64>>> {
-        let at = |x: f64| Point3::new(x, 0.0, 0.0);
+        let point = |x: f64| Point3::new(x, 0.0, 0.0);
         Ok(Arc::new(Slab::between(
-            at(self.zone),
-            at(self.zone + self.overlap),
+            point(self.zone),
+            point(self.zone + self.overlap),
         )?))
     }
 
     fn weight(&self) -> Result<Arc<Ramp<f64>>> {
         let layers = (self.overlap / self.mediator).round().max(1.0);
+        // One station per layer of mediator nodes across the overlap.
         let stations: Vec<f64> = (0..=layers as usize).map(|k| k as f64 / layers).collect();
         let profile = match &self.profile {
             Some(p) => p.clone(),
@@ -185,12 +192,12 @@ impl Bar {
         ))
     }
 
-    /// The coupled body.
+    /// Builds the coupled body.
     fn coupled(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
         let weights = Weights::from_weight(self.weight()?);
-        let mesh = self.box_of(self.zone, self.length(), self.h)?;
+        let mesh = self.block(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
-        let held = nodes
+        let fixed_unknowns = nodes
             .filter(|(_, x)| x.x > self.length() - 1e-9)
             .flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2])
             .collect();
@@ -202,13 +209,14 @@ impl Bar {
             Weights::complement_of(std::slice::from_ref(&weights)),
             time,
         )?;
-        let mediator = Arc::new(FemField::new(self.box_of(
+        let mediator = Arc::new(FemField::new(self.block(
             self.zone,
             self.zone + self.overlap,
             self.mediator,
         )?));
         if self.absorber > 0.0 {
             let (slab, top) = (self.slab()?, self.absorber);
+            // The rate grows with the square of the depth in the overlap.
             let rate = move |x: &Point3<f64>| match slab.place(x) {
                 Place::Fine => 0.0,
                 Place::Coarse => top,
@@ -227,15 +235,17 @@ impl Bar {
                 ..InterfaceOptions::default()
             },
         };
-        let coarse = Subdomain::coarse(elements, weights).with_support(PrescribedMotion::fixed(held));
+        let coarse =
+            Subdomain::coarse(elements, weights).with_support(PrescribedMotion::fixed(fixed_unknowns));
         let run = Coupled::new(vec![coarse, fine], vec![spec], TimeStep::Fraction(0.9), None)?;
         Ok(Body { run, bonds, numbers })
     }
 
-    /// Largest principal tension of every bond under a constant pull, from the static twin.
+    /// Returns the largest principal tension of every bond under a constant pull, from static solutions of
+    /// both bodies.
     ///
     /// # Errors
-    /// Those of the set-up and the static solve.
+    /// Errors of the set-up and the static solve.
     pub fn at_rest(&self) -> Result<Vec<Pair>> {
         let packing = self.packing()?;
         let solve = |mut body: Body| {
@@ -250,11 +260,11 @@ impl Bar {
         self.paired(&packing, &coupled, &alone)
     }
 
-    /// The same under a pull that begins at once, over the time in which a wave makes the way given in
-    /// lengths of the bar: the largest load over time.
+    /// Returns the largest load of every bond over time under a pull that starts abruptly. The run ends
+    /// when a wave has travelled `ways` lengths of the bar.
     ///
     /// # Errors
-    /// Those of the set-up and the steps.
+    /// Errors of the set-up and the steps.
     pub fn under_a_shock(&self, ways: f64) -> Result<Vec<Pair>> {
         let packing = self.packing()?;
         let end = ways * self.length();
@@ -275,9 +285,10 @@ impl Bar {
     fn paired(&self, packing: &Packing, coupled: &Loads, alone: &Loads) -> Result<Vec<Pair>> {
         use arlequin::core::Weight;
         let (slab, weight) = (self.slab()?, self.weight()?);
-        let of = |(key, load): (&[u32; 2], &f64)| {
+        let pair = |(key, load): (&[u32; 2], &f64)| {
             let [a, b] = key.map(|i| packing.positions[i as usize]);
             let middle = Point3::from((a + b) * 0.5);
+            // Bonds outside of the overlap have no twin to compare with.
             let Place::Overlap(s) = slab.place(&middle) else {
                 return None;
             };
@@ -288,11 +299,11 @@ impl Bar {
                 alone: *alone.get(key)?,
             })
         };
-        Ok(coupled.iter().filter_map(of).collect())
+        Ok(coupled.iter().filter_map(pair).collect())
     }
 }
 
-/// Raises the loads of all bonds to those of the state `q`.
+/// Raises each entry of `loads` to the bond's load in the state `q`, if that is larger.
 fn gather(body: &Body, q: &[f64], loads: &mut Loads) -> Result<()> {
     let now = Criterion::Rankine.loads(&body.bonds, q)?;
     for (pair, load) in body.bonds.pairs().iter().zip(now) {

@@ -1,4 +1,4 @@
-//! Waves on the line: what passes an overlap, what comes back, what is kept.
+//! Waves on the line: transmission, reflection and conservation of energy at an overlap.
 
 use crate::line::{COARSE, FINE, Line, peak, pulse, rest, run};
 use arlequin::core::effect::Absorber;
@@ -9,27 +9,27 @@ use arlequin::fem_ref::{FemField, generate};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// What became of a long pulse.
+/// Results of a long pulse after it has met the overlap.
 #[derive(Debug, Clone)]
 pub struct Passage {
     /// Transmitted amplitude over the incident one.
     pub t: f64,
-    /// Reflected amplitude.
+    /// Reflected amplitude over the incident one.
     pub r: f64,
-    /// Relative change of the plain total energy.
+    /// Relative change of the total energy.
     pub energy: f64,
     /// Largest drift of the invariant.
     pub drift: f64,
     /// Largest relative velocity jump.
     pub residual: f64,
-    /// What the set-up of the interface found.
+    /// Set-up report of the interface.
     pub report: InterfaceReport,
 }
 
-/// Sends a pulse of half width 300 out of the chain into the bar.
+/// Sends a pulse of half width 300 from the chain into the bar.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn long_pulse(line: &Line) -> Result<Passage> {
     let mut c = line.build(&rest, &pulse(600.0, 300.0, 0.0, -1.0))?;
     let before = c.energy();
@@ -44,10 +44,10 @@ pub fn long_pulse(line: &Line) -> Result<Passage> {
     })
 }
 
-/// Bar and chain with random velocities.
+/// Builds bar and chain with random velocities.
 ///
 /// # Errors
-/// Those of the set-up.
+/// Errors of the set-up.
 pub fn random_state(line: &Line, seeds: [u64; 2]) -> Result<Coupled<f64>> {
     let mut subdomains = Vec::new();
     for (s, seed) in line.subdomains(&rest, &rest)?.into_iter().zip(seeds) {
@@ -59,29 +59,29 @@ pub fn random_state(line: &Line, seeds: [u64; 2]) -> Result<Coupled<f64>> {
     line.build_with(subdomains)
 }
 
-/// Damping of what the coarse side cannot carry.
+/// Damping of waves that the coarse side cannot carry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damping {
     /// Largest rate, in units of `c/r`.
     pub rate: f64,
-    /// Element of the space that stays undamped; the mediator if none.
+    /// Element length of the space that stays undamped; `None` for the mediator's.
     pub resolved: Option<f64>,
     /// Power with which the rate grows from the fine border.
     pub power: i32,
 }
 
 impl Damping {
-    /// A rate of 0.2 that grows linearly; the mediator stays undamped.
+    /// A rate of 0.2 that grows linearly; the mediator space stays undamped.
     pub const STANDARD: Self = Self {
         rate: 0.2,
         resolved: None,
         power: 1,
     };
 
-    /// The absorber of the chain of a line.
+    /// Returns the absorber for the chain of a line.
     ///
     /// # Errors
-    /// Those of meshes.
+    /// Errors of meshes.
     pub fn effect(&self, line: &Line) -> Result<Absorber<f64>> {
         let (width, top, power) = (line.overlap, self.rate, self.power);
         let rate = Arc::new(move |x: &Point3<f64>| top * (-x.x / width).clamp(0.0, 1.0).powi(power));
@@ -96,24 +96,24 @@ impl Damping {
     }
 }
 
-/// What became of a packet.
+/// Results of a packet after it has met the overlap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Echo {
-    /// Energy left in the chain, relative to the start.
+    /// Energy of the chain at the end, relative to the total at the start.
     pub back: f64,
-    /// Energy left altogether.
+    /// Total energy at the end, relative to the start.
     pub kept: f64,
     /// Largest drift of the invariant.
     pub drift: f64,
 }
 
-/// Sends a packet of the given wavelength and half width out of the chain against the overlap.
+/// Sends a packet of the given wavelength and half width from the chain to the overlap.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn packet(line: &Line, wavelength: f64, width: f64, damping: Option<Damping>) -> Result<Echo> {
     let k = TAU / wavelength;
-    // Group and phase speed on the lattice, so that the packet is one-way.
+    // Phase velocity on the lattice, so that the packet travels in one direction.
     let speed = if k > 0.0 { 2.0 * (k / 2.0).sin() / k } else { 1.0 };
     let [bar, chain] = line.subdomains(&rest, &pulse(width + 30.0, width, k, -speed))?;
     let chain = match damping {
@@ -123,7 +123,8 @@ pub fn packet(line: &Line, wavelength: f64, width: f64, damping: Option<Damping>
     let mut c = line.build_with(vec![bar, chain])?;
     let before = c.energy();
     let way = 2.0 * width + 150.0;
-    // Short packets travel at the group speed of the lattice, cos(k/2), which goes to zero at two spacings.
+    // Short packets travel at the group velocity of the lattice, cos(k/2), which vanishes at a wavelength
+    // of two spacings.
     let steps = (way / (k / 2.0).cos() / c.dt()) as usize;
     run(&mut c, steps)?;
     let fine = &c.subdomains()[FINE];
@@ -134,7 +135,7 @@ pub fn packet(line: &Line, wavelength: f64, width: f64, damping: Option<Damping>
     })
 }
 
-/// The line the packets of the absorber's check meet: overlap of four coarse elements.
+/// Returns the line of the absorber check, with an overlap of four coarse elements.
 #[must_use]
 pub fn packet_line() -> Line {
     Line {
@@ -145,27 +146,28 @@ pub fn packet_line() -> Line {
     }
 }
 
-/// Largest deviations from a uniform strain, relative to the largest displacement and to the strain.
+/// Largest deviations from a uniform strain of one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Patch {
-    /// Of the displacement of a node.
+    /// Deviation of a node's displacement, relative to the largest displacement.
     pub displacement: f64,
-    /// Of the strain of an element or a spring.
+    /// Deviation of the strain of an element or a spring.
     pub strain: f64,
 }
 
-/// Largest deviation from a uniform strain, relative to the largest displacement.
+/// Computes the largest deviation of a displacement from uniform strain, relative to the largest
+/// displacement.
 ///
 /// # Errors
-/// Those of the set-up and the static solve.
+/// Errors of the set-up and the static solve.
 pub fn patch(line: &Line) -> Result<f64> {
     Ok(patch_defects(line)?.displacement)
 }
 
-/// Deviations from a uniform strain of one, in displacement and in strain.
+/// Computes the largest deviations from a uniform strain of one, in displacement and in strain.
 ///
 /// # Errors
-/// Those of the set-up and the static solve.
+/// Errors of the set-up and the static solve.
 pub fn patch_defects(line: &Line) -> Result<Patch> {
     let [bar, chain] = line.subdomains(&rest, &rest)?;
     let left = bar.model().nodes()[0].x;
@@ -197,7 +199,7 @@ pub fn patch_defects(line: &Line) -> Result<Patch> {
     Ok(worst)
 }
 
-/// The line of the patch test: nothing coincides, no floor on the weight.
+/// Returns the line of the patch test: no coincident nodes, no floor of the weight.
 #[must_use]
 pub fn patch_line() -> Line {
     Line {
@@ -210,20 +212,22 @@ pub fn patch_line() -> Line {
     }
 }
 
-/// Reflection and transmission at wavelengths given in coarse elements, from the harmonic analysis; the
-/// wave comes out of the chain.
+/// Computes reflection and transmission by harmonic analysis for a wave from the chain. Wavelengths are in
+/// coarse elements.
 ///
 /// # Errors
-/// Those of the set-up and the analysis.
+/// Errors of the set-up and the analysis.
 pub fn scattering(line: &Line, wavelengths: &[f64]) -> Result<Vec<Scattering<f64>>> {
     scattering_from(line, FINE, wavelengths)
 }
 
-/// The same at the same frequencies for a wave that comes out of subdomain `side`.
+/// Computes reflection and transmission as [`scattering`] does, at the same frequencies, for a wave from
+/// subdomain `side`.
 ///
 /// # Errors
-/// Those of the set-up and the analysis.
+/// Errors of the set-up and the analysis.
 pub fn scattering_from(line: &Line, side: usize, wavelengths: &[f64]) -> Result<Vec<Scattering<f64>>> {
+    // Harmonic ports replace the distant ends, so short models are enough.
     let line = Line {
         coarse_elements: (line.overlap / line.h) as usize + 10,
         fine_bonds: line.overlap as usize + 40,
@@ -253,20 +257,21 @@ pub fn scattering_from(line: &Line, side: usize, wavelengths: &[f64]) -> Result<
     let harmonic = HarmonicOverlap::new(&c, incident, outgoing)?;
     wavelengths
         .iter()
+        // The frequency at which a wave in the chain has this wavelength.
         .map(|w| harmonic.response(2.0 * (PI / (w * line.h)).sin()))
         .collect()
 }
 
-/// Largest reflected amplitude at wavelengths given in coarse elements.
+/// Returns the largest reflected amplitude at wavelengths given in coarse elements.
 ///
 /// # Errors
-/// Those of [`scattering`].
+/// Errors of [`scattering`].
 pub fn top_reflection(line: &Line, wavelengths: &[f64]) -> Result<f64> {
-    let all = scattering(line, wavelengths)?;
-    Ok(all.iter().fold(0.0, |m, s| m.max(s.reflection)))
+    let responses = scattering(line, wavelengths)?;
+    Ok(responses.iter().fold(0.0, |m, s| m.max(s.reflection)))
 }
 
-/// `count + 1` wavelengths from `first` to `last`, equally spaced in their logarithm.
+/// Returns `count + 1` wavelengths from `first` to `last`, equally spaced in their logarithm.
 #[must_use]
 pub fn wavelengths(first: f64, last: f64, count: u32) -> Vec<f64> {
     (0..=count)
@@ -274,28 +279,31 @@ pub fn wavelengths(first: f64, last: f64, count: u32) -> Vec<f64> {
         .collect()
 }
 
-/// Overlap velocities of the two models at one instant and over a passage.
+/// Velocities of the two models in the overlap while a pulse passes.
 #[derive(Debug, Clone)]
 pub struct Tie {
-    /// Root mean square over the passage of the difference of the two velocity fields at the particles of
-    /// the overlap, relative to that of the particles.
+    /// Root mean square over the passage of the difference between the two velocity fields at the particles
+    /// of the overlap, relative to the particles' velocity.
     pub difference: f64,
-    /// The same for the mean over the overlap.
+    /// Root mean square of the difference between the two mean velocities over the overlap, relative to the
+    /// particles' mean.
     pub mean_difference: f64,
-    /// Velocity of bar and chain in the middle of the overlap over time: `(t, bar, chain)`.
+    /// Velocities of bar and chain in the middle of the overlap over time: `(t, bar, chain)`.
     pub middle: Vec<(f64, f64, f64)>,
 }
 
-/// Lets a steep pulse of the given half width run into the overlap and compares the two velocity fields.
+/// Sends a steep pulse of the given half width into the overlap and compares the two velocity fields.
 ///
 /// # Errors
-/// Those of the set-up and the steps.
+/// Errors of the set-up and the steps.
 pub fn tie(line: &Line, width: f64) -> Result<Tie> {
     let mut c = line.build(&rest, &pulse(width + 20.0, width, 0.0, -1.0))?;
     let inside: Vec<(usize, Point3<f64>)> = {
         let nodes = c.subdomains()[FINE].model().nodes();
-        let all = nodes.iter().copied().enumerate();
-        all.filter(|(_, x)| x.x >= -line.overlap && x.x <= 0.0).collect()
+        let numbered = nodes.iter().copied().enumerate();
+        numbered
+            .filter(|(_, x)| x.x >= -line.overlap && x.x <= 0.0)
+            .collect()
     };
     let middle = Point3::new(-0.5 * line.overlap, 0.0, 0.0);
     let (mut jump, mut size, mut mean_jump, mut mean_size) = (0.0, 0.0, 0.0, 0.0);
@@ -308,7 +316,8 @@ pub fn tie(line: &Line, width: f64) -> Result<Tie> {
             let (v, w) = (bar.sample(x)?[1].x, chain.state().v[*k]);
             jump += (v - w).powi(2);
             size += w * w;
-            // The trapezoidal rule: exact for both fields, as every node of the bar is at a particle.
+            // The trapezoidal rule is exact for both fields because every node of the bar coincides with a
+            // particle.
             let share = if n == 0 || n + 1 == inside.len() { 0.5 } else { 1.0 };
             means[0] += share * v;
             means[1] += share * w;

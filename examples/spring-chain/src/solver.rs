@@ -21,7 +21,7 @@ impl ChainSolver {
     /// Makes a solver from a chain with displacements \[m\] and velocities \[m/s\].
     ///
     /// # Errors
-    /// [`Error::SizeMismatch`] unless there is one of each per particle.
+    /// [`Error::SizeMismatch`] unless both have one number per particle.
     pub fn new(chain: Chain, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         let n = chain.layout().dofs();
         for (what, found) in [

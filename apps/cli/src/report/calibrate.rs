@@ -1,8 +1,8 @@
-//! Packings and their beams as a table.
+//! Report of `arlequin calibrate` as text: packings, elastic constants, strengths.
 
 use arlequin_scene::calibrate::{Beams, Calibration, Elastic, Estimate, Exponent, Strengths};
 
-/// The report in words and columns.
+/// Returns the report as lines of text.
 pub(crate) fn text(r: &Calibration) -> String {
     let mut out = String::new();
     let mut line = |text: String| {
@@ -36,12 +36,12 @@ pub(crate) fn text(r: &Calibration) -> String {
         let inner = p
             .coordination_interior
             .map_or("-".to_owned(), |z| format!("{z:.3}"));
-        let other = match (p.young_gauge, p.anisotropy) {
+        let last_value = match (p.young_gauge, p.anisotropy) {
             (Some(e), _) => format!("{e:.4e}"),
             (None, a) => a.map_or(String::new(), |a| format!("{a:.4}")),
         };
         line(format!(
-            "{seed:>6} {:>8} {:>7} {:>6.3} {:>6.3} {inner:>7} {:>8.4} {:>9.2e} {:>11.4e} {other:>11} {:>7.4}",
+            "{seed:>6} {:>8} {:>7} {:>6.3} {:>6.3} {inner:>7} {:>8.4} {:>9.2e} {:>11.4e} {last_value:>11} {:>7.4}",
             p.spheres,
             p.dropped,
             p.coordination_all,
@@ -53,15 +53,15 @@ pub(crate) fn text(r: &Calibration) -> String {
         ));
     }
     line(String::new());
-    let one = r.packings.len() == 1;
-    for text in elastic(&r.elastic, one) {
+    let single = r.packings.len() == 1;
+    for text in elastic(&r.elastic, single) {
         line(text);
     }
     if let Some(t) = &r.target {
         line(String::new());
         line(format!("target     E = {:.4e} Pa, nu = {}", t.young, t.poisson));
         line(format!("beams      {}", beams(&t.beams)));
-        for text in elastic(&t.reached, one) {
+        for text in elastic(&t.reached, single) {
             line(text);
         }
     }
@@ -87,13 +87,14 @@ fn beams(b: &Beams) -> String {
     )
 }
 
-/// One line per constant; the spread is the sample standard deviation over the packings, unknown for one.
-fn elastic(e: &Elastic, one: bool) -> Vec<String> {
-    let modulus = |name: &str, b: &Estimate| match one {
+/// Returns one line per constant. The spread is the sample standard deviation over the packings, which a
+/// single packing does not have.
+fn elastic(e: &Elastic, single: bool) -> Vec<String> {
+    let modulus = |name: &str, b: &Estimate| match single {
         true => format!("{name:<10} {:.4e} Pa (one packing)", b.mean),
         false => format!("{name:<10} {:.4e} Pa ± {:.1e}", b.mean, b.deviation),
     };
-    let ratio = |name: &str, b: &Estimate| match one {
+    let ratio = |name: &str, b: &Estimate| match single {
         true => format!("{name:<10} {:.4} (one packing)", b.mean),
         false => format!("{name:<10} {:.4} ± {:.4}", b.mean, b.deviation),
     };
@@ -104,7 +105,7 @@ fn elastic(e: &Elastic, one: bool) -> Vec<String> {
     out
 }
 
-/// Lines of the table.
+/// Returns the lines of the strength table.
 fn strengths(s: &Strengths) -> Vec<String> {
     let scatter = s
         .weibull

@@ -1,14 +1,14 @@
-//! The hard cases: what naive code does with them, whether we keep our promises.
+//! Report of the hard cases: results of naive code, and whether our promises hold.
 
 use arlequin_studies::checks::{Accept, Check};
 use arlequin_studies::hard::{HardCase, Outcome};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
-/// What a case measured, or why it could not.
+/// Figures of a case, or the error that ended it.
 pub(crate) type Measured = Result<Outcome, String>;
 
-/// A case in words.
+/// Returns the report on a case as text.
 pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {
     let mut out = format!(
         "{}\n  hard: {}\n  promise: {}\n",
@@ -30,9 +30,9 @@ pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {
     out
 }
 
-/// The same as JSON.
+/// Returns the report on a case as JSON.
 pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
-    // JSON knows no infinity: such values are words.
+    // JSON has no infinity, so such values are written as text.
     let number = |x: f64| {
         if x.is_finite() {
             json!(x)
@@ -40,9 +40,9 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
             json!(x.to_string())
         }
     };
-    let figures = |all: &[Check]| -> Vec<Value> {
-        let one = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
-        all.iter().map(one).collect()
+    let figures = |checks: &[Check]| -> Vec<Value> {
+        let figure = |f: &Check| json!({"what": f.quantity, "value": number(f.ours), "range": range(f.accept).map(number), "pass": f.pass});
+        checks.iter().map(figure).collect()
     };
     let mut out = json!({"name": case.name, "why": case.why, "naive": case.naive, "promise": case.promise});
     match measured {
@@ -59,7 +59,7 @@ pub(crate) fn json(case: &HardCase, measured: &Measured) -> Value {
     out
 }
 
-/// Smallest and largest accepted value.
+/// Returns the smallest and the largest accepted value.
 fn range(accept: Accept) -> [f64; 2] {
     match accept {
         Accept::Between(low, high) => [low, high],

@@ -1,5 +1,5 @@
-//! All printing of the program, and the files that it writes for people: text, Markdown, HTML, SVG. Data
-//! come from the libraries, which know nothing of this.
+//! All printing of the program, and the files that it writes for people: text, Markdown, HTML, SVG. The
+//! libraries supply the data and print nothing.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -19,26 +19,26 @@ pub(crate) mod verify;
 mod work_precision;
 
 pub(crate) use calibrate::text as calibration;
-pub(crate) use run::{comparison, finished, held, holdings, plan, proposal};
+pub(crate) use run::{comparison, finished, holdings, not_started, plan, proposal};
 
 use crate::error::Result;
 pub(crate) use progress::Progress;
 use serde::Serialize;
 use std::sync::OnceLock;
 
-// How much the program says. No comment for documentation: it would become the help of the program.
+// Amount of output. No doc comment: clap would print it as the help of the program.
 #[derive(Debug, Default, Clone, Copy, clap::Args)]
 pub(crate) struct Loudness {
-    /// Say more: every phase of a set-up as it begins, and what it took.
+    /// Print every phase of a set-up as it begins, and its time.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
-    /// Say nothing but errors and what was asked for with --json.
+    /// Print only errors and the output of --json.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(crate) quiet: bool,
 }
 
 impl Loudness {
-    /// Of ranks one speaks.
+    /// Returns `self` on the rank that prints, and quiet on all others.
     pub(crate) fn of_rank(self, leads: bool) -> Self {
         if leads {
             return self;
@@ -52,8 +52,8 @@ impl Loudness {
 
 static LOUDNESS: OnceLock<Loudness> = OnceLock::new();
 
-/// Sets once for all how much is said.
-pub(crate) fn speak(how: Loudness) {
+/// Sets the amount of output; later calls change nothing.
+pub(crate) fn set_loudness(how: Loudness) {
     let _ = LOUDNESS.set(how);
 }
 
@@ -61,18 +61,18 @@ fn loudness() -> Loudness {
     LOUDNESS.get().copied().unwrap_or_default()
 }
 
-/// Shows the phases of a set-up as they begin, until it is dropped.
-pub(crate) fn phase_teller() -> impl FnMut(&str) {
+/// Returns a function that shows each phase of a set-up as it begins, until it is dropped.
+pub(crate) fn phase_reporter() -> impl FnMut(&str) {
     let progress = Progress::default();
     move |phase| progress.phase(phase)
 }
 
-/// Shows an error.
+/// Prints an error.
 pub(crate) fn error(text: &str) {
     eprint!("{text}");
 }
 
-/// Shows a warning beside the results: while steps are made, before they end.
+/// Prints a warning to the error stream while a run is still going on.
 pub(crate) fn warning(text: &str) {
     if loudness().quiet {
         return;
@@ -85,17 +85,17 @@ pub(crate) fn line(text: &str) {
     println!("{text}");
 }
 
-/// Prints text that ends its own lines.
+/// Prints text without adding a line end.
 pub(crate) fn text(text: &str) {
     print!("{text}");
 }
 
-/// A result as JSON.
+/// Returns a result as JSON.
 pub(crate) fn pretty(what: &impl Serialize) -> Result<String> {
     arlequin_scene::output::json("writing JSON", what)
 }
 
-/// Prints a result as JSON, or in words.
+/// Prints a result as JSON, or as text with `words`.
 pub(crate) fn result<T: Serialize>(what: &T, json: bool, words: impl FnOnce(&T)) -> Result<()> {
     if json {
         line(&pretty(what)?);

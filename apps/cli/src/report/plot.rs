@@ -1,4 +1,4 @@
-//! Curves as SVG: over time, or over anything else on linear or logarithmic axes.
+//! Curves as SVG: over time, or over another quantity on linear or logarithmic axes.
 
 use crate::error::{Error, Result};
 use crate::view::curves;
@@ -8,36 +8,36 @@ use plotters::prelude::*;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// One curve.
+/// A curve of a plot.
 #[derive(Debug, Clone)]
 pub(crate) struct Curve<'a> {
-    /// Legend.
+    /// Name in the legend.
     pub(crate) name: String,
-    /// Times \[s\], or whatever the horizontal axis shows.
+    /// Times \[s\], or values of the quantity on the horizontal axis.
     pub(crate) times: &'a [f64],
-    /// Values in the unit of the plot.
+    /// Values in the plot's unit.
     pub(crate) values: Vec<f64>,
 }
 
 /// A plot of curves.
 #[derive(Debug, Clone)]
 pub(crate) struct Plot<'a> {
-    /// Headline.
+    /// Title above the plot.
     pub(crate) title: String,
     /// Quantity on the horizontal axis and its SI unit.
     pub(crate) across: [&'a str; 2],
-    /// Whether the horizontal and the vertical axis are logarithmic.
+    /// True if the horizontal and the vertical axis are logarithmic.
     pub(crate) log: [bool; 2],
     /// Quantity on the vertical axis.
     pub(crate) quantity: &'a str,
-    /// Its SI unit.
+    /// SI unit of the vertical axis.
     pub(crate) unit: &'a str,
-    /// Curves.
+    /// Curves of the plot.
     pub(crate) curves: Vec<Curve<'a>>,
 }
 
 impl<'a> Plot<'a> {
-    /// A plot over time, linear.
+    /// Returns a plot over time with linear axes.
     pub(crate) fn over_time(title: String, quantity: &'a str, unit: &'a str, curves: Vec<Curve<'a>>) -> Self {
         Self {
             title,
@@ -50,14 +50,14 @@ impl<'a> Plot<'a> {
     }
 }
 
-/// Columns of the energy and their names in the legend.
+/// Columns of `energy.csv` that are plotted, and their names in the legend.
 const ENERGIES: [(&str, &str); 3] = [
     ("kinetic [J]", "kinetic"),
     ("internal [J]", "internal"),
     ("invariant [J]", "invariant H"),
 ];
 
-/// Plots the tables of a run into a folder.
+/// Plots the tables of a run into a folder, one picture per quantity.
 pub(crate) fn run(folder: &Path, title: &str, [probes, energy, effects]: [&Table; 3]) -> Result<()> {
     for (file, name, unit) in [
         ("displacement.svg", "displacement", "m"),
@@ -90,7 +90,7 @@ pub(crate) fn run(folder: &Path, title: &str, [probes, energy, effects]: [&Table
     of_effects(folder, title, effects)
 }
 
-/// Plots what effects did, a picture for each quantity: forces on obstacles, broken bonds.
+/// Plots `effects.csv`, one picture for each quantity: forces on obstacles, broken bonds.
 fn of_effects(folder: &Path, title: &str, table: &Table) -> Result<()> {
     let header = |name: &str| curves::header("effects.csv", name);
     let mut seen = BTreeSet::new();
@@ -98,12 +98,12 @@ fn of_effects(folder: &Path, title: &str, table: &Table) -> Result<()> {
         if !seen.insert((shown.quantity.clone(), shown.unit.clone())) {
             continue;
         }
-        let same = |n: &str| {
+        let curve_name = |n: &str| {
             let h = header(n).filter(|h| h.quantity == shown.quantity && h.unit == shown.unit)?;
             Some(h.curve)
         };
         let headline = headline(title, &shown.quantity);
-        let plot = Plot::over_time(headline, &shown.quantity, &shown.unit, columns(table, same));
+        let plot = Plot::over_time(headline, &shown.quantity, &shown.unit, columns(table, curve_name));
         let file = format!("effect-{}.svg", shown.quantity.replace(' ', "-"));
         draw(&folder.join(file), &plot)?;
     }
@@ -127,7 +127,7 @@ pub(crate) fn one_over_another(folder: &Path, title: &str, curve: &CurveLine) ->
     draw(&folder.join(format!("curve-{}.svg", curve.name)), &plot)
 }
 
-/// The columns of a table that are named.
+/// Returns the columns for which `name` returns a name.
 fn columns(table: &Table, name: impl Fn(&str) -> Option<String>) -> Vec<Curve<'_>> {
     let curve = |(n, values): (&String, &Vec<f64>)| {
         Some(Curve {
@@ -147,7 +147,7 @@ fn headline(title: &str, what: &str) -> String {
     }
 }
 
-/// Colours that stay apart for the colour-blind (Okabe and Ito), darkest first.
+/// Colours that colour-blind people can tell apart (Okabe and Ito), darkest first.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -161,10 +161,10 @@ const COLOURS: [RGBColor; 7] = [
 const WIDTH: u32 = 1060;
 /// Height of a plot \[px\].
 const HEIGHT: u32 = 520;
-/// Most points of a curve; more cannot be told apart at this size.
+/// Largest number of points of a curve; a plot of this size cannot show more.
 const MOST_POINTS: usize = 1500;
 
-/// Factor to and name of the prefixed unit for values up to `top`.
+/// Returns the prefixed unit for values up to `top`, and the factor to it from the SI unit.
 fn prefixed(top: f64, unit: &str) -> (f64, String) {
     const PREFIXES: [(f64, &str); 9] = [
         (1e9, "G"),
@@ -188,7 +188,8 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |a, b| a.max(b.abs()))
 }
 
-/// Lowest and highest value of a few, in their order: a curve that keeps its peaks.
+/// Returns the lowest and the highest value of every few points, in the order of time, so that peaks
+/// remain.
 fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     let n = times.len().min(values.len());
     if n <= MOST_POINTS {
@@ -197,9 +198,10 @@ fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     let size = (2 * n).div_ceil(MOST_POINTS);
     let mut out = Vec::with_capacity(MOST_POINTS + 2);
     for start in (0..n).step_by(size) {
+        // Two points per group.
         let range = start..(start + size).min(n);
-        let by = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
-        let ends = [range.clone().min_by(by), range.max_by(by)];
+        let order = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        let ends = [range.clone().min_by(order), range.max_by(order)];
         let mut ends: Vec<usize> = ends.into_iter().flatten().collect();
         ends.sort_unstable();
         ends.dedup();
@@ -208,12 +210,12 @@ fn thinned(times: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     out
 }
 
-/// A plot that cannot be drawn, and why.
+/// Returns the error for a plot that cannot be drawn.
 pub(super) fn undrawn(name: &str, why: &dyn std::fmt::Display) -> Error {
     Error::Observer(format!("cannot draw '{name}': {why}").into())
 }
 
-/// Draws a plot, if there is anything to draw.
+/// Draws a plot unless all of its curves have fewer than two points.
 pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
     if plot.curves.iter().all(|c| c.times.len() < 2) {
         return Ok(());
@@ -221,7 +223,7 @@ pub(crate) fn draw(path: &Path, plot: &Plot<'_>) -> Result<()> {
     draw_svg(path, plot).map_err(|e| undrawn(&path.display().to_string(), &e))
 }
 
-/// Values the vertical axis spans, with a margin.
+/// Returns the range of the vertical axis with a margin of 6 %.
 fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
     let values = || plot.curves.iter().flat_map(|c| c.values.iter());
     let (low, high) = extremes(values().map(|v| scaled(*v, factor, plot.log[1])));
@@ -233,10 +235,10 @@ fn range(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
-/// Abscissae that are shown; zero belongs to a linear axis.
+/// Returns the range of the horizontal axis. A linear axis includes zero.
 fn span(plot: &Plot<'_>, factor: f64) -> (f64, f64) {
-    let all = plot.curves.iter().flat_map(|c| c.times.iter());
-    let (first, last) = extremes(all.map(|t| scaled(*t, factor, plot.log[0])));
+    let abscissae = plot.curves.iter().flat_map(|c| c.times.iter());
+    let (first, last) = extremes(abscissae.map(|t| scaled(*t, factor, plot.log[0])));
     if plot.log[0] {
         (first, last)
     } else {
@@ -250,30 +252,31 @@ fn extremes(values: impl Iterator<Item = f64>) -> (f64, f64) {
     })
 }
 
-/// Where a value stands on an axis.
+/// Returns the coordinate of a value on an axis.
 fn scaled(value: f64, factor: f64, log: bool) -> f64 {
     if log {
+        // Keeps zero off the logarithm.
         (value * factor).max(f64::MIN_POSITIVE).log10()
     } else {
         value * factor
     }
 }
 
-/// The number that stands at a place of an axis.
+/// Returns the label at a coordinate of an axis.
 fn mark(place: f64, log: bool) -> String {
     if !log {
         return tick(place);
     }
-    // Lines between the decades stand at odd numbers; two digits are enough to read them.
+    // Grid lines between decades have uneven values; two digits are enough to read them.
     let value = 10f64.powf(place);
     let unit = 10f64.powf(place.floor() - 1.0);
     tick((value / unit).round() * unit)
 }
 
-/// Places of a picture are whole numbers; lines need finer ones.
+/// Units of the picture per pixel: coordinates are whole numbers, and lines need finer ones.
 const FINE: i32 = 10;
 
-/// So many pixels in the units of a picture.
+/// Converts pixels to units of the picture.
 fn px(n: i32) -> i32 {
     FINE * n
 }
@@ -286,7 +289,7 @@ fn draw_svg(path: &Path, plot: &Plot<'_>) -> std::result::Result<(), String> {
         draw_chart(&root, plot)?;
         root.present().map_err(|e| e.to_string())?;
     }
-    // As large as ever, in units ten times as fine.
+    // Shows the picture at its size in pixels, with coordinates ten times as fine.
     let shown = format!("width=\"{WIDTH}\" height=\"{HEIGHT}\" viewBox");
     let drawn = format!("width=\"{}\" height=\"{}\" viewBox", size.0, size.1);
     let svg = svg.replacen(&drawn, &shown, 1);
@@ -305,13 +308,14 @@ fn draw_chart(root: &Area<'_>, plot: &Plot<'_>) -> std::result::Result<(), Strin
     let [log_x, log_y] = plot.log;
     let (first, last) = span(plot, ft);
     root.fill(&WHITE).map_err(|e| text(&e))?;
-    // The legend stands beside the curves, never on them.
+    // The legend stands beside the curves, so that it never covers them.
     let longest = plot
         .curves
         .iter()
         .map(|c| c.name.chars().count())
         .max()
         .unwrap_or(0) as i32;
+    // About eight pixels per letter.
     let (left, right) = root.split_horizontally(px(WIDTH as i32 - (longest * 8 + 50).min(WIDTH as i32 / 2)));
     let mut chart = ChartBuilder::on(&left)
         .caption(&plot.title, ("sans-serif", px(20)))
@@ -364,7 +368,7 @@ fn draw_chart(root: &Area<'_>, plot: &Plot<'_>) -> std::result::Result<(), Strin
     Ok(())
 }
 
-/// Short number: six digits, no trailing zeros.
+/// Formats a number with up to six digits, without trailing zeros.
 fn tick(v: f64) -> String {
     if v == 0.0 || v.abs() < 1e-12 {
         return "0".into();

@@ -1,5 +1,5 @@
-//! What a program that works for long says of it: a bar on a terminal; elsewhere, such as in the log of a
-//! batch system, a line now and then, and none for what takes seconds.
+//! Progress of long work: a bar on a terminal. Elsewhere, such as in the log of a batch system, a line at
+//! growing intervals, the first after some seconds.
 
 use super::loudness;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,44 +8,44 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time before the first line of a log \[s\]; every further one takes twice as long as the one before, up
-/// to a minute.
+/// Time before the first line of a log \[s\]. Each further line takes twice as long as the one before, up
+/// to `MOST`.
 const FIRST: u64 = 5;
 const MOST: u64 = 60;
 
-/// What is done at the moment.
+/// State of the work in progress.
 #[derive(Debug, Default)]
 struct Doing {
     what: String,
     label: String,
     done: usize,
-    of: usize,
+    total: usize,
     since: Option<Instant>,
     over: bool,
 }
 
 impl Doing {
-    /// `steps 1200 of 5000, 38 s to go`.
+    /// Returns a line such as `steps 1200 of 5000, 38 s to go`; `None` if no work is in progress.
     fn words(&self, now: Instant) -> Option<String> {
         let since = self.since?;
-        if self.of == 0 {
+        if self.total == 0 {
             return Some(self.what.clone());
         }
-        let gone = now.duration_since(since).as_secs_f64();
-        let left = gone * (self.of.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
+        let elapsed = now.duration_since(since).as_secs_f64();
+        let seconds_left = elapsed * (self.total.saturating_sub(self.done)) as f64 / self.done.max(1) as f64;
         let to_go = if self.done > 0 {
-            format!(", {left:.0} s to go")
+            format!(", {seconds_left:.0} s to go")
         } else {
             String::new()
         };
         Some(format!(
             "{} {} of {}{}{to_go}",
-            self.what, self.done, self.of, self.label
+            self.what, self.done, self.total, self.label
         ))
     }
 }
 
-/// Where it is shown.
+/// Destination of the progress report.
 #[derive(Debug)]
 enum Place {
     Nowhere,
@@ -53,7 +53,7 @@ enum Place {
     Log(Arc<(Mutex<Doing>, Condvar)>, Option<JoinHandle<()>>),
 }
 
-/// Progress of one thing after another.
+/// Reports the progress of one task after another.
 #[derive(Debug)]
 pub(crate) struct Progress(Place);
 
@@ -64,20 +64,21 @@ impl Default for Progress {
             false if std::io::stderr().is_terminal() => Place::Terminal(Mutex::default()),
             false => {
                 let shared = Arc::<(Mutex<Doing>, Condvar)>::default();
-                let told = shared.clone();
-                let log = std::thread::Builder::new().spawn(move || log(&told));
+                let log_state = shared.clone();
+                let log = std::thread::Builder::new().spawn(move || log(&log_state));
                 Place::Log(shared, log.ok())
             }
         })
     }
 }
 
-/// Writes a line now and then until it is over.
+/// Writes lines at growing intervals until the work is over.
 fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
     let start = Instant::now();
     let mut pause = FIRST;
     let mut now = doing.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
+        // Wakes early when the work is over, so that a short program does not wait for its log.
         let until = |d: &mut Doing| !d.over;
         let waited = wake.wait_timeout_while(now, Duration::from_secs(pause), until);
         now = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -92,12 +93,12 @@ fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
 }
 
 impl Progress {
-    /// What a library tells of its progress.
-    pub(crate) fn teller(&self) -> impl Fn(&str, usize, usize) + Sync {
-        |what, done, of| self.show(what, done, of)
+    /// Returns the function by which libraries report their progress.
+    pub(crate) fn reporter(&self) -> impl Fn(&str, usize, usize) + Sync {
+        |what, done, total| self.show(what, done, total)
     }
 
-    /// A phase of a set-up begins; how long it takes nobody knows.
+    /// Reports the start of a set-up phase, whose duration is not known.
     pub(crate) fn phase(&self, phase: &str) {
         if loudness().verbose {
             eprintln!("set-up     {phase} ...");
@@ -105,8 +106,8 @@ impl Progress {
         self.show(&format!("set-up: {phase}"), 0, 0);
     }
 
-    /// So much of so many is done.
-    pub(crate) fn show(&self, what: &str, done: usize, of: usize) {
+    /// Reports that `done` of `total` units are done.
+    pub(crate) fn show(&self, what: &str, done: usize, total: usize) {
         match &self.0 {
             Place::Nowhere => {}
             Place::Terminal(shown) => {
@@ -115,7 +116,7 @@ impl Progress {
                     if let Some((_, bar)) = shown.take() {
                         bar.finish_and_clear();
                     }
-                    *shown = Some((what.to_owned(), bar(what, of)));
+                    *shown = Some((what.to_owned(), bar(what, total)));
                 }
                 if let Some((_, bar)) = &*shown {
                     bar.set_position(done as u64);
@@ -128,13 +129,13 @@ impl Progress {
                     doing.label.clear();
                     doing.since = Some(Instant::now());
                 }
-                (doing.done, doing.of) = (done, of);
+                (doing.done, doing.total) = (done, total);
             }
         }
     }
 
-    /// Says what is done at the moment.
-    pub(crate) fn at(&self, label: &str) {
+    /// Sets the label of the unit in progress.
+    pub(crate) fn set_label(&self, label: &str) {
         match &self.0 {
             Place::Nowhere => {}
             Place::Terminal(shown) => {
@@ -150,7 +151,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn clear(&self) {
         match &self.0 {
             Place::Nowhere => {}
@@ -184,21 +185,21 @@ impl Drop for Progress {
     }
 }
 
-fn bar(what: &str, of: usize) -> ProgressBar {
-    let (bar, template) = match of {
+fn bar(what: &str, total: usize) -> ProgressBar {
+    let (bar, template) = match total {
         0 => (
             ProgressBar::new_spinner(),
             format!("{{spinner}} {what}, {{elapsed}}"),
         ),
-        of => {
+        total => {
             let text = format!("{{bar:40}} {{pos}}/{{len}} {what}{{msg}}, {{elapsed}} gone, {{eta}} to go");
-            (ProgressBar::new(of as u64), text)
+            (ProgressBar::new(total as u64), text)
         }
     };
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
-    // Twice a second: the bar must not take time from the run.
+    // Twice a second, so that drawing the bar takes no time from the run.
     bar.enable_steady_tick(Duration::from_millis(500));
     bar
 }
@@ -212,7 +213,7 @@ mod tests {
         let start = Instant::now();
         let mut doing = Doing {
             what: "steps".into(),
-            of: 400,
+            total: 400,
             done: 100,
             since: Some(start),
             ..Doing::default()

@@ -1,4 +1,4 @@
-//! The reference of scenes in Markdown, written from their JSON Schema: one row per key, with unit, meaning
+//! Writes the reference of scenes in Markdown from their JSON Schema: one row per key, with unit, meaning
 //! and default.
 
 use serde_json::{Map, Value};
@@ -10,17 +10,18 @@ type Object = Map<String, Value>;
 const HEAD: &str = "# Every key of a scene\n\nWritten from the types that read scenes, by `arlequin schema --reference`. All numbers are SI. \
                     A key without a default that is not needed is left out; tables of choices take exactly one of their keys.\n";
 
-/// What a page is made from.
+/// State of the page being written.
 struct Writer<'a> {
     definitions: &'a Object,
-    /// Definitions that are named more than once get a section of their own.
+    /// Number of references to each definition. Definitions with several references get their own section.
     uses: BTreeMap<&'a str, usize>,
-    /// Those whose section is still to be written, in the order in which they were met.
+    /// Definitions whose section is still to be written, in the order of their first reference.
     pending: Vec<&'a str>,
     out: String,
 }
 
-/// The reference of a schema: a section per key at the top level, and one per table that several keys take.
+/// Returns the reference of a schema: a section per key at the top level, and one per table that several
+/// keys share.
 pub(crate) fn markdown(schema: &Value) -> String {
     let none = Object::new();
     let definitions = schema["definitions"].as_object().unwrap_or(&none);
@@ -33,6 +34,7 @@ pub(crate) fn markdown(schema: &Value) -> String {
         out: HEAD.to_owned(),
     };
     w.top(schema);
+    // Writing a section may add further ones.
     let mut k = 0;
     while let Some(name) = w.pending.get(k).copied() {
         w.shared(name);
@@ -41,9 +43,9 @@ pub(crate) fn markdown(schema: &Value) -> String {
     w.out
 }
 
-/// How often every definition is named.
-fn count<'a>(at: &'a Value, uses: &mut BTreeMap<&'a str, usize>) {
-    match at {
+/// Counts the references to every definition.
+fn count<'a>(node: &'a Value, uses: &mut BTreeMap<&'a str, usize>) {
+    match node {
         Value::Object(o) => {
             if let Some(name) = referred(o) {
                 *uses.entry(name).or_default() += 1;
@@ -55,7 +57,7 @@ fn count<'a>(at: &'a Value, uses: &mut BTreeMap<&'a str, usize>) {
     }
 }
 
-/// The definition that a schema is a reference to.
+/// Returns the definition that a schema refers to.
 fn referred(schema: &Object) -> Option<&str> {
     schema.get("$ref")?.as_str()?.rsplit('/').next()
 }
@@ -70,11 +72,12 @@ fn objects<'a>(schema: &'a Object, key: &str) -> impl Iterator<Item = &'a Object
 }
 
 impl<'a> Writer<'a> {
-    /// The schema behind a reference, and the name of its definition.
+    /// Returns the schema behind a reference, and the name of its definition.
     fn resolve(&self, schema: &'a Object) -> (&'a Object, Option<&'a str>) {
+        // A reference with a description is wrapped in `allOf`.
         let inner = objects(schema, "allOf").next().unwrap_or(schema);
-        let found = referred(inner).and_then(|n| Some((self.definitions.get_key_value(n)?, n)));
-        match found {
+        let definition = referred(inner).and_then(|n| Some((self.definitions.get_key_value(n)?, n)));
+        match definition {
             Some(((name, Value::Object(o)), _)) => (o, Some(name)),
             _ => (inner, None),
         }
@@ -108,7 +111,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// The section of a table that several keys take.
+    /// Writes the section of a table that several keys share.
     fn shared(&mut self, name: &'a str) {
         let Some(Value::Object(schema)) = self.definitions.get(name) else {
             return;
@@ -125,7 +128,7 @@ impl<'a> Writer<'a> {
         self.out += "| key | unit | meaning | default |\n|---|---|---|---|\n";
     }
 
-    /// All keys of a table or of its choices.
+    /// Writes the rows of all keys of a table, or of its choices.
     fn rows(&mut self, prefix: &str, table: &'a Object) {
         for (key, schema, needed) in properties(table) {
             self.key(&join(prefix, key), schema, needed);
@@ -135,7 +138,7 @@ impl<'a> Writer<'a> {
             if named.is_some() {
                 self.rows(prefix, inner);
             } else if text(choice, "type") == "string" && !prefix.is_empty() {
-                // Words of a choice stand with its key.
+                // The row of the key lists these words.
             } else if text(choice, "type") == "string" {
                 let name = choice
                     .get("const")
@@ -160,7 +163,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// One key, and what is below it.
+    /// Writes the row of a key and the rows below it.
     fn key(&mut self, name: &str, schema: &'a Object, needed: bool) {
         self.row(name, schema, Some(needed));
         let items = schema.get("items").and_then(Value::as_object);
@@ -176,13 +179,14 @@ impl<'a> Writer<'a> {
         self.uses.get(name).is_some_and(|n| *n > 1)
     }
 
+    /// Remembers that a shared table needs a section.
     fn later(&mut self, name: &'a str) {
         if !self.pending.contains(&name) {
             self.pending.push(name);
         }
     }
 
-    /// The row of a key, needed or not, or of one of several choices.
+    /// Writes the row of a key. `needed` is `None` for one of several choices.
     fn row(&mut self, name: &str, schema: &'a Object, needed: Option<bool>) {
         let (meaning, said) = sentence(text(schema, "description"));
         let (meaning, unit) = without_unit(&meaning);
@@ -207,7 +211,7 @@ impl<'a> Writer<'a> {
             (None, None) => String::new(),
             (None, Some(true)) => "needed".into(),
             (None, Some(false)) if !default.is_empty() => format!("`{default}`"),
-            // The keys of a table have defaults of their own.
+            // The rows of the table's keys show their defaults.
             (None, Some(false)) if is_table(inner) => String::new(),
             (None, Some(false)) => "none".into(),
         };
@@ -222,19 +226,19 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Keys of a table with their schemas, in the order of their declaration where it is kept, and whether each
-/// is needed.
+/// Returns the keys of a table with their schemas, and whether each is needed. Keys keep the order of
+/// declaration if the schema keeps it.
 fn properties(table: &Object) -> impl Iterator<Item = (&String, &Object, bool)> {
     let needed = |key: &String| {
         let list = table.get("required").and_then(Value::as_array);
         list.is_some_and(|l| l.iter().any(|r| r.as_str() == Some(key)))
     };
-    let all = table.get("properties").and_then(Value::as_object);
-    let all = all.into_iter().flatten();
-    all.filter_map(move |(k, v)| Some((k, v.as_object()?, needed(k))))
+    let entries = table.get("properties").and_then(Value::as_object);
+    let entries = entries.into_iter().flatten();
+    entries.filter_map(move |(k, v)| Some((k, v.as_object()?, needed(k))))
 }
 
-/// Whether it has keys of its own, itself or in one of its choices.
+/// Returns whether a schema has keys, directly or in one of its choices.
 fn is_table(schema: &Object) -> bool {
     schema.contains_key("properties")
         || objects(schema, "oneOf")
@@ -242,35 +246,35 @@ fn is_table(schema: &Object) -> bool {
             .any(|c| ["properties", "$ref", "allOf"].iter().any(|k| c.contains_key(*k)))
 }
 
-/// Words that a key may have, with what each means.
+/// Returns the words that a key may take, with the meaning of each.
 fn choices(schema: &Object) -> String {
     let plain = schema.get("enum").and_then(Value::as_array);
     let plain = plain.into_iter().flatten().filter_map(Value::as_str);
-    let mut all: Vec<String> = plain.map(|w| format!("`\"{w}\"`")).collect();
+    let mut entries: Vec<String> = plain.map(|w| format!("`\"{w}\"`")).collect();
     for c in objects(schema, "oneOf").filter(|_| !is_table(schema)) {
         let names = c.get("enum").and_then(Value::as_array).into_iter().flatten();
         let names = names.chain(c.get("const")).filter_map(Value::as_str);
         let (meaning, _) = sentence(text(c, "description"));
         let meaning = begun_small(meaning.trim_end_matches('.'));
-        all.extend(names.map(|w| match meaning.as_str() {
+        entries.extend(names.map(|w| match meaning.as_str() {
             "" => format!("`\"{w}\"`"),
             m => format!("`\"{w}\"`: {m}"),
         }));
     }
-    match all.is_empty() {
+    match entries.is_empty() {
         true => String::new(),
-        false => all.join("; ") + ".",
+        false => entries.join("; ") + ".",
     }
 }
 
-/// Whether the meaning of a key tells its words already.
+/// Returns whether the meaning of a key already names all of its words.
 fn is_named_in(meaning: &str, schema: &Object) -> bool {
     let plain = schema.get("enum").and_then(Value::as_array);
     let mut plain = plain.into_iter().flatten().filter_map(Value::as_str).peekable();
     plain.peek().is_some() && plain.all(|w| meaning.contains(&format!("`{w}`")))
 }
 
-/// A description on one line, and what it says of the default.
+/// Splits a description into its meaning on one line and its text after `Default:`.
 fn sentence(description: &str) -> (String, Option<String>) {
     let line = description.split_whitespace().collect::<Vec<_>>().join(" ");
     match line.split_once(" Default: ") {
@@ -282,25 +286,25 @@ fn sentence(description: &str) -> (String, Option<String>) {
     }
 }
 
-/// The meaning without its first unit in brackets, and the unit.
+/// Splits the first unit in brackets from a meaning.
 fn without_unit(meaning: &str) -> (String, String) {
     let inside = |t: &str| t.len() < 14 && !t.contains([',', '`', '"', '.']);
-    let found = meaning.find(" [").and_then(|from| {
-        let to = from + meaning[from..].find(']')?;
-        let unit = &meaning[from + 2..to];
-        // A link is no unit.
-        let is_unit = inside(unit) && !meaning[to + 1..].starts_with('(');
+    let split = meaning.find(" [").and_then(|from| {
+        let end = from + meaning[from..].find(']')?;
+        let unit = &meaning[from + 2..end];
+        // A bracket before `(` is a Markdown link.
+        let is_unit = inside(unit) && !meaning[end + 1..].starts_with('(');
         is_unit.then(|| {
             (
-                format!("{}{}", &meaning[..from], &meaning[to + 1..]),
+                format!("{}{}", &meaning[..from], &meaning[end + 1..]),
                 unit.to_owned(),
             )
         })
     });
-    found.unwrap_or_else(|| (meaning.to_owned(), String::new()))
+    split.unwrap_or_else(|| (meaning.to_owned(), String::new()))
 }
 
-/// A text that goes on a sentence: its first letter small unless it is a name or a formula.
+/// Returns a text with its first letter in lower case, unless it begins with a name or a formula.
 fn begun_small(text: &str) -> String {
     let mut letters = text.chars();
     match (letters.next(), letters.as_str()) {
@@ -311,7 +315,7 @@ fn begun_small(text: &str) -> String {
     }
 }
 
-/// `MediatorTable` as `Mediator table`.
+/// Converts `MediatorTable` to `Mediator table`.
 fn words(name: &str) -> String {
     let mut out = String::new();
     for (k, c) in name.chars().enumerate() {
@@ -333,7 +337,7 @@ fn join(prefix: &str, key: &str) -> String {
     }
 }
 
-/// A default as TOML has it; nothing for tables and lists, whose keys and entries have their own.
+/// Returns a default as TOML; empty for tables and empty lists.
 fn plain(value: &Value) -> String {
     match value {
         Value::Object(_) | Value::Null => String::new(),

@@ -1,4 +1,4 @@
-//! Runs, plans of runs, effects and proposals as text.
+//! Prints runs, plans of runs, comparisons of effects and proposals.
 
 use arlequin_scene::effects::Comparison;
 use arlequin_scene::output::packing::PackingLine;
@@ -10,7 +10,7 @@ use arlequin_scene::suggest::Proposal;
 use arlequin_scene::{LinkLine, Preview, RankLine};
 use std::path::Path;
 
-/// Seconds of a set-up below which its phases are of no interest.
+/// Total of a set-up \[s\] below which its phases are not printed.
 const SHORT: f64 = 0.5;
 
 /// Reports a finished or interrupted run.
@@ -23,7 +23,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     if s.load_steps.is_empty() {
         motion(s, planned);
     } else {
-        rest(s, planned);
+        at_rest(s, planned);
     }
     for (name, p) in &s.probes {
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
@@ -59,7 +59,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     }
 }
 
-/// Prints what only a run in time has.
+/// Prints the lines of a run in time.
 fn motion(s: &Summary, planned: usize) {
     println!(
         "steps      {} of {planned} with {:.4e} s (critical {:.4e} s), up to t = {:.4e} s",
@@ -81,8 +81,8 @@ fn motion(s: &Summary, planned: usize) {
     effects(&s.effect_ledger);
 }
 
-/// Prints what only a scene at rest has.
-fn rest(s: &Summary, planned: usize) {
+/// Prints the lines of a scene at rest.
+fn at_rest(s: &Summary, planned: usize) {
     let residual = s.load_steps.iter().map(|l| l.residual).fold(0.0, f64::max);
     let iterations: usize = s.load_steps.iter().map(|l| l.iterations).sum();
     let how = match iterations {
@@ -97,7 +97,7 @@ fn rest(s: &Summary, planned: usize) {
     println!("energy     {:.6e} J at the end", s.energy.last);
 }
 
-/// Prints whether and how a sleeping model woke.
+/// Prints whether, when and how a sleeping model woke.
 fn wake(w: &WakeReport) {
     let place = w.place.unwrap_or_default().map(|x| format!("{x:.4e}")).join(", ");
     let value = w.value.unwrap_or_default();
@@ -189,19 +189,19 @@ fn sizes(p: &Preview) {
     warnings(&p.warnings);
 }
 
-/// A solver is asked for where it takes less than this share of the time of the one that is taken: the
-/// model of times is no closer.
+/// A solver is proposed if its time is below this share of the chosen solver's time; the model of times is
+/// no more accurate than this.
 const WORTH: f64 = 0.7;
 
-/// Says before the first step how models are held on several ranks.
-pub(crate) fn holdings(all: &[RankLine], json: bool) {
+/// Prints before the first step which models are partitioned on several ranks.
+pub(crate) fn holdings(lines: &[RankLine], json: bool) {
     if !json && !super::loudness().quiet {
-        ranks(all);
+        ranks(lines);
     }
 }
 
-fn ranks(all: &[RankLine]) {
-    for r in all {
+fn ranks(lines: &[RankLine]) {
+    for r in lines {
         let how = if r.parts {
             "in parts"
         } else {
@@ -211,8 +211,8 @@ fn ranks(all: &[RankLine]) {
     }
 }
 
-fn links(all: &[LinkLine]) {
-    for l in all {
+fn links(lines: &[LinkLine]) {
+    for l in lines {
         match l.mass {
             Some(mass) => println!("link       {:<16} {}, mass {mass:.6e} kg", l.model, l.does),
             None => println!("link       {:<16} {}", l.model, l.does),
@@ -220,27 +220,27 @@ fn links(all: &[LinkLine]) {
     }
 }
 
-/// Prints what a scene would start, and that nothing was.
-pub(crate) fn held(all: &[LinkLine]) {
-    links(all);
+/// Prints what a scene would start, and states that nothing was started.
+pub(crate) fn not_started(lines: &[LinkLine]) {
+    links(lines);
     println!(
         "The tables of the scene are in order. Nothing was started: check with --start meets the other side."
     );
 }
 
-/// Prints where the time of a set-up went; nothing of one that no one waits for.
-fn phases(all: &[PhaseTime]) {
-    let total: f64 = all.iter().map(|p| p.seconds).sum();
+/// Prints the time of each phase of a set-up, unless the set-up was short.
+fn phases(lines: &[PhaseTime]) {
+    let total: f64 = lines.iter().map(|p| p.seconds).sum();
     let verbose = super::loudness().verbose;
     if total < SHORT && !verbose {
         return;
     }
-    for p in all.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
+    for p in lines.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
         println!("set-up     {:<42} {:>9.2} s", p.phase, p.seconds);
     }
 }
 
-/// Prints what each effect changes and costs.
+/// Prints the change in results and the cost of each effect.
 pub(crate) fn comparison(c: &Comparison) {
     println!("scene      {}", c.scene);
     println!(
@@ -275,9 +275,9 @@ pub(crate) fn comparison(c: &Comparison) {
     }
 }
 
-fn effects(all: &[EffectReport]) {
+fn effects(lines: &[EffectReport]) {
     let joules = |x: Option<f64>| x.map_or_else(|| format!("{:>14}", "-"), |x| format!("{x:>14.6e}"));
-    for e in all {
+    for e in lines {
         let share = e.share.map_or_else(
             || "in the forces".to_owned(),
             |s| format!("{:.1} % of the steps", 100.0 * s),
@@ -288,15 +288,15 @@ fn effects(all: &[EffectReport]) {
             e.stored,
             joules(e.dissipated)
         );
-        if let (Some(n), Some(of)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
-            println!("           {n} of {of} bonds broke");
+        if let (Some(n), Some(total)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
+            println!("           {n} of {total} bonds broke");
         }
     }
 }
 
-fn momentum(all: &[MomentumLine]) {
+fn momentum(lines: &[MomentumLine]) {
     let size = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    for m in all {
+    for m in lines {
         let name = m.models.join(" + ");
         let (p, l) = (size(&m.linear), size(&m.angular));
         let change = |d: Option<f64>| d.map_or_else(String::new, |d| format!(", changed by {d:.1e}"));
@@ -316,7 +316,7 @@ fn momentum(all: &[MomentumLine]) {
     }
 }
 
-/// How a model steps in a step of the run.
+/// Returns a description of a model's own steps within a step of the run.
 fn own_steps(m: &ModelLine) -> String {
     let share = 100.0 * m.own_dt / m.critical_dt;
     match (m.scheme, m.own_steps) {
@@ -326,8 +326,8 @@ fn own_steps(m: &ModelLine) -> String {
     }
 }
 
-fn models(all: &[ModelLine]) {
-    for m in all {
+fn models(lines: &[ModelLine]) {
+    for m in lines {
         println!(
             "model      {:<16} {:<6} {:>8} nodes {:>8} unknowns, critical step {:.4e} s, {}",
             m.name,
@@ -343,14 +343,15 @@ fn models(all: &[ModelLine]) {
     }
 }
 
-/// What a solution on many ranks takes by each solver, and which should be asked for.
+/// Returns the expected time of a solution with each solver on many ranks, and a proposal if another solver
+/// is faster.
 fn solutions(i: &InterfaceLine) -> Option<String> {
-    let all = &i.solution_times;
-    let by = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
-    let words: Vec<String> = all.iter().map(by).collect();
-    let (best, least) = all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let taken = all.iter().find(|t| t.0 == i.solver);
-    // Dense eigenvectors are slower still.
+    let times = &i.solution_times;
+    let entry = |(solver, s): &(&str, f64)| format!("{:.3} ms by {solver}", 1e3 * s);
+    let words: Vec<String> = times.iter().map(entry).collect();
+    let (best, least) = times.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let taken = times.iter().find(|t| t.0 == i.solver);
+    // Without a time the chosen solver uses dense eigenvectors, which are slower than all others.
     let gains = taken.is_none_or(|t| *least < WORTH * t.1);
     let key = if gains {
         format!("; take solver = \"{}\"", best.replace(' ', "-"))
@@ -363,8 +364,8 @@ fn solutions(i: &InterfaceLine) -> Option<String> {
     ))
 }
 
-fn interfaces(all: &[InterfaceLine]) {
-    for i in all {
+fn interfaces(lines: &[InterfaceLine]) {
+    for i in lines {
         println!(
             "interface  {:<16} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, \
              condition {}{:.2e}, solved by {}{}",
@@ -380,7 +381,7 @@ fn interfaces(all: &[InterfaceLine]) {
             i.solver,
             match i.together.as_slice() {
                 [] => String::new(),
-                all => format!(" together with '{}'", all.join("', '")),
+                lines => format!(" together with '{}'", lines.join("', '")),
             }
         );
         if let Some(words) = solutions(i) {
@@ -416,8 +417,8 @@ fn interfaces(all: &[InterfaceLine]) {
     }
 }
 
-fn warnings(all: &[String]) {
-    for w in all {
+fn warnings(lines: &[String]) {
+    for w in lines {
         println!("warning    {w}");
     }
 }
@@ -431,7 +432,7 @@ fn bytes(n: usize) -> String {
     }
 }
 
-/// Prints a proposal.
+/// Prints a proposal of settings.
 pub(crate) fn proposal(r: &Proposal, written: Option<&Path>) {
     println!("scene      {}", r.scene);
     println!("goal       {}", r.goal);

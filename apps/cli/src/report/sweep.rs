@@ -1,4 +1,4 @@
-//! What a sweep tells its user, and the files it leaves.
+//! Text output of a sweep, and the files it writes.
 
 use super::{sweep_page, work_precision};
 use crate::error::{Result, write};
@@ -6,7 +6,7 @@ use arlequin_scene::sweep::conclude::{percent, seconds};
 use arlequin_scene::sweep::{Mark, PHASES, Sweep, SweepFile};
 use std::path::Path;
 
-/// Reports a sweep.
+/// Prints a finished or interrupted sweep.
 pub(crate) fn finished(s: &Sweep, out: &Path) {
     println!("sweep      {}", s.title);
     for r in &s.runs {
@@ -46,7 +46,7 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
     println!("results    {}", out.join("report.html").display());
 }
 
-/// Writes `sweep.json`, `sweep.csv`, the pictures and the report; the text of `sweep.json`.
+/// Writes `sweep.json`, `sweep.csv`, the pictures and the report. Returns the text of `sweep.json`.
 pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<String> {
     let put = |name: &str, text: &str| {
         let path = out.join(name);
@@ -54,8 +54,8 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
     };
     let json = sweep.write(out)?;
     csv(&out.join("sweep.csv"), sweep)?;
-    let plots = work_precision::all(file, sweep, work_precision::Screen::Wide)?;
-    let narrow = work_precision::all(file, sweep, work_precision::Screen::Narrow)?;
+    let plots = work_precision::pictures(file, sweep, work_precision::Screen::Wide)?;
+    let narrow = work_precision::pictures(file, sweep, work_precision::Screen::Narrow)?;
     let folder = out.join("plots");
     std::fs::create_dir_all(&folder).map_err(write(&folder))?;
     for (name, svg) in &plots {
@@ -65,7 +65,7 @@ pub(crate) fn write_all(out: &Path, file: &SweepFile, sweep: &Sweep) -> Result<S
     Ok(json)
 }
 
-/// Writes `sweep.csv`: one row per run.
+/// Writes `sweep.csv`, one row per run.
 fn csv(path: &Path, s: &Sweep) -> Result<()> {
     let mut parameters: Vec<&String> = s.runs.iter().flat_map(|r| r.parameters.keys()).collect();
     parameters.sort();
@@ -115,8 +115,8 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
             None => "",
         };
         let mut row = vec![quoted(&r.label), mark.into(), r.status.into()];
-        let own = |p: &&String| quoted(r.parameters.get(*p).map_or("", String::as_str));
-        row.extend(parameters.iter().map(own));
+        let cell = |p: &&String| quoted(r.parameters.get(*p).map_or("", String::as_str));
+        row.extend(parameters.iter().map(cell));
         row.extend([count(r.unknowns), count(r.steps), number(r.dt)]);
         row.extend([r.seconds.setup, r.seconds.stepping, r.seconds.output].map(number));
         row.extend(PHASES.map(|p| number(r.seconds.per_step.get(p).copied())));
@@ -145,7 +145,7 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
     std::fs::write(path, text).map_err(write(path))
 }
 
-/// A cell that may contain commas.
+/// Quotes a cell of a CSV file if it contains commas or quotes.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"']) {
         format!("\"{}\"", text.replace('"', "\"\""))

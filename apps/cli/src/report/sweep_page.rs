@@ -1,4 +1,4 @@
-//! The report: one page that needs nothing else, neither scripts nor addresses.
+//! The report of a sweep: one HTML page without scripts and without references to other files.
 
 use super::work_precision as picture;
 use arlequin_scene::sweep::conclude::{self, percent, seconds, signed};
@@ -17,15 +17,16 @@ td.words{text-align:left;white-space:normal;min-width:30em}ul{padding-left:1.4em
 @media(max-width:700px){body{margin:1em auto}.narrow{display:block}.broad,.more{display:none}th,td{padding:.3em .35em}\
 th{min-width:0}td.words{min-width:0}td:first-child,#knobs td,th{white-space:normal;overflow-wrap:anywhere}}";
 
-/// What maud would leave open: a width for phones, which else show the page as wide as a desktop's, and an
-/// empty icon, which keeps browsers from asking the server for one.
+/// Elements of the head that maud would leave unclosed. The width is for phones, which otherwise show the
+/// page at the width of a desktop; the empty icon keeps browsers from requesting one from the server.
 const META: &str = "<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
 <link rel=\"icon\" href=\"data:,\"/>\n";
 
-/// Columns of the table of runs that a phone has room for: name, errors, times.
+/// Number of columns in the table of runs that a phone has room for: name, errors, times.
 const SHOWN: usize = 5;
 
-/// The whole page; pictures by name, and the same for narrow screens.
+/// Returns the whole page. `pictures` and `narrow` hold the same pictures by name, for wide and for narrow
+/// screens.
 pub(crate) fn page(s: &Sweep, pictures: &[(String, String)], narrow: &[(String, String)]) -> String {
     let page = html! {
         (DOCTYPE)
@@ -56,7 +57,7 @@ pub(crate) fn page(s: &Sweep, pictures: &[(String, String)], narrow: &[(String, 
     page.into_string()
 }
 
-/// What a picture shows, in words.
+/// Returns the caption of a picture.
 fn caption(name: &str, s: &Sweep) -> String {
     match name.strip_prefix("work-precision-") {
         Some(what) => {
@@ -74,14 +75,14 @@ fn caption(name: &str, s: &Sweep) -> String {
     }
 }
 
-/// Name of a scalar with its unit.
+/// Returns the name of a scalar with its unit.
 pub(crate) fn with_unit(name: &str, s: &Sweep) -> String {
     s.units
         .get(name)
         .map_or_else(|| name.to_owned(), |u| format!("{name} [{u}]"))
 }
 
-/// A scalar with its deviation from the reference.
+/// Formats a scalar with its deviation from the reference.
 pub(crate) fn scalar(m: Measured) -> String {
     let Some(x) = m.value else {
         return "–".to_owned();
@@ -163,7 +164,7 @@ fn run_table(s: &Sweep) -> Markup {
     }
 }
 
-/// Cells of a run behind its name.
+/// Returns the cells of a run after its name.
 fn cells(r: &Run, phases: &[&str], back: &[&String]) -> Vec<String> {
     let dash = || "–".to_owned();
     let time = |x: Option<f64>| x.map_or_else(dash, seconds);

@@ -1,11 +1,11 @@
-//! Comparisons with the literature: a table as text, the page of the documentation, the pictures.
+//! Reports of comparisons with the literature: table as text, page of the book, pictures.
 
 use super::plot::{self, Curve, Plot};
 use crate::error::{Result, write as cannot_write};
 use arlequin_studies::checks::{Case, Check, Figure, Report, short};
 use std::path::Path;
 
-/// Head of the page, by which it is known again.
+/// Head of the page; a file that begins with it may be overwritten.
 pub(crate) const HEAD: &str = "# Validation
 
 Written by `arlequin verify --docs docs`; do not edit. Each case compares a number of the literature with ours and says
@@ -107,12 +107,12 @@ const COLUMNS: [&str; 8] = [
     "",
 ];
 
-/// The table as plain text, remarks below the rows they belong to.
+/// Returns the table as plain text, with each remark below its row.
 pub(crate) fn table(rows: &[Check]) -> String {
-    let all: Vec<[String; 8]> = rows.iter().map(cells).collect();
+    let cell_rows: Vec<[String; 8]> = rows.iter().map(cells).collect();
     let width: Vec<usize> = (0..8)
         .map(|k| {
-            let longest = all.iter().map(|c| c[k].chars().count()).max();
+            let longest = cell_rows.iter().map(|c| c[k].chars().count()).max();
             longest.unwrap_or(0).max(COLUMNS[k].chars().count())
         })
         .collect();
@@ -121,7 +121,7 @@ pub(crate) fn table(rows: &[Check]) -> String {
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
     let mut out = line(&COLUMNS.map(str::to_owned)) + "\n";
-    for (row, c) in rows.iter().zip(&all) {
+    for (row, c) in rows.iter().zip(&cell_rows) {
         out += &(line(c) + "\n");
         if !row.note.is_empty() {
             out += &format!("{:w$}  ({})\n", "", row.note, w = width[0]);
@@ -131,7 +131,7 @@ pub(crate) fn table(rows: &[Check]) -> String {
     out + &format!("{} rows, {failed} failed\n", rows.len())
 }
 
-/// The table as Markdown, one case.
+/// Returns the table of one case as Markdown.
 fn markdown(rows: &[Check]) -> String {
     let mut out = String::from(
         "| quantity | reference | source | ours | difference | accepted | |\n|---|---|---|---|---|---|---|\n",
@@ -143,7 +143,7 @@ fn markdown(rows: &[Check]) -> String {
         } else {
             format!(" ({})", row.note)
         };
-        // A bar would end the cell.
+        // A bar would end the table cell.
         let cell = format!("{}{note}", c[1]).replace('|', "\\|");
         out += &format!(
             "| {cell} | {} | {} | {} | {} | {} | {} |\n",

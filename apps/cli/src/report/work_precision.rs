@@ -1,4 +1,4 @@
-//! Work-precision pictures as SVG: error against time on logarithmic axes.
+//! Work-precision pictures as SVG: error over time on logarithmic axes.
 
 use super::plot::undrawn;
 use crate::error::Result;
@@ -11,20 +11,20 @@ const BLUE: RGBColor = RGBColor(0, 114, 178);
 const ORANGE: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const GREY: RGBColor = RGBColor(120, 120, 120);
-/// Room for the legend, beside the curves or below them \[px\].
+/// Room for the legend \[px\]: its width beside the curves, its height below them.
 const LEGEND: (i32, i32) = (250, 210);
 
-/// Where a picture is looked at.
+/// Kind of screen a picture is made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Screen {
-    /// A desktop, or paper: everything side by side.
+    /// Desktop or paper: parts side by side.
     Wide,
-    /// A phone: everything one below the other.
+    /// Phone: parts one below the other.
     Narrow,
 }
 
 impl Screen {
-    /// Width and height of a picture with so many parts \[px\].
+    /// Returns width and height \[px\] of a picture with `parts` parts.
     fn size(self, parts: u32) -> (u32, u32) {
         match self {
             Self::Wide => (1060, 560),
@@ -38,12 +38,12 @@ impl Screen {
 struct Decades(f64, f64);
 
 impl Decades {
-    /// Covers all positive values with a margin.
+    /// Returns an axis that covers all positive values with a margin; `None` without positive values.
     fn over(values: impl Iterator<Item = f64>) -> Option<Self> {
         let (low, high) = values
             .filter(|v| *v > 0.0 && v.is_finite())
             .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
-        // At least a third of a decade, so that nearly equal values do not look different.
+        // The axis spans at least a third of a decade, so that nearly equal values do not look different.
         let margin = 1.25f64.max(2.0 / (high / low).max(1.0)).min(1.6);
         (high > 0.0).then(|| Self(low / margin, high * margin))
     }
@@ -54,12 +54,14 @@ impl Ranged for Decades {
     type ValueType = f64;
 
     fn map(&self, v: &f64, limit: (i32, i32)) -> i32 {
+        // Keeps zero off the logarithm.
         let s = (v.max(1e-300) / self.0).ln() / (self.1 / self.0).ln();
         limit.0 + (s * f64::from(limit.1 - limit.0)).round() as i32
     }
 
     fn key_points<H: KeyPointHint>(&self, _: H) -> Vec<f64> {
         let decades = (self.1 / self.0).log10();
+        // Short axes need ticks between the powers of ten.
         let steps: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
         let powers = self.0.log10().floor() as i32..=self.1.log10().ceil() as i32;
         powers
@@ -84,17 +86,17 @@ impl ValueFormatter<f64> for Decades {
     }
 }
 
-/// Which error a picture shows.
+/// Error that a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Shown {
-    /// Of displacements.
+    /// Error of displacements.
     Displacement,
-    /// Of velocities.
+    /// Error of velocities.
     Velocity,
 }
 
 impl Shown {
-    /// In words.
+    /// Returns the name of the quantity.
     fn name(self) -> &'static str {
         match self {
             Self::Displacement => "displacement",
@@ -102,7 +104,8 @@ impl Shown {
         }
     }
 
-    fn of(self, r: &Run) -> Option<f64> {
+    /// Returns the error of a run if it is positive, as a logarithmic axis needs.
+    fn error_of(self, r: &Run) -> Option<f64> {
         let e = match self {
             Self::Displacement => r.errors.displacement,
             Self::Velocity => r.errors.velocity,
@@ -113,7 +116,7 @@ impl Shown {
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
-/// Legend entries: what is drawn, and its words.
+/// Draws legend entries one below the other: a symbol and its words.
 struct Legend<'a, 'b> {
     area: &'b Area<'a>,
     top: i32,
@@ -167,8 +170,8 @@ enum Symbol {
     Square(RGBColor),
 }
 
-/// All pictures of a sweep by name.
-pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
+/// Draws all pictures of a sweep. Returns their names and SVG texts.
+pub(crate) fn pictures(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec<(String, String)>> {
     let mut out = Vec::new();
     for shown in [Shown::Displacement, Shown::Velocity] {
         if let Some(svg) = work_precision(sweep, shown, screen)? {
@@ -183,12 +186,12 @@ pub(crate) fn all(file: &SweepFile, sweep: &Sweep, screen: Screen) -> Result<Vec
     Ok(out)
 }
 
-/// Error against time of all runs; none if no run has both.
+/// Draws the error over the time of all runs; `None` if no run has both.
 fn work_precision(s: &Sweep, shown: Shown, screen: Screen) -> Result<Option<String>> {
     let name = format!("work-precision-{}", shown.name());
-    let point = |r: &Run| Some((r.cost?, shown.of(r)?));
+    let point = |r: &Run| Some((r.cost?, shown.error_of(r)?));
     let points: Vec<(&Run, (f64, f64))> = s.runs.iter().filter_map(|r| Some((r, point(r)?))).collect();
-    // A run without an error of its own is the reference; its time is a line.
+    // The reference has no error of its own, so its time is drawn as a line.
     let exact: Vec<f64> = s
         .runs
         .iter()
@@ -254,15 +257,18 @@ fn draw_work(
         top,
         row: 0,
     };
-    let all: Points = points.iter().map(|p| p.1).collect();
-    let overall = front(&all);
+    let coordinates: Points = points.iter().map(|p| p.1).collect();
+    let overall = front(&coordinates);
     chart
         .draw_series(LineSeries::new(overall.iter().copied(), GREY.stroke_width(1)))
         .map_err(|e| text(&e))?;
     let coupled = points.iter().filter(|p| p.0.mark.is_none());
-    let own = front(&coupled.map(|p| p.1).collect::<Points>());
+    let coupled_front = front(&coupled.map(|p| p.1).collect::<Points>());
     chart
-        .draw_series(LineSeries::new(own.iter().copied(), BLUE.stroke_width(2)))
+        .draw_series(LineSeries::new(
+            coupled_front.iter().copied(),
+            BLUE.stroke_width(2),
+        ))
         .map_err(|e| text(&e))?;
     for (value, colour, words) in exact
         .iter()
@@ -275,9 +281,9 @@ fn draw_work(
             .map_err(|e| text(&e))?;
         legend.entry(Symbol::Dashes(colour), words)?;
     }
-    let seen = draw_points(&mut chart, points, &own)?;
+    let seen = draw_points(&mut chart, points, &coupled_front)?;
     name_points(&mut legend, seen)?;
-    if own.len() > 1 {
+    if coupled_front.len() > 1 {
         legend.entry(Symbol::Line(BLUE), "front of the coupled runs")?;
     }
     if overall.len() > 1 {
@@ -286,15 +292,15 @@ fn draw_work(
     root.present().map_err(|e| text(&e))
 }
 
-/// Marks every run; which of the four kinds of [`name_points`] there are.
+/// Draws a mark for every run. Returns which of the four kinds of [`name_points`] were drawn.
 fn draw_points(
     chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<Decades, Decades>>,
     points: &[(&Run, (f64, f64))],
-    own: &Points,
+    coupled_front: &Points,
 ) -> std::result::Result<[bool; 4], String> {
     let mut seen = [false; 4];
     for (r, p) in points {
-        let on_front = own.contains(p);
+        let on_front = coupled_front.contains(p);
         let kind = match r.mark {
             Some(Mark::AllFine) => {
                 chart
@@ -338,7 +344,7 @@ fn name_points(legend: &mut Legend<'_, '_>, seen: [bool; 4]) -> std::result::Res
     Ok(())
 }
 
-/// The points that no other beats in this picture, by rising time.
+/// Returns the Pareto front by rising time: points with a smaller error than all faster ones.
 fn front(points: &[(f64, f64)]) -> Points {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -351,7 +357,7 @@ fn front(points: &[(f64, f64)]) -> Points {
     sorted
 }
 
-/// Error and time over the value of an axis, side by side.
+/// Draws error and time over the values of an axis, side by side; `None` for fewer than two rows.
 fn hook(s: &Sweep, hook: &Hook, screen: Screen) -> Result<Option<String>> {
     let rows = hook_rows(&s.runs, hook);
     if rows.len() < 2 {
@@ -390,7 +396,7 @@ fn draw_hook(
         ("velocity", ORANGE, collect(&|r| r.velocity)),
     ];
     errors.retain(|e| !e.2.is_empty());
-    // Slope 2 through the first point of the first curve.
+    // Guide line of slope 2 through the first point of the first curve.
     let guide: Points = errors.first().map_or_else(Vec::new, |e| {
         let (x, y) = e.2[0];
         let top = e.2.iter().map(|p| p.1).fold(0.0, f64::max);
@@ -422,10 +428,10 @@ fn panel(
     expected: Option<f64>,
 ) -> std::result::Result<(), String> {
     let text = |e: &dyn std::fmt::Display| e.to_string();
-    let all = || curves.iter().flat_map(|c| c.2.iter().copied());
+    let all_points = || curves.iter().flat_map(|c| c.2.iter().copied());
     let (Some(x), Some(y)) = (
-        Decades::over(all().map(|p| p.0)),
-        Decades::over(all().map(|p| p.1)),
+        Decades::over(all_points().map(|p| p.0)),
+        Decades::over(all_points().map(|p| p.1)),
     ) else {
         return Ok(());
     };
@@ -447,7 +453,7 @@ fn panel(
         .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(|e| text(&e))?;
-    // The legend stands above the curves.
+    // The legend stands above the curves, in the top margin.
     let strip = area.margin(0, 0, 92, 0);
     let mut legend = Legend {
         area: &strip,
@@ -476,7 +482,7 @@ fn panel(
     Ok(())
 }
 
-/// An inline picture needs no namespace: the page then contains no address at all.
+/// Prepares a picture for a page: without its namespace the page contains no address at all.
 pub(crate) fn inline(svg: &str) -> String {
     svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", " role=\"img\"", 1)
 }

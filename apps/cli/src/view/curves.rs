@@ -1,11 +1,11 @@
-//! Tables over time, grouped into plots by what they show.
+//! Reads tables over time and groups their columns into plots by quantity and unit.
 
 use std::path::Path;
 
-/// Rows of a plot; more cannot be told apart on a screen.
+/// Largest number of rows of a plot; a screen cannot show more.
 const ROWS: usize = 1200;
 
-/// Curves of one quantity.
+/// Curves of one quantity over time.
 #[derive(Debug)]
 pub(super) struct Plot {
     pub(super) title: String,
@@ -15,7 +15,7 @@ pub(super) struct Plot {
     pub(super) columns: Vec<Vec<f64>>,
 }
 
-/// A header of a table.
+/// Parts of a column name.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) curve: String,
@@ -23,8 +23,8 @@ pub(crate) struct Header {
     pub(crate) unit: String,
 }
 
-/// Reads the tables of a folder that have times; a table that is not there, or is half written, is passed
-/// over.
+/// Reads the tables of a folder that have a time column. Missing tables and tables with fewer than two
+/// complete rows are skipped.
 pub(super) fn read(folder: &Path) -> Vec<Plot> {
     let mut out = Vec::new();
     for file in ["probes.csv", "energy.csv", "effects.csv"] {
@@ -40,10 +40,10 @@ pub(super) fn read(folder: &Path) -> Vec<Plot> {
         for (k, name) in names.iter().enumerate().skip(1) {
             let Some(h) = header(file, name) else { continue };
             let column = rows.iter().map(|r| r[k]).collect();
-            let same = plots
+            let existing = plots
                 .iter_mut()
                 .find(|p| p.title == h.quantity && p.unit == h.unit);
-            match same {
+            match existing {
                 Some(p) => {
                     p.names.push(h.curve);
                     p.columns.push(column);
@@ -62,13 +62,13 @@ pub(super) fn read(folder: &Path) -> Vec<Plot> {
     out
 }
 
-/// What a column is; none if it is not drawn.
+/// Splits a column name into curve, quantity and unit; `None` if the column is not plotted.
 pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     let (words, unit) = match name.strip_suffix(']').and_then(|n| n.rsplit_once(" [")) {
         Some((words, unit)) => (words, unit),
         None => (name, ""),
     };
-    let made = |curve: &str, quantity: &str| {
+    let some_header = |curve: &str, quantity: &str| {
         Some(Header {
             curve: curve.to_owned(),
             quantity: quantity.to_owned(),
@@ -77,44 +77,47 @@ pub(crate) fn header(file: &str, name: &str) -> Option<Header> {
     };
     match file {
         "energy.csv" if unit == "J" => match words.strip_prefix("work ") {
-            Some(of) => made(of, "work"),
+            Some(object) => some_header(object, "work"),
             None if words == "drift" || words == "work" => None,
-            None => made(words, "energy"),
+            None => some_header(words, "energy"),
         },
         "energy.csv" => None,
         _ => {
-            let (of, quantity) = words.split_once(' ')?;
-            // Components stand in one plot.
+            let (object, quantity) = words.split_once(' ')?;
+            // Components of one vector share a plot.
             match quantity.rsplit_once(' ') {
-                Some((q, axis @ ("x" | "y" | "z"))) => made(&format!("{of} {axis}"), q),
+                Some((q, axis @ ("x" | "y" | "z"))) => some_header(&format!("{object} {axis}"), q),
                 _ if file == "effects.csv" && unit.is_empty() && quantity != "broken bonds" => None,
                 _ if file == "effects.csv" && unit == "s" => None,
-                _ => made(of, quantity),
+                _ => some_header(object, quantity),
             }
         }
     }
 }
 
-/// Keeps lowest and highest value of every curve in every few rows: peaks stay.
+/// Reduces the rows of a plot: of every group of rows keeps those with the lowest and the highest value of
+/// each curve, so that peaks remain.
 fn thinned(plot: Plot) -> Plot {
     let rows = plot.times.len();
     if rows <= ROWS {
         return plot;
     }
+    // Every bucket keeps up to two rows per curve.
     let buckets = (ROWS / (2 * plot.columns.len())).max(50);
     let size = rows.div_ceil(buckets);
-    let mut kept = vec![0, rows - 1];
+    // Both ends of the time axis remain.
+    let mut kept_rows = vec![0, rows - 1];
     for start in (0..rows).step_by(size) {
         let range = start..(start + size).min(rows);
         for column in &plot.columns {
-            let by = |a: &usize, b: &usize| column[*a].total_cmp(&column[*b]);
-            kept.extend(range.clone().min_by(by));
-            kept.extend(range.clone().max_by(by));
+            let order = |a: &usize, b: &usize| column[*a].total_cmp(&column[*b]);
+            kept_rows.extend(range.clone().min_by(order));
+            kept_rows.extend(range.clone().max_by(order));
         }
     }
-    kept.sort_unstable();
-    kept.dedup();
-    let pick = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    kept_rows.sort_unstable();
+    kept_rows.dedup();
+    let pick = |values: &[f64]| kept_rows.iter().map(|k| values[*k]).collect::<Vec<f64>>();
     Plot {
         times: pick(&plot.times),
         columns: plot.columns.iter().map(|c| pick(c)).collect(),
@@ -167,10 +170,10 @@ mod tests {
             columns: vec![curve],
         });
         assert!(plot.times.len() <= ROWS + 2);
-        let at = plot.columns[0]
+        let peak = plot.columns[0]
             .iter()
             .position(|v| (*v - 5.0).abs() < 1e-12)
             .expect("the peak");
-        assert!((plot.times[at] - 77_777.0).abs() < 1e-12);
+        assert!((plot.times[peak] - 77_777.0).abs() < 1e-12);
     }
 }

@@ -1,6 +1,5 @@
-//! Frames of a run, read back: the index `results.pvd` and the VTU files that the run wrote (raw appended
-//! data), whole or in pieces. An array is read when it is asked for, so that no more than one is in memory
-//! at a time.
+//! Reads the frames of a run: the index `results.pvd` and the VTU files with raw appended data, whole or in
+//! pieces. An array is read only when it is requested, so that at most one is in memory.
 
 use super::pieces::Pieces;
 use crate::error::{Error, Result, value};
@@ -9,24 +8,24 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// The files of one model, mediator or body over time.
+/// Files of one model, mediator or rigid body over time.
 #[derive(Debug)]
 pub(super) struct Series {
-    /// Its name in the index.
+    /// Name in the index.
     pub(super) name: String,
     /// Times \[s\] and files, ascending.
     pub(super) files: Vec<(f64, PathBuf)>,
 }
 
 impl Series {
-    /// The file that shows a time: the last one up to it.
-    pub(super) fn at(&self, time: f64) -> Option<&Path> {
+    /// Returns the file for a time: the last file that is not later, or the first file.
+    pub(super) fn file_at(&self, time: f64) -> Option<&Path> {
         let k = self.files.partition_point(|f| f.0 <= time);
         Some(&self.files.get(k.saturating_sub(1))?.1)
     }
 }
 
-/// What a folder of results has, in the order of the index.
+/// Reads the index of a folder of results and returns its series in the order of the index.
 pub(super) fn index(folder: &Path) -> Result<Vec<Series>> {
     let path = folder.join("results.pvd");
     let text = std::fs::read_to_string(&path).map_err(read(&path))?;
@@ -68,7 +67,7 @@ pub(super) fn damaged(path: &Path, why: &str) -> Error {
     value("DIR", path.display(), &rule)
 }
 
-/// Where in a file an array belongs to.
+/// Section of a file to which an array belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
     Point,
@@ -77,7 +76,7 @@ pub(super) enum Place {
     Grid,
 }
 
-/// An array of a file.
+/// Description of an array in a file.
 #[derive(Debug, Clone)]
 pub(super) struct Array {
     pub(super) name: String,
@@ -88,7 +87,7 @@ pub(super) struct Array {
     offset: u64,
 }
 
-/// All of a model at one instant.
+/// A model at one time.
 #[derive(Debug)]
 pub(super) struct Frame {
     content: Content,
@@ -104,7 +103,7 @@ enum Content {
 }
 
 impl Frame {
-    /// Reads the heads of its file or files.
+    /// Reads the headers of the frame's file or files.
     pub(super) fn open(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "pvtu") {
             let pieces = Pieces::open(path)?;
@@ -124,12 +123,12 @@ impl Frame {
         })
     }
 
-    /// An array by its name.
+    /// Returns an array by its name; for an empty name the first array of vectors.
     pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
         named(&self.arrays, place, name)
     }
 
-    /// All numbers of an array.
+    /// Reads all numbers of an array.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         match &mut self.content {
             Content::Whole(file) => file.numbers(array),
@@ -138,14 +137,15 @@ impl Frame {
     }
 }
 
-/// An array by its name; without one, of vectors.
+/// Finds an array by its name; for an empty name the first array of vectors.
 fn named(arrays: &[Array], place: Place, name: &str) -> Option<Array> {
-    let mut all = arrays.iter();
-    all.find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
+    let mut candidates = arrays.iter();
+    candidates
+        .find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
         .cloned()
 }
 
-/// An open file.
+/// An open VTU file.
 #[derive(Debug)]
 pub(super) struct Vtu {
     pub(super) path: PathBuf,
@@ -157,7 +157,7 @@ pub(super) struct Vtu {
 }
 
 impl Vtu {
-    /// Reads the head of a file.
+    /// Reads the header of a file.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let mut file = File::open(path).map_err(read(path))?;
         let (head, data) = head(&mut file).map_err(read(path))?;
@@ -177,8 +177,8 @@ impl Vtu {
             ("Points", Place::Grid),
             ("Cells", Place::Grid),
         ] {
-            let found = piece.children().filter(|n| n.has_tag_name(section));
-            for node in found
+            let sections = piece.children().filter(|n| n.has_tag_name(section));
+            for node in sections
                 .flat_map(|n| n.children())
                 .filter(|n| n.has_tag_name("DataArray"))
             {
@@ -195,12 +195,12 @@ impl Vtu {
         })
     }
 
-    /// An array by its name.
+    /// Returns an array by its name; for an empty name the first array of vectors.
     pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
         named(&self.arrays, place, name)
     }
 
-    /// All numbers of an array.
+    /// Reads all numbers of an array.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         let path = self.path.clone();
         let bytes = self.bytes(array).map_err(read(&path))?;
@@ -224,13 +224,13 @@ impl Vtu {
         let mut size = [0; 8];
         self.file.read_exact(&mut size)?;
         let size = u64::from_le_bytes(size);
-        // A damaged length must not take all memory.
-        let left = self
+        // A damaged length must not allocate all memory.
+        let remaining = self
             .file
             .metadata()?
             .len()
             .saturating_sub(self.data + array.offset + 8);
-        if size > left {
+        if size > remaining {
             return Err(std::io::ErrorKind::UnexpectedEof.into());
         }
         let mut bytes = vec![0; size as usize];
@@ -239,7 +239,8 @@ impl Vtu {
     }
 }
 
-/// The XML before the appended data, closed by hand, and where the data begin.
+/// Returns the XML before the appended data, with the closing tag added, and the offset of the data
+/// \[bytes\]. The text is `None` if no appended data were found.
 fn head(file: &mut File) -> std::io::Result<(Option<String>, u64)> {
     const MARK: &[u8] = b"<AppendedData encoding=\"raw\">";
     let mut bytes = Vec::new();
@@ -248,12 +249,13 @@ fn head(file: &mut File) -> std::io::Result<(Option<String>, u64)> {
         let n = file.read(&mut block)?;
         bytes.extend_from_slice(&block[..n]);
         let mark = bytes.windows(MARK.len()).position(|w| w == MARK);
+        // The data begin behind the `_` that follows the tag.
         let start = mark.and_then(|m| Some((m, m + bytes[m..].iter().position(|b| *b == b'_')? + 1)));
         if let Some((mark, start)) = start {
             let text = String::from_utf8(bytes[..mark].to_vec()).ok();
             return Ok((text.map(|t| t + "</VTKFile>"), start as u64));
         }
-        // A head names arrays; no frame has thousands.
+        // A header holds only descriptions of arrays, so 1 MiB is ample.
         if n == 0 || bytes.len() > 1 << 20 {
             return Ok((None, 0));
         }

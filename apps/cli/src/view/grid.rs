@@ -1,33 +1,34 @@
-//! The picture of a grid: faces between cells, lines, and what is left of both when points are left out.
+//! Grid of a frame as it is drawn: faces between cells, and lines.
 
 use super::frames::{Frame, Place};
 use crate::error::{Result, value};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// No cell on the other side of a face.
+/// Cell number of a face's outer side, where there is no cell.
 pub(super) const OUTSIDE: u32 = u32::MAX;
 
-/// A grid as it is drawn. Indices of points and cells are those of the file.
+/// A grid as it is drawn. Points and cells have the numbers of the file.
 #[derive(Debug, Default)]
 pub(super) struct Grid {
-    /// Points at rest, three coordinates each \[m\].
+    /// Reference positions of the points, three coordinates each \[m\].
     pub(super) points: Vec<f64>,
-    /// Four corners (the last two alike for a triangle) and the cells on both sides.
+    /// Four corners (the last two are equal for a triangle), then the cells on both sides.
     pub(super) faces: Vec<[u32; 6]>,
-    /// Ends of a line and its cell.
+    /// Both ends of each line, then the number of its cell.
     pub(super) lines: Vec<[u32; 3]>,
-    /// Corners of all solid and plane cells in a row, and where each cell ends in it; empty cells are of
-    /// other kinds.
+    /// Corners of all solid and plane cells in a row. `ends` holds where each cell's corners end; other
+    /// kinds of cells have no corners here.
     pub(super) corners: Vec<u32>,
     pub(super) ends: Vec<u32>,
-    /// Cells of kinds that are not drawn.
+    /// Number of cells of kinds that are not drawn.
     pub(super) unknown: usize,
 }
 
-/// Faces of the cells of VTK that are drawn: outward, corners by their place in the cell.
+/// Returns the faces of a VTK cell type that is drawn, as local corner numbers in outward order.
 fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
     match kind {
+        // VTK numbers: 5 triangle, 9 quadrilateral, 10 tetrahedron, 12 hexahedron, 13 wedge, 14 pyramid.
         5 => Some(&[[0, 1, 2, 2]]),
         9 => Some(&[[0, 1, 2, 3]]),
         10 => Some(&[[0, 2, 1, 1], [0, 1, 3, 3], [1, 2, 3, 3], [0, 3, 2, 2]]),
@@ -59,7 +60,7 @@ fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
 
 impl Grid {
     /// Reads the grid of a frame.
-    pub(super) fn of(frame: &mut Frame, path: &Path) -> Result<Self> {
+    pub(super) fn read_from(frame: &mut Frame, path: &Path) -> Result<Self> {
         let need = |f: &Frame, name: &str| {
             let rule = format!("has no array '{name}'; make the run again");
             f.find(Place::Grid, name)
@@ -91,29 +92,35 @@ impl Grid {
             points,
             ..Self::default()
         };
-        // A face that two cells have lies between them.
+        // A face that two cells have lies between them: the second cell finds the first one's face here.
         let mut between: HashMap<[u32; 4], usize> = HashMap::new();
         let mut start = 0;
         for (cell, (end, kind)) in ends.iter().zip(kinds).enumerate() {
-            let own = &corners[start..*end as usize];
+            let cell_corners = &corners[start..*end as usize];
             start = *end as usize;
             match (faces_of(*kind), kind) {
-                (Some(faces), _) if own.len() > faces.iter().flatten().copied().max().unwrap_or(0) => {
+                (Some(faces), _)
+                    if cell_corners.len() > faces.iter().flatten().copied().max().unwrap_or(0) =>
+                {
                     for face in faces {
-                        let at = face.map(|k| own[k]);
-                        let mut key = at;
+                        // Sorted corners make the key independent of the direction in which a cell lists
+                        // the face.
+                        let nodes = face.map(|k| cell_corners[k]);
+                        let mut key = nodes;
                         key.sort_unstable();
                         if let Some(k) = between.remove(&key) {
                             grid.faces[k][5] = cell as u32;
                         } else {
                             between.insert(key, grid.faces.len());
                             grid.faces
-                                .push([at[0], at[1], at[2], at[3], cell as u32, OUTSIDE]);
+                                .push([nodes[0], nodes[1], nodes[2], nodes[3], cell as u32, OUTSIDE]);
                         }
                     }
-                    grid.corners.extend(own);
+                    grid.corners.extend(cell_corners);
                 }
-                (_, 3) if own.len() == 2 => grid.lines.push([own[0], own[1], cell as u32]),
+                (_, 3) if cell_corners.len() == 2 => {
+                    grid.lines.push([cell_corners[0], cell_corners[1], cell as u32])
+                }
                 (_, 1) => {}
                 _ => grid.unknown += 1,
             }
@@ -122,23 +129,28 @@ impl Grid {
         grid
     }
 
-    /// Corners of a cell.
+    /// Returns the corners of a cell.
     pub(super) fn cell(&self, k: usize) -> &[u32] {
         let start = if k == 0 { 0 } else { self.ends[k - 1] as usize };
         &self.corners[start..self.ends[k] as usize]
     }
 
-    /// Centres of all cells, zero for those that have no faces.
+    /// Returns the centres of all cells \[m\]; zero for cells without faces.
     pub(super) fn centres(&self) -> Vec<f64> {
         let centre = |k: usize| {
-            let own = self.cell(k);
-            let sum = |c: usize| own.iter().map(|i| self.points[3 * *i as usize + c]).sum::<f64>();
-            std::array::from_fn::<_, 3, _>(|c| sum(c) / own.len().max(1) as f64)
+            let corners = self.cell(k);
+            let sum = |c: usize| {
+                corners
+                    .iter()
+                    .map(|i| self.points[3 * *i as usize + c])
+                    .sum::<f64>()
+            };
+            std::array::from_fn::<_, 3, _>(|c| sum(c) / corners.len().max(1) as f64)
         };
         (0..self.ends.len()).flat_map(centre).collect()
     }
 
-    /// Values of cells as means at the points.
+    /// Averages cell values at the points: the mean over all cells with that point as a corner.
     pub(super) fn at_points(&self, values: &[f64], components: usize) -> Vec<f64> {
         let count = self.points.len() / 3;
         let (mut sums, mut shares) = (vec![0.0_f64; count * components], vec![0.0_f64; count]);
@@ -156,7 +168,7 @@ impl Grid {
         sums
     }
 
-    /// Leaves out all that lies within.
+    /// Removes the faces between cells, so that only the surface remains.
     pub(super) fn hollow(&mut self) {
         self.faces.retain(|f| f[5] == OUTSIDE);
     }
@@ -177,14 +189,17 @@ mod tests {
         assert_eq!(grid.faces.iter().filter(|f| f[5] == 1).count(), 1);
         assert_eq!(grid.centres(), [0.5, 0.5, 0.5, 1.5, 0.5, 0.5]);
         // Volume by the divergence theorem: a third of the sum of x · n over the outer faces.
-        let at = |i: u32| std::array::from_fn::<_, 3, _>(|c| grid.points[3 * i as usize + c]);
+        let point = |i: u32| std::array::from_fn::<_, 3, _>(|c| grid.points[3 * i as usize + c]);
         let det = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
             a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
                 + a[2] * (b[0] * c[1] - b[1] * c[0])
         };
         let outer = grid.faces.iter().filter(|f| f[5] == OUTSIDE);
         let volume: f64 = outer
-            .map(|f| (det(at(f[0]), at(f[1]), at(f[2])) + det(at(f[0]), at(f[2]), at(f[3]))) / 6.0)
+            .map(|f| {
+                (det(point(f[0]), point(f[1]), point(f[2])) + det(point(f[0]), point(f[2]), point(f[3])))
+                    / 6.0
+            })
             .sum();
         assert!((volume - 2.0).abs() < 1e-12, "{volume}");
         assert_eq!(grid.at_points(&[1.0, 3.0], 1)[..3], [1.0, 2.0, 3.0]);

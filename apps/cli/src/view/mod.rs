@@ -1,5 +1,4 @@
-//! `arlequin view`: one page with everything in it, made from the files of a run: what it shows is what
-//! they say.
+//! `arlequin view`: writes one self-contained web page from the files of a run.
 
 pub(crate) mod curves;
 mod frames;
@@ -15,7 +14,7 @@ use frames::{Frame, Place, Series};
 use part::Part;
 use std::path::{Path, PathBuf};
 
-/// What the command line says.
+/// Arguments of `arlequin view`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// Folder of results.
@@ -23,19 +22,19 @@ pub(crate) struct Arguments {
     /// Page to write [default: view.html in the folder]
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Data to keep; more is thinned, and the page says how. Before they are packed, to about a half.
+    /// Data to keep, before compression to about a half; more is thinned, and the page says how.
     #[arg(long, value_name = "N", default_value_t = 48)]
     megabytes: usize,
 }
 
-/// Frames that stay when points have to go too.
+/// Frames that remain before particles are left out as well.
 const FRAMES: usize = 20;
-/// Cells of a mesh beyond which only its surface is drawn.
+/// Largest number of cells of a mesh that is drawn whole; of larger meshes only the surface is drawn.
 const CELLS: usize = 250_000;
-/// Lines beyond which only broken ones are drawn.
+/// Largest number of lines; beyond it only broken ones are drawn.
 pub(super) const LINES: usize = 400_000;
 
-/// Writes the page.
+/// Runs `arlequin view`: writes the page.
 pub(crate) fn view(a: &Arguments) -> Result<()> {
     let html = a.html.clone().unwrap_or_else(|| a.folder.join("view.html"));
     mark::generated("--html", &html, page::HEAD)?;
@@ -58,50 +57,57 @@ pub(crate) fn view(a: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What of a run is shown.
+/// Selection of the frames and particles of a run that the page shows.
 #[derive(Debug)]
 pub(super) struct Plan {
     /// Times of the frames \[s\].
     times: Vec<f64>,
-    /// Share of the particles that stay.
+    /// Share of the particles that remain, between 0 and 1.
     share: f64,
     notices: Vec<String>,
 }
 
 impl Plan {
-    /// Leaves out frames first, down to a few, then particles.
+    /// Selects what fits into `bytes`: leaves out frames first, down to [`FRAMES`], then particles.
     fn new(series: &[Series], bytes: usize) -> Result<Self> {
         let mut times: Vec<f64> = series.iter().flat_map(|s| s.files.iter().map(|f| f.0)).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
-        let (mut grains, mut rest, mut count) = (0, 0, 0);
+        let (mut grains, mut mesh_bytes, mut count) = (0, 0, 0);
         for s in series {
             let frame = Frame::open(first(s))?;
-            // Two bytes a value.
-            let of = |place: Place| -> usize {
-                let all = frame.arrays.iter().filter(|a| a.place == place && varies(a));
-                all.map(|a| 2 * a.components).sum()
+            // The page stores two bytes per value.
+            let bytes_per_item = |place: Place| -> usize {
+                let varying = frame.arrays.iter().filter(|a| a.place == place && varies(a));
+                varying.map(|a| 2 * a.components).sum()
             };
-            let (of_point, of_cell) = (of(Place::Point), of(Place::Cell));
+            let (of_point, of_cell) = (bytes_per_item(Place::Point), bytes_per_item(Place::Cell));
             if frame.find(Place::Point, "radius [m]").is_some() {
                 grains += of_point * frame.points + of_cell * frame.cells;
                 count += frame.points;
             } else if frame.cells > CELLS {
-                // The points of its surface.
-                rest += (of_point + of_cell) * 6 * (frame.points as f64).powf(2.0 / 3.0) as usize;
+                // Estimated number of surface points: a cube of n points has about 6 n^(2/3) on its
+                // surface.
+                mesh_bytes += (of_point + of_cell) * 6 * (frame.points as f64).powf(2.0 / 3.0) as usize;
             } else {
-                rest += (of_point + of_cell) * frame.points;
+                mesh_bytes += (of_point + of_cell) * frame.points;
             }
         }
         let mut notices = Vec::new();
-        let all = times.len();
-        let fits = (bytes / (grains + rest).max(1)).max(FRAMES.min(all)).max(1);
-        if fits < all {
-            let last = all - 1;
+        let total = times.len();
+        // At least `FRAMES` frames, or all if there are fewer.
+        let fits = (bytes / (grains + mesh_bytes).max(1))
+            .max(FRAMES.min(total))
+            .max(1);
+        if fits < total {
+            let last = total - 1;
             times = (0..fits).map(|k| times[k * last / (fits - 1).max(1)]).collect();
-            notices.push(format!("{fits} of {all} frames are shown; more with --megabytes"));
+            notices.push(format!(
+                "{fits} of {total} frames are shown; more with --megabytes"
+            ));
         }
-        let room = (bytes / times.len()).saturating_sub(rest) as f64;
+        let room = (bytes / times.len()).saturating_sub(mesh_bytes) as f64;
+        // At least 0.2 % of the particles remain, however small the limit.
         let share = (room / grains.max(1) as f64).clamp(0.002, 1.0);
         if share < 1.0 {
             let shown = share * count as f64;
@@ -122,7 +128,7 @@ fn first(series: &Series) -> &Path {
     &series.files[0].1
 }
 
-/// Whether an array is one of values over time that are kept.
+/// Returns whether an array may change over time.
 fn varies(array: &frames::Array) -> bool {
     const FIXED: [&str; 5] = ["alpha", "beta", "gamma", "radius [m]", "broken [-]"];
     !FIXED.contains(&array.name.as_str())

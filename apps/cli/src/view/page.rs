@@ -1,4 +1,4 @@
-//! The page: skeleton, style and script of `web/`, libraries of `web/vendor/`, and the data, packed.
+//! The page: skeleton, style and script from `web/`, libraries from `web/vendor/`, and the compressed data.
 
 use super::curves::Plot;
 use super::part::{Field, Part};
@@ -8,11 +8,11 @@ use base64::Engine;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// First line of a page, by which it is known as one.
+/// First line of the page; a file that begins with it may be overwritten.
 pub(super) const HEAD: &str = "<!DOCTYPE html><!-- Results of arlequin, by 'arlequin view' -->\n";
 
 const SKELETON: &str = include_str!("../../web/view.html");
-/// What takes the place of a mark in the skeleton.
+/// Marks in the skeleton and the texts that replace them.
 const PIECES: [(&str, &str); 6] = [
     (
         "/* uplot.css */",
@@ -31,21 +31,21 @@ const PIECES: [(&str, &str); 6] = [
     ("/* view.js */", include_str!("../../web/view.js")),
 ];
 
-/// Numbers one after another; the page takes views of them.
+/// Binary numbers in a row; the script reads each array from its offset.
 #[derive(Debug, Default)]
 struct Store(Vec<u8>);
 
-/// Where an array begins \[bytes\], and how many numbers it has.
+/// Offset of an array \[bytes\], and its number of values.
 #[derive(Debug, Serialize)]
 struct Stored(usize, usize);
 
 impl Store {
     fn put<const N: usize>(&mut self, numbers: impl Iterator<Item = [u8; N]>) -> Stored {
-        // Views begin at multiples of the size of their numbers.
+        // Typed arrays in JavaScript must begin at a multiple of their number's size.
         self.0.resize(self.0.len().next_multiple_of(4), 0);
-        let at = self.0.len();
+        let offset = self.0.len();
         self.0.extend(numbers.flatten());
-        Stored(at, (self.0.len() - at) / N)
+        Stored(offset, (self.0.len() - offset) / N)
     }
 
     fn floats(&mut self, numbers: impl Iterator<Item = f64>) -> Stored {
@@ -53,7 +53,7 @@ impl Store {
     }
 }
 
-/// The whole page.
+/// Returns the whole page.
 pub(super) fn html(
     summary: &Value,
     times: &[f64],
@@ -81,7 +81,7 @@ pub(super) fn html(
         "plots": plots,
         "notices": notices,
     });
-    // Neither may end the element they stand in.
+    // A `<` in the data could end the script element that holds them.
     let about = report::pretty(&about)?.replace('<', "\\u003c");
     let packed = miniz_oxide::deflate::compress_to_vec_zlib(&store.0, 5);
     let packed = base64::engine::general_purpose::STANDARD.encode(packed);
@@ -93,15 +93,17 @@ pub(super) fn html(
     Ok(page.replace("/* about */", &about).replace("/* data */", &packed))
 }
 
-/// The model of a name, in the summary of a run.
+/// Finds a model by its name in the summary of a run.
 fn model<'a>(summary: &'a Value, name: &str) -> Option<&'a Value> {
     summary["models"].as_array()?.iter().find(|m| m["name"] == name)
 }
 
-/// Centre and diagonal of the space that the models fill at rest \[m\]; rigid bodies may reach far beyond.
+/// Returns centre and diagonal \[m\] of the box around the models' reference positions. Rigid bodies are
+/// left out, since they may be far larger.
 fn extent(parts: &[Part], summary: &Value) -> ([f64; 3], f64) {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
+    // Only models stand in the summary; mediators and bodies do not. Without a summary all parts count.
     let known = summary["models"].is_array();
     let models = parts
         .iter()
@@ -164,7 +166,7 @@ fn plot(store: &mut Store, p: &Plot) -> Value {
     })
 }
 
-/// A few lines about the run.
+/// Returns a few lines about the run.
 fn facts(s: &Value) -> Vec<String> {
     let mut out = Vec::new();
     for m in s["models"].as_array().into_iter().flatten() {

@@ -1,4 +1,4 @@
-//! One model, mediator or body of a run, as far as it is shown: grid, fields over time, broken bonds.
+//! The part of a model, mediator or body that the page shows: grid, fields over time, broken bonds.
 
 use super::frames::{Array, Frame, Place, Series};
 use super::grid::Grid;
@@ -6,57 +6,58 @@ use super::{CELLS, LINES, Plan, first};
 use crate::error::{Result, value};
 use std::collections::BTreeSet;
 
-/// A line that never breaks.
+/// Frame number of a line that never breaks.
 pub(super) const WHOLE: u16 = u16::MAX;
-/// No point stays.
+/// Number of a point that was left out.
 const GONE: u32 = u32::MAX;
-/// What moves the points.
+/// Name of the field that moves the points.
 pub(super) const MOVE: &str = "displacement [m]";
 
-/// A part of the picture.
+/// One model, mediator or body of the picture.
 #[derive(Debug)]
 pub(super) struct Part {
     pub(super) name: String,
     pub(super) grid: Grid,
-    /// Radii \[m\]; empty if the points are no spheres.
+    /// Radii of the spheres \[m\]; empty if the points are not spheres.
     pub(super) radii: Vec<f64>,
-    /// Centres of the cells that faces name.
+    /// Centres of the cells that faces refer to \[m\].
     pub(super) centres: Vec<f64>,
-    /// Frame at which every line breaks; empty if none can.
+    /// Frame at which each line breaks; empty if no line can break.
     pub(super) broken: Vec<u16>,
     pub(super) fields: Vec<Field>,
 }
 
-/// Values over time, a number of 16 bits each between the lowest and the highest of its component.
+/// Values over time. Each is stored in 16 bits, scaled between the lowest and the highest value of its
+/// component.
 #[derive(Debug)]
 pub(super) struct Field {
-    /// With its unit.
+    /// Name with the unit.
     pub(super) name: String,
     pub(super) on_lines: bool,
     pub(super) components: usize,
-    /// One if it never changes.
+    /// Number of frames; one if the values never change.
     pub(super) frames: usize,
     pub(super) low: Vec<f64>,
     pub(super) high: Vec<f64>,
-    /// By frame, component, point.
+    /// Values in the order frame, component, point.
     pub(super) values: Vec<u16>,
 }
 
-/// What stays of the points and lines of a file.
+/// Numbers in the file of the points and lines that remain.
 struct Kept {
     points: Vec<u32>,
     lines: Vec<u32>,
 }
 
 impl Part {
-    /// Reads what the plan shows of it.
+    /// Reads from a series the frames and points that `plan` selects.
     pub(super) fn read(series: &Series, plan: &Plan, notices: &mut Vec<String>) -> Result<Self> {
         let path = first(series);
         let mut frame = Frame::open(path)?;
-        let mut full = Grid::of(&mut frame, path)?;
-        let mut tell = |text: String| notices.push(format!("'{}': {text}", series.name));
+        let mut full = Grid::read_from(&mut frame, path)?;
+        let mut notify = |text: String| notices.push(format!("'{}': {text}", series.name));
         if full.unknown > 0 {
-            tell(format!(
+            notify(format!(
                 "{} cells of kinds that this page does not draw",
                 full.unknown
             ));
@@ -67,26 +68,26 @@ impl Part {
         };
         if full.ends.len() > CELLS && !full.faces.is_empty() {
             full.hollow();
-            tell("its surface alone is shown, and what is within only where a cut opens no cells".into());
+            notify("its surface alone is shown, and what is within only where a cut opens no cells".into());
         }
         let broken = breaks(series, plan, full.ends.len())?;
         let (grid, centres, kept) = reduced(&full, !radii.is_empty(), plan.share, &broken);
         if kept.lines.len() < full.lines.len() && plan.share >= 1.0 {
-            tell(format!(
+            notify(format!(
                 "{} of {} bonds are shown, all broken ones among them",
                 kept.lines.len(),
                 full.lines.len()
             ));
         }
         let fields = fields(series, plan, &full, &kept)?;
-        let of = |list: &[u32], all: &[u16]| list.iter().map(|k| all[*k as usize]).collect();
+        let selected = |list: &[u32], all: &[u16]| list.iter().map(|k| all[*k as usize]).collect();
         Ok(Self {
             name: series.name.clone(),
             radii: drawn(&radii, &kept, plan.share),
             broken: if broken.is_empty() {
                 broken
             } else {
-                of(&kept.lines, &broken)
+                selected(&kept.lines, &broken)
             },
             grid,
             centres,
@@ -95,8 +96,8 @@ impl Part {
     }
 }
 
-/// Radii of the particles that stay; those that stand for others are drawn so much larger that they fill
-/// the space.
+/// Returns the radii of the remaining particles. If particles were left out, those drawn at random are
+/// enlarged by `share^(-1/3)`, so that together they fill the same volume.
 fn drawn(radii: &[f64], kept: &Kept, share: f64) -> Vec<f64> {
     let limit = (share * f64::from(u32::MAX)) as u32;
     let size = |k: &u32| {
@@ -106,30 +107,31 @@ fn drawn(radii: &[f64], kept: &Kept, share: f64) -> Vec<f64> {
             1.0
         }
     };
-    let all = kept.points.iter().filter(|_| !radii.is_empty());
-    all.map(|k| radii[*k as usize] * size(k)).collect()
+    let points = kept.points.iter().filter(|_| !radii.is_empty());
+    points.map(|k| radii[*k as usize] * size(k)).collect()
 }
 
-/// The frame at which each cell is seen broken first.
+/// Returns for each cell the first frame at which it is broken.
 fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
     let mut out = Vec::new();
-    for (k, path) in plan.times.iter().filter_map(|t| series.at(*t)).enumerate() {
+    for (k, path) in plan.times.iter().filter_map(|t| series.file_at(*t)).enumerate() {
         let mut frame = Frame::open(path)?;
         let Some(array) = frame.find(Place::Cell, "broken [-]") else {
             return Ok(out);
         };
         let now = frame.numbers(&array)?;
         out.resize(cells, WHOLE);
-        for (at, gone) in out.iter_mut().zip(now) {
-            if *at == WHOLE && gone > 0.5 {
-                *at = k as u16;
+        for (first_broken, value) in out.iter_mut().zip(now) {
+            if *first_broken == WHOLE && value > 0.5 {
+                *first_broken = k as u16;
             }
         }
     }
     Ok(out)
 }
 
-/// The grid with the points that stay, the centres of its cells, and which points and lines they are.
+/// Reduces a grid to the points that remain. Returns the grid, the centres of its cells, and the numbers
+/// of the remaining points and lines.
 fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<f64>, Kept) {
     let count = full.points.len() / 3;
     let mut wanted = vec![grains || full.faces.is_empty(); count];
@@ -138,6 +140,7 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
         for (k, w) in wanted.iter_mut().enumerate() {
             *w = scattered(k as u32) <= limit;
         }
+        // Particles at broken bonds remain too, unless they alone are more than the share.
         cracked(full, broken)
             .filter(|ends| ends.len() as f64 <= share * count as f64)
             .into_iter()
@@ -156,11 +159,12 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
     }
     let stays = |l: &&[u32; 3]| l[..2].iter().all(|i| number[*i as usize] != GONE);
     let mut lines: Vec<[u32; 3]> = full.lines.iter().filter(stays).copied().collect();
+    // Too many lines to draw: only broken ones remain.
     if lines.len() > LINES {
         lines.retain(|l| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE));
     }
     let (mut cells, mut centres) = (vec![GONE; full.ends.len()], Vec::new());
-    let all = full.centres();
+    let all_centres = full.centres();
     let mut faces = full.faces.clone();
     for face in &mut faces {
         face[..4].iter_mut().for_each(|i| *i = number[*i as usize]);
@@ -168,7 +172,7 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
             let k = *cell as usize;
             if cells[k] == GONE {
                 cells[k] = (centres.len() / 3) as u32;
-                centres.extend(&all[3 * k..3 * k + 3]);
+                centres.extend(&all_centres[3 * k..3 * k + 3]);
             }
             *cell = cells[k];
         }
@@ -190,31 +194,33 @@ fn reduced(full: &Grid, grains: bool, share: f64, broken: &[u16]) -> (Grid, Vec<
     (grid, centres, Kept { points, lines })
 }
 
-/// A number without order: even in space, whatever the order of the particles.
+/// Returns a hash of a particle number, so that a limit on it selects particles evenly in space.
 fn scattered(k: u32) -> u32 {
+    // The golden-ratio multiplier, then the multipliers of MurmurHash3's final mix.
     let h = k.wrapping_mul(0x9e37_79b1);
     let h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
     (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35)
 }
 
-/// Particles with broken bonds: they are what is looked for.
+/// Returns the particles with broken bonds, which show cracks; `None` if there are none.
 fn cracked(full: &Grid, broken: &[u16]) -> Option<BTreeSet<u32>> {
-    let gone = |l: &&[u32; 3]| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE);
+    let is_broken = |l: &&[u32; 3]| broken.get(l[2] as usize).is_some_and(|b| *b != WHOLE);
     let ends: BTreeSet<u32> = full
         .lines
         .iter()
-        .filter(gone)
+        .filter(is_broken)
         .flat_map(|l| [l[0], l[1]])
         .collect();
     (!ends.is_empty()).then_some(ends)
 }
 
-/// All values of the frames that are shown.
+/// Reads all fields over the selected frames.
 fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<Field>> {
     let frame = Frame::open(first(series))?;
     let shown = |a: &&Array| a.place != Place::Grid && a.name != "radius [m]" && a.name != "broken [-]";
     let mut wanted: Vec<Array> = frame.arrays.iter().filter(shown).cloned().collect();
     let moves = wanted.iter().any(|a| a.name == MOVE);
+    // Without displacements the motion is read from the positions of each frame.
     if !moves {
         wanted.extend(frame.find(Place::Grid, ""));
     }
@@ -225,9 +231,9 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
             continue;
         }
         let mut frames = Vec::new();
-        for path in plan.times.iter().filter_map(|t| series.at(*t)) {
+        for path in plan.times.iter().filter_map(|t| series.file_at(*t)) {
             let mut frame = Frame::open(path)?;
-            let found = frame.find(
+            let current = frame.find(
                 array.place,
                 if array.place == Place::Grid {
                     ""
@@ -235,7 +241,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                     &array.name
                 },
             );
-            let found = found
+            let current = current
                 .filter(|f| f.components == array.components)
                 .ok_or_else(|| {
                     let rule = format!(
@@ -244,13 +250,14 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                     );
                     value("DIR", path.display(), &rule)
                 })?;
-            let mut values = frame.numbers(&found)?;
+            let mut values = frame.numbers(&current)?;
             if array.place == Place::Grid {
                 if values.len() != full.points.len() {
                     let rule =
                         "has another number of points than the first frame, which this page cannot show";
                     return Err(value("DIR", path.display(), rule));
                 }
+                // The array holds positions; the page needs displacements.
                 values.iter_mut().zip(&full.points).for_each(|(v, x)| *v -= x);
             } else if array.place == Place::Cell && !on_lines {
                 values = full.at_points(&values, array.components);
@@ -270,7 +277,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
             name.to_owned()
         };
         let field = quantised(name, on_lines, array.components, frames);
-        // Points that do not move need no displacement.
+        // Points that do not move need no displacement field.
         if array.place != Place::Grid || field.frames > 1 {
             out.push(field);
         }
@@ -278,35 +285,39 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
     Ok(out)
 }
 
-/// Values of those that stay, by component.
+/// Selects the values of the points or lines in `list`, component after component.
 fn picked(values: &[f64], components: usize, list: &[u32]) -> Vec<f32> {
-    let of = |c: usize| {
+    let component = |c: usize| {
         list.iter()
             .map(move |k| values[*k as usize * components + c] as f32)
     };
-    (0..components).flat_map(of).collect()
+    (0..components).flat_map(component).collect()
 }
 
+/// Scales values over all frames to 16 bits, each component between its own lowest and highest value.
 fn quantised(name: String, on_lines: bool, components: usize, mut frames: Vec<Vec<f32>>) -> Field {
+    // A field that never changes is stored once.
     if frames.windows(2).all(|w| w[0] == w[1]) {
         frames.truncate(1);
     }
     let count = frames.first().map_or(0, |f| f.len() / components);
     let (mut low, mut high) = (vec![0.0; components], vec![0.0; components]);
     for c in 0..components {
-        let all = || {
+        let finite_values = || {
             frames
                 .iter()
                 .flat_map(|f| &f[c * count..(c + 1) * count])
                 .filter(|v| v.is_finite())
         };
-        low[c] = f64::from(all().copied().fold(f32::INFINITY, f32::min));
-        high[c] = f64::from(all().copied().fold(f32::NEG_INFINITY, f32::max));
+        low[c] = f64::from(finite_values().copied().fold(f32::INFINITY, f32::min));
+        high[c] = f64::from(finite_values().copied().fold(f32::NEG_INFINITY, f32::max));
+        // No finite value: any range will do.
         if low[c] > high[c] {
             (low[c], high[c]) = (0.0, 0.0);
         }
     }
     let short = |v: f32, c: usize| {
+        // A constant field has no width.
         let width = (high[c] - low[c]).max(f64::MIN_POSITIVE);
         ((f64::from(v) - low[c]) / width * f64::from(u16::MAX)).round() as u16
     };

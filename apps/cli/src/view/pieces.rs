@@ -1,4 +1,4 @@
-//! A frame of which every rank wrote a piece, put together: points and cells in the order of the whole
+//! Assembles a frame whose pieces were written by several ranks: points and cells in the order of the whole
 //! model, each once.
 
 use super::frames::{Array, Place, Vtu, damaged, read};
@@ -6,20 +6,20 @@ use crate::error::Result;
 use roxmltree::Document;
 use std::path::{Path, PathBuf};
 
-/// Arrays by which pieces are put together, which show nothing.
+/// Arrays that number the points and cells of the whole model and mark ghosts. They are not shown.
 const POINTS: &str = "GlobalPointIds";
 const CELLS: &str = "GlobalCellIds";
 const GHOST: &str = "vtkGhostType";
 
-/// A piece.
+/// The file of one rank.
 #[derive(Debug)]
 struct Piece {
     file: Vtu,
-    /// Numbers of its points in the whole.
+    /// Numbers of the piece's points in the whole model.
     points: Vec<u32>,
-    /// Whether another piece has it as its own.
+    /// For each point: true if it is owned by another piece.
     ghost: Vec<bool>,
-    /// Numbers of its cells in the whole.
+    /// Numbers of the piece's cells in the whole model.
     cells: Vec<u32>,
 }
 
@@ -27,85 +27,89 @@ struct Piece {
 #[derive(Debug)]
 pub(super) struct Pieces {
     path: PathBuf,
-    all: Vec<Piece>,
+    pieces: Vec<Piece>,
     pub(super) points: usize,
     pub(super) cells: usize,
 }
 
 impl Pieces {
-    /// Opens what a file names.
+    /// Opens a `.pvtu` file and the pieces it names. Fails unless they hold every point and cell of the
+    /// whole model exactly once.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(read(path))?;
         let xml = Document::parse(&text).map_err(|e| damaged(path, &e.to_string()))?;
         let named = xml.descendants().filter(|n| n.has_tag_name("Piece"));
         let files = named.filter_map(|n| n.attribute("Source"));
-        let all = files.map(|f| Piece::open(&path.with_file_name(f)));
-        let all = all.collect::<Result<Vec<_>>>()?;
-        if all.is_empty() {
+        let pieces = files.map(|f| Piece::open(&path.with_file_name(f)));
+        let pieces = pieces.collect::<Result<Vec<_>>>()?;
+        if pieces.is_empty() {
             return Err(damaged(path, "it names no pieces"));
         }
-        let own = |p: &Piece| p.ghost.iter().filter(|g| !**g).count();
+        let owned_count = |p: &Piece| p.ghost.iter().filter(|g| !**g).count();
         let out = Self {
-            points: all.iter().map(own).sum(),
-            cells: all.iter().map(|p| p.cells.len()).sum(),
+            points: pieces.iter().map(owned_count).sum(),
+            cells: pieces.iter().map(|p| p.cells.len()).sum(),
             path: path.to_owned(),
-            all,
+            pieces,
         };
-        let points = out.all.iter().flat_map(Piece::own).map(|p| p.1);
-        let cells = out.all.iter().flat_map(|p| &p.cells).copied();
-        let known = |p: &Piece| p.points.iter().all(|k| (*k as usize) < out.points);
-        if !once(points, out.points) || !once(cells, out.cells) || !out.all.iter().all(known) {
+        let points = out.pieces.iter().flat_map(Piece::owned_points).map(|p| p.1);
+        let cells = out.pieces.iter().flat_map(|p| &p.cells).copied();
+        let in_range = |p: &Piece| p.points.iter().all(|k| (*k as usize) < out.points);
+        if !once(points, out.points) || !once(cells, out.cells) || !out.pieces.iter().all(in_range) {
             return Err(damaged(path, "its pieces do not make a whole"));
         }
         Ok(out)
     }
 
-    /// Arrays of the whole.
+    /// Returns the arrays of the whole model that can be shown.
     pub(super) fn arrays(&self) -> Vec<Array> {
         let shown = |a: &&Array| ![POINTS, CELLS, GHOST].contains(&a.name.as_str());
-        self.all[0].file.arrays.iter().filter(shown).cloned().collect()
+        self.pieces[0].file.arrays.iter().filter(shown).cloned().collect()
     }
 
-    /// All numbers of an array, in the order of the whole.
+    /// Reads all numbers of an array, in the order of the whole model.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         match (array.place, array.name.as_str()) {
             (Place::Grid, "connectivity") => self.connectivity(),
             (Place::Grid, "offsets") => Ok(self.ends()?.into_iter().map(|e| e as f64).collect()),
             (Place::Cell, _) | (Place::Grid, "types") => {
-                let own = |p: &Piece| (0..).zip(p.cells.iter().copied()).collect();
-                self.gathered(array, self.cells, own)
+                let cell_pairs = |p: &Piece| (0..).zip(p.cells.iter().copied()).collect();
+                self.gathered(array, self.cells, cell_pairs)
             }
-            _ => self.gathered(array, self.points, |p| p.own().collect()),
+            _ => self.gathered(array, self.points, |p| p.owned_points().collect()),
         }
     }
 
-    /// Numbers of an array of points or cells; `own` tells places in a piece and in the whole.
+    /// Gathers an array of points or cells from all pieces. `pairs` returns pairs of numbers: in the piece
+    /// and in the whole model.
     fn gathered(
         &mut self,
         array: &Array,
         count: usize,
-        own: impl Fn(&Piece) -> Vec<(usize, u32)>,
+        pairs: impl Fn(&Piece) -> Vec<(usize, u32)>,
     ) -> Result<Vec<f64>> {
         let width = array.components;
         let mut out = vec![0.0; width * count];
-        for p in &mut self.all {
+        for p in &mut self.pieces {
             let numbers = p.numbers(array.place, &array.name, width)?;
-            for (here, there) in own(p) {
-                let from = numbers.get(width * here..width * (here + 1));
+            for (local, global) in pairs(p) {
+                let from = numbers.get(width * local..width * (local + 1));
                 let from = from.ok_or_else(|| damaged(&self.path, "an array of a piece is too short"))?;
-                out[width * there as usize..][..width].copy_from_slice(from);
+                out[width * global as usize..][..width].copy_from_slice(from);
             }
         }
         Ok(out)
     }
 
-    /// Where the corners of each cell of the whole end in a row of all.
+    /// Returns where the corners of each cell end in the connectivity of the whole model.
     fn ends(&mut self) -> Result<Vec<usize>> {
         let mut ends = vec![0; self.cells];
-        for p in &mut self.all {
+        for p in &mut self.pieces {
             let mut start = 0;
             let offsets = p.numbers(Place::Grid, "offsets", 1)?;
             for (cell, end) in p.cells.iter().zip(offsets) {
+                // First the number of corners of each cell, summed up below.
+                // Damaged offsets may decrease; the subtraction must not overflow.
                 ends[*cell as usize] = (end as usize).saturating_sub(start);
                 start = end as usize;
             }
@@ -118,16 +122,17 @@ impl Pieces {
         Ok(ends)
     }
 
+    /// Returns the corners of all cells, numbered as in the whole model.
     fn connectivity(&mut self) -> Result<Vec<f64>> {
         let ends = self.ends()?;
         let rows = self
-            .all
+            .pieces
             .iter_mut()
             .map(|p| p.numbers(Place::Grid, "connectivity", 1));
         let rows = rows.collect::<Result<Vec<_>>>()?;
         let mut out = vec![0.0; rows.iter().map(Vec::len).sum()];
         let lost = || damaged(&self.path, "cells of a piece have corners that are not there");
-        for (p, row) in self.all.iter().zip(rows) {
+        for (p, row) in self.pieces.iter().zip(rows) {
             let mut row = row.into_iter();
             for cell in p.cells.iter().map(|c| *c as usize) {
                 let start = if cell == 0 { 0 } else { ends[cell - 1] };
@@ -149,7 +154,7 @@ impl Piece {
             let array = array.ok_or_else(|| damaged(path, &format!("it has no '{name}'")))?;
             file.numbers(&array)
         };
-        let whole = |all: Vec<f64>| all.into_iter().map(|x| x as u32).collect();
+        let whole = |numbers: Vec<f64>| numbers.into_iter().map(|x| x as u32).collect();
         let points = whole(numbers(Place::Point, POINTS)?);
         let ghost = numbers(Place::Point, GHOST)?;
         let cells = whole(numbers(Place::Cell, CELLS)?);
@@ -161,10 +166,12 @@ impl Piece {
         })
     }
 
-    /// Places of its own points here and in the whole.
-    fn own(&self) -> impl Iterator<Item = (usize, u32)> {
-        let all = self.points.iter().zip(&self.ghost).enumerate();
-        all.filter(|(_, (_, ghost))| !**ghost).map(|(k, (n, _))| (k, *n))
+    /// Returns pairs of numbers, in the piece and in the whole model, of the points that the piece owns.
+    fn owned_points(&self) -> impl Iterator<Item = (usize, u32)> {
+        let numbered = self.points.iter().zip(&self.ghost).enumerate();
+        numbered
+            .filter(|(_, (_, ghost))| !**ghost)
+            .map(|(k, (n, _))| (k, *n))
     }
 
     fn numbers(&mut self, place: Place, name: &str, components: usize) -> Result<Vec<f64>> {
@@ -180,12 +187,11 @@ impl Piece {
     }
 }
 
-/// Whether these are the numbers from zero on, each once.
+/// Returns whether `numbers` are 0 to `count` − 1, each exactly once.
 fn once(numbers: impl Iterator<Item = u32>, count: usize) -> bool {
-    let mut there = vec![false; count];
+    let mut seen = vec![false; count];
     let mut fresh = |k: u32| {
-        there
-            .get_mut(k as usize)
+        seen.get_mut(k as usize)
             .is_some_and(|t| !std::mem::replace(t, true))
     };
     let mut numbers = numbers;

@@ -8,14 +8,14 @@ Three ways in:
 
 SI units everywhere; arrays of points have the shape (n, 3), or (n,) along x.
 
-A stiff bar and a fine one, tied over one unit of length:
+Two bars with coarse and fine elements, coupled over one unit of length:
 
 >>> import numpy as np
 >>> steel = Elastic(1.0, 0.0, 1.0)
 >>> left = FemModel("left", Mesh.bar(-9.0, 1.0, 20), steel)
 >>> right = FemModel("right", Mesh.bar(0.0, 10.0, 80), steel)
 
-The left model's share falls from 1 to 0 between x = 0 and x = 1, the right one has the rest:
+The weight of the left model falls from 1 to 0 between x = 0 and x = 1; the right model has the rest:
 
 >>> coarse = Weights.same(Ramp(Slab(fine=1.0, coarse=0.0), "cubic"))
 >>> fine = Weights.complement_of(coarse)
@@ -71,7 +71,7 @@ if (_told := _bound_threads()) is not None:
     _warnings.warn(_told, errors.Warning, stacklevel=2)
 
 if hasattr(_os, "register_at_fork"):
-    # Threads do not exist in a forked process, such as multiprocessing starts up to Python 3.13: it needs its own.
+    # A forked process, as multiprocessing starts it up to Python 3.13, lacks its parent's threads and needs new ones.
     _os.register_at_fork(after_in_child=_forked)
 
 __all__ = [

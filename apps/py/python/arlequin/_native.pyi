@@ -1,4 +1,4 @@
-"""Types of the part that is written in Rust; what everything does stands beside it there and shows with ``help``."""
+"""Types of the part that is written in Rust. The documentation is in the Rust code; ``help`` shows it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Checks for those who write a model or a solver: each answers a defect, zero up to round-off for a sound one.
+"""Conformance checks for models and solvers. Each returns a defect: zero to round-off if the object is correct.
 
-:func:`check` asks for all that concern an object and raises with what is wrong.
+:func:`check` runs all checks that apply to an object and raises an error with the defects.
 """
 
 from __future__ import annotations
@@ -24,14 +24,20 @@ __all__ = [
 
 
 def participant(solver: Any, step: float, steps: int = 100) -> Record:
-    """Kicks a solver, which should be in motion, and lets it make so many steps of ``step`` [s].
+    """Kicks a solver, which should be in motion, and lets it make ``steps`` steps of ``step`` [s].
 
-    The solver stands elsewhere afterwards: take a fresh one for a run. ``step`` should be that of the run.
+    The state of the solver changes: use a new solver for a run. ``step`` should be the step of the run.
 
-    Defects: ``travelled``, what nodes move in a step beside velocity times step (1 if they stand still or make two steps, 0.5
-    after half a step; below 0.04 for a sound solver up to its critical step), ``gained``, the same of velocities and
-    accelerations (0 without ``accelerations()``), ``kick`` of velocities after an impulse, ``moved`` by it at once, ``drift`` of the invariant over the steps,
-    ``work`` of the impulse, ``resumed`` the same steps again from what was saved.
+    Defects:
+
+    * ``travelled``: motion of the nodes in a step against velocity times step (1 if they stand still or make two
+      steps, 0.5 after half a step; below 0.04 for a correct solver up to its critical step);
+    * ``gained``: change of velocities in a step against acceleration times step (0 without ``accelerations()``);
+    * ``kick``: velocities after an impulse;
+    * ``moved``: motion of the nodes by the impulse itself;
+    * ``drift``: invariant over the steps;
+    * ``work``: change of the invariant by the impulse;
+    * ``resumed``: the same steps again from the saved state.
     """
     return Record(_participant(solver, step, steps))
 
@@ -44,14 +50,14 @@ def check(
     steps: int = 100,
     tolerance: float = 1e-6,
 ) -> Record:
-    """All defects of a model at displacements of ``amplitude`` [m], or of a solver in so many steps of ``step`` [s].
+    """Returns all defects of a model at displacements of ``amplitude`` [m], or of a solver in ``steps`` steps of ``step`` [s].
 
-    A law of any sort passes; one that is not linear and turns with the body says so by ``arms = "present"`` and is turned by half a
-    radian, others by a small angle. ``travelled`` and ``gained`` of a solver depend on its scheme and its step, and may be 0.05 and 0.4 where ``tolerance`` is
-    less. What nobody sees from outside is whether forces are those of the material, and whether the stiffness of a solver
-    has the weights that its inertia has.
+    Any law can pass. A model is rotated by a small angle, or by half a radian if it says ``arms = "present"``, as a nonlinear
+    law that rotates with the body should. ``travelled`` and ``gained`` of a solver depend on its scheme and its step:
+    they may reach 0.05 and 0.4 even if ``tolerance`` is smaller. Two faults cannot be detected from outside: forces of
+    another material, and a solver's stiffness with other weights than its inertia.
 
-    :raises arlequin.errors.InputError: if one is above ``tolerance``, with all of them and what they mean.
+    :raises arlequin.errors.InputError: if a defect exceeds ``tolerance``; the message lists these defects with their meaning.
     """
     if hasattr(object, "kick"):
         if step is None:

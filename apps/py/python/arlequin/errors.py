@@ -1,7 +1,7 @@
-"""Exceptions of arlequin. Each says the object, the value, the limit and the way out.
+"""Exceptions of arlequin. Each message names the object, the value, the limit and a remedy.
 
-Everything derives from :class:`Error`: :class:`InputError` (a :class:`ValueError`) if what was given is to blame,
-:class:`RunError` (a :class:`RuntimeError`) if the run failed. ``code`` names the matter, as the error is called in Rust:
+All exceptions derive from :class:`Error`: :class:`InputError` (a :class:`ValueError`) if the input is wrong,
+:class:`RunError` (a :class:`RuntimeError`) if the run failed. ``code`` is the name of the error in Rust:
 
 >>> import arlequin
 >>> try:
@@ -17,14 +17,14 @@ from typing import Optional
 
 
 class Error(Exception):
-    """Anything that arlequin raises."""
+    """Base class of all exceptions of arlequin."""
 
     code: str
-    """Name of the matter, such as ``"UnstableStep"``."""
+    """Name of the error in Rust, such as ``"UnstableStep"``."""
     key: Optional[str]
-    """Key of the scene that the error is about, if any."""
+    """Key of the scene that the error concerns, if any."""
     line: Optional[int]
-    """Line of the scene's file, from 1, if it is known."""
+    """Line of the scene file, from 1, if it is known."""
 
     def __init__(self, message: str, code: str = "", key: Optional[str] = None, line: Optional[int] = None) -> None:
         super().__init__(message)
@@ -35,26 +35,26 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """What was given is to blame."""
+    """The input is wrong."""
 
 
 class RunError(Error, RuntimeError):
-    """The run failed, or the system did."""
+    """The run or the system failed."""
 
 
 class Busy(RunError):
-    """The object computes already, in another thread."""
+    """Another thread is computing with this object."""
 
 
 class InternalError(Error):
-    """A mistake in arlequin itself."""
+    """A programming error in arlequin."""
 
 
 class Warning(UserWarning):  # noqa: A001 - a warning of this package, as numpy and others name theirs
-    """Something a user should know of a run."""
+    """A warning about a run."""
 
 
-# Codes of errors that the input is not to blame for.
+# Codes of errors that wrong input does not cause.
 _RUN = frozenset(
     """
     Write Interrupted NotFinite System Observer NotSettled Diverged EnergyGrowth
@@ -65,7 +65,7 @@ _RUN = frozenset(
 
 
 def _make(code: str, message: str, key: Optional[str], line: Optional[int]) -> Error:
-    """The exception for an error of this code."""
+    """Returns the exception for an error with this code."""
     named = {"InternalError": InternalError, "Busy": Busy}
     kind = named.get(code, RunError if code in _RUN else InputError)
     return kind(message, code, key, line)

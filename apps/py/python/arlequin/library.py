@@ -1,4 +1,4 @@
-"""What the objects of the library have in Python beside what they have in Rust."""
+"""Parts of the library objects that are written in Python."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ __all__ = ["Coupled", "H1Gradient", "H1Seminorm", "H1Strain", "L2", "stiffness"]
 
 
 def L2() -> Junction:  # noqa: N802 - the name of the literature
-    """Velocities agree where the multipliers are: no length to choose."""
+    """Junction L2: makes velocities agree. It has no length parameter."""
     return Junction("l2")
 
 
 def H1Strain(length: float) -> Junction:  # noqa: N802
-    """Velocities and, times ``length`` [m] squared, strain rates agree."""
+    """Junction H1: makes velocities agree, and strain rates weighted by ``length`` [m] squared."""
     return Junction("h1-strain", length)
 
 
 def H1Gradient(length: float) -> Junction:  # noqa: N802
-    """Velocities and, times ``length`` [m] squared, their gradients agree."""
+    """Junction H1: makes velocities agree, and velocity gradients weighted by ``length`` [m] squared."""
     return Junction("h1-gradient", length)
 
 
 def H1Seminorm(length: float) -> Junction:  # noqa: N802
-    """Gradients of velocities agree, and velocities at one point; ``length`` [m]."""
+    """Junction H1 seminorm: makes velocity gradients agree, and velocities at one point; ``length`` [m]."""
     return Junction("h1-seminorm", length)
 
 
@@ -38,11 +38,11 @@ class Coupled(_native.Coupled):
 
     @property
     def energies(self) -> Table:
-        """Energies over time, one row each time they were drawn; ``H`` is the invariant."""
+        """Energies over time, one row for each time the energy balance was computed; ``H`` is the invariant."""
         return Table(self._energies(), "energies")
 
     def run_until(self, time: float, observer: Any = None, every: int = 1) -> int:
-        """Makes as many steps as reach ``time`` [s]; returns how many were made."""
+        """Makes steps until ``time`` [s] is reached and returns their number."""
         if not math.isfinite(time):
             raise errors.InputError(f"time = {time}: must be finite [s]", code="InvalidParameter")
         left = max(0, -int(-(time - self.time) * (1 - 1e-12) // self.dt))
@@ -64,7 +64,7 @@ class Coupled(_native.Coupled):
 
 
 def stiffness(model: Any, weights: Optional[Weights] = None) -> Any:
-    """The stiffness matrix of a linear model of the library under weights, as a matrix of scipy [N/m]."""
+    """Returns the weighted stiffness matrix of a linear model of the library, as a scipy matrix [N/m]."""
     from scipy.sparse import csr_matrix
 
     data, columns, begin = model._stiffness(weights)

@@ -1,11 +1,12 @@
 """Base classes of models and solvers written in Python.
 
-A model has forces and leaves the stepping to the run; a solver steps itself. Arrays over unknowns are flat,
-``x0 y0 z0 x1 …`` (one number per node for bars along x), then rotations; answers may have any shape of that size.
+A model computes forces, and the run makes its time steps; a solver makes its own time steps. Arrays over unknowns are
+flat, ``x0 y0 z0 x1 …`` (one number per node for bars along x), then rotations; returned arrays may have any shape of that
+size.
 
-Weights come as arrays: means over the elements of ``mesh``, over ``bonds`` if there are any, or else values at nodes.
-Energy, and mass with it, belong to elements and bonds: a model that multiplies each of its element matrices with its
-number shares its energy exactly.
+Weights are passed as arrays: means over the elements of ``mesh``, over ``bonds`` if there are any, otherwise values at
+nodes. Energy and mass belong to elements and bonds: a model that multiplies each element matrix by its element's weight
+has exactly its share of the energy.
 """
 
 from __future__ import annotations
@@ -24,26 +25,31 @@ class _Described:
     name: str = "python"
     """Name for messages and reports."""
     kind: str = "python"
-    """Kind, for reports."""
+    """Kind of model, for reports."""
     mesh: Optional[Mesh] = None
-    """Nodes and shape functions; its elements have the weights."""
+    """Nodes and shape functions; weights belong to its elements."""
     field: Union[Mesh, Field, None] = None
-    """Shape functions, if they are not those of ``mesh``: :class:`arlequin.Field` for particles."""
+    """Shape functions that replace those of ``mesh``, such as an :class:`arlequin.Field` of particles."""
     bonds: Any = None
-    """Pairs of nodes that have the weights in place of elements, (n, 2)."""
+    """Pairs of nodes, (n, 2); if given, weights belong to these bonds and not to elements."""
     components: Optional[int] = None
-    """Displacements per node: 3, or 1 for bars, by default."""
+    """Displacements per node; by default 3, or 1 for bars."""
     rotations: int = 0
-    """Rotations per node: 3 for particles that turn."""
+    """Rotations per node: 3 for particles with rotations."""
 
 
 class Model(_Described):
-    """A model with forces of any law. Needed are ``mesh`` or ``field``, and the four methods below.
+    """A model with forces of any law. It needs ``mesh`` or ``field``, and the four methods below.
 
-    Optional methods: ``advance(q)``, the forces at displacements that the run has reached (once per step, in place of
-    ``internal_forces``); ``critical_step(inverse_inertia)`` [s], needed by laws that are not linear about rest;
-    ``save()`` and ``restore(numbers)`` for what it remembers. ``arms = "present"`` says that the moments of its forces vanish about
-    present positions, as those of finite strain do, and not about those at rest.
+    Optional methods:
+
+    * ``advance(q)`` returns the forces at the displacements of a completed step (once per step, instead of
+      ``internal_forces``);
+    * ``critical_step(inverse_inertia)`` [s], needed by laws that are not linear about rest;
+    * ``save()`` and ``restore(numbers)`` for the model's history.
+
+    ``arms = "present"`` says that the moments of its forces vanish about present positions, as those of finite strain do;
+    by default they vanish about reference positions.
 
     >>> import numpy as np
     >>> class Cubic(Model):
@@ -67,29 +73,29 @@ class Model(_Described):
     """
 
     def inertia(self, weight: np.ndarray) -> np.ndarray:
-        """Lumped inertia under a weight, per unknown or per node [kg, kg m2]."""
+        """Returns the weighted lumped inertia, per unknown or per node [kg, kg m2]."""
         raise NotImplementedError(f"{type(self).__name__}.inertia(weight) is missing")
 
     def set_internal_weight(self, weight: np.ndarray) -> None:
-        """Keeps the weight of the internal energy."""
+        """Stores the weight of the internal energy."""
         raise NotImplementedError(f"{type(self).__name__}.set_internal_weight(weight) is missing")
 
     def internal_forces(self, q: np.ndarray) -> np.ndarray:
-        """What the material exerts on the nodes at displacements ``q`` [m], under the weight [N, N m]."""
+        """Returns the weighted forces of the material on the nodes at displacements ``q`` [m] [N, N m]."""
         raise NotImplementedError(f"{type(self).__name__}.internal_forces(q) is missing")
 
     def internal_energy(self, q: np.ndarray) -> float:
-        """The energy whose negative slope the forces are [J]."""
+        """Returns the energy whose negative gradient the forces are [J]."""
         raise NotImplementedError(f"{type(self).__name__}.internal_energy(q) is missing")
 
 
 class LinearModel(_Described):
-    """A model with forces ``-K q``: a matrix, found once; steps then take no time in Python.
+    """A model with forces ``-K q``. The matrix is requested once, so that steps take no time in Python.
 
-    Override :meth:`stiffness` and :meth:`inertia`, which get weights. Or give fixed ones, for weights that do not vary:
+    Override :meth:`stiffness` and :meth:`inertia`, which receive weights. If the weights are uniform, fixed arrays are enough:
 
-    :param name: its name.
-    :param mesh: nodes and shape functions, of a mesh or a field.
+    :param name: name of the model.
+    :param mesh: nodes and shape functions: a mesh or a field.
     :param stiffness: symmetric matrix of scipy or numpy [N/m].
     :param inertia: lumped mass per unknown or per node [kg].
 
@@ -117,15 +123,15 @@ class LinearModel(_Described):
         self._stiffness, self._inertia = stiffness, np.asarray(inertia, float)
 
     def stiffness(self, weight: np.ndarray) -> Any:
-        """The matrix under a weight, of scipy or numpy [N/m]."""
+        """Returns the weighted stiffness as a matrix of scipy or numpy [N/m]."""
         return self._stiffness * self._constant(weight)
 
     def inertia(self, weight: np.ndarray) -> np.ndarray:
-        """Lumped inertia under a weight, per unknown or per node [kg]."""
+        """Returns the weighted lumped inertia, per unknown or per node [kg]."""
         return self._inertia * self._constant(weight)
 
     def _constant(self, weight: np.ndarray) -> float:
-        # As much as the coupling asks for of a solver that cannot weight itself: one less 1e-6.
+        # The coupling gives weights of 1 - 1e-6 to a solver that cannot weight its energy; 1e-5 leaves room for these.
         if weight.size and np.ptp(weight) > 1e-5:
             raise errors.InputError(
                 f"model '{self.name}' cannot share its energy by weights from {weight.min():g} to {weight.max():g}: it has "
@@ -137,37 +143,41 @@ class LinearModel(_Described):
 
 
 class Participant(_Described):
-    """A whole solver that steps itself. Needed are ``mesh`` or ``field``, and the five methods below.
+    """A whole solver that makes its own steps. It needs ``mesh`` or ``field``, and the five methods below.
 
-    Optional methods: ``accelerations()`` for a first step as smooth as all others; ``critical_step()`` [s];
-    ``invariant()``, the energy that its stepping keeps but for impulses [J]; ``save()`` and ``restore(numbers)``.
+    Optional methods:
+
+    * ``accelerations()``, for a first step as smooth as all others;
+    * ``critical_step()`` [s];
+    * ``invariant()``, the energy that its scheme conserves except for impulses [J];
+    * ``save()`` and ``restore(numbers)``.
     """
 
     def weigh(self, weights: Shares) -> np.ndarray:
-        """Takes its weights and answers the lumped inertia under them, per unknown or per node [kg]. Called before any
-        step, with weights of one first. A solver that cannot weight itself is given weights of nearly one, and answers
-        what it has."""
+        """Stores the weights and returns the weighted lumped inertia, per unknown or per node [kg]. Called before any
+        step, first with weights of one. A solver that cannot weight its energy is given weights of nearly one and returns
+        its unweighted inertia."""
         raise NotImplementedError(f"{type(self).__name__}.weigh(weights) is missing")
 
     def advance(self, time: float, step: float) -> None:
-        """Goes on from ``time`` by ``step`` [s], in whatever steps of its own."""
+        """Advances from ``time`` by ``step`` [s], in any number of own steps."""
         raise NotImplementedError(f"{type(self).__name__}.advance(time, step) is missing")
 
     def velocities(self) -> np.ndarray:
-        """Velocities of all unknowns now [m/s]."""
+        """Returns the present velocities of all unknowns [m/s]."""
         raise NotImplementedError(f"{type(self).__name__}.velocities() is missing")
 
     def displacements(self) -> np.ndarray:
-        """Displacements of all unknowns now [m]."""
+        """Returns the present displacements of all unknowns [m]."""
         raise NotImplementedError(f"{type(self).__name__}.displacements() is missing")
 
     def kick(self, impulse: np.ndarray) -> None:
-        """Changes the velocity of every unknown by impulse over inertia [kg m/s]; moves nothing."""
+        """Changes the velocity of every unknown by ``impulse`` [kg m/s] over inertia, without changing displacements."""
         raise NotImplementedError(f"{type(self).__name__}.kick(impulse) is missing")
 
 
 def _rows(matrix: Any, name: str) -> tuple[int, list[int], list[int], np.ndarray]:
-    """Size, beginnings, columns and values of a matrix in rows."""
+    """Returns size, row starts, columns and values of a sparse or full matrix."""
     if hasattr(matrix, "tocsr"):
         rows = matrix.tocsr().astype(float)
         rows.sum_duplicates()

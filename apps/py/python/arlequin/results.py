@@ -1,4 +1,4 @@
-"""What a run leaves: numbers over time as numpy arrays, everything else as dictionaries."""
+"""Results of a run: values over time as numpy arrays, everything else as dictionaries."""
 
 from __future__ import annotations
 
@@ -48,22 +48,22 @@ class Record(dict):  # type: ignore[type-arg]
 
 
 def record(text: str) -> Record:
-    """JSON as a record of records."""
+    """Returns a JSON text as nested records."""
     out = json.loads(text, object_hook=Record)
     assert isinstance(out, Record)
     return out
 
 
 def _split(label: str) -> tuple[str, str]:
-    """Name and unit of ``name [unit]``."""
+    """Splits ``name [unit]`` into name and unit."""
     found = re.fullmatch(r"(.*?) \[(.*)\]", label)
     return (found[1], found[2]) if found else (label, "")
 
 
 class Table(Mapping[str, np.ndarray]):
-    """Columns over time. ``t`` is the time [s]; a column is an item by its name and an attribute by that in snake case:
-    ``energy["kinetic [J]"]``, ``energy["kinetic"]`` and ``energy.kinetic`` are the same. ``H`` of a run's energy is the
-    invariant that a sound run keeps.
+    """Columns over time; ``t`` is the time [s]. A column is an item, and an attribute by its name in snake case:
+    ``energy["kinetic [J]"]``, ``energy["kinetic"]`` and ``energy.kinetic`` are the same. ``H`` of the energy table is the
+    invariant, which a correct run conserves.
     """
 
     def __init__(self, columns: Mapping[str, np.ndarray], title: str = "") -> None:
@@ -109,7 +109,7 @@ class Table(Mapping[str, np.ndarray]):
         return _html_table(list(self._columns), values, f"{self._title} ({rows} rows)")
 
     def plot(self, *names: str, ax: Any = None) -> Any:
-        """Draws columns over time with matplotlib, all by default; returns the axes."""
+        """Plots columns over time with matplotlib, all by default; returns the axes."""
         axes = ax if ax is not None else _pyplot().subplots()[1]
         for name in names or [n for n in self._columns if n != "time [s]"]:
             axes.plot(self.t, self[name], label=self._short.get(name, name))
@@ -132,26 +132,26 @@ _SYMBOLS = {
 
 
 class Probe:
-    """A probe over time: ``t`` [s] and ``values``, which the symbol of its quantity names as well, such as ``u`` for a
+    """A probe over time: ``t`` [s] and ``values``. The symbol of its quantity is another name of ``values``: ``u`` for a
     displacement, ``v`` for a velocity, ``F`` for a force.
     """
 
     def __init__(self, name: str, label: str, t: np.ndarray, values: np.ndarray, facts: Record) -> None:
         self.name = name
-        """Its name in the scene."""
+        """Name of the probe in the scene."""
         self.quantity, self.unit = _split(label)
-        """What it reads, and the unit of that."""
+        """Quantity that it reads, and its unit."""
         self.t, self.values = t, values
         self.facts = facts
-        """Mean, extremes and frequencies, as ``summary.json`` has them."""
+        """Mean, extremes and frequencies, as in ``summary.json``."""
 
     @property
     def symbol(self) -> str:
-        """The letter of its quantity."""
+        """Symbol of its quantity."""
         return _SYMBOLS.get(self.quantity, "values")
 
     def __getattr__(self, name: str) -> np.ndarray:
-        # Copies and unpickled probes are asked for attributes before they have any.
+        # copy and pickle look up attributes before the object has any.
         if name.startswith("_") or "quantity" not in self.__dict__:
             raise AttributeError(name)
         if name == self.symbol:
@@ -169,7 +169,7 @@ class Probe:
         return f"<Probe {self.name!r}: {len(self)} values of {self.quantity} [{self.unit}]>"
 
     def plot(self, ax: Any = None) -> Any:
-        """Draws it over time with matplotlib; returns the axes."""
+        """Plots the probe over time with matplotlib; returns the axes."""
         axes = ax if ax is not None else _pyplot().subplots()[1]
         axes.plot(self.t, self.values, label=self.name)
         axes.set_xlabel("time [s]")
@@ -179,13 +179,13 @@ class Probe:
 
 
 class Fields(Mapping[str, np.ndarray]):
-    """Fields of one model at one instant, by their names with or without unit: one row per node or particle, or per cell
-    where they belong to cells.
+    """Fields of one model at one time, by their names with or without unit. Fields of nodes have one row per node or
+    particle, fields of cells one row per cell.
     """
 
     def __init__(self, points: Mapping[str, np.ndarray], cells: Mapping[str, np.ndarray]) -> None:
         self.points, self.cells = dict(points), dict(cells)
-        """Those of nodes, those of cells, with units in their names."""
+        """Fields of nodes and fields of cells, with units in their names."""
         self._all = {**self.points, **self.cells}
         self._short = {_split(n)[0]: n for n in self._all}
 
@@ -206,7 +206,7 @@ class Fields(Mapping[str, np.ndarray]):
 
 
 class Frame(Mapping[str, Fields]):
-    """All models at one instant, by their names; ``time`` [s]."""
+    """Fields of all models at one ``time`` [s], by the names of the models."""
 
     def __init__(self, time: float, models: Mapping[str, Fields]) -> None:
         self.time = time
@@ -228,7 +228,7 @@ class Frame(Mapping[str, Fields]):
 
 
 class _Named(dict):  # type: ignore[type-arg]
-    """A dictionary that says what it has where something is missing."""
+    """A dictionary whose error for a missing key lists the keys."""
 
     def __init__(self, what: str, of: Mapping[str, Any]) -> None:
         super().__init__(of)
@@ -247,17 +247,17 @@ def _pyplot() -> Any:
 
 
 class Run:
-    """What a run leaves.
+    """Results of a run.
 
-    ``summary`` is what ``summary.json`` says, ``probes``, ``energy``, ``effects`` and ``curves`` are the tables,
-    :meth:`fields` the states in between.
+    ``summary`` has the content of ``summary.json``; ``probes``, ``energy``, ``effects`` and ``curves`` are tables over time;
+    :meth:`fields` returns the states of the frames.
     """
 
     def __init__(self, native: _native.Results, asleep: bool = False) -> None:
         self._native = native
         self._asleep = asleep
         self.summary: Record = record(native.summary(asleep))
-        """The run in figures."""
+        """Content of ``summary.json``."""
         columns = native.probes(asleep)
         t = columns.pop("time [s]")
         facts = self.summary["probes"]
@@ -269,31 +269,31 @@ class Run:
         self.energy = Table(native.energy(asleep), "energy")
         """Energies, works and momenta over time; ``H`` is the invariant, ``relative_drift`` its change."""
         self.effects = Table(native.effects(asleep), "effects")
-        """Figures of the effects over time."""
+        """Values of the effects over time."""
 
     @property
     def asleep(self) -> Optional[Run]:
-        """The same of the time in which a model slept, if it woke."""
+        """Results of the time in which a model slept, if it woke; otherwise None."""
         return Run(self._native, True) if self._native.slept and not self._asleep else None
 
     @property
     def folder(self) -> Optional[Path]:
-        """Folder of the results, if they are kept."""
+        """Folder of the results, if they were written."""
         return None if self._native.folder is None else Path(self._native.folder)
 
     @property
     def curves(self) -> dict[str, Table]:
-        """One probe over another, as the scene asks for."""
+        """Tables of one probe over another, as the scene requests."""
         return _Named("curve", {n: Table(c, n) for n, c in self._native.curves().items()})
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know."""
+        """Warnings of the run."""
         return list(self.summary["warnings"])
 
     @property
     def fragments(self) -> np.ndarray:
-        """Pieces into which bodies fell, one row per piece and frame; number 0 stands for all particles without a bond."""
+        """Fragments of broken bodies, one row per fragment and frame; number 0 stands for all particles without a bond."""
         kinds = [("time", "f8"), ("model", "U64"), ("number", "i8"), ("particles", "i8"), ("mass", "f8")]
         dtype = np.dtype([*kinds, ("centre", "f8", 3), ("velocity", "f8", 3)])
         return np.array(self._native.fragments(), dtype)
@@ -305,11 +305,11 @@ class Run:
 
     @property
     def grids(self) -> dict[str, Record]:
-        """Models at rest: ``points`` (n, 3) [m], ``cells`` (nodes of each), ``cell_type`` of VTK, ``radii`` [m]."""
+        """Reference grids: ``points`` (n, 3) [m], ``cells`` (nodes of each cell), ``cell_type`` of VTK, ``radii`` [m]."""
         return _Named("model", {n: Record(g) for n, g in self._native.grids().items()})
 
     def fields(self, t: Optional[float] = None) -> Frame:
-        """The frame nearest to time ``t`` [s], by default the last one: displacements, velocities, stresses … of all models,
+        """Returns the frame nearest to time ``t`` [s], by default the last one: displacements, velocities, stresses … of all models,
         ``run.fields(1e-4)["bar"]["displacement"]``.
         """
         times = self.times
@@ -322,8 +322,8 @@ class Run:
         return Frame(float(times[k]), {n: Fields(m["points"], m["cells"]) for n, m in models.items()})
 
     def mesh(self, model: str, t: Optional[float] = None) -> Any:
-        """A model in the frame nearest to time ``t`` [s] as a mesh of PyVista, at rest; move it by
-        ``mesh.warp_by_vector("displacement [m]")``.
+        """Returns a model as a PyVista mesh in its reference positions, with the fields of the frame nearest to time ``t`` [s].
+        ``mesh.warp_by_vector("displacement [m]")`` deforms it.
         """
         try:
             import pyvista
@@ -341,7 +341,7 @@ class Run:
         return out
 
     def plot(self) -> Any:
-        """Draws all probes over time with matplotlib, one plot per quantity; returns the figure."""
+        """Plots all probes over time with matplotlib, one plot per quantity; returns the figure."""
         labels = sorted({f"{p.quantity} [{p.unit}]" for p in self.probes.values()})
         figure, all_axes = _pyplot().subplots(max(len(labels), 1), 1, squeeze=False, sharex=True)
         for label, axes in zip(labels, all_axes[:, 0]):

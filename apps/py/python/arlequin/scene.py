@@ -1,4 +1,4 @@
-"""Scenes: files that say what is coupled, and what comes of running them."""
+"""Scenes: files that describe coupled models, and functions that run them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Scene", "Sweep", "resume", "run", "sweep"]
 
 
 def _toml(value: Any) -> str:
-    """A value as TOML writes it."""
+    """Returns a value as TOML."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, bool):
@@ -41,9 +41,9 @@ def _assignments(changes: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 class Progress:
-    """What a run tells while it goes on: a line on standard error, and its warnings as Python's.
+    """Progress of a run: a line on standard error, and warnings as Python warnings.
 
-    Derive from it to show progress elsewhere.
+    Derive a class from it to show progress elsewhere.
     """
 
     def __init__(self, show: bool = True) -> None:
@@ -52,20 +52,20 @@ class Progress:
         self._shown = False
 
     def step(self, done: int, planned: int) -> None:
-        """So many steps of so many are made."""
+        """``done`` of ``planned`` steps are made."""
         self._line("steps", done, planned)
 
     def member(self, label: str, done: int, planned: int) -> None:
-        """A run of a sweep begins, and so many are done."""
+        """The run ``label`` of a sweep begins, after ``done`` of ``planned`` runs."""
         self._line(f"{label}:", done, planned)
 
     def warning(self, text: str) -> None:
-        """Something a user should know, the moment it is known."""
+        """Issues a warning as soon as it is known."""
         self.end()
         warnings.warn(text, errors.Warning, stacklevel=5)
 
     def end(self) -> None:
-        """Nothing more follows."""
+        """Removes the line: the work has ended."""
         if self._shown:
             print("\r" + " " * 60 + "\r", end="", file=sys.stderr, flush=True)
         self._shown = False
@@ -92,7 +92,7 @@ def _finished(made: tuple[_native.Results, Optional[BaseException]]) -> Run:
     results, stop = made
     run = Run(results)
     if stop is not None:
-        # What was computed until Ctrl-C is not lost.
+        # Results up to Ctrl-C are not lost.
         stop.run = run  # type: ignore[attr-defined]
         raise stop
     return run
@@ -128,14 +128,14 @@ class Scene:
     ... ''')
     >>> run = scene.set("time.end", 3.854e-4).run()
 
-    After a wave has run there and back, the tip has moved twice as far as at rest, 2 F L/(E A):
+    When the wave has returned to the tip, the tip has moved twice as far as under a static load, 2 F L/(E A):
 
     >>> bool(abs(run.probes["tip"].u[-1] / (2 * 1e3 / (210e9 * 1e-4)) - 1) < 0.02)
     True
     >>> bool(abs(run.energy.drift).max() < 1e-9)
     True
 
-    Mistakes have the name of the matter and the line of the file:
+    Errors name the fault and the line of the file:
 
     >>> scene.set("time.ende", 1.0)
     Traceback (most recent call last):
@@ -154,39 +154,39 @@ class Scene:
 
     @classmethod
     def from_text(cls, text: str, **changes: Any) -> Scene:
-        """A scene from a text; paths in it are relative to the current folder."""
+        """Returns a scene from a text; paths in it are relative to the current folder."""
         return cls._of(_native.Scene.from_text(text, _assignments(changes)))
 
     def set(self, path: str, value: Any) -> Scene:
-        """The same scene with another value at a path such as ``time.end`` or ``support.0.model``."""
+        """Returns the scene with another value at a path such as ``time.end`` or ``support.0.model``."""
         return self.changed(**{path: value})
 
     def changed(self, **changes: Any) -> Scene:
-        """The same scene with several values changed, by their paths."""
+        """Returns the scene with several values changed, given by their paths."""
         return self._of(self._native.with_changes(_assignments(changes)))
 
     @property
     def path(self) -> Path:
-        """Its file."""
+        """Scene file."""
         return Path(self._native.path)
 
     @property
     def text(self) -> str:
-        """Its text, without the changes."""
+        """Text of the file, without the changes."""
         return self._native.text
 
     @property
     def title(self) -> Optional[str]:
-        """Its title."""
+        """Title of the scene."""
         return self._native.title
 
     @property
     def changes(self) -> list[str]:
-        """The changes made to it, as ``PATH=VALUE``."""
+        """Changes made to the file, as ``PATH=VALUE``."""
         return self._native.changes
 
     def check(self) -> Record:
-        """Builds the scene and says what its run will be: models, interfaces, step, memory, time; runs nothing."""
+        """Builds the scene and returns the plan of its run: models, interfaces, step, memory, time. Makes no steps."""
         return record(self._native.check())
 
     def run(
@@ -199,14 +199,14 @@ class Scene:
     ) -> Run:
         """Makes all steps.
 
-        :param progress: whether to show how far it is.
-        :param frames: about how many states to keep for :meth:`Run.fields`; by default as many as the scene writes,
-            0 for none.
+        :param progress: whether to show progress.
+        :param frames: approximate number of states to keep for :meth:`Run.fields`; by default as many as the scene
+            writes, 0 for none.
         :param out: folder of results, as ``arlequin run --out`` writes it; by default nothing is written.
         :param force: whether to replace earlier results there.
 
-        Ctrl-C ends it with :class:`KeyboardInterrupt`, whose attribute ``run`` has what was computed; a run with ``out``
-        goes on with :func:`resume`. Warnings are those of Python, :class:`arlequin.errors.Warning`.
+        Ctrl-C ends the run with :class:`KeyboardInterrupt`, whose attribute ``run`` has the results so far; :func:`resume`
+        continues a run with ``out``. Warnings are Python warnings of the class :class:`arlequin.errors.Warning`.
         """
         listener = _listener(progress)
         folder = None if out is None else os.fspath(out)
@@ -223,12 +223,12 @@ class Scene:
         frequency: Optional[float] = None,
         apply: Optional[PathLike] = None,
     ) -> Record:
-        """Proposes settings of the coupling for an error or a time: ``given`` and ``proposed`` with what is predicted of
-        them, ``set`` with the values to change.
+        """Proposes settings of the coupling for an error or a time. Returns ``given`` and ``proposed`` settings with
+        predictions for both, and in ``set`` the values to change.
 
         :param error: largest relative error against the fine model everywhere, such as 0.02.
         :param time: longest time of set-up and steps [s].
-        :param frequency: highest frequency of interest [Hz], if loads do not tell.
+        :param frequency: highest frequency of interest [Hz], if the loads do not determine it.
         :param apply: file to write the scene with the proposed values to.
         """
         return record(self._native.suggest(error, time, frequency, None if apply is None else os.fspath(apply)))
@@ -243,12 +243,12 @@ class Scene:
 
 def run(path: PathLike, *, progress: Union[bool, Progress, Any] = False, **changes: Any) -> Run:
     """Runs a scene file: ``Scene(path, **changes).run(progress=progress)``, such as ``run("bar.toml", **{"time.end": 1e-4})``."""
-    # `Any` in the type of `progress`: types of unpacked dictionaries are held against each named argument.
+    # `Any` in the type of `progress`: type checkers compare an unpacked dictionary with each named argument.
     return Scene(path, **changes).run(progress=progress)
 
 
 def resume(folder: PathLike, *, progress: Union[bool, Progress] = False) -> Run:
-    """Goes on with the run of a folder that was interrupted or killed, from its last checkpoint."""
+    """Continues the run of a folder that was interrupted or killed, from its last checkpoint."""
     listener = _listener(progress)
     try:
         return _finished(_native.resume(os.fspath(folder), listener))
@@ -257,11 +257,11 @@ def resume(folder: PathLike, *, progress: Union[bool, Progress] = False) -> Run:
 
 
 class Sweep(Record):
-    """What a sweep found: ``sweep.json`` with attributes. ``runs`` has one entry per run."""
+    """Results of a sweep: ``sweep.json`` with attributes. ``runs`` has one entry per run."""
 
     def column(self, name: str) -> list[Any]:
-        """One value of every run that is complete, such as ``error_judged``, ``cost`` or a parameter; None for a run that does not
-        have it, as a reference run has no parameters.
+        """Returns one value of every complete run, such as ``error_judged``, ``cost`` or a parameter; None for a run without
+        this value, such as a reference run, which has no parameters.
         """
         complete = [r for r in self["runs"] if r["status"] == "complete"]
         if not any(name in r["parameters"] or name in r for r in complete):
@@ -275,10 +275,10 @@ def sweep(
 ) -> Sweep:
     """Makes the runs of a sweep file, one after another in this process.
 
-    :param out: folder of the results; finished runs in it are taken again. Default: ``results/`` and the name.
-    :param fresh: whether to make all runs again.
+    :param out: folder of the results; finished runs in it are used again. Default: ``results/`` and the name.
+    :param fresh: whether to repeat all runs.
 
-    Times are those of this process, which may do other things; ``arlequin sweep`` gives each run a process of its own.
+    Times are measured in this process, which may do other work; ``arlequin sweep`` runs each run in its own process.
     """
     listener = _listener(progress)
     folder = os.fspath(out) if out is not None else os.path.join("results", Path(path).stem)

@@ -11,17 +11,17 @@ const BAR: Theory = Theory {
 };
 const J13: &str = "Jebahi et al. 2013, table 2";
 const SOLID: &str = "converged solid, 27-node hexahedra";
-/// Axial frequencies \[Hz\] and elongation \[m\] of the converged solid.
+/// Elongation \[m\] and axial frequencies \[Hz\] of the converged solid.
 const TRUTH: [f64; 4] = [0.08775e-3, 71_815.0, 215_369.0, 358_690.0];
-/// Printed: DEM alone, CNEM alone.
+/// Printed values for DEM alone and CNEM alone.
 const PRINTED: [(&str, [f64; 4]); 2] = [
     ("dem", [0.083e-3, 72_408.0, 217_246.0, 362_072.0]),
     ("cnem", [0.088e-3, 71_359.0, 214_023.0, 356_491.0]),
 ];
-/// The same in words: elongation, frequencies.
+/// Names of these four values.
 const NAMES: [&str; 4] = ["U_mean [m]", "f0 [Hz]", "f1 [Hz]", "f2 [Hz]"];
 
-/// Overlap of the given width around the middle.
+/// Returns the assignments of an overlap of the given width around the middle.
 fn overlap(width: f64) -> Vec<String> {
     let (low, high) = (10e-3 - 0.5 * width, 10e-3 + 0.5 * width);
     vec![
@@ -33,7 +33,7 @@ fn overlap(width: f64) -> Vec<String> {
     ]
 }
 
-/// A packet of short waves in the particles, and where its energy is once it has met the overlap.
+/// Assignments of a packet of short waves that starts in the particles.
 const PACKET: [&str; 3] = [
     "load=[]",
     "initial=[{ models = [\"right\"], wave = { component = \"x\", along = \"x\", centre = 14.5e-3, width = 0.5e-3, amplitude = 1e-7, speed = -5740.6 } }]",
@@ -41,7 +41,7 @@ const PACKET: [&str; 3] = [
 ];
 const ABSORBER: &str = "interface.middle.absorber={ rate_factor = 0.2 }";
 
-/// The runs.
+/// Returns the runs of beam A.
 pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
     let fem = ["model.whole.kind=fem", "model.whole.spacing=0.47e-3"];
     let cnem = ["model.whole.kind=cnem", "model.whole.spacing=0.47e-3"];
@@ -81,15 +81,15 @@ pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
     out
 }
 
-/// Elongation and three frequencies of a run.
-fn found(r: &Record) -> [f64; 4] {
+/// Returns elongation and three frequencies of a run.
+fn measured(r: &Record) -> [f64; 4] {
     let f = |k: u32| r.frequency("free-end", BAR.axial(k));
     [r.mean("free-end"), f(0), f(1), f(2)]
 }
 
-/// Rows of one run against theory, solid and print.
+/// Compares one run with theory, solid and printed values.
 fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
-    let ours = found(r);
+    let ours = measured(r);
     let theory = [BAR.elongation(), BAR.axial(0), BAR.axial(1), BAR.axial(2)];
     let mut checks = Vec::new();
     for k in 0..4 {
@@ -117,11 +117,14 @@ fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
     checks
 }
 
-/// A short packet with and without absorber.
+/// Compares the energy of a short packet with and without absorber.
 fn packet_rows(done: &Runs) -> Vec<Check> {
     let mut checks = Vec::new();
-    let kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
-    if let (Some(bare), Some(absorbed)) = (kept("a/cnem-dem packet"), kept("a/cnem-dem packet absorbed")) {
+    let energy_kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
+    if let (Some(bare), Some(absorbed)) = (
+        energy_kept("a/cnem-dem packet"),
+        energy_kept("a/cnem-dem packet absorbed"),
+    ) {
         checks.push(Check::against(
             "short packet in the particles: energy kept over 20 us, no absorber",
             bare,
@@ -143,11 +146,11 @@ fn packet_rows(done: &Runs) -> Vec<Check> {
     checks
 }
 
-/// Rows and figures.
+/// Evaluates beam A.
 pub(super) fn evaluate(done: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
-    // The mean of a packing's modulus lies 2.5 % above the printed one, with nothing fitted; coarse meshes
-    // err in the third frequency.
+    // The mean modulus of a packing is 2.5 % above the printed one, without any fit. Coarse meshes err in
+    // the third frequency.
     for (kind, most) in [
         ("fem", [0.01, 0.01, 0.015, 0.03]),
         ("cnem", [0.01, 0.01, 0.015, 0.03]),
@@ -190,14 +193,16 @@ pub(super) fn evaluate(done: &Runs) -> Result<Report> {
 fn figures(done: &Runs) -> Vec<Figure> {
     let mut out = Vec::new();
     let curves = |list: &[(&str, &str)], probe: &str| -> Vec<_> {
-        let all = list
+        let series = list
             .iter()
             .filter_map(|(name, key)| Some(done.get(key)?.curve(name, probe)));
-        all.map(|(n, t, v)| {
-            let end = t.partition_point(|t| *t < 45e-6);
-            (n, t[..end].to_vec(), v[..end].to_vec())
-        })
-        .collect()
+        series
+            .map(|(n, t, v)| {
+                // About three periods.
+                let end = t.partition_point(|t| *t < 45e-6);
+                (n, t[..end].to_vec(), v[..end].to_vec())
+            })
+            .collect()
     };
     let free = curves(
         &[
@@ -234,6 +239,7 @@ fn check_points(r: &Record) -> Figure {
         ("overlap, DEM", "overlap-fine"),
         ("fine part", "fine-part"),
     ];
+    // About one period.
     let cut = r.times.partition_point(|t| *t < 14e-6);
     Figure {
             file: "beam-a-check-points",

@@ -1,4 +1,4 @@
-//! Runs of the beam scenes, what is kept of them, and beam theory.
+//! Runs of the beam scenes, their stored records, and beam theory.
 
 use super::check::{Accept, Check};
 use crate::solid::momentum_scale;
@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 use std::hash::{Hash, Hasher};
 use std::path::Path;
 
-/// The scenes, as they ship.
+/// Scenes of the beams that ship with this crate.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Deck {
     /// Beam A, two models.
@@ -46,18 +46,18 @@ impl Deck {
 /// A run of a scene with changed values.
 #[derive(Debug, Clone)]
 pub(super) struct RunSpec {
-    /// Name of the record.
+    /// Name of the run's record.
     pub key: String,
-    /// Scene.
+    /// Scene that is run.
     pub deck: Deck,
-    /// Assignments, as for `--set`.
+    /// Assignments, as for `--set` of `arlequin run`.
     pub set: Vec<String>,
-    /// Rough seconds, for the order.
+    /// Rough duration \[s\]; dear runs start first.
     pub cost: u32,
 }
 
 impl RunSpec {
-    /// A run.
+    /// Returns a run of a scene with assignments.
     pub(super) fn new(key: &str, deck: Deck, cost: u32, set: &[&str]) -> Self {
         Self {
             key: key.to_owned(),
@@ -67,20 +67,21 @@ impl RunSpec {
         }
     }
 
-    /// The same with further assignments.
+    /// Adds further assignments.
     #[must_use]
     pub(super) fn with(mut self, set: &[String]) -> Self {
         self.set.extend_from_slice(set);
         self
     }
 
-    /// Builds and runs the scene, or takes what the folder keeps of an earlier run of the same version,
-    /// scene and assignments.
+    /// Builds and runs the scene, or reads the record that an earlier run of the same version, scene and
+    /// assignments stored in the folder.
     pub(super) fn run_or_recall(&self, kept: Option<&Path>) -> Result<Record> {
         let Some(folder) = kept else {
             return self.run();
         };
         let mut hash = std::hash::DefaultHasher::new();
+        // The record of another version, scene or assignment must not be found.
         (env!("CARGO_PKG_VERSION"), self.deck.text(), &self.set).hash(&mut hash);
         let name = self.key.replace(['/', ' '], "-");
         let path = folder.join(format!("{name}-{:016x}.json", hash.finish()));
@@ -114,6 +115,7 @@ impl RunSpec {
             steps,
             ..
         } = setup::build(scene.spec(), Path::new("."))?;
+        // Equal intervals, as the spectrum needs them.
         let every = steps.div_ceil(SAMPLES).max(1);
         let mut out = Record {
             step: every as f64 * run.dt(),
@@ -137,6 +139,7 @@ impl RunSpec {
             if made.is_multiple_of(every) {
                 read(&mut out, &mut run)?;
                 let now = momentum_scale(&run);
+                // A body may start from rest, so the scale is the largest over the run.
                 (0..2).for_each(|k| scale[k] = scale[k].max(now[k]));
             }
         }
@@ -152,61 +155,62 @@ impl RunSpec {
             out.condition = Some(report.condition);
             out.multipliers = [report.multipliers, report.rank];
         }
-        let all = |s: &arlequin::core::Subdomain<f64>| s.kinetic_energy() + s.internal_energy();
+        let total = |s: &arlequin::core::Subdomain<f64>| s.kinetic_energy() + s.internal_energy();
         out.energies = run
             .subdomains()
             .iter()
-            .map(|s| all(s) / energy.max(f64::MIN_POSITIVE))
+            .map(|s| total(s) / energy.max(f64::MIN_POSITIVE))
             .collect();
         Ok(out)
     }
 }
 
-/// Most samples that are kept of a probe.
+/// Largest number of samples that a record keeps of a probe.
 const SAMPLES: usize = 3000;
 
-/// What is kept of a run.
+/// Record of a run.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Record {
-    /// Seconds between two samples.
+    /// Time between two samples \[s\].
     pub step: f64,
     /// Times \[s\].
     pub times: Vec<f64>,
     /// Probes by name.
     pub probes: BTreeMap<String, Vec<f64>>,
-    /// Largest relative drift of the invariant: what the ledger does not explain.
+    /// Largest relative drift of the invariant, which the ledger does not explain.
     pub drift: f64,
     /// Largest relative velocity jump.
     pub residual: f64,
-    /// Change of momenta relative to the sum of the nodal moduli; meaningful for a free body.
+    /// Largest change of linear or angular momentum, relative to the sum of the nodal moduli. Meaningful
+    /// for a free body only.
     pub momentum: f64,
-    /// Condition number of the operator.
+    /// Condition number of the interface operator.
     pub condition: Option<f64>,
-    /// Multipliers and their rank.
+    /// Number of multipliers, and number of independent ones.
     pub multipliers: [usize; 2],
-    /// Nodes or particles of the models.
+    /// Number of nodes or particles of each model.
     pub particles: Vec<usize>,
-    /// Energy of every model at the end over that of all at the start.
+    /// Energy of each model at the end, relative to the total at the start.
     pub energies: Vec<f64>,
 }
 
 impl Record {
-    /// Samples of a probe; empty if there is none of that name.
+    /// Returns the samples of a probe; empty if no probe has this name.
     pub fn probe(&self, name: &str) -> &[f64] {
         self.probes.get(name).map_or(&[], Vec::as_slice)
     }
 
-    /// Mean of an oscillation.
+    /// Returns the mean of an oscillation.
     pub fn mean(&self, probe: &str) -> f64 {
         spectrum::windowed_mean(self.probe(probe))
     }
 
-    /// Frequency near a guess \[Hz\].
+    /// Returns the frequency near a guess \[Hz\].
     pub fn frequency(&self, probe: &str, guess: f64) -> f64 {
         spectrum::peak_near(self.probe(probe), self.step, guess)
     }
 
-    /// Ledger, constraint and condition of the run.
+    /// Returns the checks of ledger, constraint and condition.
     pub fn health(&self, key: &str) -> Vec<Check> {
         let mut checks = vec![Check::new(
             format!("{key}: drift of H, ledger closed"),
@@ -225,7 +229,7 @@ impl Record {
         checks
     }
 
-    /// A curve for a figure.
+    /// Returns a probe over time as a curve for a figure.
     pub fn curve(&self, name: &str, probe: &str) -> (String, Vec<f64>, Vec<f64>) {
         (name.to_owned(), self.times.clone(), self.probe(probe).to_vec())
     }
@@ -240,11 +244,11 @@ pub(super) struct Theory {
     pub radius: f64,
 }
 
-/// Modulus from which the printed theory frequencies follow \[Pa\].
+/// Young's modulus that yields the printed frequencies of theory \[Pa\].
 const YOUNG: f64 = 72.5e9;
 const POISSON: f64 = 0.17;
 const DENSITY: f64 = 2200.0;
-/// Axial and transverse force \[N\], moment \[N m\]: inferred from the printed deflections.
+/// Axial or transverse force \[N\], and moment \[N m\], inferred from the printed deflections.
 const FORCE: f64 = 1000.0;
 const MOMENT: f64 = 10.0;
 
@@ -257,38 +261,39 @@ impl Theory {
         PI * self.radius.powi(4) / 4.0
     }
 
+    /// Shear stiffness \[N\] with the shear correction factor of a round section.
     fn shear(self) -> f64 {
         let factor = 6.0 * (1.0 + POISSON) / (7.0 + 6.0 * POISSON);
         factor * YOUNG / (2.0 * (1.0 + POISSON)) * self.section()
     }
 
-    /// Elongation under the axial force \[m\].
+    /// Returns the elongation under the axial force \[m\].
     pub(super) fn elongation(self) -> f64 {
         FORCE * self.length / (YOUNG * self.section())
     }
 
-    /// Axial frequency \[Hz\].
+    /// Returns the axial frequency number `k` \[Hz\], counted from zero.
     pub(super) fn axial(self, k: u32) -> f64 {
         f64::from(2 * k + 1) * (YOUNG / DENSITY).sqrt() / (4.0 * self.length)
     }
 
-    /// Deflection under the transverse force, shear included \[m\].
+    /// Returns the deflection under the transverse force with shear \[m\].
     pub(super) fn deflection(self) -> f64 {
         FORCE * self.length.powi(3) / (3.0 * YOUNG * self.inertia()) + FORCE * self.length / self.shear()
     }
 
-    /// The same by Euler and Bernoulli, as the papers print it.
+    /// Returns the deflection by Euler and Bernoulli \[m\], as the papers print it.
     pub(super) fn thin_deflection(self) -> f64 {
         FORCE * self.length.powi(3) / (3.0 * YOUNG * self.inertia())
     }
 
-    /// First bending frequency by Euler and Bernoulli \[Hz\].
+    /// Returns the first bending frequency by Euler and Bernoulli \[Hz\].
     pub(super) fn thin_bending(self) -> f64 {
         let stiffness = (YOUNG * self.inertia() / (DENSITY * self.section())).sqrt();
         1.875_104_1f64.powi(2) / (2.0 * PI * self.length.powi(2)) * stiffness
     }
 
-    /// First bending frequency by Timoshenko \[Hz\]: the root of the clamped-free determinant.
+    /// Returns the first bending frequency by Timoshenko \[Hz\]: the root of the clamped-free determinant.
     pub(super) fn bending(self) -> f64 {
         let l2 = self.length.powi(2);
         let r2 = self.inertia() / (self.section() * l2);
@@ -302,7 +307,9 @@ impl Theory {
             2.0 + (b2 * (r2 - s2).powi(2) + 2.0) * a.cosh() * b.cos()
                 - b2.sqrt() * (r2 + s2) / (1.0 - b2 * r2 * s2).sqrt() * a.sinh() * b.sin()
         };
+        // Shear and rotary inertia lower the frequency, so the root lies below that of the thin beam.
         let (mut low, mut high) = (0.5 * self.thin_bending(), 1.02 * self.thin_bending());
+        // Sixty halvings exhaust double precision.
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if determinant(low) * determinant(middle) <= 0.0 {
@@ -314,12 +321,12 @@ impl Theory {
         0.5 * (low + high)
     }
 
-    /// Twist under the moment \[rad\].
+    /// Returns the twist under the moment \[rad\].
     pub(super) fn twist(self) -> f64 {
         MOMENT * self.length * 2.0 * (1.0 + POISSON) / (YOUNG * 2.0 * self.inertia())
     }
 
-    /// First torsional frequency \[Hz\].
+    /// Returns the first torsional frequency \[Hz\].
     pub(super) fn torsion(self) -> f64 {
         (YOUNG / (2.0 * (1.0 + POISSON)) / DENSITY).sqrt() / (4.0 * self.length)
     }
@@ -335,15 +342,16 @@ mod tests {
             length: 0.1,
             radius: 0.01,
         };
-        let near =
-            |ours: f64, other: f64, most: f64| assert!((ours / other - 1.0).abs() < most, "{ours} {other}");
+        let near = |ours: f64, reference: f64, most: f64| {
+            assert!((ours / reference - 1.0).abs() < most, "{ours} {reference}");
+        };
         near(b.axial(0), 14_351.0, 1e-4);
         near(b.thin_bending(), 1606.0, 1e-3);
         near(b.torsion(), 9382.0, 1e-4);
         near(b.elongation(), 4.40e-6, 3e-3);
         near(b.thin_deflection(), 5.85e-4, 2e-3);
         near(b.twist(), 2.05e-3, 3e-3);
-        // A three-dimensional solid, converged: 1577.0 Hz, 0.5950 mm.
+        // Converged three-dimensional solid: 1577.0 Hz, 0.5950 mm.
         near(b.bending(), 1577.0, 3e-3);
         near(b.deflection(), 5.950e-4, 5e-3);
     }

@@ -1,19 +1,19 @@
-//! One check: a number of ours, one of the literature beside it where there is one, and what is accepted.
+//! A check: our number, the literature's number if there is one, and the accepted range.
 
 use serde::Serialize;
 
-/// What is accepted.
+/// Condition on our number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Accept {
-    /// Relative difference from the reference at most this.
+    /// The relative difference from the reference is at most this.
     Relative(f64),
-    /// Absolute difference from the reference at most this.
+    /// The absolute difference from the reference is at most this.
     Absolute(f64),
-    /// Modulus at most this.
+    /// The modulus is at most this.
     AtMost(f64),
-    /// Finite and at least this.
+    /// The number is finite and at least this.
     AtLeast(f64),
-    /// Between these.
+    /// The number lies between these.
     Between(f64, f64),
 }
 
@@ -29,7 +29,7 @@ impl Accept {
         }
     }
 
-    /// In words.
+    /// Returns the condition in words.
     pub fn text(self) -> String {
         match self {
             Self::Relative(most) => format!("within {} %", short(100.0 * most)),
@@ -44,38 +44,39 @@ impl Accept {
 /// One comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct Check {
-    /// Case it belongs to.
+    /// Case that the check belongs to.
     pub case: String,
-    /// What is compared, with its unit.
+    /// Compared quantity, with its unit.
     pub quantity: String,
-    /// The literature's number, if it has one.
+    /// Number of the literature, if there is one.
     pub reference: Option<f64>,
-    /// Where it is from.
+    /// Source of that number.
     pub source: String,
-    /// Ours.
+    /// Our number.
     pub ours: f64,
     /// `(ours − reference)/|reference|`.
     pub relative_difference: Option<f64>,
-    /// What is accepted.
+    /// Condition on our number.
     #[serde(rename = "acceptance")]
     pub accept: Accept,
-    /// Whether it holds.
+    /// True if the condition holds.
     pub pass: bool,
-    /// Why this is accepted, where it needs saying.
+    /// Reason for the condition or remark; empty if none is needed.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
-    /// Whether it stands in the table; one that does not is a bound of our own, shown only where it fails.
+    /// True if the check is a row of the table. Otherwise it is a bound of our own and is shown only if it
+    /// fails.
     #[serde(skip)]
     pub listed: bool,
 }
 
 impl Check {
-    /// A number that must satisfy a condition of its own.
+    /// Returns a check without a reference.
     pub fn new(quantity: impl Into<String>, ours: f64, accept: Accept) -> Self {
         Self::build(quantity.into(), ours, None, "", accept)
     }
 
-    /// A number beside that of a source.
+    /// Returns a check against the number of a source.
     pub fn against(
         quantity: impl Into<String>,
         ours: f64,
@@ -101,14 +102,14 @@ impl Check {
         }
     }
 
-    /// The same outside the table.
+    /// Takes the check out of the table, unless it fails.
     #[must_use]
     pub fn unlisted(mut self) -> Self {
         self.listed = false;
         self
     }
 
-    /// The same with a remark.
+    /// Adds a remark.
     #[must_use]
     pub fn note(mut self, text: impl Into<String>) -> Self {
         self.note = text.into();
@@ -122,7 +123,7 @@ impl Serialize for Accept {
     }
 }
 
-/// Five digits, without an exponent where that is as short.
+/// Formats a number with five digits, without an exponent where that is as short.
 pub fn short(x: f64) -> String {
     if x == 0.0 {
         return "0".into();
@@ -153,7 +154,7 @@ mod tests {
         assert!(!Check::new("x", f64::NAN, Accept::AtMost(1.0)).pass);
         assert!(!Check::new("x", f64::INFINITY, Accept::AtLeast(1.0)).pass);
         assert!(Check::new("x", f64::INFINITY, Accept::Between(1.0, f64::INFINITY)).pass);
-        // Without a reference there is nothing to be near to.
+        // Without a reference a relative difference has no meaning.
         assert!(!Check::new("x", 1.0, Accept::Relative(1.0)).pass);
         let d = row(Accept::AtMost(2.0)).relative_difference;
         assert!(d.is_some_and(|d| (d - 0.02).abs() < 1e-12));

@@ -1,7 +1,7 @@
-//! The papers' parameter study on the line: weighting, junction length, mediator, locking.
+//! The papers' parameter study on the line: weighting, junction length, mediator spacing, locking.
 
 use super::check::{Accept, Check, short};
-use super::{Figure, Report, Runs, Series, at};
+use super::{Figure, Report, Runs, Series, core_error};
 use crate::line::{Line, Product, rest};
 use crate::waves;
 use arlequin::core::{Profile, Result as CoreResult, Weighting};
@@ -10,7 +10,8 @@ use arlequin_scene::Result;
 const J13: &str = "Jebahi et al. 2013";
 const J14: &str = "Jebahi et al. 2014";
 
-/// Constant weights in the overlap: energy weighting is transparent, the nodal law is not conservative.
+/// Constant weights in the overlap: energy weighting is transparent, nodal weighting does not conserve
+/// energy.
 pub(super) fn weighting(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
@@ -21,7 +22,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
                 weighting,
                 ..Line::default()
             };
-            let p = waves::long_pulse(&line).map_err(at("weighting"))?;
+            let p = waves::long_pulse(&line).map_err(core_error("weighting"))?;
             let nodal = weighting == Weighting::Nodal;
             let name = |what: &str| {
                 let law = if nodal { "nodal" } else { "energy" };
@@ -39,7 +40,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
             };
             let source = "Jebahi et al. 2013, 2(1-alpha)";
             checks.push(Check::against(name("t"), p.t, t, source, accept_t).note(note));
-            // Printed with the sign of the force, which a displacement has turned round.
+            // The printed r has the sign of a force, which is opposite for a displacement.
             let r_row = Check::against(name("r"), -p.r, r, J13, accept_r);
             checks.push(if nodal {
                 r_row.note("printed is 1 - t, not a measured reflection; here it is what comes back")
@@ -48,7 +49,7 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
             });
             let what = name("relative change of energy");
             checks.push(if nodal {
-                // The impedances of both models outside of the overlap are alike.
+                // Both models have the same impedance outside of the overlap.
                 let expected = t * t + r * r - 1.0;
                 let source = "t^2 + r^2 - 1 of their coefficients";
                 Check::against(what, p.energy, expected, source, Accept::Absolute(0.05))
@@ -60,12 +61,13 @@ pub(super) fn weighting(_: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Condition of the multiplier operator.
+/// Returns the condition number of the interface operator.
 fn condition(line: &Line) -> CoreResult<f64> {
     Ok(line.build(&rest, &rest)?.interfaces()[0].report().condition)
 }
 
-/// A short line with a continuous weight, overlap and mediator in particle spacings.
+/// Returns a short line with a continuous weight. Widths of overlap and mediator elements are in particle
+/// spacings.
 fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junction: Product) -> Line {
     Line {
         profile,
@@ -73,18 +75,20 @@ fn bench(profile: Profile<f64>, overlap: f64, mediator: f64, epsilon: f64, junct
         mediator,
         epsilon,
         junction,
+        // Short ends are enough: only the overlap is analysed.
         coarse_elements: overlap as usize / 10 + 10,
         fine_bonds: overlap as usize + 40,
         ..Line::default()
     }
 }
 
-/// Lengths over that of the mediator.
+/// Returns the tested junction lengths over the mediator's element length.
 fn lengths() -> Vec<f64> {
     waves::wavelengths(0.01, 3.0, 60)
 }
 
-/// Best length over that of the mediator with its condition, and the condition at all lengths.
+/// Returns the best junction length over the mediator's with its condition number, and the condition
+/// numbers at all lengths.
 fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
     let mut best = (0.0, f64::INFINITY);
     let mut curve = Vec::new();
@@ -96,7 +100,7 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
             0.005,
             Product::H1(l * mediator),
         );
-        let c = condition(&line).map_err(at("conditioning"))?;
+        let c = condition(&line).map_err(core_error("conditioning"))?;
         curve.push(c);
         if c < best.1 {
             best = (l, c);
@@ -105,7 +109,8 @@ fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
     Ok((best, curve))
 }
 
-/// cond(A) against l, the best l by width and mediator, cond(A) against the smallest weight.
+/// Condition number over the junction length, best length by width and mediator, condition number over the
+/// floor of the weight.
 pub(super) fn conditioning(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();
@@ -130,7 +135,8 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                     .note("their meshes are not printed; the minimum must lie between a fifth and three quarters of h_B"),
                 );
             }
-            // On a flat curve the place of the minimum says little: what their length costs says more.
+            // On a flat curve the position of the minimum says little, so the condition at their length is
+            // compared.
             let theirs = bench(
                 Profile::Linear,
                 overlap,
@@ -138,7 +144,7 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                 0.005,
                 Product::H1(published / reference * mediator),
             );
-            let cost = condition(&theirs).map_err(at("conditioning"))? / best.1;
+            let cost = condition(&theirs).map_err(core_error("conditioning"))? / best.1;
             let row = Check::new(
                 format!(
                     "cond(their l) / cond(l_opt), L_O = {} h_D, {name} mediator",
@@ -153,7 +159,7 @@ pub(super) fn conditioning(_: &Runs) -> Result<Report> {
                 short(best.0)
             )));
             let plain = condition(&bench(Profile::Linear, overlap, mediator, 0.005, Product::L2))
-                .map_err(at("conditioning"))?;
+                .map_err(core_error("conditioning"))?;
             let name = format!(
                 "cond(L2) / cond(H1 at l_opt), L_O = {} h_D, {name}",
                 short(overlap)
@@ -209,14 +215,14 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
                 weighting,
                 ..bench(Profile::Linear, 20.0, 1.0, epsilon, Product::L2)
             };
-            // The nodal law shortens the critical step; only the operator is wanted here.
+            // Nodal weighting shortens the critical step; here only the operator matters.
             let line = Line {
                 step: arlequin::core::TimeStep::Fraction(0.5),
                 ..line
             };
-            let c = condition(&line).map_err(at("conditioning"))?;
+            let c = condition(&line).map_err(core_error("conditioning"))?;
             if first[k] <= 0.0 {
-                // What the others are compared with.
+                // The first floor is the reference for the others.
                 first[k] = c;
                 continue;
             }
@@ -229,7 +235,7 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
                 if k == 0 {
                     Accept::AtMost(3.0)
                 } else {
-                    // As 1/epsilon, within 10 %.
+                    // The condition grows as 1/epsilon, within 10 %.
                     Accept::Between(0.9 * 0.05 / epsilon, 1.1 * 0.05 / epsilon)
                 },
             );
@@ -243,7 +249,7 @@ fn epsilon_rows(checks: &mut Vec<Check>) -> Result<()> {
     Ok(())
 }
 
-/// Largest reflection below the cutoff against `h_B`, for the papers' three settings.
+/// Largest reflection below the cutoff over `h_B`, for the papers' three settings.
 pub(super) fn mediator(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();
@@ -263,25 +269,25 @@ pub(super) fn mediator(_: &Runs) -> Result<Report> {
         ),
     ];
     for (h, overlap, published, tried) in settings {
-        let mut found = Vec::new();
+        let mut reflections = Vec::new();
         for b in tried {
             let line = Line {
                 h,
                 ..bench(Profile::Cubic, overlap, *b, 1e-6, Product::L2)
             };
-            let all = waves::wavelengths(4.2, 40.0, 100);
-            found.push(waves::top_reflection(&line, &all).map_err(at("mediator"))?);
+            let wavelengths = waves::wavelengths(4.2, 40.0, 100);
+            reflections.push(waves::top_reflection(&line, &wavelengths).map_err(core_error("mediator"))?);
         }
-        let best = (0..tried.len()).fold(0, |a, k| if found[k] < found[a] { k } else { a });
+        let best = (0..tried.len()).fold(0, |a, k| if reflections[k] < reflections[a] { k } else { a });
         let name = format!("h_C = {h} h_D, L_O = {overlap} h_D");
         let what = format!("best h_B / h_D, {name}");
         let row = Check::against(what, tried[best], published, J14, Accept::Relative(0.3));
         let upto = tried
             .iter()
-            .zip(&found)
+            .zip(&reflections)
             .filter(|(b, _)| **b <= h)
             .map(|(_, r)| *r);
-        let spread = upto.fold(0.0, f64::max) / found[best];
+        let spread = upto.fold(0.0, f64::max) / reflections[best];
         if spread > 1.5 {
             checks.push(row.note(
                 "ours: least reflection over 4.2 to 40 h_C; theirs is judged by eye on a free-end displacement",
@@ -302,15 +308,15 @@ pub(super) fn mediator(_: &Runs) -> Result<Report> {
         checks.push(
             Check::new(
                 format!("reflection at their h_B over the least one, {name}"),
-                found[near] / found[best],
+                reflections[near] / reflections[best],
                 Accept::AtMost(2.0),
             )
             .note(format!(
                 "and at h_B = h_D {} times the least one",
-                short(found[0] / found[best])
+                short(reflections[0] / reflections[best])
             )),
         );
-        curves.push((name, tried.to_vec(), found));
+        curves.push((name, tried.to_vec(), reflections));
     }
     let figure = mediator_figure(curves);
     Ok(Report {
@@ -334,7 +340,7 @@ fn mediator_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// A steep pulse crosses the overlap: how far apart the two velocity fields are.
+/// A steep pulse crosses the overlap: difference between the two velocity fields.
 pub(super) fn locking(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     let mut curves = Vec::new();
@@ -347,7 +353,7 @@ pub(super) fn locking(_: &Runs) -> Result<Report> {
             fine_bonds: 300,
             ..bench(Profile::Cubic, 40.0, mediator, 0.05, Product::L2)
         };
-        let tie = waves::tie(&line, 12.0).map_err(at("locking"))?;
+        let tie = waves::tie(&line, 12.0).map_err(core_error("locking"))?;
         let row = Check::new(
             format!("difference of the overlap velocities, {name} mediator"),
             tie.difference,

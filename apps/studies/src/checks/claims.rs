@@ -1,7 +1,7 @@
-//! Claims of the papers that our formulation contradicts, by name and with numbers.
+//! Two claims of the papers that our formulation contradicts, with numbers.
 
 use super::check::{Accept, Check, short};
-use super::{Report, Runs, at};
+use super::{Report, Runs, core_error};
 use crate::claims as runs;
 use crate::line::{COARSE, FINE, Line};
 use crate::waves;
@@ -13,14 +13,15 @@ const DIRECTION: &str =
     "the papers: a wave out of the continuum is reflected more than one out of the particles";
 const DAMPING: &str = "the papers: a wide overlap with a fine mediator damps the global wave";
 
-/// Both claims.
+/// Checks both claims.
 pub(super) fn claims(_: &Runs) -> Result<Report> {
     let mut checks = direction()?;
     checks.extend(damping()?);
     Ok(checks.into())
 }
 
-/// A conserving, symmetric coupling is reciprocal: at one frequency it reflects the same share either way.
+/// A conserving, symmetric coupling is reciprocal: at one frequency it reflects the same share in both
+/// directions.
 fn direction() -> Result<Vec<Check>> {
     let mut checks = Vec::new();
     for (name, mediator) in [("h_B = h_C", 10.0), ("h_B = h_D", 1.0)] {
@@ -30,7 +31,7 @@ fn direction() -> Result<Vec<Check>> {
             ..Line::default()
         };
         let waves = waves::wavelengths(3.5, 40.0, 100);
-        let [r, t] = runs::one_way_beside_the_other(&line, &waves).map_err(at("claims"))?;
+        let [r, t] = runs::one_way_beside_the_other(&line, &waves).map_err(core_error("claims"))?;
         let what = |q: &str| format!("{q}, bar to chain beside chain to bar, {name}, harmonic");
         checks.push(
             Check::new(what("largest difference of |r|"), r, Accept::AtMost(1e-9))
@@ -46,10 +47,10 @@ fn direction() -> Result<Vec<Check>> {
             fine_bonds: 200,
             ..line.clone()
         };
-        let apart = runs::reciprocity(&short_line, 1500).map_err(at("claims"))?;
+        let apart = runs::reciprocity(&short_line, 1500).map_err(core_error("claims"))?;
         let what = format!("impulse on a particle felt at a bar node beside the reverse, {name}, time runs");
         checks.push(Check::new(what, apart, Accept::AtMost(1e-10)));
-        let back = |side| runs::comes_back(&line, side, 42.0, 600.0).map_err(at("claims"));
+        let back = |side| runs::comes_back(&line, side, 42.0, 600.0).map_err(core_error("claims"));
         let [bar, chain] = [back(COARSE)?, back(FINE)?];
         checks.push(
             Check::against(
@@ -65,7 +66,8 @@ fn direction() -> Result<Vec<Check>> {
     Ok(checks)
 }
 
-/// Whatever the mediator, energy stays; what a fine one does in a wide overlap is to reflect.
+/// Energy is conserved with every mediator; in a wide overlap a fine mediator reflects waves instead of
+/// damping them.
 fn damping() -> Result<Vec<Check>> {
     let mut checks = Vec::new();
     let wide = |mediator| Line {
@@ -75,7 +77,8 @@ fn damping() -> Result<Vec<Check>> {
         ..Line::default()
     };
     let top = |mediator| {
-        waves::top_reflection(&wide(mediator), &waves::wavelengths(4.2, 40.0, 100)).map_err(at("claims"))
+        waves::top_reflection(&wide(mediator), &waves::wavelengths(4.2, 40.0, 100))
+            .map_err(core_error("claims"))
     };
     for (name, mediator) in [("h_B = h_D", 1.0), ("h_B = h_C", 10.0)] {
         let line = Line {
@@ -83,7 +86,7 @@ fn damping() -> Result<Vec<Check>> {
             fine_bonds: 600,
             ..wide(mediator)
         };
-        let after = runs::to_and_fro(&line, 150.0, 4).map_err(at("claims"))?;
+        let after = runs::to_and_fro(&line, 150.0, 4).map_err(core_error("claims"))?;
         let row = Check::against(
             format!("energy of a long pulse after eight passages, L_O = 8 h_C, {name}"),
             after.kept,
@@ -97,7 +100,7 @@ fn damping() -> Result<Vec<Check>> {
             after.drift,
             Accept::AtMost(1e-10),
         ));
-        let p = waves::long_pulse(&wide(mediator)).map_err(at("claims"))?;
+        let p = waves::long_pulse(&wide(mediator)).map_err(core_error("claims"))?;
         let name = format!("t of a pulse of 600 r, L_O = 8 h_C, {name}");
         checks.push(Check::against(
             name,

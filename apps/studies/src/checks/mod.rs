@@ -1,4 +1,4 @@
-//! The decks of the literature, our numbers beside theirs.
+//! Cases of the literature: our numbers beside the published ones.
 
 mod beam_a;
 mod beam_b;
@@ -23,24 +23,24 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A curve of a picture: name, abscissae, ordinates.
 pub type Series = (String, Vec<f64>, Vec<f64>);
 
-/// A picture and what is to be said about it.
+/// A picture with its caption.
 #[derive(Debug, Clone)]
 pub struct Figure {
     /// File name without ending.
     pub file: &'static str,
-    /// Headline.
+    /// Title above the picture.
     pub title: &'static str,
     /// Quantity and unit of the horizontal and the vertical axis.
     pub axes: [[&'static str; 2]; 2],
-    /// Whether they are logarithmic.
+    /// True if the horizontal and the vertical axis are logarithmic.
     pub log: [bool; 2],
     /// Curves.
     pub curves: Vec<Series>,
-    /// What the literature says, what we see, why.
+    /// Caption: statement of the literature, our result, explanation.
     pub says: String,
 }
 
-/// What a case found.
+/// Results of a case.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     /// Rows of the table.
@@ -58,29 +58,29 @@ impl From<Vec<Check>> for Report {
     }
 }
 
-/// What the runs of scenes gave, by their keys, and whether only the cheap ones were made.
+/// Records of the scene runs by their keys, and the options of the evaluation.
 #[derive(Debug)]
 pub struct Runs {
     records: BTreeMap<String, Record>,
-    /// Whether only the cheap variants are wanted.
+    /// True if only the cheap variants are wanted.
     pub quick: bool,
-    /// Whether pictures are wanted.
+    /// True if pictures are wanted.
     pub figures: bool,
 }
 
 impl Runs {
-    /// The record of a run, if it was made.
+    /// Returns the record of a run, if that run was made.
     pub fn get(&self, key: &str) -> Option<&Record> {
         self.records.get(key)
     }
 }
 
-/// A case: runs of scenes it needs, and what it makes of them.
+/// A case: the scene runs it needs, and the function that evaluates them.
 #[derive(Debug)]
 pub struct Case {
     /// Name.
     pub name: &'static str,
-    /// One line about it.
+    /// One line of description.
     pub about: &'static str,
     runs: fn(bool) -> Vec<RunSpec>,
     evaluate: fn(&Runs) -> Result<Report>,
@@ -183,18 +183,18 @@ pub static CASES: [Case; 18] = [
     },
 ];
 
-/// How cases are run.
+/// Options of a verification.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options<'a> {
     /// Cheap cases and cheap variants only.
     pub quick: bool,
-    /// Cases at a time, each on one thread.
+    /// Number of cases that run at the same time, each on one thread.
     pub threads: usize,
-    /// Folder that keeps the runs of the beams; those there already are taken from it.
+    /// Folder with records of the beam runs. Runs with a record there are not repeated.
     pub kept: Option<&'a Path>,
 }
 
-/// The cases of these names; all if there is none.
+/// Returns the cases with these names; all cases if no name is given.
 ///
 /// # Errors
 /// An unknown name.
@@ -204,13 +204,13 @@ pub fn choose(names: &[String]) -> Result<Vec<&'static Case>> {
     }
     let known: Vec<String> = CASES.iter().map(|c| c.name.to_owned()).collect();
     let find = |n: &String| {
-        let found = CASES.iter().find(|c| c.name == n);
-        found.ok_or_else(|| unknown("verify", n, "case", known.iter()))
+        let case = CASES.iter().find(|c| c.name == n);
+        case.ok_or_else(|| unknown("verify", n, "case", known.iter()))
     };
     names.iter().map(find).collect()
 }
 
-/// All checks of a case that needs no runs of scenes, without its pictures.
+/// Returns all checks of a case that needs no scene runs, without pictures.
 ///
 /// # Errors
 /// An unknown name; failed runs.
@@ -224,10 +224,10 @@ pub fn checks(name: &str) -> Result<Vec<Check>> {
     Ok((case[0].evaluate)(&runs)?.checks)
 }
 
-/// Runs cases; one report each.
+/// Runs cases and returns one report for each.
 ///
 /// # Errors
-/// Failed runs; a promise that does not hold is a row.
+/// Failed runs. A check that does not hold is a row of the report, no error.
 pub fn run(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Result<Vec<Report>> {
     let done = run_scenes(cases, options, progress)?;
     in_parallel(cases, options.threads, "cases", progress, |case| {
@@ -240,7 +240,7 @@ pub fn run(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Re
     })
 }
 
-/// Makes every run the cases need once, the dearest first.
+/// Makes every run that the cases need once, the dearest first.
 fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Result<Runs> {
     let mut specs: Vec<RunSpec> = Vec::new();
     for spec in cases.iter().flat_map(|c| (c.runs)(options.quick)) {
@@ -248,6 +248,7 @@ fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) ->
             specs.push(spec);
         }
     }
+    // A long run that starts last would leave the other threads idle.
     specs.sort_by_key(|s| std::cmp::Reverse(s.cost));
     let records = in_parallel(&specs, options.threads, "runs", progress, |s| {
         s.run_or_recall(options.kept)
@@ -260,10 +261,10 @@ fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) ->
     })
 }
 
-/// Works through a list, each item on one thread of its own; results in the order of the list.
+/// Applies `work` to a list, each item on a single thread. Results have the order of the list.
 ///
 /// # Errors
-/// The first of `work`.
+/// The first error of `work` in the order of the list.
 pub fn in_parallel<T: Sync, R: Send>(
     items: &[T],
     threads: usize,
@@ -278,12 +279,13 @@ pub fn in_parallel<T: Sync, R: Send>(
     std::thread::scope(|scope| {
         for _ in 0..threads.min(items.len()) {
             scope.spawn(|| {
-                // One thread each: two cases at a time use two cores better than one case does.
+                // A pool of one thread: two cases side by side use two cores better than one case with two
+                // threads.
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
                 loop {
                     let k = next.fetch_add(1, Ordering::Relaxed);
                     let Some(item) = items.get(k) else { break };
-                    let made = match &pool {
+                    let result = match &pool {
                         Ok(pool) => pool.install(|| work(item)),
                         Err(e) => Err(Error::System {
                             what: "starting the threads",
@@ -291,7 +293,7 @@ pub fn in_parallel<T: Sync, R: Send>(
                         }),
                     };
                     if let Ok(mut slot) = slots[k].lock() {
-                        *slot = Some(made);
+                        *slot = Some(result);
                     }
                     progress(what, finished.fetch_add(1, Ordering::Relaxed) + 1, items.len());
                 }
@@ -302,11 +304,11 @@ pub fn in_parallel<T: Sync, R: Send>(
         what: "verify",
         message: "a worker ended without a result".into(),
     };
-    let found = slots.into_iter().map(|s| s.into_inner().ok().flatten());
-    found.map(|r| r.unwrap_or_else(|| Err(lost()))).collect()
+    let results = slots.into_iter().map(|s| s.into_inner().ok().flatten());
+    results.map(|r| r.unwrap_or_else(|| Err(lost()))).collect()
 }
 
-/// An error of the core, named after what was computed.
-fn at(what: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
+/// Wraps an error of the core with a description of the computation.
+fn core_error(what: impl Into<String>) -> impl FnOnce(arlequin::core::Error) -> Error {
     arlequin_scene::error::core(what)
 }

@@ -1,20 +1,20 @@
 //! Bauman's table, momenta of a free body, the Norma cantilever.
 
 use super::check::{Accept, Check};
-use super::{Report, Runs, at};
+use super::{Report, Runs, core_error};
 use crate::{bauman as deck, cantilever as bar, solid};
 use arlequin::core::{Profile, conformance};
 use arlequin::fem_ref::ElementKind;
 use arlequin_scene::Result;
 
-/// All fifteen cells.
+/// Checks all fifteen cells of the table.
 pub(super) fn bauman(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for case in deck::table() {
-        let junctions = deck::junctions().map_err(at("bauman"))?;
+        let junctions = deck::junctions().map_err(core_error("bauman"))?;
         for (junction, expected) in junctions.into_iter().zip(case.published) {
             let name = format!("u(3), {}, {}", case.name, junction.name());
-            let u = deck::end_displacement(&case, junction).map_err(at(&*name))?;
+            let u = deck::end_displacement(&case, junction).map_err(core_error(&*name))?;
             let source = "Bauman et al. 2008, re-computed";
             checks.push(Check::against(name, u, expected, source, Accept::Absolute(1e-6)));
         }
@@ -22,13 +22,13 @@ pub(super) fn bauman(_: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Check 9: linear and angular momentum, and a mediator that overhangs.
+/// Check 9 of the method: linear and angular momentum, and a mediator that overhangs.
 pub(super) fn momenta(_: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for kind in [ElementKind::Hex8, ElementKind::Tet4] {
-        for junction in solid::junctions::<f64>().map_err(at("momenta"))? {
+        for junction in solid::junctions::<f64>().map_err(core_error("momenta"))? {
             let name = format!("{kind:?} mediator, {}", junction.name());
-            let made = solid::mediator(kind, solid::OVERLAP, [2, 2, 2]).and_then(|space| {
+            let result = solid::mediator(kind, solid::OVERLAP, [2, 2, 2]).and_then(|space| {
                 let bodies = solid::shaken(solid::bodies(Profile::Cubic, 0.05)?, 7)?;
                 let mut c = solid::couple(bodies, space, junction)?;
                 let adjoint = [
@@ -38,7 +38,7 @@ pub(super) fn momenta(_: &Runs) -> Result<Report> {
                 let worst = adjoint.into_iter().chain(conformance::interface_momentum(&c));
                 Ok((worst.fold(0.0, f64::max), solid::kept(&mut c)?))
             });
-            let (adjoint, kept) = made.map_err(at(&*name))?;
+            let (adjoint, kept) = result.map_err(core_error(&*name))?;
             let what = format!("action is reaction, force and moment, {name}");
             checks.push(Check::new(what, adjoint, Accept::AtMost(1e-13)).unlisted());
             let worst = kept.momentum[0].max(kept.momentum[1]);
@@ -69,13 +69,14 @@ pub(super) fn momenta(_: &Runs) -> Result<Report> {
         let l2 = Box::new(arlequin::core::L2);
         Ok(solid::couple(bodies, space, l2).is_err())
     });
-    let refused = f64::from(u8::from(overhang.map_err(at("momenta"))?));
+    let refused = f64::from(u8::from(overhang.map_err(core_error("momenta"))?));
     let name = "overhanging mediator refused (1 = yes)";
     checks.push(Check::new(name, refused, Accept::AtLeast(1.0)));
     Ok(checks.into())
 }
 
-/// The cantilever's table: total energy at 1 ms and 10 ms beside the published drift of Schwarz coupling.
+/// Compares the total energy of the cantilever at 1 ms and 10 ms with the published drift of Schwarz
+/// coupling.
 pub(super) fn cantilever(done: &Runs) -> Result<Report> {
     let mut checks = Vec::new();
     for (ratio, published) in bar::PUBLISHED {
@@ -90,13 +91,14 @@ pub(super) fn cantilever(done: &Runs) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// One cell of that table: mesh ratio `1:ratio`, width of the overlap \[m\], published drift at 1 ms \[%\].
+/// Returns the checks of one cell: mesh ratio `1:ratio`, width of the overlap \[m\], published drift at 1
+/// ms \[%\].
 ///
 /// # Errors
 /// Failed runs.
 pub fn cantilever_cell(ratio: f64, width: f64, schwarz: f64) -> Result<Vec<Check>> {
     let name = format!("1:{ratio}, L_O = {} mm", super::check::short(1e3 * width));
-    let d = bar::drift(ratio, width, 1).map_err(at(&*name))?;
+    let d = bar::drift(ratio, width, 1).map_err(core_error(&*name))?;
     let source = "Norma.jl, overlapping Schwarz";
     let energy = |ms: u32| format!("change of energy at {ms} ms [%], {name}");
     let [early, late] = d.total.map(|x| 100.0 * x);

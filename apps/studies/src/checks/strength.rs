@@ -1,12 +1,12 @@
-//! The strength of a packing by three tests, each from the load curve of its reactions: direct tension,
-//! Brazilian disc, bending.
+//! Strength of a packing by three tests: direct tension, Brazilian disc, bending. Each uses the load curve
+//! of its reaction forces.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs};
 use arlequin_scene::{Result, Scene, Silent, Source};
 use std::f64::consts::PI;
 
-/// A test as it ships.
+/// A scene that ships with this crate.
 struct Deck {
     name: &'static str,
     text: &'static str,
@@ -25,18 +25,18 @@ const BEND: Deck = Deck {
     text: include_str!("../../scenes/three-point-bend.toml"),
 };
 
-/// Share of the run over which a force is averaged: it is read every few steps and rings with the waves in
-/// the body.
+/// Share of the run over which a force is averaged. The force is sampled every few steps and oscillates
+/// with the waves in the body.
 const WINDOW: f64 = 0.02;
 
-/// A load curve: way \[m\] and force \[N\], loads positive.
+/// A load curve: displacement \[m\] and force \[N\], positive as a load.
 struct LoadCurve {
     way: Vec<f64>,
     force: Vec<f64>,
 }
 
 impl LoadCurve {
-    fn of(deck: &Deck) -> Result<Self> {
+    fn from_deck(deck: &Deck) -> Result<Self> {
         let scene = Scene::from_source(Source::new(deck.name, deck.text))?;
         let results = scene.prepare()?.run(&mut Silent)?;
         let curve = &results.recorded.curves[0];
@@ -50,9 +50,10 @@ impl LoadCurve {
         self.force.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Slope \[N/m\] between a fifth and a half of the largest force, by least squares.
+    /// Returns the slope \[N/m\] between 20 % and 50 % of the largest force, by least squares.
     fn slope(&self) -> f64 {
         let top = self.peak();
+        // Only the loading branch counts, up to the peak.
         let end = self.force.iter().position(|f| *f >= top).unwrap_or_default();
         let rows = self.way[..end].iter().zip(&self.force);
         let rows: Vec<(f64, f64)> = rows
@@ -72,7 +73,7 @@ impl LoadCurve {
     }
 }
 
-/// Means over a window.
+/// Returns moving averages over [`WINDOW`].
 fn averaged(values: &[f64]) -> Vec<f64> {
     let half = (WINDOW * values.len() as f64 * 0.5).ceil() as usize;
     let mean = |k: usize| {
@@ -82,35 +83,37 @@ fn averaged(values: &[f64]) -> Vec<f64> {
     (0..values.len()).map(mean).collect()
 }
 
-/// Peak loads of a disc and of a beam beside what the strength in tension predicts.
+/// Compares the peak loads of a disc and of a beam with predictions from the strength in tension.
 pub(super) fn strength(done: &Runs) -> Result<Report> {
     if done.quick {
         return Ok(Report::default());
     }
-    let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::of(&d));
+    let [tension, disc, bend] = [TENSION, DISC, BEND].map(|d| LoadCurve::from_deck(&d));
     let (tension, disc, bend) = (tension?, disc?, bend?);
-    // Sizes of the scenes [m]: section of the bar; diameter and thickness; span, width, height.
+    // Dimensions in the scenes [m, m²]: section of the bar; diameter and thickness of the disc; span, width
+    // and height of the beam.
     let (section, [wide, thick], [span, width, height]) = (9e-6, [8e-3, 2e-3], [14e-3, 3e-3, 4e-3]);
-    let own = tension.peak() / section;
+    // Strength by direct tension, by splitting a disc, and by bending with linear stress over the height.
+    let tensile_strength = tension.peak() / section;
     let split = 2.0 * disc.peak() / (PI * wide * thick);
     let bent = 1.5 * bend.peak() * span / (width * height * height);
     let checks = vec![
         Check::new(
             "strength in direct tension [MPa]",
-            1e-6 * own,
+            1e-6 * tensile_strength,
             Accept::Between(10.0, 100.0),
         ),
         Check::against(
             "peak load of the Brazilian disc [N]",
             disc.peak(),
-            0.5 * PI * wide * thick * own,
+            0.5 * PI * wide * thick * tensile_strength,
             "elastic disc, Hertz",
             Accept::Relative(0.25),
         )
         .note(format!("indirect strength {:.1} MPa", 1e-6 * split)),
         Check::against(
             "modulus of rupture in bending over the strength in tension",
-            bent / own,
+            bent / tensile_strength,
             1.0,
             "beam theory; 1 to 2 in grainy materials",
             Accept::Between(0.8, 2.2),

@@ -1,16 +1,16 @@
-//! The acceptance checks of the method on the line: bar and chain of `arlequin_studies`.
+//! Acceptance checks of the method on the line: a bar and a chain of springs.
 
 use super::check::{Accept, Check};
-use super::{Figure, Report, Runs, Series, at};
+use super::{Figure, Report, Runs, Series, core_error};
 use crate::line::{Line, rest, run};
 use crate::waves::{self, Damping};
 use arlequin::core::harmonic::Scattering;
 use arlequin::core::{Error as Core, Profile, TimeStep};
 use arlequin_scene::Result;
 
-/// Numbers of a program of its own, written before this one from the same equations.
+/// Source of numbers from an independent program, written before this one from the same equations.
 const PROTOTYPE: &str = "this method, independent prototype";
-/// One material throughout: nothing to reflect.
+/// Source of values for a line of one material, which reflects nothing.
 const HOMOGENEOUS: &str = "a homogeneous line";
 const REGRESSION: &str = "ours, version 0.1: a regression";
 
@@ -18,7 +18,7 @@ fn checks(checks: Vec<Check>) -> Result<Report> {
     Ok(checks.into())
 }
 
-/// Checks 1 and 2.
+/// Checks 1 and 2 of the method: transmission of a long pulse.
 pub(super) fn transmission(_: &Runs) -> Result<Report> {
     let mut out = Vec::new();
     for alpha in [0.3, 0.5, 0.8] {
@@ -26,7 +26,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
             profile: Profile::Constant(alpha),
             ..Line::default()
         };
-        let p = waves::long_pulse(&line).map_err(at("transmission"))?;
+        let p = waves::long_pulse(&line).map_err(core_error("transmission"))?;
         let name = |what: &str| format!("{what}, alpha = {alpha} in the overlap");
         out.push(Check::against(
             name("t"),
@@ -50,7 +50,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
             everywhere: Some(alpha),
             ..Line::default()
         };
-        let p = waves::long_pulse(&line).map_err(at("transmission"))?;
+        let p = waves::long_pulse(&line).map_err(core_error("transmission"))?;
         let name = format!("t, alpha = {alpha} everywhere");
         out.push(
             Check::against(name, p.t, expected, PROTOTYPE, Accept::Absolute(0.005))
@@ -62,7 +62,7 @@ pub(super) fn transmission(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 3.
+/// Check 3 of the method: conservation of energy and constraints.
 pub(super) fn invariants(_: &Runs) -> Result<Report> {
     let line = Line {
         coarse_elements: 20,
@@ -70,8 +70,8 @@ pub(super) fn invariants(_: &Runs) -> Result<Report> {
         overlap: 40.0,
         ..Line::default()
     };
-    let mut c = waves::random_state(&line, [2, 1]).map_err(at("invariants"))?;
-    run(&mut c, 20_000).map_err(at("invariants"))?;
+    let mut c = waves::random_state(&line, [2, 1]).map_err(core_error("invariants"))?;
+    run(&mut c, 20_000).map_err(core_error("invariants"))?;
     let [_, displacement] = c.jumps(0);
     checks(vec![
         Check::new(
@@ -88,7 +88,7 @@ pub(super) fn invariants(_: &Runs) -> Result<Report> {
     ])
 }
 
-/// Check 4.
+/// Check 4 of the method: the critical step.
 pub(super) fn critical_step(_: &Runs) -> Result<Report> {
     let mut out = Vec::new();
     for epsilon in [0.05, 0.005, 0.0005] {
@@ -98,7 +98,7 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
             fine_bonds: 200,
             ..Line::default()
         };
-        let c = line.build(&rest, &rest).map_err(at("critical step"))?;
+        let c = line.build(&rest, &rest).map_err(core_error("critical step"))?;
         let ratio = c.critical_steps().iter().fold(f64::MAX, |a, b| a.min(*b));
         let name = format!("critical step over that of the fine model, epsilon = {epsilon}");
         out.push(Check::against(
@@ -109,17 +109,18 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
             Accept::Between(1.0 - 1e-6, 1.0005),
         ));
         let at_factor = |factor: f64| {
+            // An unchecked step is not refused, so that a run above the critical step can diverge.
             let step = TimeStep::Unchecked(ratio * factor);
             let mut c = waves::random_state(&Line { step, ..line.clone() }, [7, 3])?;
             run(&mut c, 20_000)?;
             Ok(c.drift())
         };
-        let below = at_factor(0.999).map_err(at("critical step"))?;
+        let below = at_factor(0.999).map_err(core_error("critical step"))?;
         let name = format!("drift of H at 0.999 of it, epsilon = {epsilon}");
         out.push(Check::new(name, below, Accept::AtMost(1e-6)));
         let blown = match at_factor(1.001) {
             Err(Core::EnergyGrowth { .. } | Core::EnergyLoss { .. } | Core::Diverged { .. }) => 1.0,
-            Err(e) => return Err(at("critical step")(e)),
+            Err(e) => return Err(core_error("critical step")(e)),
             Ok(_) => 0.0,
         };
         let name = format!("stopped as unstable at 1.001 of it (1 = yes), epsilon = {epsilon}");
@@ -133,11 +134,11 @@ pub(super) fn critical_step(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 5, and the absorber over wavelengths.
+/// Check 5 of the method, and the absorber over wavelengths.
 pub(super) fn absorber(done: &Runs) -> Result<Report> {
     let line = waves::packet_line();
     let send = |wavelength: f64, width: f64, damping: Option<Damping>| {
-        waves::packet(&line, wavelength, width, damping).map_err(at("absorber"))
+        waves::packet(&line, wavelength, width, damping).map_err(core_error("absorber"))
     };
     let bare = send(8.0, 60.0, None)?;
     let damped = send(8.0, 60.0, Some(Damping::STANDARD))?;
@@ -206,10 +207,10 @@ fn absorber_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// Check 6.
+/// Check 6 of the method: uniform strain across the overlap.
 pub(super) fn patch(_: &Runs) -> Result<Report> {
     let stations: Vec<f64> = (0..=4).map(|k| f64::from(k) / 4.0).collect();
-    let compatible = Profile::mediator_compatible(&stations).map_err(at("patch"))?;
+    let compatible = Profile::mediator_compatible(&stations).map_err(core_error("patch"))?;
     let mut out = Vec::new();
     for (name, profile, accept) in [
         ("linear weight", Profile::Linear, Accept::AtMost(1e-11)),
@@ -220,9 +221,9 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
             profile,
             ..waves::patch_line()
         };
-        let defect = waves::patch_defects(&line).map_err(at("patch"))?;
-        // The strain jumps from spring to spring where the displacement does not: it is off by a fifth, at
-        // the border where the weight of the springs vanishes.
+        let defect = waves::patch_defects(&line).map_err(core_error("patch"))?;
+        // The strain jumps from spring to spring where the displacement does not. It errs by a fifth at the
+        // border where the weight of the springs vanishes.
         let strain = match accept {
             Accept::AtMost(_) => Accept::AtMost(1e-10),
             _ => Accept::Between(1e-2, 0.25),
@@ -247,10 +248,11 @@ pub(super) fn patch(_: &Runs) -> Result<Report> {
     checks(out)
 }
 
-/// Check 7, and reflection and transmission against frequency.
+/// Check 7 of the method, and reflection and transmission over frequency.
 pub(super) fn reflection(done: &Runs) -> Result<Report> {
-    // The first numbers are the largest of six wavelengths; over all of [4.2, 40] h the true maxima are a
-    // little higher: between the samples the reflections of the two borders add up.
+    // In each pair the first number is the largest of six wavelengths, the second the largest over
+    // [4.2, 40] h. The second is higher because between the six samples the reflections of the two borders
+    // add up.
     let bounds = [
         (20.0, [0.0845, 0.0847], [2.77, 2.335]),
         (40.0, [0.0239, 0.0266], [2.11, 1.624]),
@@ -264,19 +266,19 @@ pub(super) fn reflection(done: &Runs) -> Result<Report> {
     };
     let mut out = Vec::new();
     for (overlap, top, strains) in bounds {
-        out.extend(reflected(&line(overlap), top, strains).map_err(at("reflection"))?);
+        out.extend(reflected(&line(overlap), top, strains).map_err(core_error("reflection"))?);
     }
     if !done.figures {
         return Ok(out.into());
     }
-    let curves = reflection_curves(&bounds.map(|b| line(b.0))).map_err(at("reflection"))?;
+    let curves = reflection_curves(&bounds.map(|b| line(b.0))).map_err(core_error("reflection"))?;
     Ok(Report {
         checks: out,
         figures: vec![reflection_figure(curves)],
     })
 }
 
-/// What an overlap reflects, and how far it strains long waves.
+/// Checks the reflection of an overlap, and the strain of long waves in it.
 fn reflected(line: &Line, top: [f64; 2], strains: [f64; 2]) -> arlequin::core::Result<Vec<Check>> {
     let width = format!("L_O = {} h", line.overlap / 10.0);
     let six = waves::scattering(line, &[4.2, 6.0, 8.0, 12.0, 20.0, 40.0])?;
@@ -347,21 +349,21 @@ fn reflected(line: &Line, top: [f64; 2], strains: [f64; 2]) -> arlequin::core::R
     Ok(out)
 }
 
-/// Reflection, and for the narrowest overlap transmission, over frequency.
+/// Returns reflection over frequency, and transmission for the narrowest overlap.
 fn reflection_curves(lines: &[Line]) -> arlequin::core::Result<Vec<Series>> {
     let mut curves = Vec::new();
     let dense = waves::wavelengths(3.2, 40.0, 200);
     for line in lines {
-        let found = waves::scattering(line, &dense)?;
-        // Frequency over that of the coarse cutoff c/(π h).
-        let f: Vec<f64> = found
+        let responses = waves::scattering(line, &dense)?;
+        // Frequency over that of the coarse cutoff, c/(π h).
+        let f: Vec<f64> = responses
             .iter()
             .map(|s| (std::f64::consts::PI / s.wavelength).sin() * line.h)
             .collect();
-        let r = found.iter().map(|s| s.reflection.max(1e-6)).collect();
+        let r = responses.iter().map(|s| s.reflection.max(1e-6)).collect();
         curves.push((format!("r, L_O = {} h", line.overlap / 10.0), f.clone(), r));
         if line.overlap < 30.0 {
-            let t = found.iter().map(|s| s.transmission.max(1e-6)).collect();
+            let t = responses.iter().map(|s| s.transmission.max(1e-6)).collect();
             curves.push(("t, L_O = 2 h".to_owned(), f, t));
         }
     }
@@ -383,7 +385,7 @@ fn reflection_figure(curves: Vec<Series>) -> Figure {
     }
 }
 
-/// Check 8.
+/// Check 8 of the method: a mediator finer than the particles.
 pub(super) fn rank(_: &Runs) -> Result<Report> {
     let line = Line {
         mediator: 0.5,
@@ -392,9 +394,9 @@ pub(super) fn rank(_: &Runs) -> Result<Report> {
         ..Line::default()
     };
     let pulse = crate::line::pulse(150.0, 100.0, 0.0, -1.0);
-    let mut c = line.build(&rest, &pulse).map_err(at("rank"))?;
+    let mut c = line.build(&rest, &pulse).map_err(core_error("rank"))?;
     let report = c.interfaces()[0].report().clone();
-    run(&mut c, 1000).map_err(at("rank"))?;
+    run(&mut c, 1000).map_err(core_error("rank"))?;
     let count = |what: &str, ours: usize, expected: usize| {
         Check::against(
             what,

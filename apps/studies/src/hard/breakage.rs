@@ -1,5 +1,5 @@
-//! Bodies that fall apart where two models overlap, one difficulty at a time. A lattice of spheres on (2,
-//! 4) goes over into finite elements on (0, 3); nothing is supported.
+//! Bodies that break where two models overlap, one difficulty in each case. A lattice of spheres on (2, 4)
+//! is coupled to finite elements on (0, 3); nothing is supported.
 
 use super::{HardCase, Outcome};
 use crate::solid::{self, block};
@@ -54,7 +54,7 @@ const BEAM: BeamMaterial = BeamMaterial {
     radius_ratio: 0.71,
 };
 
-/// Spheres with their bonds.
+/// Spheres, their bonds and the volume they represent.
 pub(super) struct Cloud {
     pub(super) positions: Vec<Vector3<f64>>,
     pub(super) radii: Vec<f64>,
@@ -63,20 +63,27 @@ pub(super) struct Cloud {
 }
 
 impl Cloud {
-    /// Cubic lattice of spacing `h` that fills the unit section from `x = 2` on, its first layer at `first`.
+    /// Builds a cubic lattice of spacing `h` in the unit section up to `x = 4`, with its first layer at
+    /// `first`.
     pub(super) fn lattice(h: f64, first: f64) -> Self {
         let across = (1.0 / h).round() as usize;
         let along = ((4.0 - first) / h).round() as usize;
-        let at = |k: usize, from: f64| from + h * k as f64;
+        let coordinate = |k: usize, from: f64| from + h * k as f64;
         let mut positions = Vec::new();
         for i in 0..along {
             for j in 0..across {
-                positions
-                    .extend((0..across).map(|k| Vector3::new(at(i, first), at(j, 0.5 * h), at(k, 0.5 * h))));
+                positions.extend((0..across).map(|k| {
+                    Vector3::new(
+                        coordinate(i, first),
+                        coordinate(j, 0.5 * h),
+                        coordinate(k, 0.5 * h),
+                    )
+                }));
             }
         }
         let mut pairs = Vec::new();
         for i in 0..positions.len() {
+            // Neighbours along z, y and x; the distance excludes the wrap to the next row or layer.
             for step in [1, across, across * across] {
                 let near = positions
                     .get(i + step)
@@ -94,12 +101,13 @@ impl Cloud {
         }
     }
 
-    /// Number of the sphere nearest to a place.
+    /// Returns the number of the sphere nearest to `x`.
     pub(super) fn near(&self, x: [f64; 3]) -> usize {
         let x = Vector3::from(x);
         let distance = |i: &usize| (self.positions[*i] - x).norm();
-        let all = 0..self.positions.len();
-        all.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        let numbers = 0..self.positions.len();
+        numbers
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
             .unwrap_or_default()
     }
 
@@ -114,16 +122,16 @@ impl Cloud {
     }
 }
 
-/// A state of the spheres by their numbers in the cloud, and whether it strains the elements alike.
+/// Displacement or velocity of a sphere by its number in the cloud and its position.
 pub(super) type Field<'a> = &'a dyn Fn(usize, &Vector3<f64>) -> Vector3<f64>;
 
-/// What a run starts from.
+/// Initial state and settings of a run.
 pub(super) struct Start<'a> {
     pub(super) epsilon: f64,
     pub(super) step: TimeStep<f64>,
     pub(super) displacement: Field<'a>,
     pub(super) velocity: Field<'a>,
-    /// Uniform strain of the elements.
+    /// Uniform strain of the elements at the start.
     pub(super) strain: f64,
 }
 
@@ -139,17 +147,17 @@ impl Default for Start<'_> {
     }
 }
 
-/// A coupled run and what broke in it.
+/// A coupled run with fracture, and the log of its broken bonds.
 pub(super) struct Torn {
     pub(super) run: Coupled<f64>,
     pub(super) log: SharedLog,
-    /// Bond weights, in the model's numbers.
+    /// Weights of the bonds, by the model's bond numbers.
     weights: Vec<f64>,
-    /// Model number of each sphere.
+    /// Number of each sphere in the model.
     pub(super) places: Vec<u32>,
 }
 
-/// Makes effects for a model.
+/// Builds the further effects of a model.
 pub(super) type Extra<'a> = &'a dyn Fn(&DemModel) -> Result<Vec<Box<dyn EffectSpec<f64>>>>;
 
 pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: Extra<'_>) -> Result<Torn> {
@@ -185,7 +193,7 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
     let interface = InterfaceSpec {
         options: InterfaceOptions {
             sampling: Sampling::Particles,
-            // Spheres are pulled out of place on purpose.
+            // The initial states of both models disagree on purpose.
             start_jump: 1.0,
             ..InterfaceOptions::default()
         },
@@ -199,23 +207,24 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
     })
 }
 
-/// No effect beside fracture.
+/// Returns no further effects.
 fn none(_: &DemModel) -> Result<Vec<Box<dyn EffectSpec<f64>>>> {
     Ok(Vec::new())
 }
 
 impl Torn {
-    /// Runs and adds what every case promises: balance, momenta, constraint, finite numbers, energy booked
-    /// as released.
+    /// Runs, and adds the checks of every case: ledger, momenta, constraint, finite numbers, and booked
+    /// energy equal to released energy.
     fn keeps(&mut self, out: &mut Outcome, name: &str, steps: usize) -> Result<()> {
         let (before, energy) = (self.run.momentum(), self.run.energy());
         let mass: f64 = self.run.subdomains().iter().flat_map(|s| &s.inertia()[..3]).sum();
         self.run.run(steps, &mut Silent)?;
         let scale = (2.0 * mass * energy).sqrt();
         let after = self.run.momentum();
-        // Contact turns spheres about where they are, the angular momentum is drawn about where they were.
-        let kept = if self.run.effects().len() > 1 { 1 } else { 2 };
-        for (k, what) in ["linear", "angular"].into_iter().enumerate().take(kept) {
+        // Contact turns spheres about their current positions, but angular momentum is about their initial
+        // positions, so it is not compared.
+        let conserved = if self.run.effects().len() > 1 { 1 } else { 2 };
+        for (k, what) in ["linear", "angular"].into_iter().enumerate().take(conserved) {
             let change = (after[k] - before[k]).norm() / scale;
             out.add(
                 format!("change of the {what} momentum{name}"),
@@ -255,7 +264,7 @@ impl Torn {
         locked(&self.log).events().len() as f64
     }
 
-    /// Warnings that contain a text.
+    /// Counts the warnings that contain a text.
     fn warnings(&self, text: &str) -> f64 {
         self.run
             .watch()
@@ -264,7 +273,7 @@ impl Torn {
             .count() as f64
     }
 
-    /// Displacement of sphere `i` of the cloud.
+    /// Returns the displacement of sphere `i` of the cloud.
     fn moved(&self, i: usize) -> Vector3<f64> {
         let q = &self.run.subdomains()[1].state().q;
         let o = 3 * self.places[i] as usize;
@@ -275,22 +284,22 @@ impl Torn {
 fn one_particle() -> Result<Outcome> {
     let mut out = Outcome::default();
     let cloud = Cloud::lattice(0.25, 2.125);
-    let lost = cloud.near([2.375, 0.375, 0.375]);
+    let loner = cloud.near([2.375, 0.375, 0.375]);
     let shift = Vector3::repeat(0.01);
     let start = Start {
-        displacement: &|i, _| if i == lost { shift } else { Vector3::zeros() },
+        displacement: &|i, _| if i == loner { shift } else { Vector3::zeros() },
         ..Start::default()
     };
     let mut torn = coupled(&cloud, Fracture::new(Criterion::Mises, 0.2), &start, &none)?;
     torn.keeps(&mut out, "", 4000)?;
     out.add("bonds broken", torn.broken(), 6.0..=6.0);
-    let name = format!("1 particles have none left ({})", torn.places[lost]);
+    let name = format!("1 particles have none left ({})", torn.places[loner]);
     out.add("warnings that name the particle", torn.warnings(&name), 1.0..=1.0);
     let remedy = torn.warnings("enlarge the region of particles");
     out.add("warnings that name the remedy", remedy, 1.0..=1.0);
-    let far = (torn.moved(lost) - shift).norm() / cloud.radii[lost];
+    let far = (torn.moved(loner) - shift).norm() / cloud.radii[loner];
     out.add("way of the particle in its radii", far, 0.0..=1.0);
-    // Means over the bonds that are left, as the masses were made at first.
+    // The naive masses: means over the remaining bonds, by the rule that made the initial masses.
     let (mut sum, mut left) = (vec![0.0; cloud.radii.len()], vec![0.0; cloud.radii.len()]);
     let model = cloud.model()?;
     let log = locked(&torn.log);
@@ -350,7 +359,7 @@ fn fragment() -> Result<Outcome> {
         torn.warnings("pieces moved apart"),
         1.0..=1.0,
     );
-    // Weights of the place where each particle is now.
+    // The naive weights: those at each particle's current position.
     let weight = solid::weights(Profile::Cubic, 0.05)?.kinetic;
     let share = |x: Vector3<f64>| 1.0 - weight.value(&x.into());
     let sums = chips.iter().fold([0.0, 0.0], |s, i| {
@@ -366,7 +375,7 @@ fn fragment() -> Result<Outcome> {
     Ok(out)
 }
 
-/// The same with the bonds of the overlap kept whole.
+/// Checks the same run with the bonds of the overlap spared.
 fn spared(out: &mut Outcome, cloud: &Cloud, spec: Fracture, start: &Start<'_>) -> Result<()> {
     let spared = Fracture {
         spare_overlap: true,
@@ -395,8 +404,7 @@ fn spared(out: &mut Outcome, cloud: &Cloud, spec: Fracture, start: &Start<'_>) -
 
 fn border() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // First layer of the lattice, the two ends of the bond that breaks, how many break, and the weight of
-    // the first.
+    // Each case: position of the first layer, ends of the bond that breaks, accepted range of its weight.
     let h = 0.25;
     let along = |x: f64| [[x - 0.5 * h, 0.375, 0.375], [x + 0.5 * h, 0.375, 0.375]];
     let across = |x: f64| [[x, 0.375, 0.375], [x, 0.625, 0.375]];
@@ -413,7 +421,7 @@ fn border() -> Result<Outcome> {
         let axis = (cloud.positions[j] - cloud.positions[i]).normalize();
         let start = Start {
             epsilon: 1e-6,
-            // The pair apart: its bond is stretched twice as much as any other.
+            // Both ends move apart, so their bond is stretched twice as much as any other.
             displacement: &|k, _| match k {
                 k if k == i => axis * -0.005,
                 k if k == j => axis * 0.005,
@@ -426,7 +434,8 @@ fn border() -> Result<Outcome> {
         let event = locked(&torn.log).events().first().copied();
         let share = event.map_or(f64::NAN, |e| torn.weights[e.bond as usize]);
         out.add(format!("weight of the bond, {name}"), share, weight);
-        // Next to no weight holds the layer on the border: the ends swing far and may lose another such bond.
+        // A layer on the border is held by almost no weight: its ends swing far and may break another such
+        // bond.
         let top = if share > 1e-3 { 1.0 } else { 4.0 };
         out.add(format!("bonds broken, {name}"), torn.broken(), 1.0..=top);
         if name == "just inside x = 2" {
@@ -450,10 +459,10 @@ fn everything() -> Result<Outcome> {
         |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> { Ok(vec![Box::new(Contact::new(m, law)?)]) };
     let spec = Fracture::new(Criterion::Energy, 1e-9);
     let mut torn = coupled(&cloud, spec, &start, &touching)?;
-    let held = torn.run.subdomains()[1].internal_energy();
-    let all = torn.run.energy();
+    let stored = torn.run.subdomains()[1].internal_energy();
+    let total = torn.run.energy();
     torn.run.advance(&mut Silent)?;
-    let gone = locked(&torn.log).released();
+    let released = locked(&torn.log).released();
     out.add(
         "bonds broken in the first step",
         torn.broken(),
@@ -461,11 +470,11 @@ fn everything() -> Result<Outcome> {
     );
     out.add(
         "energy booked over what the particles held",
-        gone / held,
+        released / stored,
         0.95..=1.0,
     );
-    let left = torn.run.subdomains()[1].internal_energy();
-    out.add("energy of the particles after it", left, 0.0..=0.0);
+    let remaining = torn.run.subdomains()[1].internal_energy();
+    out.add("energy of the particles after it", remaining, 0.0..=0.0);
     torn.keeps(&mut out, "", 4000)?;
     let created = torn
         .run
@@ -473,11 +482,15 @@ fn everything() -> Result<Outcome> {
         .iter()
         .filter_map(|e| e.dissipated())
         .fold(0.0_f64, |m, d| m.max(-d));
-    out.add("energy created by an effect over all", created / all, 0.0..=1e-3);
+    out.add(
+        "energy created by an effect over all",
+        created / total,
+        0.0..=1e-3,
+    );
     let after = torn.run.energy() + locked(&torn.log).released();
     out.add(
         "energy with what was released over that of the start",
-        after / all,
+        after / total,
         0.9..=1.0 + 1e-3,
     );
     let mut unbroken = coupled(&cloud, Fracture::new(Criterion::Energy, 1e9), &start, &touching)?;
@@ -485,7 +498,7 @@ fn everything() -> Result<Outcome> {
     let new = unbroken.run.subdomains()[1].internal_energy();
     out.add_naive(
         "share of it that is missing if the energy at the new positions is booked",
-        (gone - new).abs() / gone,
+        (released - new).abs() / released,
         1e-4..=1.0,
     );
     Ok(out)

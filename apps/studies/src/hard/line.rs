@@ -1,4 +1,4 @@
-//! Mediators, junction lengths and overlaps of extreme size on the line.
+//! Mediators, junction lengths and overlaps of extreme size, on the line.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, shaken};
@@ -81,7 +81,7 @@ fn fine_mediator() -> Result<Outcome> {
             report.multipliers as f64,
             multipliers..=multipliers,
         );
-        // The chain has 41 particles in the overlap: no more jumps than that are independent.
+        // The chain has 41 particles in the overlap, so at most 41 jumps are independent.
         out.add(
             format!("independent ones, {name}"),
             report.rank as f64,
@@ -93,7 +93,7 @@ fn fine_mediator() -> Result<Outcome> {
             1.0..=9.0,
         );
         out.add(format!("drift, {name}"), c.drift(), 0.0..=1e-10);
-        // The fault of the mediator is physical: no factorisation cures it, so it is warned of.
+        // The reflection is physical and no factorisation removes it, so the library warns.
         out.add_naive(
             format!("largest amplitude of long waves that comes back, L_O = 8 h, {name}"),
             top_reflection(&wide(mediator), &long)?,
@@ -216,7 +216,7 @@ fn widths() -> Result<Outcome> {
                 ..Line::default()
             };
             let c = nodal.build(&rest, &rest)?;
-            // The error of the mass in units of the overlap's own mass.
+            // Error of the mass, in units of the overlap's own mass.
             let exact = length + fine_bonds as f64 - overlap;
             out.add_naive(
                 format!("error of the mass over that of the overlap, {name}"),
@@ -249,7 +249,7 @@ fn two(gap_elements: usize) -> Result<Coupled<f64>> {
         overlap: 60.0,
         ..line.clone()
     };
-    // The interfaces leave parts of the overlap free on purpose.
+    // The interfaces leave parts of the overlap untied on purpose.
     let bodies = wide.subdomains(&rest, &rest)?;
     let bodies = bodies.map(|s| s.with_partition(Partition::Unchecked));
     Coupled::new(shaken(bodies, 3)?, interfaces, line.step, None)
@@ -272,7 +272,7 @@ fn neighbours() -> Result<Outcome> {
     let half = |ends: [f64; 2]| -> Result<Naive> {
         let mediator = FemField::new(generate::bar(ends[0], ends[1], 2, 1.0)?);
         let mut side = Naive::new(&c, &mediator, 0.0, Rule::Refined)?;
-        // A jump of one between bar and chain.
+        // A velocity jump of one between bar and chain.
         side.v
             .iter_mut()
             .enumerate()
@@ -280,6 +280,7 @@ fn neighbours() -> Result<Outcome> {
         Ok(side)
     };
     let (mut west, mut east) = (half([-40.0, -20.0])?, half([-20.0, 0.0])?);
+    // Solves one interface after the other, without a common solution.
     west.project();
     east.take_velocity(&west);
     east.project();
@@ -292,7 +293,7 @@ fn neighbours() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Amplitude that comes back of a pulse of half width 150, naive and ours.
+/// Returns the reflected amplitudes of a pulse of half width 150: naive, ours.
 fn echoes(line: &Line) -> Result<[f64; 2]> {
     let incoming = pulse(200.0, 150.0, 0.0, -1.0);
     let mut ours = line.build(&rest, &incoming)?;

@@ -1,4 +1,4 @@
-//! Models of very different stiffness and density, nearly incompressible bodies.
+//! Models of very different stiffness and density, and nearly incompressible bodies.
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::line::{Line, run};
@@ -27,7 +27,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The small line with a bar of its own Young's modulus and density.
+/// Builds the small line with another Young's modulus and density of the bar.
 fn contrast(young: f64, density: f64, step: TimeStep<f64>) -> Result<Coupled<f64>> {
     let line = Line {
         coarse_elements: 20,
@@ -53,9 +53,12 @@ fn contrast(young: f64, density: f64, step: TimeStep<f64>) -> Result<Coupled<f64
         Elastic::new(young, 0.0, density)?,
     )?;
     let chain = spring_chain::Chain::new("chain", -line.overlap, 1.0, line.fine_bonds, 1.0, 1.0)?;
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     line.build_with(shaken(
-        [Subdomain::coarse(bar, weights), Subdomain::fine(chain, others)],
+        [
+            Subdomain::coarse(bar, weights),
+            Subdomain::fine(chain, fine_weights),
+        ],
         9,
     )?)
 }
@@ -72,7 +75,7 @@ fn contrasts() -> Result<Outcome> {
     ] {
         let name = format!("E ratio {young:e}, density ratio {density:e}");
         let mut c = contrast(young, density, TimeStep::Fraction(0.9))?;
-        // Free bar: ω_max = 2c/h; free chain: 2.
+        // Highest frequencies: 2c/h for the free bar, 2 for the free chain.
         let expected = (10.0 / (young / density).sqrt()).min(1.0);
         out.add(
             format!("critical step over the exact one, {name}"),
@@ -111,10 +114,10 @@ fn soft_rubber(step: TimeStep<f64>) -> Result<Coupled<f64>> {
     let weights = solid::weights(Profile::Cubic, 0.05)?;
     let left = solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = solid::block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3])?;
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let bodies = [
         Subdomain::coarse(FemModel::new("left", left, material()?)?, weights),
-        Subdomain::fine(FemModel::new("right", right, material()?)?, others),
+        Subdomain::fine(FemModel::new("right", right, material()?)?, fine_weights),
     ];
     let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     Coupled::new(
@@ -128,11 +131,11 @@ fn soft_rubber(step: TimeStep<f64>) -> Result<Coupled<f64>> {
 fn incompressible() -> Result<Outcome> {
     let mut out = Outcome::default();
     let mut c = soft_rubber(TimeStep::Fraction(0.9))?;
-    let own = critical(&c);
+    let critical_step = critical(&c);
     c.run(1500, &mut Silent)?;
     out.add("drift", c.drift(), 0.0..=1e-10);
     out.add("velocity jump", c.constraint_residual(), 0.0..=1e-10);
-    // The shortest edge, of the tetrahedra: 2/7; E = rho = 1.
+    // The shortest edge belongs to the tetrahedra: 2/7. With E = rho = 1 this is also the time.
     let naive = 2.0 / 7.0;
     out.add_refusal(
         "a step of h/sqrt(E/rho)",
@@ -141,7 +144,7 @@ fn incompressible() -> Result<Outcome> {
     );
     out.add_naive(
         "step of h/sqrt(E/rho) over the critical one",
-        naive / own,
+        naive / critical_step,
         10.0..=1000.0,
     );
     let mut run = soft_rubber(TimeStep::Unchecked(naive))?;

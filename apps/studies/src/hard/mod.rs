@@ -1,9 +1,8 @@
-//! Hard cases: what makes each hard, what naive code does with it (measured), what we promise, and whether
-//! the promise holds.
+//! Hard cases: each tells its difficulty, measures the results of naive code, and checks our promise.
 //!
-//! The promise is the same everywhere: a bounded invariant, or a named error before the first step; never a
-//! number that is not finite, never silence. Cases marked fast run in the tests, all of them in `arlequin
-//! verify --hard`.
+//! The promise is the same everywhere: a bounded invariant or a named error before the first step, never a
+//! number that is not finite, and never silence. Fast cases run in the tests, all cases in `arlequin verify
+//! --hard`.
 
 mod breakage;
 mod line;
@@ -22,21 +21,21 @@ use crate::checks::{Accept, Check};
 use arlequin::core::{Coupled, Error, Real, Result};
 use std::ops::RangeInclusive;
 
-/// What a case measured.
+/// Measured numbers of a case.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
-    /// Numbers of the broken variants, with the range in which we found them.
+    /// Numbers of the naive variants, with the range in which they were when the case was written.
     pub naive: Vec<Check>,
     /// Numbers of the library, with the promised range.
     pub ours: Vec<Check>,
 }
 
 impl Outcome {
-    /// Whether every number lies in its range and there is one of each sort.
+    /// Returns whether every number lies in its range, and both lists have entries.
     #[must_use]
     pub fn pass(&self) -> bool {
-        let all = |f: &[Check]| !f.is_empty() && f.iter().all(|c| c.pass);
-        all(&self.naive) && all(&self.ours)
+        let all_pass = |f: &[Check]| !f.is_empty() && f.iter().all(|c| c.pass);
+        all_pass(&self.naive) && all_pass(&self.ours)
     }
 
     fn add_naive(&mut self, what: impl Into<String>, value: f64, range: RangeInclusive<f64>) {
@@ -47,7 +46,7 @@ impl Outcome {
         self.ours.push(within(what, value, &range));
     }
 
-    /// A named error before the first step: 1 if the set-up failed with the expected one.
+    /// Adds a promised refusal: 1 if the set-up failed with the expected error, otherwise 0.
     fn add_refusal<T: Real>(&mut self, what: &str, result: Result<Coupled<T>>, expected: fn(&Error) -> bool) {
         let (text, value) = match result {
             Ok(_) => ("was accepted".to_owned(), 0.0),
@@ -67,19 +66,19 @@ fn within(what: impl Into<String>, value: f64, range: &RangeInclusive<f64>) -> C
 pub struct HardCase {
     /// Short name.
     pub name: &'static str,
-    /// What makes it hard.
+    /// Difficulty of the case.
     pub why: &'static str,
-    /// What naive code does.
+    /// Behaviour of naive code.
     pub naive: &'static str,
-    /// What we promise.
+    /// Our promise.
     pub promise: &'static str,
-    /// Whether it takes less than some seconds.
+    /// True if the case takes at most a few seconds.
     pub fast: bool,
-    /// Measures it.
+    /// Measures the case.
     pub run: fn() -> Result<Outcome>,
 }
 
-/// All hard cases, in the order of `docs/hard-cases.md`.
+/// Returns all hard cases, in the order of `docs/hard-cases.md`.
 #[must_use]
 pub fn cases() -> Vec<HardCase> {
     [
@@ -98,7 +97,7 @@ pub fn cases() -> Vec<HardCase> {
     .concat()
 }
 
-/// Step at which a run that must not survive is stopped by the guard; infinite if it survives `steps`.
+/// Returns the step at which the guard ends an unstable run; infinite if the run survives `steps`.
 fn step_of_blow_up(run: &mut Coupled<f64>, steps: usize) -> Result<f64> {
     match run.run(steps, &mut arlequin::core::Silent) {
         Ok(_) => Ok(f64::INFINITY),
@@ -109,14 +108,14 @@ fn step_of_blow_up(run: &mut Coupled<f64>, steps: usize) -> Result<f64> {
     }
 }
 
-/// Smallest critical step of a run \[s\].
+/// Returns the smallest critical step of a run \[s\].
 fn critical<T: Real>(run: &Coupled<T>) -> f64 {
     run.critical_steps()
         .iter()
         .fold(f64::INFINITY, |a, b| a.min(b.as_f64()))
 }
 
-/// Random velocities in every model.
+/// Gives every model random velocities.
 fn shaken<T: Real>(
     subdomains: impl IntoIterator<Item = arlequin::core::Subdomain<T>>,
     seed: u64,

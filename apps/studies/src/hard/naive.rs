@@ -1,23 +1,23 @@
-//! The coupled step as one writes it at first, on the line: dense matrices, no check, no rank, no
-//! consistent start.
+//! The coupled step as a first attempt would write it, on the line: dense matrices, no checks, no treatment
+//! of rank, no consistent start.
 //!
-//! Masses and stiffness are those of a ready run, so that only the coupling differs.
+//! Masses and stiffness are taken from a run of the library, so that only the coupling differs.
 
 use crate::line::{COARSE, FINE};
 use arlequin::core::nalgebra::{DMatrix, DVector, Point3};
 use arlequin::core::sprs::CsMat;
 use arlequin::core::{Coupled, Error, Interpolation, Result, ShapeRow};
 
-/// Where the junction integrals are sampled.
+/// Sampling points of the junction integrals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Two Gauss points on every piece between nodes of any kind: exact.
+    /// Two Gauss points on every interval between nodes of mediator, bar and chain, which is exact.
     Refined,
-    /// Two Gauss points per mediator element, whatever lies below.
+    /// Two Gauss points per mediator element, regardless of the other nodes.
     Mediator,
 }
 
-/// A coupled run of bar and chain without any safety.
+/// A coupled run of bar and chain without safeguards.
 #[derive(Debug, Clone)]
 pub struct Naive {
     mass: DVector<f64>,
@@ -34,10 +34,10 @@ pub struct Naive {
     lambda: DVector<f64>,
 }
 
-/// What became of a naive run.
+/// Results of a naive run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trace {
-    /// Largest kinetic plus internal energy over that of the start; infinite where it is not a number.
+    /// Largest kinetic plus internal energy over its initial value; infinite if it is not a number.
     pub growth: f64,
     /// Share of the steps in which the largest multiplier changes its sign.
     pub flips: f64,
@@ -49,19 +49,21 @@ fn row(field: &dyn Interpolation<f64>, x: f64, gradient: bool) -> Result<ShapeRo
     Ok(row)
 }
 
-/// Points and measures of a rule on a mediator.
-fn samples(mediator: &dyn Interpolation<f64>, others: &[&[Point3<f64>]], rule: Rule) -> Vec<(f64, f64)> {
+/// Returns positions and lengths of the sampling points on a mediator.
+fn samples(mediator: &dyn Interpolation<f64>, model_nodes: &[&[Point3<f64>]], rule: Rule) -> Vec<(f64, f64)> {
     let mut cuts: Vec<f64> = mediator.nodes().iter().map(|p| p.x).collect();
     let [low, high] = [
         cuts.iter().copied().fold(f64::INFINITY, f64::min),
         cuts.iter().copied().fold(f64::NEG_INFINITY, f64::max),
     ];
     if rule == Rule::Refined {
-        let more = others.iter().flat_map(|n| n.iter()).map(|p| p.x);
+        let more = model_nodes.iter().flat_map(|n| n.iter()).map(|p| p.x);
         cuts.extend(more.filter(|x| *x > low && *x < high));
     }
     cuts.sort_by(f64::total_cmp);
+    // Distance of the Gauss points from the middle, for an interval of length one.
     let g = 0.5 / 3.0f64.sqrt();
+    // Coincident nodes leave empty intervals.
     let pieces = cuts.windows(2).filter(|w| w[1] - w[0] > 1e-12);
     pieces
         .flat_map(|w| {
@@ -71,7 +73,7 @@ fn samples(mediator: &dyn Interpolation<f64>, others: &[&[Point3<f64>]], rule: R
         .collect()
 }
 
-/// Rows `B_C | −B_D` of one mediator for the junction `∫ λ v + l² λ' v'`.
+/// Returns the rows `B_C | −B_D` of a mediator for the junction `∫ λ v + l² λ' v'`.
 fn coupling(
     run: &Coupled<f64>,
     mediator: &dyn Interpolation<f64>,
@@ -100,11 +102,11 @@ fn coupling(
 }
 
 impl Naive {
-    /// The same bar and chain with the given mediator and junction length, in the state before any
-    /// projection.
+    /// Takes bar and chain of a run and couples them by the given mediator and junction length. The state
+    /// is not projected.
     ///
     /// # Errors
-    /// A model that is not linear, a mediator that leaves a model.
+    /// A model that is not linear; a mediator that reaches beyond a model.
     pub fn new(
         run: &Coupled<f64>,
         mediator: &dyn Interpolation<f64>,
@@ -115,7 +117,7 @@ impl Naive {
         let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
         let mut mass = c.inertia().to_vec();
         mass.extend_from_slice(d.inertia());
-        let both = |f: &dyn Fn(&arlequin::core::Subdomain<f64>) -> Vec<f64>| {
+        let joined = |f: &dyn Fn(&arlequin::core::Subdomain<f64>) -> Vec<f64>| {
             let mut x = f(c);
             x.extend(f(d));
             DVector::from_vec(x)
@@ -132,10 +134,11 @@ impl Naive {
                 t.add_triplet(i + shift, j + shift, *v);
             }
         }
-        let inverse = both(&|s| s.inverse_inertia().to_vec());
+        let inverse = joined(&|s| s.inverse_inertia().to_vec());
+        // Supported unknowns have no inverse inertia.
         let fixed = (0..n).filter(|i| inverse[*i] <= 0.0).collect();
         let s = &b * DMatrix::from_diagonal(&inverse) * b.transpose();
-        // Without a look at the rank; a matrix that is exactly singular has no inverse at all.
+        // No check of the rank; an exactly singular matrix has no inverse.
         let inverse = s
             .clone()
             .try_inverse()
@@ -147,31 +150,31 @@ impl Naive {
             b,
             fixed,
             split,
-            q: both(&|s| s.state().q.clone()),
-            v: both(&|s| s.state().v.clone()),
+            q: joined(&|s| s.state().q.clone()),
+            v: joined(&|s| s.state().v.clone()),
             a: DVector::zeros(n),
             lambda: DVector::zeros(s.nrows()),
         })
     }
 
-    /// Starts from the state of bar and chain before they were coupled.
+    /// Sets the state of bar and chain before they were coupled.
     #[must_use]
     pub fn started_from(mut self, subdomains: &[arlequin::core::Subdomain<f64>; 2]) -> Self {
-        let all = |f: fn(&arlequin::core::Subdomain<f64>) -> &Vec<f64>| {
+        let joined = |f: fn(&arlequin::core::Subdomain<f64>) -> &Vec<f64>| {
             DVector::from_iterator(self.q.len(), subdomains.iter().flat_map(|s| f(s).iter().copied()))
         };
-        let (q, v) = (all(|s| &s.state().q), all(|s| &s.state().v));
+        let (q, v) = (joined(|s| &s.state().q), joined(|s| &s.state().v));
         (self.q, self.v) = (q, v);
         self
     }
 
-    /// The same stiffness with the masses of another run: weights of elements in the one, of nodes in the
-    /// other.
+    /// Replaces the masses by those of another run. The stiffness stays, so both may be weighted
+    /// differently: one by means over elements, the other at nodes.
     #[must_use]
     pub fn with_masses_of(mut self, run: &Coupled<f64>) -> Self {
         let [c, d] = [&run.subdomains()[COARSE], &run.subdomains()[FINE]];
-        let all = c.inertia().iter().chain(d.inertia()).copied();
-        self.mass = DVector::from_iterator(self.mass.len(), all);
+        let masses = c.inertia().iter().chain(d.inertia()).copied();
+        self.mass = DVector::from_iterator(self.mass.len(), masses);
         let inverse = DMatrix::from_diagonal(&self.mass.map(|m| 1.0 / m));
         let s = &self.b * inverse * self.b.transpose();
         self.inverse = s
@@ -181,7 +184,7 @@ impl Naive {
         self
     }
 
-    /// Critical step of the two free models \[s\].
+    /// Returns the critical step of the two models without multipliers \[s\].
     #[must_use]
     pub fn critical_step(&self) -> f64 {
         let n = self.mass.len();
@@ -192,8 +195,8 @@ impl Naive {
         2.0 / k.symmetric_eigenvalues().max().sqrt()
     }
 
-    /// Condition number of the multiplier operator, unscaled; infinite if it is not positive definite to
-    /// round-off.
+    /// Returns the condition number of the unscaled multiplier operator; infinite if the operator is not
+    /// positive definite to round-off.
     #[must_use]
     pub fn condition(&self) -> f64 {
         let inverse = self.mass.map(|m| 1.0 / m);
@@ -206,19 +209,19 @@ impl Naive {
         }
     }
 
-    /// Share of the unknowns of the chain between two places that no multiplier touches.
+    /// Returns the share of the chain's nodes between two positions that no multiplier acts on.
     #[must_use]
     pub fn untouched(&self, run: &Coupled<f64>, range: [f64; 2]) -> f64 {
         let nodes = run.subdomains()[FINE].model().nodes();
         let inside = (0..nodes.len()).filter(|k| (range[0]..=range[1]).contains(&nodes[*k].x));
-        let all: Vec<usize> = inside.collect();
-        let free = all
+        let numbers: Vec<usize> = inside.collect();
+        let free = numbers
             .iter()
             .filter(|k| self.b.column(self.split + **k).amax() <= 0.0);
-        free.count() as f64 / all.len() as f64
+        free.count() as f64 / numbers.len() as f64
     }
 
-    /// Largest velocity jump in units of the multiplier's measure.
+    /// Returns the largest velocity jump, relative to the sum of the multiplier's coefficients.
     #[must_use]
     pub fn residual(&self) -> f64 {
         let r = &self.b * &self.v;
@@ -226,14 +229,14 @@ impl Naive {
         (0..r.len()).map(|i| r[i].abs() / size(i)).fold(0.0, f64::max)
     }
 
-    /// Removes the velocity jump of this mediator only.
+    /// Removes the velocity jump of this mediator only, as a single interface does.
     pub fn project(&mut self) {
         let l = &self.inverse * (&self.b * &self.v);
         let f = self.b.transpose() * l;
         (0..f.len()).for_each(|i| self.v[i] -= f[i] / self.mass[i]);
     }
 
-    /// Takes the velocities of another run.
+    /// Copies the velocities of another run.
     pub fn take_velocity(&mut self, other: &Self) {
         self.v.copy_from(&other.v);
     }
@@ -258,7 +261,7 @@ impl Naive {
         kinetic + 0.5 * k
     }
 
-    /// Makes steps without any check and without a consistent start.
+    /// Makes velocity Verlet steps without checks and without a consistent start.
     pub fn run(&mut self, dt: f64, steps: usize) -> Trace {
         let start = self.energy();
         let (mut growth, mut flips) = (1.0f64, 0.0);
@@ -267,9 +270,11 @@ impl Naive {
             self.q += &self.v * dt + &self.a * (0.5 * dt * dt);
             let a = self.acceleration();
             self.v += (&self.a + &a) * (0.5 * dt);
+            // Multipliers that remove the velocity jump of this step.
             let lambda = &self.inverse * (&self.b * &self.v) * (2.0 / dt);
             let push = self.b.transpose() * &lambda;
             let push = DVector::from_fn(push.len(), |i, _| push[i] / self.mass[i]);
+            // The multipliers act on the second half of the step; their force stays in the acceleration.
             self.v -= &push * (0.5 * dt);
             self.a = a - push;
             for i in &self.fixed {
@@ -294,7 +299,7 @@ impl Naive {
         }
     }
 
-    /// Displacement of largest modulus in the chain beyond a place.
+    /// Returns the displacement with the largest modulus in the chain beyond a position.
     #[must_use]
     pub fn peak_of_chain(&self, run: &Coupled<f64>, beyond: f64) -> f64 {
         let nodes = run.subdomains()[FINE].model().nodes();

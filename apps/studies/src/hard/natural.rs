@@ -1,5 +1,5 @@
 //! Natural elements on the worst point sets: exact grids, where eight nodes share each circumsphere, and
-//! grids moved by a billionth, where the tetrahedra between them are flat.
+//! grids perturbed by 1e-9, which make flat tetrahedra.
 
 use super::{HardCase, Outcome, critical, shaken};
 use crate::solid::{self, block, material};
@@ -42,7 +42,7 @@ fn points(noise: f64) -> Result<Vec<Point3<f64>>> {
         .collect())
 }
 
-/// Critical step of linear tetrahedra on the complex \[s\]; zero where they are refused.
+/// Returns the critical step of linear tetrahedra on the same complex \[s\]; zero if the mesh is refused.
 fn tetrahedra(domain: &Domain) -> Result<f64> {
     let connectivity = domain.elements().flatten().map(|n| n as u32).collect();
     let Ok(mesh) = Mesh::new(ElementKind::Tet4, domain.nodes().to_vec(), connectivity) else {
@@ -61,7 +61,7 @@ fn slivers() -> Result<Outcome> {
         let domain = Domain::new(&points(noise)?, &Surface::convex_hull())?;
         let flat = tetrahedra(&domain)?;
         let weights = solid::weights(Profile::Cubic, 0.05)?;
-        let others = Weights::complement_of(std::slice::from_ref(&weights));
+        let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
         let left = FemModel::new(
             "left",
             block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?,
@@ -69,19 +69,22 @@ fn slivers() -> Result<Outcome> {
         )?;
         let right = CnemModel::new("right", domain, material()?, Options::default())?;
         let bodies = shaken(
-            [Subdomain::coarse(left, weights), Subdomain::fine(right, others)],
+            [
+                Subdomain::coarse(left, weights),
+                Subdomain::fine(right, fine_weights),
+            ],
             2,
         )?;
         let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
         let interface = solid::spec(mediator, Box::new(L2));
         let mut c = Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.9), None)?;
-        let own = critical(&c);
+        let critical_step = critical(&c);
         let (before, scale) = (c.momentum(), solid::momentum_scale(&c));
         c.run(300, &mut Silent)?;
         let after = c.momentum();
         out.add(
             format!("critical step, nodes moved by {noise:e}"),
-            own,
+            critical_step,
             0.05..=1.0,
         );
         out.add(format!("drift, nodes moved by {noise:e}"), c.drift(), 0.0..=1e-11);
@@ -95,7 +98,7 @@ fn slivers() -> Result<Outcome> {
         if noise > 0.0 {
             out.add_naive(
                 format!("critical step of tetrahedra over ours (0: refused), nodes moved by {noise:e}"),
-                flat / own,
+                flat / critical_step,
                 0.0..=0.05,
             );
         }

@@ -1,4 +1,4 @@
-//! Particles of very different size, anisotropic and loose packings, each coupled to finite elements.
+//! Particles of very different size, and anisotropic and loose packings, each coupled to finite elements.
 
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
 use crate::solid::{self, block};
@@ -39,7 +39,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// Beams that make a packing about as stiff as the unit material of the deck.
+/// Beams that make a packing about as stiff as the elements with modulus 1.
 const BEAM: BeamMaterial = BeamMaterial {
     young: 3.56,
     poisson: 0.3,
@@ -66,7 +66,7 @@ fn model(packing: &Packing) -> Result<DemModel> {
     )?)
 }
 
-/// `min √(m/k_n)` over all ends of bonds \[s\]: what a spring and its mass suggest.
+/// Returns the naive estimate `min √(m/k_n)` over all ends of bonds \[s\], from a spring and its mass.
 fn spring_rule(packing: &Packing, masses: &[f64]) -> Result<f64> {
     let mean = packing.radii.iter().sum::<f64>() / packing.radii.len() as f64;
     let rigidity = BEAM.rigidity(mean)?;
@@ -83,21 +83,25 @@ fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
     coupled_with(packing, step, &mut Ok)
 }
 
-/// Hexahedra on the left, the packing with a change of its own on the right, random velocities.
+/// Couples hexahedra on the left to the packing on the right, after `change` to its model, with random
+/// velocities.
 pub(super) fn coupled_with(
     packing: &Packing,
     step: TimeStep<f64>,
     change: &mut dyn FnMut(DemModel) -> Result<DemModel>,
 ) -> Result<Coupled<f64>> {
     let weights = solid::weights(Profile::Cubic, 0.05)?;
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     let left = FemModel::new(
         "left",
         block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?,
         Elastic::new(1.0, 0.17, 1.0)?,
     )?;
     let right = change(model(packing)?)?;
-    let bodies = [Subdomain::coarse(left, weights), Subdomain::fine(right, others)];
+    let bodies = [
+        Subdomain::coarse(left, weights),
+        Subdomain::fine(right, fine_weights),
+    ];
     let mediator = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let interface = InterfaceSpec {
         options: InterfaceOptions {
@@ -109,7 +113,7 @@ pub(super) fn coupled_with(
     Coupled::new(shaken(bodies, 12)?, vec![interface], step, None)
 }
 
-/// What every packing must give: figures of ours at 0.9 of the critical step and of the spring rule.
+/// Adds the checks of every packing: our run at 0.9 of the critical step, and the naive step.
 fn measure(out: &mut Outcome, packing: &Packing) -> Result<()> {
     let mut c = coupled(packing, TimeStep::Fraction(0.9))?;
     let before = c.momentum()[0];
@@ -124,6 +128,7 @@ fn measure(out: &mut Outcome, packing: &Packing) -> Result<()> {
     );
     let single = model(packing)?;
     let mut masses = vec![0.0; packing.radii.len()];
+    // The model reorders particles; the rule needs masses in the order of the packing.
     for (k, m) in single.order().iter().zip(single.masses()) {
         masses[*k as usize] = *m;
     }
@@ -152,7 +157,7 @@ fn radii() -> Result<Outcome> {
     let mut wanted = spec(500)?;
     wanted.spread = 0.9;
     let mut packing = wanted.build()?;
-    // The spread gives 1:19 at the most: the smallest sphere is made as small as it may be.
+    // The spread allows at most 1:19, so the smallest sphere is reduced to the smallest permitted radius.
     let top = packing.radii.iter().fold(0.0f64, |a, r| a.max(*r));
     let least = packing.radii.iter().fold(top, |a, r| a.min(*r));
     for r in packing.radii.iter_mut().filter(|r| **r <= least) {
@@ -176,7 +181,7 @@ fn radii() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Number of particles reached from the first one.
+/// Returns the number of particles that bonds connect to the first one.
 fn connected(count: usize, pairs: &[[u32; 2]]) -> usize {
     let lowest = lowest_connected(count, pairs.iter().copied());
     lowest.into_iter().filter(|k| *k == 0).count()
@@ -190,30 +195,31 @@ fn anisotropic() -> Result<Outcome> {
         d.x.abs() < 0.5 * d.norm()
     };
     let before = packing.pairs.len();
-    let mut kept = Vec::new();
-    // Every third bond across goes, unless that would cut the body in two.
+    let mut bonds = Vec::new();
+    // Removes every third transverse bond, unless this cuts the body in two.
     let mut candidates = 0;
     for k in 0..before {
         let drop = across(&packing.pairs[k]) && {
             candidates += 1;
             candidates % 3 == 0
         };
-        let rest = || {
-            kept.iter()
+        let remaining = || {
+            bonds
+                .iter()
                 .chain(&packing.pairs[k + 1..])
                 .copied()
                 .collect::<Vec<_>>()
         };
-        if !drop || connected(packing.radii.len(), &rest()) < packing.radii.len() {
-            kept.push(packing.pairs[k]);
+        if !drop || connected(packing.radii.len(), &remaining()) < packing.radii.len() {
+            bonds.push(packing.pairs[k]);
         }
     }
     out.add(
         "share of the bonds left",
-        kept.len() as f64 / before as f64,
+        bonds.len() as f64 / before as f64,
         0.7..=0.9,
     );
-    packing.pairs = kept;
+    packing.pairs = bonds;
     measure(&mut out, &packing)?;
     Ok(out)
 }
@@ -222,7 +228,7 @@ fn loose() -> Result<Outcome> {
     let mut out = Outcome::default();
     let mut wanted = spec(600)?;
     wanted.coordination = 4.0;
-    // Some per cent have no bond at so few: here they may be left out.
+    // At this coordination some per cent have no bond; they are left out.
     wanted.loose = Loose::Drop { limit: 0.1 };
     let packing = wanted.build()?;
     let mut bonds = vec![0usize; packing.radii.len()];

@@ -1,4 +1,4 @@
-//! Overlaps in awkward places: on supports and loads, in a corner, at a free surface, around a hole.
+//! Overlaps in difficult places: at supports and loads, in a corner, at a free surface, around a hole.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, shaken};
@@ -50,7 +50,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The elements of a mesh whose centre satisfies a condition, as a mesh of their own.
+/// Returns the elements of a mesh whose centres satisfy `keep`, as a new mesh.
 fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<f64>> {
     let mut index: HashMap<u32, u32> = HashMap::new();
     let (mut nodes, mut connectivity) = (Vec::new(), Vec::new());
@@ -64,6 +64,7 @@ fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<
         }
         for n in corners {
             let next = nodes.len() as u32;
+            // Nodes are numbered in the order of their first use.
             let k = *index.entry(*n).or_insert_with(|| {
                 nodes.push(mesh.nodes()[*n as usize]);
                 next
@@ -75,10 +76,10 @@ fn carved(mesh: &Mesh<f64>, keep: impl Fn(&Point3<f64>) -> bool) -> Result<Mesh<
 }
 
 fn two(coarse: Mesh<f64>, fine: Mesh<f64>, weights: Weights<f64>) -> Result<[Subdomain<f64>; 2]> {
-    let others = Weights::complement_of(std::slice::from_ref(&weights));
+    let fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     Ok([
         Subdomain::coarse(FemModel::new("left", coarse, material()?)?, weights),
-        Subdomain::fine(FemModel::new("right", fine, material()?)?, others),
+        Subdomain::fine(FemModel::new("right", fine, material()?)?, fine_weights),
     ])
 }
 
@@ -107,7 +108,8 @@ fn mass(c: &Coupled<f64>) -> f64 {
 
 fn supports() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // The lower faces of both bodies are clamped, all along the overlap, and a corner of it in full.
+    // The lower faces of both bodies are clamped all along the overlap, and one corner of the overlap
+    // completely.
     let low = |x: &Point3<f64>| x.z < 1e-9 || (x.x > 2.0 - 1e-9 && x.x < 2.51 && x.y < 0.51 && x.z < 0.51);
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Hex8, [2.0, 4.0], [8, 4, 4])?;
@@ -116,7 +118,7 @@ fn supports() -> Result<Outcome> {
         PrescribedMotion::fixed(nodes.iter().flat_map(|n| 3 * n..3 * n + 3).collect())
     };
     let (a, b) = (fixed(&left), fixed(&right));
-    let held = [a.dofs.clone(), b.dofs.clone()];
+    let fixed_unknowns = [a.dofs.clone(), b.dofs.clone()];
     let [left, right] = two(left, right, solid::weights(Profile::Cubic, 0.0)?)?;
     let bodies = shaken([left.with_support(a), right.with_support(b)], 4)?;
     let mediator = block(ElementKind::Hex8, solid::OVERLAP, [4, 4, 4])?;
@@ -130,7 +132,7 @@ fn supports() -> Result<Outcome> {
     out.add("warnings", report.warnings.len() as f64, 1.0..=9.0);
     c.run(500, &mut Silent)?;
     out.add("drift", c.drift(), 0.0..=1e-11);
-    let moved = c.subdomains().iter().zip(&held).flat_map(|(s, h)| {
+    let moved = c.subdomains().iter().zip(&fixed_unknowns).flat_map(|(s, h)| {
         let q = &s.state().q;
         h.iter().map(|d| q[*d].abs())
     });
@@ -148,7 +150,7 @@ fn supports() -> Result<Outcome> {
     Ok(out)
 }
 
-/// The naive step where both models are clamped over half of the overlap.
+/// Returns the energy growth of the naive step when both models are clamped over half of the overlap.
 fn clamped_line() -> Result<f64> {
     let line = Line {
         coarse_elements: 20,
@@ -175,13 +177,14 @@ fn clamped_line() -> Result<f64> {
     Ok(naive.run(0.5, 10).growth)
 }
 
-/// Momentum gained over the impulse given to the loaded upper faces of both bodies; drift.
+/// Returns the momentum gained over the impulse applied to the loaded upper faces of both bodies, and the
+/// drift.
 fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut weights = solid::weights(Profile::Cubic, 0.01)?;
-    let mut others = Weights::complement_of(std::slice::from_ref(&weights));
+    let mut fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
     if external_everywhere {
         weights.external = Arc::new(Uniform(1.0));
-        others.external = Arc::new(Uniform(1.0));
+        fine_weights.external = Arc::new(Uniform(1.0));
     }
     let left = block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2])?;
     let right = block(ElementKind::Hex8, [2.0, 4.0], [8, 4, 4])?;
@@ -197,12 +200,13 @@ fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     } else {
         Partition::Checked
     });
-    let right = Subdomain::fine(FemModel::new("right", right, material()?)?, others).with_effect(Box::new(b));
+    let right =
+        Subdomain::fine(FemModel::new("right", right, material()?)?, fine_weights).with_effect(Box::new(b));
     let mediator = block(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2])?;
     let mut c = couple(vec![left, right], mediator, 0.2)?;
     let steps = 500;
     c.run(steps, &mut Silent)?;
-    // The load acts on the unit square above the overlap.
+    // The load acts on the upper face of the overlap, a unit square.
     let impulse = 1e-3 * c.time();
     Ok([c.momentum()[0].z / impulse, c.drift()])
 }
@@ -217,7 +221,8 @@ fn loads() -> Result<Outcome> {
     Ok(out)
 }
 
-/// `f` of two ramps, one per direction, multiplied; the partner gets the product of the complements.
+/// Product of two ramps, one per direction. The fine model gets the product of their complements, so the
+/// sum is not one.
 struct Product([Ramp<f64>; 2], bool);
 
 impl Weight<f64> for Product {
@@ -231,16 +236,17 @@ impl Weight<f64> for Product {
     }
 }
 
-/// Share of the mass that two ramps lose whose product weighs the coarse model, and that of the complements
-/// the fine one.
+/// Returns the share of mass that is lost if the product of two ramps weights the coarse model and the
+/// product of their complements the fine model.
 fn product_defect() -> Result<f64> {
     let ramp = |axis: usize| -> Result<Ramp<f64>> {
-        let at = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
-        let slab = arlequin::core::Slab::between(at(1.0), at(2.0))?;
+        let point = |s: f64| Point3::from(Vector3::from_fn(|k, _| if k == axis { s } else { 0.0 }));
+        let slab = arlequin::core::Slab::between(point(1.0), point(2.0))?;
         Ramp::new(Arc::new(slab), Profile::Cubic, 0.0)
     };
     let pair = |coarse| -> Result<Product> { Ok(Product([ramp(0)?, ramp(1)?], coarse)) };
     let weights = [pair(true)?, pair(false)?];
+    // Midpoint rule over the region where both ramps fall.
     let n = 200;
     let cell = |k: usize| 1.0 + (k as f64 + 0.5) / n as f64;
     let mut sum = 0.0;
@@ -253,7 +259,8 @@ fn product_defect() -> Result<f64> {
     Ok(1.0 - sum / (n * n) as f64)
 }
 
-/// Coarse body, fine body in it and overlap between two blocks, the inner one left to the fine model alone.
+/// Coarse body, fine body in it, and the overlap between two blocks. The inner block belongs to the fine
+/// model alone.
 struct Nest {
     coarse: Mesh<f64>,
     fine: Mesh<f64>,
@@ -262,8 +269,8 @@ struct Nest {
     volume: f64,
 }
 
-/// `counts`: elements of coarse body, fine body and mediator; blocks reach beyond a free surface where they
-/// touch it.
+/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator. At a free surface
+/// the blocks are extended beyond the body, so that the weight does not fall there.
 fn nest(
     whole: [[f64; 3]; 2],
     inner: [[f64; 3]; 2],
@@ -273,6 +280,7 @@ fn nest(
     let p = Point3::from;
     let far = |b: [[f64; 3]; 2]| Primitive::Block {
         low: Point3::from(Vector3::from_fn(|k, _| {
+            // At a free surface the block extends beyond the body.
             if b[0][k] <= whole[0][k] { -50.0 } else { b[0][k] }
         })),
         high: Point3::from(Vector3::from_fn(|k, _| {

@@ -1,4 +1,4 @@
-//! Runs that are taken up again, and bodies that fall apart in the overlap.
+//! Restarted runs, and bonds that break in the overlap.
 
 use super::particles::{coupled_with, spec};
 use super::{HardCase, Outcome, shaken};
@@ -28,42 +28,43 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// Numbers of two runs that differ in any bit.
+/// Counts the numbers of two runs that differ in any bit.
 fn different<T: Real>(a: &Coupled<T>, b: &Coupled<T>) -> usize {
     let bits = |x: &T| x.as_f64().to_bits();
     let states = |c: &Coupled<T>| -> Vec<u64> {
-        let each = |s: &arlequin::core::Subdomain<T>| {
+        let state_bits = |s: &arlequin::core::Subdomain<T>| {
             let s = s.state();
             s.q.iter().chain(&s.v).chain(&s.a).map(bits).collect::<Vec<_>>()
         };
-        let mut all: Vec<u64> = c.subdomains().iter().flat_map(each).collect();
-        all.extend(
+        let mut numbers: Vec<u64> = c.subdomains().iter().flat_map(state_bits).collect();
+        numbers.extend(
             c.interfaces()
                 .iter()
                 .flat_map(|i| i.multipliers().iter().map(bits)),
         );
-        all.extend(
+        numbers.extend(
             [c.drift(), c.constraint_residual(), c.energy(), c.time()]
                 .iter()
                 .map(bits),
         );
-        all
+        numbers
     };
     let (a, b) = (states(a), states(b));
     a.iter().zip(&b).filter(|(x, y)| x != y).count() + a.len().abs_diff(b.len())
 }
 
-/// Runs `steps`, and the same with a break in the middle; counts different numbers.
+/// Compares a run of `steps` with one that is interrupted and restored in the middle; returns the number of
+/// different values.
 fn interrupted<T: Real>(build: &dyn Fn() -> Result<Coupled<T>>, steps: usize) -> Result<usize> {
     let mut whole = build()?;
     whole.run(steps, &mut Silent)?;
     let mut first = build()?;
     first.run(steps / 2, &mut Silent)?;
-    let kept = first.snapshot()?;
+    let snapshot = first.snapshot()?;
     let mut second = build()?;
-    // What was there before must not show.
+    // Steps before the restore must leave no trace.
     second.run(7, &mut Silent)?;
-    second.restore(&kept)?;
+    second.restore(&snapshot)?;
     second.run(steps - steps / 2, &mut Silent)?;
     Ok(different(&whole, &second))
 }
@@ -83,7 +84,7 @@ fn restart() -> Result<Outcome> {
         overlap: 40.0,
         ..Line::default()
     };
-    // The pulse stands in the overlap at half time.
+    // At half time the pulse is in the overlap.
     let wave = pulse(80.0, 60.0, 0.0, -1.0);
     let build = || line.build(&rest, &wave);
     out.add(
@@ -103,6 +104,7 @@ fn restart() -> Result<Outcome> {
     );
     let mut whole = build()?;
     run(&mut whole, 200)?;
+    // The naive restart: displacements and velocities as a new initial state, without accelerations.
     let raw = line.subdomains(&rest, &rest)?;
     let mut again = Vec::new();
     for (s, old) in raw.into_iter().zip(whole.subdomains()) {

@@ -1,4 +1,4 @@
-//! Spheres of very different size that collide, and a rigid ball faster than sound, at a coupled body.
+//! Collisions of spheres of very different size, and a supersonic rigid ball that hits a coupled body.
 
 use super::breakage::{Cloud, Start, Torn, coupled};
 use super::{HardCase, Outcome};
@@ -36,20 +36,22 @@ const LAW: ContactLaw = ContactLaw {
     skin: 0.4,
 };
 
-/// Least energy an effect has dissipated, over `scale`: below zero where it created some.
+/// Returns the smallest energy that an effect has dissipated, over `scale`. A negative value is created
+/// energy.
 fn least_dissipated(torn: &Torn, scale: f64) -> f64 {
     let lines = torn.run.effects();
-    let gone = lines.iter().filter_map(|e| e.dissipated());
-    gone.fold(f64::INFINITY, f64::min) / scale
+    let dissipated = lines.iter().filter_map(|e| e.dissipated());
+    dissipated.fold(f64::INFINITY, f64::min) / scale
 }
 
-/// The lattice with two small bonded spheres before its far end.
+/// Returns the lattice with two small bonded spheres beside its far end.
 fn with_pebbles(ratio: f64) -> Cloud {
     let mut cloud = Cloud::lattice(0.25, 2.125);
     let (n, r) = (cloud.radii.len() as u32, cloud.radii[0] / ratio);
     for side in [-1.0, 1.0] {
         cloud
             .positions
+            // Leaves a gap of a tenth of the small radius.
             .push(Vector3::new(4.0 + 1.1 * r, 0.375 + side * r, 0.375));
         cloud.radii.push(r);
     }
@@ -111,9 +113,10 @@ fn sizes() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Energy after a collision over that before, if the dashpot is a share 0.2 of the critical one of the mean
-/// mass. Step: 0.9 of what the spring allows.
+/// Returns the energy after a collision over that before, if the dashpot is 0.2 of the critical damping of
+/// the mean mass. The step is 0.9 of the spring's limit.
 fn mean_mass_dashpot(small: f64, large: f64) -> f64 {
+    // The relative motion has the reduced mass, which is close to that of the small sphere.
     let reduced = small * large / (small + large);
     let c = 2.0 * 0.2 * (0.5 * (small + large)).sqrt();
     let dt = 0.9 * 2.0 * reduced.sqrt();
@@ -128,7 +131,7 @@ fn mean_mass_dashpot(small: f64, large: f64) -> f64 {
     v * v
 }
 
-/// A ball flies at the far end of the body.
+/// Builds a run in which a ball flies towards the far end of the body.
 fn strike(speed: f64, step: TimeStep<f64>) -> Result<Torn> {
     let cloud = Cloud::lattice(0.25, 2.125);
     let start = Start {
@@ -149,7 +152,7 @@ fn strike(speed: f64, step: TimeStep<f64>) -> Result<Torn> {
 
 fn supersonic() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // The bar wave runs at 1, the wave along a beam at 1.9.
+    // The bar wave has velocity 1, the wave along a beam 1.9.
     let speed = 3.0;
     let mut torn = strike(speed, TimeStep::Fraction(0.3))?;
     let steps = (1.0 / speed / torn.run.dt()) as usize;
@@ -182,7 +185,7 @@ fn supersonic() -> Result<Outcome> {
         f64::from(u8::from(named)),
         1.0..=1.0,
     );
-    // Where it is at whole steps, against spheres that wait.
+    // The naive check: positions at whole steps against spheres at rest.
     let way = 100.0 * speed * fast.run.dt();
     let cloud = Cloud::lattice(0.25, 2.125);
     let touched = (0..100).any(|k| {

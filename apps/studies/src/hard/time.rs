@@ -1,4 +1,4 @@
-//! Steps at the limit, a million of them, sudden loads, inconsistent starts.
+//! Steps at the stability limit, a million steps, sudden loads, inconsistent initial states.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, critical, step_of_blow_up};
@@ -51,24 +51,24 @@ fn line() -> Line {
     }
 }
 
-fn at(step: TimeStep<f64>) -> Result<Coupled<f64>> {
+fn with_step(step: TimeStep<f64>) -> Result<Coupled<f64>> {
     random_state(&Line { step, ..line() }, [2, 1])
 }
 
 fn edge_of_stability() -> Result<Outcome> {
     let mut out = Outcome::default();
-    let limit = critical(&at(TimeStep::Fraction(0.5))?);
-    let mut below = at(TimeStep::Seconds(0.999 * limit))?;
+    let limit = critical(&with_step(TimeStep::Fraction(0.5))?);
+    let mut below = with_step(TimeStep::Seconds(0.999 * limit))?;
     run(&mut below, 50_000)?;
     out.add("drift after 50 000 steps at 0.999", below.drift(), 0.0..=1e-8);
-    out.add_refusal("1.001", at(TimeStep::Seconds(1.001 * limit)), |e| {
+    out.add_refusal("1.001", with_step(TimeStep::Seconds(1.001 * limit)), |e| {
         matches!(e, Error::UnstableStep { .. })
     });
-    let mut above = at(TimeStep::Unchecked(1.001 * limit))?;
+    let mut above = with_step(TimeStep::Unchecked(1.001 * limit))?;
     let end = step_of_blow_up(&mut above, 50_000)?;
     out.add("step at which the guard ends the run at 1.001", end, 1.0..=5000.0);
     let mut naive = Naive::new(
-        &at(TimeStep::Fraction(0.5))?,
+        &with_step(TimeStep::Fraction(0.5))?,
         &*line().mediator_space()?,
         0.0,
         Rule::Refined,
@@ -114,11 +114,12 @@ fn shock() -> Result<Outcome> {
     let deck = line();
     let last = deck.fine_bonds;
     let dt = 0.5;
+    // A triangle of two steps: the load is at its peak at one instant.
     let hit = TimeFunction::Table(vec![(0.0, 0.0), (dt, 1e6), (2.0 * dt, 0.0)]);
     let [bar, chain] = deck.subdomains(&rest, &rest)?;
     let chain = chain.with_effect(Box::new(Load::on_dofs("hit", vec![(last, 1.0)], hit)?));
     let mut c = deck.build_with(vec![bar, chain])?;
-    // The load is at its height at the instant of the first step alone.
+    // Only the first step sees the load, at its peak.
     c.advance(&mut Silent)?;
     let moved = c.subdomains()[FINE].state().q[last];
     let mut plain = [f64::INFINITY, 0.0f64];
@@ -146,7 +147,7 @@ fn shock() -> Result<Outcome> {
 
 fn inconsistent() -> Result<Outcome> {
     let mut out = Outcome::default();
-    // The models disagree in displacement and in velocity, on purpose.
+    // The initial displacements and velocities of the models disagree on purpose.
     let options = InterfaceOptions {
         start_jump: 1.0,
         ..InterfaceOptions::default()
@@ -164,6 +165,7 @@ fn inconsistent() -> Result<Outcome> {
     c.advance(&mut Silent)?;
     let steps = 400;
     let mut flips = 0;
+    // Multipliers of the first step are the reference for the signs.
     let mut before = c.interfaces()[0].multipliers().to_vec();
     for _ in 0..steps {
         c.advance(&mut Silent)?;

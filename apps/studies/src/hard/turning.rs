@@ -1,4 +1,4 @@
-//! A free body that tumbles: orientations are no vectors.
+//! A free body that tumbles: orientations do not add as vectors do.
 
 use super::{HardCase, Outcome, step_of_blow_up};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -18,10 +18,10 @@ pub(super) const CASES: &[HardCase] = &[HardCase {
     run: tumbling,
 }];
 
-/// Spin of the box (rad/s), about none of its principal axes.
+/// Angular velocity of the box \[rad/s\], about none of its principal axes.
 const SPIN: Vector3<f64> = Vector3::new(900.0, 2_000.0, 1_500.0);
 
-/// Beams whose orientations do not go on from where they are: the default of [`Model::advance`].
+/// Beams that do not update their orientations after a step: the default of [`Model::advance`].
 struct Forgetful(DemModel);
 
 impl Model<f64> for Forgetful {
@@ -57,7 +57,7 @@ impl Model<f64> for Forgetful {
     }
 }
 
-/// A box of 120 spheres that begins with a rigid spin, and nothing else.
+/// Builds a box of 120 spheres whose initial state is a rigid rotation.
 fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
     let packing = lattice(Lattice::Cubic, [4, 5, 6], 1e-3)?;
     let model = DemModel::new("box", &packing, BeamMaterial::SILICA, 2200.0)?.with_finite_rotations();
@@ -66,6 +66,7 @@ fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
     for x in model.nodes() {
         v.extend(SPIN.cross(&(x.coords - centre)).iter());
     }
+    // Translations come first, then rotations.
     (0..model.nodes().len()).for_each(|_| v.extend(SPIN.iter()));
     let field = model.fine_field();
     let side = Subdomain::new(wrap(model), field, Weights::uncoupled());
@@ -76,6 +77,7 @@ fn spinning(wrap: fn(DemModel) -> Box<dyn Model<f64>>) -> Result<Coupled<f64>> {
 fn tumbling() -> Result<Outcome> {
     let mut out = Outcome::default();
     let mut ours = spinning(|m| Box::new(m))?;
+    // Steps of one revolution.
     let turn = (2.0 * PI / SPIN.norm() / ours.dt()).ceil() as usize;
     ours.run(3 * turn, &mut Silent)?;
     let body = &ours.bodies()[0];

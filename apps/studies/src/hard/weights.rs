@@ -1,4 +1,4 @@
-//! Small weights, weights of different shape.
+//! Small weights, and weights of different shape.
 
 use super::naive::{Naive, Rule};
 use super::{HardCase, Outcome, critical, shaken, step_of_blow_up};
@@ -38,7 +38,7 @@ pub(super) const CASES: &[HardCase] = &[
     },
 ];
 
-/// The line most of these cases use: cubic weight over four coarse elements.
+/// Returns the line of most of these cases: cubic weight over four coarse elements.
 fn line(epsilon: f64, weighting: Weighting) -> Line {
     Line {
         coarse_elements: 20,
@@ -85,7 +85,7 @@ fn epsilon_energy() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Stiffness with the means of the weights, masses with their values at the nodes.
+/// Couples stiffness with mean weights to masses with weights at the nodes.
 fn naive(epsilon: f64) -> Result<Naive> {
     let linear = |weighting| {
         free(&Line {
@@ -110,15 +110,15 @@ fn epsilon_nodal() -> Result<Outcome> {
         |e| matches!(e, Error::UnstableStep { .. }),
     );
     for epsilon in [1e-6, 1e-12] {
-        let mut own = random_state(&free(&line(epsilon, Weighting::Nodal)), [2, 1])?;
+        let mut coupled = random_state(&free(&line(epsilon, Weighting::Nodal)), [2, 1])?;
         out.add(
             format!("critical step, epsilon {epsilon:e}"),
-            critical(&own),
+            critical(&coupled),
             0.01..=0.9,
         );
-        let end = step_of_blow_up(&mut own, 20_000)?;
-        // Both outcomes are named: the drift stays below the guard's bound, or the guard ends the run.
-        let top = if end.is_finite() { 0.0 } else { own.drift() };
+        let end = step_of_blow_up(&mut coupled, 20_000)?;
+        // Both outcomes are acceptable: the drift stays below the guard's bound, or the guard ends the run.
+        let top = if end.is_finite() { 0.0 } else { coupled.drift() };
         out.add(
             format!("drift at 0.9 of its own critical step, epsilon {epsilon:e} (0: ended by the guard)"),
             top,
@@ -133,7 +133,7 @@ fn epsilon_nodal() -> Result<Outcome> {
     Ok(out)
 }
 
-/// Bar and chain whose internal energy is shared by halves and whose mass by a linear ramp.
+/// Builds bar and chain that share internal energy equally and mass by a linear ramp.
 fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
     let base = Line {
         step,
@@ -154,7 +154,7 @@ fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
         external: linear.clone(),
         weighting: Weighting::Energy,
     };
-    let others = Weights {
+    let fine_weights = Weights {
         internal: rest_of(&halves),
         kinetic: rest_of(&linear),
         external: rest_of(&linear),
@@ -167,7 +167,10 @@ fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
     let bar = FemModel::new("bar", generate::bar_at(&x, 1.0)?, Elastic::new(1.0, 0.0, 1.0)?)?;
     let chain = spring_chain::Chain::new("chain", -base.overlap, 1.0, base.fine_bonds, 1.0, 1.0)?;
     base.build_with(shaken(
-        [Subdomain::coarse(bar, weights), Subdomain::fine(chain, others)],
+        [
+            Subdomain::coarse(bar, weights),
+            Subdomain::fine(chain, fine_weights),
+        ],
         5,
     )?)
 }
@@ -175,14 +178,14 @@ fn halves_and_ramp(step: TimeStep<f64>, floor: f64) -> Result<Coupled<f64>> {
 fn different_shapes() -> Result<Outcome> {
     let mut out = Outcome::default();
     for floor in [0.05, 1e-3] {
-        let mut own = halves_and_ramp(TimeStep::Fraction(0.9), floor)?;
-        run(&mut own, 5000)?;
+        let mut coupled = halves_and_ramp(TimeStep::Fraction(0.9), floor)?;
+        run(&mut coupled, 5000)?;
         out.add(
             format!("critical step, floor {floor:e}"),
-            critical(&own),
+            critical(&coupled),
             0.01..=0.6,
         );
-        out.add(format!("drift, floor {floor:e}"), own.drift(), 0.0..=1e-11);
+        out.add(format!("drift, floor {floor:e}"), coupled.drift(), 0.0..=1e-11);
         out.add_refusal(
             &format!("0.9 of the unweighted critical step, floor {floor:e},"),
             halves_and_ramp(TimeStep::Seconds(0.9), floor),
