@@ -49,7 +49,7 @@ impl Described {
                 return Ok(None);
             };
             value.extract().map(Some).or_else(|_| {
-                let rule = format!("{what} = {}: that of a model or solver is a text", found.repr()?);
+                let rule = format!("{what} = {}: that of a model or solver is a text", value.repr()?);
                 Err(Fault::new("InvalidParameter", rule).into())
             })
         };
