@@ -1,4 +1,4 @@
-//! Bad input: each case is refused before a step is made, with an error text of its own.
+//! Bad input: each case is refused before the first step with its own error text.
 
 use crate::common::{SMALL, arlequin, schemas, scratch, text};
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ impl Bench {
         }
     }
 
-    /// Error text of a scene. What its reader refuses by itself, the schema refuses as well.
+    /// Returns the error text of a scene. Asserts that the schema also refuses what the reader refuses.
     fn error(&self, scene: &str) -> String {
         let read = arlequin_scene::Scene::from_text(scene);
         if matches!(read, Err(arlequin_scene::Error::Syntax { .. })) {
@@ -55,7 +55,7 @@ impl Bench {
         error
     }
 
-    /// The small scene with replacements.
+    /// Returns the error text of the small scene with the given replacements.
     fn edited(&self, edits: &[(&str, &str)]) -> String {
         let mut scene = SMALL.to_owned();
         for (from, to) in edits {
@@ -150,7 +150,7 @@ fn what_was_probably_meant_is_asked() {
     std::fs::write(&path, SMALL).expect("scene");
     let error = bench.refused(&["check", text(&path), "--set", "model.rihgt.spacing=1.0"]);
     assert!(error.contains("did you mean 'right'?"), "{error}");
-    // Nothing near, nothing asked.
+    // No similar key exists, so the error suggests none.
     let error = bench.refused(&["check", text(&path), "--set", "time.colour=1.0"]);
     assert!(
         error.contains("unknown field `colour`") && !error.contains("did you mean"),
@@ -286,11 +286,14 @@ fn mesh_files() {
         ("spacing = 1.0\n", "\n"),
     ]);
     assert!(missing.contains("none.msh' cannot be read"), "{missing}");
-    let both = bench.edited(&[(
+    let message = bench.edited(&[(
         "shape.box = { low = [0.0, 0.0, 0.0], high = [6.0, 1.0, 1.0] }",
         "shape.file = \"body.msh\"",
     )]);
-    assert!(both.contains("a mesh file brings its own spacing"), "{both}");
+    assert!(
+        message.contains("a mesh file brings its own spacing"),
+        "{message}"
+    );
 }
 
 #[test]
