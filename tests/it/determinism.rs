@@ -1,4 +1,4 @@
-//! Same input, same bits, for any number of threads.
+//! Equal input gives equal bits for any number of threads.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -34,10 +34,10 @@ fn one_and_two_threads_give_the_same_bits() {
             bits(&c)
         })
     };
-    let one = with(1);
-    assert_eq!(one, with(1), "two runs");
-    assert_eq!(one, with(2), "one and two threads");
-    assert_eq!(one, with(3), "one and three threads");
+    let serial = with(1);
+    assert_eq!(serial, with(1), "two runs");
+    assert_eq!(serial, with(2), "one and two threads");
+    assert_eq!(serial, with(3), "one and three threads");
 }
 
 /// Own steps of the coarse and the fine body.
@@ -54,8 +54,8 @@ const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
 #[test]
 fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
     let solvers = [Solver::Auto, GRADIENTS, Solver::chebyshev()];
-    for (own, solver) in [OWN[0], OWN[1], OWN[0]].into_iter().zip(solvers) {
-        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own, solver);
+    for (own_steps, solver) in [OWN[0], OWN[1], OWN[0]].into_iter().zip(solvers) {
+        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own_steps, solver);
         let with = |threads: usize| {
             pool(threads).install(|| {
                 let mut c = build();
@@ -63,39 +63,40 @@ fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
                 bits(&c)
             })
         };
-        let one = with(1);
-        assert_eq!(one, with(2), "{own:?}: one and two threads");
-        assert_eq!(one, with(3), "{own:?}: one and three threads");
+        let serial = with(1);
+        assert_eq!(serial, with(2), "{own_steps:?}: one and two threads");
+        assert_eq!(serial, with(3), "{own_steps:?}: one and three threads");
         let again = pool(1).install(|| {
             let mut first = build();
             first.run(9, &mut Silent).unwrap();
-            let kept = first.snapshot().unwrap();
+            let snapshot = first.snapshot().unwrap();
             let mut second = build();
             second.run(2, &mut Silent).unwrap();
-            second.restore(&kept).unwrap();
+            second.restore(&snapshot).unwrap();
             second.run(11, &mut Silent).unwrap();
             bits(&second)
         });
-        assert_eq!(one, again, "{own:?}: after a restart");
+        assert_eq!(serial, again, "{own_steps:?}: after a restart");
     }
 }
 
 #[test]
 fn a_state_of_other_own_steps_is_refused() {
-    let [mut one, mut other] = OWN.map(|own| stepping(Box::new(H1Gradient::new(0.1).unwrap()), own));
-    let mut kept = one.snapshot().unwrap();
-    kept.dt = other.dt();
-    let text = other.restore(&kept).unwrap_err().to_string();
+    let [mut first, mut second] =
+        OWN.map(|own_steps| stepping(Box::new(H1Gradient::new(0.1).unwrap()), own_steps));
+    let mut snapshot = first.snapshot().unwrap();
+    snapshot.dt = second.dt();
+    let text = second.restore(&snapshot).unwrap_err().to_string();
     assert!(
         text.contains("own steps") && text.contains("[1, 3]") && text.contains("[1, 2]"),
         "{text}"
     );
-    kept.dt = one.dt();
-    one.restore(&kept).unwrap();
+    snapshot.dt = first.dt();
+    first.restore(&snapshot).unwrap();
 }
 
-/// 18 000 particles in an overlap: what multipliers gather from and add to them is cut, also within a row
-/// of threads.
+/// An overlap of 18 000 particles gives the same bits on any number of threads: the sums of multipliers over
+/// particles are divided among threads, also within a row.
 #[test]
 fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
     let with = |threads: usize| {
@@ -116,7 +117,7 @@ fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
             bits(&c)
         })
     };
-    let one = with(1);
-    assert_eq!(one, with(2), "one and two threads");
-    assert_eq!(one, with(3), "one and three threads");
+    let serial = with(1);
+    assert_eq!(serial, with(2), "one and two threads");
+    assert_eq!(serial, with(3), "one and three threads");
 }

@@ -1,4 +1,4 @@
-//! How multipliers are solved for: iterations that end anywhere, dependent multipliers in any number.
+//! Solution for multipliers: iterations that end early, and any number of dependent multipliers.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -34,7 +34,7 @@ fn options(solver: Solver<f64>) -> InterfaceOptions<f64> {
     }
 }
 
-/// Bar and chain in random motion; the chain makes `ratio` steps of its own.
+/// Bar and chain in random motion; the chain makes `ratio` own steps in a macro step.
 fn line(solver: Solver<f64>, ratio: usize) -> Coupled<f64> {
     let line = Line {
         overlap: 40.0,
@@ -48,14 +48,16 @@ fn line(solver: Solver<f64>, ratio: usize) -> Coupled<f64> {
     let (mut a, mut b) = (noise(3), noise(4));
     let random = |next: &mut dyn FnMut() -> f64| (0..400).map(|_| next()).collect::<Vec<f64>>();
     let (left, right) = (random(&mut a), random(&mut b));
-    let at = |of: &[f64], x: f64| (0.0, of[(x + 210.0) as usize]);
-    let sides = line.subdomains(&|x| at(&left, x), &|x| at(&right, x)).unwrap();
+    let motion = |values: &[f64], x: f64| (0.0, values[(x + 210.0) as usize]);
+    let sides = line
+        .subdomains(&|x| motion(&left, x), &|x| motion(&right, x))
+        .unwrap();
     let [bar, chain] = sides;
     let sides = vec![bar, chain.with_step(OwnStep::Ratio(ratio))];
     line.build_with(sides).unwrap()
 }
 
-/// Hexahedra and tetrahedra in random motion.
+/// Couples hexahedra and tetrahedra in random motion.
 fn solid_pair(junction: Box<dyn Junction<f64>>, solver: Solver<f64>) -> Coupled<f64> {
     let bodies = solid::shaken(solid::bodies(Profile::Cubic, 0.05), 12);
     let space = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [3, 3, 3]);
@@ -65,16 +67,19 @@ fn solid_pair(junction: Box<dyn Junction<f64>>, solver: Solver<f64>) -> Coupled<
 }
 
 fn velocities(c: &Coupled<f64>) -> Vec<f64> {
-    let all = c.subdomains().iter();
-    all.flat_map(|s| s.state().v.iter().copied()).collect()
+    let bodies = c.subdomains().iter();
+    bodies.flat_map(|s| s.state().v.iter().copied()).collect()
 }
 
 #[test]
 fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
     let methods = [gradients, chebyshev];
-    for (iterations, of) in [2, 3, 5].into_iter().flat_map(|n| methods.map(|of| (n, of))) {
+    for (iterations, method) in [2, 3, 5]
+        .into_iter()
+        .flat_map(|n| methods.map(|method| (n, method)))
+    {
         for ratio in [1, 4] {
-            let mut c = line(of(0.0, iterations), ratio);
+            let mut c = line(method(0.0, iterations), ratio);
             let before = c.momentum()[0];
             c.run(4000 / ratio, &mut Silent).unwrap();
             let change = (c.momentum()[0] - before).norm();
@@ -94,7 +99,7 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
         }
         for junction in solid::junctions::<f64>() {
             let name = junction.name();
-            let mut c = solid_pair(junction, of(0.0, iterations));
+            let mut c = solid_pair(junction, method(0.0, iterations));
             c.run(400, &mut Silent).unwrap();
             assert_eq!(c.interfaces()[0].iterations(), iterations);
             assert!(
@@ -102,12 +107,12 @@ fn a_few_iterations_from_zero_keep_the_energy_and_the_momentum() {
                 "{name}, {iterations} iterations: drift {:e}",
                 c.drift()
             );
-            // What multipliers do is booked apart from the drift.
+            // The work of the multipliers is booked apart from the drift.
             let work = c.works().iter().find(|w| w.name == "constraint").unwrap().work;
-            let all = c.energy();
+            let total = c.energy();
             assert!(
-                work.abs() < 1e-11 * all,
-                "{name}, {iterations} iterations: work of the constraint {work:e} of {all:e}"
+                work.abs() < 1e-11 * total,
+                "{name}, {iterations} iterations: work of the constraint {work:e} of {total:e}"
             );
         }
     }
@@ -141,8 +146,8 @@ fn iterations_that_converge_give_what_the_factor_gives() {
             let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
             let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
             assert!(apart < 1e-10, "{name}: velocities differ by {apart:e}");
-            let left = near.constraint_residual();
-            assert!(left < 1e-10, "{name}: residual {left:e}");
+            let residual = near.constraint_residual();
+            assert!(residual < 1e-10, "{name}: residual {residual:e}");
             if let Some(damped) = report(&near).damped {
                 assert!(near.interfaces()[0].iterations() >= damped.iterations);
             }
@@ -150,7 +155,8 @@ fn iterations_that_converge_give_what_the_factor_gives() {
     }
 }
 
-/// Of 81 multipliers 41 are independent: nothing grows in the null space, where nothing is damped.
+/// Of 81 multipliers 41 are independent: over many steps a Chebyshev iteration does not grow in the null
+/// space, where nothing is damped.
 #[test]
 fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {
     for solver in [Solver::chebyshev(), chebyshev(0.0, 5)] {
@@ -165,11 +171,11 @@ fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {
         };
         let mut next = noise(5);
         let random: Vec<f64> = (0..400).map(|_| next()).collect();
-        let at = |x: f64| (0.0, random[(x + 210.0) as usize]);
-        let mut c = deck.build(&at, &at).unwrap();
+        let motion = |x: f64| (0.0, random[(x + 210.0) as usize]);
+        let mut c = deck.build(&motion, &motion).unwrap();
         let largest = |c: &Coupled<f64>| {
-            let all = c.interfaces()[0].multipliers().iter();
-            all.fold(0.0, |m: f64, l| m.max(l.abs()))
+            let multipliers = c.interfaces()[0].multipliers().iter();
+            multipliers.fold(0.0, |m: f64, l| m.max(l.abs()))
         };
         c.run(200, &mut Silent).unwrap();
         let report = c.interfaces()[0].report().clone();
@@ -179,13 +185,13 @@ fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {
         assert!(c.drift() < 1e-12, "{solver:?}: drift {:e}", c.drift());
         assert!(largest(&c) < 10.0 * early, "{} of {early}", largest(&c));
         if matches!(solver, Solver::Chebyshev { tolerance, .. } if tolerance > 0.0) {
-            let left = c.constraint_residual();
-            assert!(left < 1e-9, "residual {left:e}");
+            let residual = c.constraint_residual();
+            assert!(residual < 1e-9, "residual {residual:e}");
         }
     }
 }
 
-/// Metres and kilograms in other units.
+/// A Chebyshev iteration takes as many iterations in any units of length and mass.
 #[test]
 fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
     let count = |[length, density]: [f64; 2]| {
@@ -213,9 +219,9 @@ fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
         assert!(left < 1e-10, "{length} {density}: {left:e}");
         run.interfaces()[0].iterations()
     };
-    let own = count([1.0, 1.0]);
+    let reference = count([1.0, 1.0]);
     for units in [[1e-9, 1e-12], [1e6, 1e9]] {
-        assert_eq!(count(units), own);
+        assert_eq!(count(units), reference);
     }
 }
 
@@ -236,8 +242,8 @@ fn single_precision_keeps_the_energy_with_a_chebyshev_iteration() {
         c.run(1000, &mut Silent).unwrap();
         assert!(c.drift() < 1e-4, "{solver:?}: {:e}", c.drift());
         if solver == Solver::chebyshev() {
-            let left = c.constraint_residual();
-            assert!(left < 1e-4, "residual {left:e}");
+            let residual = c.constraint_residual();
+            assert!(residual < 1e-4, "residual {residual:e}");
         }
     }
 }
@@ -260,7 +266,7 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_counted
     let report = c.interfaces()[0].report();
     assert_eq!(report.multipliers, 4101);
     assert_eq!(report.solver, "conjugate gradients");
-    // One for every bond of the overlap and its ends.
+    // One for every bond of the overlap, and its ends.
     assert_eq!(report.rank, 201);
     assert!(
         report
@@ -278,20 +284,21 @@ fn more_dependent_multipliers_than_a_dense_solver_takes_are_harmless_and_counted
     );
 }
 
-/// By the model of decision 0046, whatever the run is solved by.
+/// With the cost model of decision 0046 a Chebyshev iteration saves sums over many ranks, whatever solver the
+/// run uses.
 #[test]
 fn sums_over_many_ranks_are_what_a_chebyshev_iteration_saves() {
     for solver in [Solver::Auto, gradients(1e-12, 500), Solver::chebyshev()] {
         let c = solid_pair(Box::new(L2), solver);
-        let of = |ranks: usize| {
-            let all = c.interfaces()[0].solution_times(ranks);
+        let times_on = |ranks: usize| {
+            let times = c.interfaces()[0].solution_times(ranks);
             assert_eq!(
-                all.iter().map(|t| t.solver).collect::<Vec<_>>(),
+                times.iter().map(|t| t.solver).collect::<Vec<_>>(),
                 ["factor", "conjugate gradients", "chebyshev"]
             );
-            [0, 1, 2].map(|k| all[k].seconds)
+            [0, 1, 2].map(|k| times[k].seconds)
         };
-        let [alone, few, many] = [1, 10, 1000].map(of);
+        let [alone, few, many] = [1, 10, 1000].map(times_on);
         assert!(alone.iter().all(|s| *s > 0.0), "{alone:?}");
         assert!(
             many[2] < 0.5 * many[1] && many[1] > 1.5 * few[1],
@@ -301,8 +308,8 @@ fn sums_over_many_ranks_are_what_a_chebyshev_iteration_saves() {
     }
 }
 
-/// Nodes on the face `z` least are held in `z` alone, overlap included: the operator of that component is
-/// another one.
+/// Nodes on the face of least `z` are held in `z` alone, also in the overlap, so that this component has an
+/// operator of its own and is solved with its own masses.
 #[test]
 fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
     let run = |solver| {
@@ -335,8 +342,8 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
     for c in [&exact, &near] {
         let report = c.interfaces()[0].report();
         assert!(c.drift() < 1e-12, "{}: drift {:e}", report.solver, c.drift());
-        let left = c.constraint_residual();
-        assert!(left < 1e-10, "{}: residual {left:e}", report.solver);
+        let residual = c.constraint_residual();
+        assert!(residual < 1e-10, "{}: residual {residual:e}", report.solver);
         for s in c.subdomains() {
             let held = s.supports().iter().flat_map(|m| &m.dofs);
             held.for_each(|d| assert!(s.state().q[*d].abs() <= 0.0));
@@ -347,7 +354,7 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
     assert!(apart < 1e-9, "velocities differ by {apart:e}");
 }
 
-/// The section of a mediator's bars scales multipliers, and moves nothing.
+/// The section of a mediator's bars scales the multipliers and changes no motion.
 #[test]
 fn a_mediator_of_bars_of_any_section_ties_alike() {
     let elastic = Elastic::new(1.0, 0.0, 1.0).unwrap();
@@ -377,11 +384,11 @@ fn a_mediator_of_bars_of_any_section_ties_alike() {
         let states = run.subdomains().iter().map(|s| s.state().v.clone());
         states.flatten().collect::<Vec<_>>()
     };
-    let own = run(2.0);
+    let reference = run(2.0);
     for section in [1e-6, 1.0, 1e6] {
         let gap = run(section)
             .iter()
-            .zip(&own)
+            .zip(&reference)
             .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
         assert!(gap < 1e-12, "{section}: {gap:e}");
     }

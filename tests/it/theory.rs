@@ -1,6 +1,6 @@
-//! The checks of the method against theory and print, one test per case of the table in
-//! `arlequin_studies::checks`, which `arlequin verify` prints; the cases on the line that take longer,
-//! beams and parameter studies run there.
+//! The checks of the method against theory and literature, one test per case of the table in
+//! `arlequin_studies::checks`, which `arlequin verify` prints. Cases on the line that take longer, beams and
+//! parameter studies run only there.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -8,7 +8,7 @@ use arlequin::core::Silent;
 use arlequin_studies::checks::{Check, cantilever_cell, checks};
 use arlequin_studies::line::Line;
 
-fn all_hold(found: &[Check]) {
+fn all_hold(checks: &[Check]) {
     let line = |c: &Check| {
         let beside = c.reference.map_or(String::new(), |r| format!(" beside {r}"));
         format!(
@@ -18,8 +18,8 @@ fn all_hold(found: &[Check]) {
             c.accept.text()
         )
     };
-    let failed: String = found.iter().filter(|c| !c.pass).map(line).collect();
-    assert!(failed.is_empty() && !found.is_empty(), "{failed}");
+    let failed: String = checks.iter().filter(|c| !c.pass).map(line).collect();
+    assert!(failed.is_empty() && !checks.is_empty(), "{failed}");
 }
 
 macro_rules! cases {
