@@ -1,4 +1,4 @@
-//! The internal forces of a model allocate nothing, nor does the core's whole step with its ledger.
+//! The internal forces of a model allocate nothing, nor does a whole step of the core with its ledger.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Uniform, Weights};
@@ -11,7 +11,8 @@ use std::sync::Arc;
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// Least bytes allocated in three rounds: the thread of the test harness may allocate beside one of them.
+/// Returns the least bytes allocated in three rounds, since the thread of the test harness may allocate
+/// during one of them.
 fn least(mut work: impl FnMut()) -> usize {
     let mut round = || {
         let region = Region::new(ALLOCATOR);
@@ -21,8 +22,9 @@ fn least(mut work: impl FnMut()) -> usize {
     (0..3).map(|_| round()).min().unwrap_or_default()
 }
 
-/// On one thread for a small model, and on the threads of the pool that the caller is in for a large
-/// one. (From outside the pool, handing work over allocates a few hundred bytes every 60 calls or so.)
+/// Internal forces allocate nothing: on one thread for a small model, and on the caller's thread pool for a
+/// large one. (From outside of the pool, handing work over allocates a few hundred bytes every 60 calls or
+/// so.)
 #[test]
 fn forces_do_not_allocate() {
     for (cells, threads) in [(6, 1), (14, 1), (14, 2)] {
