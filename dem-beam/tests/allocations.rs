@@ -13,7 +13,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Returns the least bytes allocated in three rounds, since the thread of the test harness may allocate
 /// during one of them.
-fn least(mut work: impl FnMut()) -> usize {
+fn least_allocation(mut work: impl FnMut()) -> usize {
     let mut round = || {
         let region = Region::new(ALLOCATOR);
         work();
@@ -42,7 +42,7 @@ fn forces_do_not_allocate() {
             let (q, mut f) = (vec![1e-7; n], vec![0.0; n]);
             let bytes = pool.install(|| {
                 (0..200).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
-                least(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
+                least_allocation(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
             });
             assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
             let side = Subdomain::fine(m, Weights::from_weight(Arc::new(Uniform(1.0))))
@@ -51,7 +51,7 @@ fn forces_do_not_allocate() {
             let bytes = pool.install(|| {
                 let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
                 run.run(200, &mut Silent).unwrap();
-                least(|| {
+                least_allocation(|| {
                     run.run(50, &mut Silent).unwrap();
                 })
             });

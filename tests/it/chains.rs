@@ -182,8 +182,8 @@ fn uniform_strain_passes_through_overlaps_that_touch() {
     for (s, q) in c.subdomains().iter().zip(&solution.displacements) {
         for (x, u) in s.model().nodes().iter().zip(q.chunks(3)) {
             let exact = [0.01 * x.x, -0.0025 * x.y, -0.0025 * x.z];
-            let off = (0..3).fold(0.0, |m: f64, k| m.max((u[k] - exact[k]).abs())) / 0.06;
-            assert!(off < 1e-11, "'{}' at {x}: {off:e}", s.model().name());
+            let deviation = (0..3).fold(0.0, |m: f64, k| m.max((u[k] - exact[k]).abs())) / 0.06;
+            assert!(deviation < 1e-11, "'{}' at {x}: {deviation:e}", s.model().name());
         }
     }
 }
@@ -208,7 +208,7 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
             ..Chain::default()
         };
         let build = || chain.run(&|| Box::new(H1Gradient::new(0.1).unwrap())).unwrap();
-        let on = |threads: usize| {
+        let bits_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
@@ -219,9 +219,9 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
                 bits(&c)
             })
         };
-        let serial = on(1);
-        assert_eq!(serial, on(2), "two threads");
-        assert_eq!(serial, on(3), "three threads");
+        let serial = bits_on(1);
+        assert_eq!(serial, bits_on(2), "two threads");
+        assert_eq!(serial, bits_on(3), "three threads");
         let mut first = build();
         first.run(10, &mut Silent).unwrap();
         let mut second = build();

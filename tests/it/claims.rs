@@ -100,7 +100,7 @@ fn warns_of_a_jump(run: &Coupled<f64>) -> bool {
 /// not: it leaves less deformation, relative to which the jump is larger.
 #[test]
 fn noise_parts_models_with_own_steps_and_the_library_says_so() {
-    for (m, implicit, least, most) in [
+    for (m, implicit, lower, upper) in [
         (1, false, 0.0, 1e-9),
         (2, false, 0.08, 0.2),
         (3, false, 0.08, 0.2),
@@ -111,7 +111,7 @@ fn noise_parts_models_with_own_steps_and_the_library_says_so() {
         let bare = run.displacement_jumps()[0].share();
         println!("m {m}, implicit {implicit}: {bare:.4} of the deformation");
         assert!(run.drift() < 1e-11);
-        assert!((least..=most).contains(&bare), "{m} {implicit}: {bare}");
+        assert!((lower..=upper).contains(&bare), "{m} {implicit}: {bare}");
         assert_eq!(warns_of_a_jump(&run), bare > 0.05, "{m}: {:?}", run.warnings());
         if !implicit {
             let damped = shaken(m, implicit, Some(Damping::STANDARD), 10_000);
@@ -144,8 +144,8 @@ fn what_an_absorber_leaves_of_short_waves_is_what_the_docs_say() {
                 ..waves::packet_line()
             };
             let echo = waves::packet(&line, wavelength, 60.0, Some(Damping::STANDARD)).unwrap();
-            let most = if wavelength < 4.0 { 0.009 } else { 0.003 };
-            assert!(echo.back < most, "{name}, {wavelength}: {:e}", echo.back);
+            let limit = if wavelength < 4.0 { 0.009 } else { 0.003 };
+            assert!(echo.back < limit, "{name}, {wavelength}: {:e}", echo.back);
         }
     }
 }

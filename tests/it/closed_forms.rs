@@ -190,12 +190,12 @@ fn the_condition_number_is_that_of_the_operator() {
 #[test]
 fn a_mediator_may_overhang_by_two_per_cent_and_no_more() {
     // The coarse body ends at 3; of a mediator from 2 to 3 + d the share d/(1 + d) lies outside.
-    let with = |share: f64| {
+    let overhanging = |share: f64| {
         let space = mediator::<f64>(ElementKind::Hex8, [2.0, 3.0 + share / (1.0 - share)], [2, 2, 2]);
         couple::<f64>(bodies(Profile::Cubic, 0.05).into(), space, Box::new(L2))
     };
     for share in [0.021, 0.05, 0.14] {
-        let error = with(share).unwrap_err();
+        let error = overhanging(share).unwrap_err();
         let Error::OverhangingMediator { outside, total, .. } = error else {
             panic!("{share}: {error}")
         };

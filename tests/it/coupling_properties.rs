@@ -290,7 +290,7 @@ fn packing(name: &str, points: &[Point3<f64>], spacing: f64, volume: f64, seed: 
 }
 
 /// Checks everything that must hold in a case.
-fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
+fn check_consistency(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
     // Intersections of the cells of three natural-neighbour fields take too long for a property test.
     let case = &Case {
         cells: case.cells && kinds.contains(&Kind::Fem),
@@ -387,7 +387,7 @@ macro_rules! pairs {
             $(
                 #[test]
                 fn $name(case in case()) {
-                    consistent([Kind::$coarse, Kind::$fine], &case)?;
+                    check_consistency([Kind::$coarse, Kind::$fine], &case)?;
                 }
             )*
         }

@@ -109,12 +109,12 @@ fn compliance_of_a_cracked_bar_is_that_of_a_mesh_with_a_slit() {
         // The error at a crack tip falls with the first power of the spacing.
         let limit = 2.0 * fem[1] - fem[0];
         let compliances = [8, 16].map(|n| natural(n, depth));
-        let off = compliances.map(|c| 100.0 * (c / limit - 1.0));
+        let errors = compliances.map(|c| 100.0 * (c / limit - 1.0));
         // With half of the width left, the coarser crack is 5.7 % too soft; extrapolated alike, the two
         // agree.
         let [exact, allowed] = if depth > 0.0 { [2.0, 6.0] } else { [1e-8; 2] };
-        assert!(off.iter().all(|o| o.abs() < allowed), "{depth}: {off:?}");
+        assert!(errors.iter().all(|o| o.abs() < allowed), "{depth}: {errors:?}");
         assert!((100.0 * ((2.0 * compliances[1] - compliances[0]) / limit - 1.0)).abs() < exact);
-        println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {compliances:.4?}, {off:+.2?} %");
+        println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {compliances:.4?}, {errors:+.2?} %");
     }
 }

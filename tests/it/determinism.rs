@@ -27,17 +27,17 @@ fn bits(c: &Coupled<f64>) -> Vec<u64> {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         pool(threads).install(|| {
             let mut c = busy(Box::new(H1Gradient::new(0.1).unwrap()));
             c.run(60, &mut Silent).unwrap();
             bits(&c)
         })
     };
-    let serial = with(1);
-    assert_eq!(serial, with(1), "two runs");
-    assert_eq!(serial, with(2), "one and two threads");
-    assert_eq!(serial, with(3), "one and three threads");
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(1), "two runs");
+    assert_eq!(serial, bits_on(2), "one and two threads");
+    assert_eq!(serial, bits_on(3), "one and three threads");
 }
 
 /// Own steps of the coarse and the fine body.
@@ -56,17 +56,17 @@ fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
     let solvers = [Solver::Auto, GRADIENTS, Solver::chebyshev()];
     for (own_steps, solver) in [OWN[0], OWN[1], OWN[0]].into_iter().zip(solvers) {
         let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own_steps, solver);
-        let with = |threads: usize| {
+        let bits_on = |threads: usize| {
             pool(threads).install(|| {
                 let mut c = build();
                 c.run(20, &mut Silent).unwrap();
                 bits(&c)
             })
         };
-        let serial = with(1);
-        assert_eq!(serial, with(2), "{own_steps:?}: one and two threads");
-        assert_eq!(serial, with(3), "{own_steps:?}: one and three threads");
-        let again = pool(1).install(|| {
+        let serial = bits_on(1);
+        assert_eq!(serial, bits_on(2), "{own_steps:?}: one and two threads");
+        assert_eq!(serial, bits_on(3), "{own_steps:?}: one and three threads");
+        let resumed = pool(1).install(|| {
             let mut first = build();
             first.run(9, &mut Silent).unwrap();
             let snapshot = first.snapshot().unwrap();
@@ -76,7 +76,7 @@ fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
             second.run(11, &mut Silent).unwrap();
             bits(&second)
         });
-        assert_eq!(serial, again, "{own_steps:?}: after a restart");
+        assert_eq!(serial, resumed, "{own_steps:?}: after a restart");
     }
 }
 
@@ -99,7 +99,7 @@ fn a_state_of_other_own_steps_is_refused() {
 /// particles are divided among threads, also within a row.
 #[test]
 fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         pool(threads).install(|| {
             let line = Line {
                 overlap: 18_000.0,
@@ -117,7 +117,7 @@ fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
             bits(&c)
         })
     };
-    let serial = with(1);
-    assert_eq!(serial, with(2), "one and two threads");
-    assert_eq!(serial, with(3), "one and three threads");
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(2), "one and two threads");
+    assert_eq!(serial, bits_on(3), "one and three threads");
 }

@@ -101,7 +101,7 @@ fn fields_of_the_three_modes_release_the_energy_of_irwin() {
         [1.0, -0.7, 0.5],
     ] {
         let exact = (1.0 - POISSON * POISSON) / e * (k[0] * k[0] + k[1] * k[1]) + k[2] * k[2] / (2.0 * mu);
-        let off = [12, 24].map(|n| {
+        let errors = [12, 24].map(|n| {
             let (mesh, upper) = slit(n);
             let model = FemModel::new("block", mesh, steel()).unwrap();
             let displacement =
@@ -112,15 +112,15 @@ fn fields_of_the_three_modes_release_the_energy_of_irwin() {
                 .enumerate()
                 .flat_map(|p| displacement(p).data.0[0])
                 .collect();
-            let none = vec![0.0; u.len()];
-            let j = [[0.25, 0.6], [0.4, 0.9]].map(|radii| released(&model, &front(radii), &u, &none));
+            let no_forces = vec![0.0; u.len()];
+            let j = [[0.25, 0.6], [0.4, 0.9]].map(|radii| released(&model, &front(radii), &u, &no_forces));
             j.map(|j| j / exact - 1.0)
         });
-        println!("{k:?}: {off:?}");
-        for (coarse, fine) in off[0].iter().zip(&off[1]) {
+        println!("{k:?}: {errors:?}");
+        for (coarse, fine) in errors[0].iter().zip(&errors[1]) {
             assert!(
                 fine.abs() < 0.003 && fine.abs() < 0.4 * coarse.abs() + 1e-4,
-                "{k:?}: {off:?}"
+                "{k:?}: {errors:?}"
             );
         }
     }
@@ -197,9 +197,9 @@ fn cracks_of_natural_elements_release_what_the_bar_gains() {
     };
     let [low, middle, high] = [7, 8, 9].map(with_depth);
     let change = (high.1 - low.1) / (2.0 / n as f64 * size[2]);
-    let off = [0, 1].map(|k| (low.0[k] + 4.0 * middle.0[k] + high.0[k]) / 6.0 / change - 1.0);
-    println!("{:?} of {change}: off by {off:?}", middle.0);
-    assert!(off.iter().all(|o| o.abs() < 0.03), "{off:?}");
+    let errors = [0, 1].map(|k| (low.0[k] + 4.0 * middle.0[k] + high.0[k]) / 6.0 / change - 1.0);
+    println!("{:?} of {change}: off by {errors:?}", middle.0);
+    assert!(errors.iter().all(|o| o.abs() < 0.03), "{errors:?}");
 }
 
 /// Returns the displacements of a bar under a unit stress on both ends, held at three nodes, and the work of

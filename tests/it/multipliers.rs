@@ -144,8 +144,8 @@ fn iterations_that_converge_give_what_the_factor_gives() {
             assert!((ratio - 1.0).abs() < 0.01, "conditions differ by {ratio}");
             let [a, b] = [&exact, &near].map(velocities);
             let top = a.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
-            assert!(apart < 1e-10, "{name}: velocities differ by {apart:e}");
+            let difference = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top;
+            assert!(difference < 1e-10, "{name}: velocities differ by {difference:e}");
             let residual = near.constraint_residual();
             assert!(residual < 1e-10, "{name}: residual {residual:e}");
             if let Some(damped) = report(&near).damped {
@@ -201,12 +201,14 @@ fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
         };
         let point = |x: f64| Point3::new(x * length, 0.0, 0.0);
         let slab = Slab::between(point(3.0), point(2.0)).unwrap();
-        let left = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
-        let right = Weights::complement_of(std::slice::from_ref(&left));
+        let coarse_share =
+            Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
+        let right = Weights::complement_of(std::slice::from_ref(&coarse_share));
         let v: Vec<f64> = (0..=75).map(|k| length * (0.2 * f64::from(k)).sin()).collect();
         let fine = Subdomain::fine(bar("fine", 2.0, 75, density), right).with_partition(Partition::Unchecked);
         let bodies = vec![
-            Subdomain::coarse(bar("coarse", 0.0, 15, density), left).with_partition(Partition::Unchecked),
+            Subdomain::coarse(bar("coarse", 0.0, 15, density), coarse_share)
+                .with_partition(Partition::Unchecked),
             fine.with_initial(vec![0.0; 76], v).unwrap(),
         ];
         let space = FemField::new(generate::bar(2.0 * length, 3.0 * length, 5, length * length).unwrap());
@@ -215,8 +217,8 @@ fn a_chebyshev_iteration_takes_as_many_iterations_in_any_units() {
         let mut run = Coupled::new(bodies, vec![tie], TimeStep::Fraction(0.8), None).unwrap();
         run.run(300, &mut Silent).unwrap();
         assert!(run.drift() < 1e-12, "{length} {density}: {:e}", run.drift());
-        let left = run.constraint_residual();
-        assert!(left < 1e-10, "{length} {density}: {left:e}");
+        let residual = run.constraint_residual();
+        assert!(residual < 1e-10, "{length} {density}: {residual:e}");
         run.interfaces()[0].iterations()
     };
     let reference = count([1.0, 1.0]);
@@ -350,8 +352,8 @@ fn a_component_that_is_held_in_the_overlap_is_solved_with_its_own_masses() {
         }
     }
     let [a, b] = [&exact, &near].map(velocities);
-    let apart = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
-    assert!(apart < 1e-9, "velocities differ by {apart:e}");
+    let difference = a.iter().zip(&b).fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    assert!(difference < 1e-9, "velocities differ by {difference:e}");
 }
 
 /// The section of a mediator's bars scales the multipliers and changes no motion.

@@ -32,14 +32,14 @@ fn elements(x: [f64; 2], counts: [usize; 3]) -> FemModel<f64> {
 
 /// Returns the supports for `u = ε (x, −ν y, −ν z)`: rollers on three faces, a displacement at the far end.
 fn supports(model: &dyn Model<f64>, fixed: f64, motion: f64) -> Vec<PrescribedMotion<f64>> {
-    let on = |axis: usize, value: f64| {
+    let unknowns_on = |axis: usize, value: f64| {
         let nodes = model.nodes().iter().enumerate();
         let held = nodes.filter(|(_, x)| (x[axis] - value).abs() < 1e-9);
         held.map(|(n, _)| 3 * n + axis).collect()
     };
     let rollers = [(0, fixed, motion), (1, 0.0, 0.0), (2, 0.0, 0.0)];
     let support = |(axis, value, amplitude)| PrescribedMotion {
-        dofs: on(axis, value),
+        dofs: unknowns_on(axis, value),
         amplitude,
         time: TimeFunction::Step,
     };

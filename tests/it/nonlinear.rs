@@ -125,8 +125,8 @@ fn conformance_passes_a_sound_law_of_finite_strain_at_any_amplitude() {
         assert!(defects.iter().all(|d| *d < 1e-6), "{amplitude:e}: {defects:?}");
         let mut wrong = Finite::new("body", block([0.0, 2.0], [4, 2, 2]), 1.01);
         wrong.set_internal_weight(&arlequin::core::Uniform(1.0)).unwrap();
-        let off = conformance::forces_derive_from_energy(&mut wrong, amplitude).unwrap();
-        assert!((0.005..0.02).contains(&off), "{off}");
+        let defect = conformance::forces_derive_from_energy(&mut wrong, amplitude).unwrap();
+        assert!((0.005..0.02).contains(&defect), "{defect}");
     }
 }
 

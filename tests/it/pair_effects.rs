@@ -181,8 +181,8 @@ fn a_spring_between_two_bars_keeps_momentum_and_the_ledger() {
 fn its_demand_shortens_the_step_of_both() {
     let free = linked(None).critical_steps().to_vec();
     let run = linked(Some(Link::new(1e9, 0.0, false)));
-    for (with, without) in run.critical_steps().iter().zip(&free) {
-        assert!(with < &(0.9 * without), "{with} {without}");
+    for (linked_step, free_step) in run.critical_steps().iter().zip(&free) {
+        assert!(linked_step < &(0.9 * free_step), "{linked_step} {free_step}");
     }
 }
 

@@ -343,11 +343,11 @@ fn effects_on_one_model_of_an_overlap_are_warned_of_by_name() {
         ("prestress", || Box::new(Prestress)),
     ];
     for (name, effect) in kinds {
-        for (side, [with, without]) in [["bar", "chain"], ["chain", "bar"]].into_iter().enumerate() {
+        for (side, [bearer, other_model]) in [["bar", "chain"], ["chain", "bar"]].into_iter().enumerate() {
             let mut effects = [None, None];
             effects[side] = Some(effect());
             let texts = build(effects);
-            let words = format!("'{with}' has the effect '{name}', '{without}' has it not");
+            let words = format!("'{bearer}' has the effect '{name}', '{other_model}' has it not");
             assert!(texts.len() == 1 && texts[0].starts_with(&words), "{texts:?}");
         }
         assert!(build([Some(effect()), Some(effect())]).is_empty());

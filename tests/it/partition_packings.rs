@@ -132,20 +132,20 @@ fn mass_that_particles_lack_beside_thicker_elements_is_warned_of_with_the_number
 /// the place.
 #[test]
 fn particles_that_crowd_in_one_half_of_the_overlap_are_refused_with_the_place() {
-    for (most, refused) in [(0.0, false), (0.02e-3, false), (0.22e-3, true)] {
-        let grains = squeezed("grains", 2e-3, 2500, most);
+    for (shift, refused) in [(0.0, false), (0.02e-3, false), (0.22e-3, true)] {
+        let grains = squeezed("grains", 2e-3, 2500, shift);
         match beside_grains(elements(0.5e-3, 2200.0), grains) {
-            Ok(_) => assert!(!refused, "{most}"),
+            Ok(_) => assert!(!refused, "{shift}"),
             Err(Error::UnevenFilling {
                 amount, point, limit, ..
             }) => {
-                println!("moved by {most}: {amount:.2} at {point:?}");
+                println!("moved by {shift}: {amount:.2} at {point:?}");
                 assert!(
                     refused && amount > limit && (2e-3..3e-3).contains(&point[0]),
-                    "{most}"
+                    "{shift}"
                 );
             }
-            Err(other) => panic!("{most}: {other}"),
+            Err(other) => panic!("{shift}: {other}"),
         }
     }
 }

@@ -23,8 +23,8 @@ fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> C
     let mut whole = build();
     whole.run(first, &mut Silent).unwrap();
     let saved = whole.snapshot().unwrap();
-    let mut again = build();
-    again.restore(&saved).unwrap();
+    let mut resumed = build();
+    resumed.restore(&saved).unwrap();
     let figures = |run: &Coupled<f64>| {
         let works = run.works().into_iter().map(|w| (w.name, w.work.to_bits()));
         (
@@ -34,14 +34,14 @@ fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> C
             run.constraint_residual().to_bits(),
         )
     };
-    assert_eq!(figures(&whole), figures(&again), "right after the restart");
+    assert_eq!(figures(&whole), figures(&resumed), "right after the restart");
     whole.run(then, &mut Silent).unwrap();
-    again.run(then, &mut Silent).unwrap();
-    assert_eq!(figures(&whole), figures(&again), "some steps later");
-    let samples = [&whole, &again].map(|r| r.last_energy().unwrap().clone());
+    resumed.run(then, &mut Silent).unwrap();
+    assert_eq!(figures(&whole), figures(&resumed), "some steps later");
+    let samples = [&whole, &resumed].map(|r| r.last_energy().unwrap().clone());
     assert_eq!(samples[0], samples[1]);
-    assert!(again.drift() < 1e-9, "drift {:e}", again.drift());
-    again
+    assert!(resumed.drift() < 1e-9, "drift {:e}", resumed.drift());
+    resumed
 }
 
 #[test]
@@ -318,10 +318,10 @@ fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
         "{reported:?}: {amplitude}"
     );
     // The run resumed from step 50; its largest jump lies before or after the restart.
-    let mut again = build();
-    again.restore(&snapshot.unwrap()).unwrap();
-    let before = again.displacement_jumps()[0];
+    let mut resumed = build();
+    resumed.restore(&snapshot.unwrap()).unwrap();
+    let before = resumed.displacement_jumps()[0];
     assert!(before.largest > 0.0 && before.largest <= reported.largest);
-    again.run(30, &mut Silent).unwrap();
-    assert_eq!(again.displacement_jumps()[0], reported);
+    resumed.run(30, &mut Silent).unwrap();
+    assert_eq!(resumed.displacement_jumps()[0], reported);
 }

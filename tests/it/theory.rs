@@ -8,7 +8,7 @@ use arlequin::core::Silent;
 use arlequin_studies::checks::{Check, cantilever_cell, checks};
 use arlequin_studies::line::Line;
 
-fn all_hold(checks: &[Check]) {
+fn assert_all_hold(checks: &[Check]) {
     let line = |c: &Check| {
         let beside = c.reference.map_or(String::new(), |r| format!(" beside {r}"));
         format!(
@@ -24,7 +24,7 @@ fn all_hold(checks: &[Check]) {
 
 macro_rules! cases {
     ($($test:ident: $name:literal,)*) => {
-        $(#[test] fn $test() { all_hold(&checks($name).unwrap()); })*
+        $(#[test] fn $test() { assert_all_hold(&checks($name).unwrap()); })*
     };
 }
 
@@ -43,7 +43,7 @@ cases! {
 #[test]
 fn a_coarse_cell_keeps_its_energy_where_schwarz_coupling_loses_it() {
     // Mesh ratio 1:0.6, overlap 50.8 mm: published drift of the overlapping Schwarz coupling -61.1 % at 1 ms.
-    all_hold(&cantilever_cell(0.6, 50.8e-3, -61.1).unwrap());
+    assert_all_hold(&cantilever_cell(0.6, 50.8e-3, -61.1).unwrap());
 }
 
 #[test]

@@ -60,12 +60,12 @@ fn pulse(end: &str) -> Vec<String> {
     [text(&path).to_owned()].into_iter().chain(changes).collect()
 }
 
-fn run<'a>(scene: &'a [String], more: &[&'a str]) -> Vec<&'a str> {
+fn run<'a>(scene: &'a [String], extra: &[&'a str]) -> Vec<&'a str> {
     let scene = scene.iter().map(String::as_str);
     ["run"]
         .into_iter()
         .chain(scene)
-        .chain(more.iter().copied())
+        .chain(extra.iter().copied())
         .collect()
 }
 
@@ -163,7 +163,7 @@ fn errors_are_said_once_with_the_code_of_one_rank() {
 }
 
 /// Writes a launcher script that runs `begin` first on one rank, and returns its path.
-fn odd(folder: &Path, rank: usize, begin: &str, arguments: &str) -> PathBuf {
+fn write_launcher(folder: &Path, rank: usize, begin: &str, arguments: &str) -> PathBuf {
     let path = folder.join("odd.sh");
     let program = env!("CARGO_BIN_EXE_arlequin");
     let text = format!(
@@ -190,7 +190,7 @@ fn ranks_that_differ_hang_or_die_end_the_job_by_name() {
         let out = folder.join(format!("out-{k}"));
         let arguments = run(&scene, &["--out", text(&out), "--wait", "5"]);
         let quoted: Vec<String> = arguments.iter().map(|a| format!("'{a}'")).collect();
-        let program = odd(&folder, 1, begin, &quoted.join(" "));
+        let program = write_launcher(&folder, 1, begin, &quoted.join(" "));
         let begun = Instant::now();
         let done = mpirun(3, text(&program), &[]).output().expect("mpirun is there");
         let words = printed_by(&done);
@@ -221,7 +221,7 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
         saved.display()
     );
     let quoted: Vec<String> = arguments.iter().map(|a| format!("'{a}'")).collect();
-    let program = odd(&folder, 1, &begin, &quoted.join(" "));
+    let program = write_launcher(&folder, 1, &begin, &quoted.join(" "));
     let killed = mpirun(3, text(&program), &[]).output().expect("mpirun is there");
     assert!(
         !killed.status.success() && saved.exists(),
@@ -245,8 +245,8 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
         .expect("runs");
     assert!(alone.status.success(), "{}", printed_by(&alone));
     let out = folder.join("out");
-    let more = ["--out", text(&out), "--set", "output.pieces=true"];
-    let done = on_ranks(3, &run(&scene, &more));
+    let settings = ["--out", text(&out), "--set", "output.pieces=true"];
+    let done = on_ranks(3, &run(&scene, &settings));
     assert!(done.status.success(), "{}", printed_by(&done));
     let index = String::from_utf8(bytes(&out, "results.pvd")).expect("text");
     assert!(index.contains("vtu/right_00000000.pvtu"), "{index}");
@@ -308,11 +308,11 @@ fn a_launcher_of_another_mpi_library_is_refused_by_name() {
     let python = std::env::var_os("ARLEQUIN_PYTHON").map(PathBuf::from);
     let hydra = python.map(|p| p.with_file_name("mpiexec")).filter(|p| p.exists());
     if let Some(hydra) = hydra {
-        let mut three = Command::new(hydra);
-        three
+        let mut hydra_run = Command::new(hydra);
+        hydra_run
             .args(["-n", "3", env!("CARGO_BIN_EXE_arlequin")])
             .args(&arguments);
-        let ended = three.output().expect("starts");
+        let ended = hydra_run.output().expect("starts");
         let error = printed_by(&ended);
         assert!(!ended.status.success() && !out.exists(), "{error}");
         assert_eq!(

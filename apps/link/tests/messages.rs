@@ -182,9 +182,9 @@ proptest! {
     fn records_are_read_with_the_bits_they_are_written_with(bits: Vec<u64>, integers: Vec<u64>) {
         let record = Record { numbers: bits.iter().map(|b| f64::from_bits(*b)).collect(), integers };
         let bytes = written(|m| write_record(m, Kind::Restore, &record));
-        let back = read_record(Content::new("p", Kind::Restore, &bytes[HEADER..])).unwrap();
-        prop_assert_eq!(back.numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), bits);
-        prop_assert_eq!(back.integers, record.integers);
+        let decoded = read_record(Content::new("p", Kind::Restore, &bytes[HEADER..])).unwrap();
+        prop_assert_eq!(decoded.numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), bits);
+        prop_assert_eq!(decoded.integers, record.integers);
     }
 }
 

@@ -27,7 +27,7 @@ fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     let mut points = generate::block(Point3::origin(), Point3::from(size), n, jitter, 3).unwrap();
     let id = |v: [usize; 3]| v[0] + (n[0] + 1) * (v[1] + (n[1] + 1) * v[2]);
     let mut faces = Vec::new();
-    for &(axis, at, keep) in cuts {
+    for &(axis, layer, keep) in cuts {
         let (u, w) = ((axis + 1) % 3, (axis + 2) % 3);
         for j in 0..n[u] {
             for k in 0..n[w] {
@@ -36,14 +36,14 @@ fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
                     continue;
                 }
                 let corner = |dj: usize, dk: usize| {
-                    let mut v = [at; 3];
+                    let mut v = [layer; 3];
                     v[u] = j + dj;
                     v[w] = k + dk;
                     id(v)
                 };
                 let quad = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
                 for v in quad {
-                    points[v][axis] = at as f64 * h;
+                    points[v][axis] = layer as f64 * h;
                 }
                 faces.push([quad[0], quad[1], quad[2]]);
                 faces.push([quad[0], quad[2], quad[3]]);
@@ -102,10 +102,10 @@ fn bar(depth: usize, jitter: f64) -> Domain {
 #[test]
 fn none_half_and_full_cut_differ() {
     for jitter in [0.0, 0.2] {
-        let [none, half, most] = [0, 2, 3].map(|d| compliance(&model(bar(d, jitter)), 0, &|_, _| false));
-        println!("jitter {jitter}: compliance none {none:.4}, half {half:.4}, three quarters {most:.4}");
-        assert!((none / 1.0 - 1.0).abs() < 1e-10, "L A / E: {none}");
-        assert!(half > 2.0 * none && most > 2.0 * half);
+        let [uncut, half, deep] = [0, 2, 3].map(|d| compliance(&model(bar(d, jitter)), 0, &|_, _| false));
+        println!("jitter {jitter}: compliance none {uncut:.4}, half {half:.4}, three quarters {deep:.4}");
+        assert!((uncut / 1.0 - 1.0).abs() < 1e-10, "L A / E: {uncut}");
+        assert!(half > 2.0 * uncut && deep > 2.0 * half);
         // Cut through: either half moves without the other in any motion.
         let mut cut = model(bar(4, jitter));
         let right: Vec<bool> = halves(&cut);
@@ -319,8 +319,8 @@ fn stress_intensity_of_a_centre_crack_is_within_five_percent() {
         let g = 0.5 * (energy(a + 1) - energy(a - 1)) / (2.0 * h) / 2.0;
         let (a, w) = (a as f64 * h, 0.5 * cells as f64 * h);
         let handbook = (PI * a / (PI * a / (2.0 * w)).cos()).sqrt();
-        let off = (g * e).sqrt() / handbook - 1.0;
-        println!("K at a/w = {:.1}: {:+.2} % of the handbook", a / w, 100.0 * off);
-        assert!(off.abs() < 0.05, "{off}");
+        let error = (g * e).sqrt() / handbook - 1.0;
+        println!("K at a/w = {:.1}: {:+.2} % of the handbook", a / w, 100.0 * error);
+        assert!(error.abs() < 0.05, "{error}");
     }
 }

@@ -77,10 +77,10 @@ fn outside_is_an_error_but_round_off_is_not() {
         Interpolant::Laplace,
     );
     let mut row = ShapeRow::default();
-    for (off, good) in [(1e-14, true), (1e-11, true), (1e-6, false), (0.5, false)] {
-        let x = Point3::new(3.0 + off, 1.3, 1.7);
+    for (distance, good) in [(1e-14, true), (1e-11, true), (1e-6, false), (0.5, false)] {
+        let x = Point3::new(3.0 + distance, 1.3, 1.7);
         let shape = field.shape_at(&x, true, &mut row);
-        assert_eq!(shape.is_ok(), good, "{off:e}");
+        assert_eq!(shape.is_ok(), good, "{distance:e}");
         if good {
             let interpolated: f64 = row
                 .nodes

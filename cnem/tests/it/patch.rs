@@ -374,14 +374,14 @@ fn constant_stress_is_recovered_to_round_off_at_all_nodes() {
         let mut recovered = Vec::new();
         let recovery = model.recovery().unwrap();
         recovery.recover(&q, &nodes, &mut recovered).unwrap();
-        let off = recovered.iter().flat_map(|r| {
+        let errors = recovered.iter().flat_map(|r| {
             let pairs = r.stress.0.into_iter().zip(stress.0);
             pairs.map(|(a, b)| (a - b).abs())
         });
-        let off = off.fold(0.0_f64, f64::max) / stress.von_mises();
-        println!("{name}: {off:e}");
+        let errors = errors.fold(0.0_f64, f64::max) / stress.von_mises();
+        println!("{name}: {errors:e}");
         // Cells at the crack have reassigned parts, and their gradients hold to 1e-8.
-        assert!(off < 1e-10, "{name}: {off:e}");
+        assert!(errors < 1e-10, "{name}: {errors:e}");
         assert!(recovery.recover(&q, &[nodes.len()], &mut recovered).is_err());
     }
 }

@@ -119,8 +119,8 @@ fn cells_tile_and_functions_are_linear() {
         let field = NaturalField::from_points(&case.points, Interpolant::Laplace).unwrap();
         let cells = field.cells();
         for _ in 0..4 {
-            let more = case.covered(&cells, &mut next);
-            assert!(more.abs() < 1e-9, "case {seed}: {more:e} of a body too much");
+            let excess = case.covered(&cells, &mut next);
+            assert!(excess.abs() < 1e-9, "case {seed}: {excess:e} of a body too much");
         }
     }
 }

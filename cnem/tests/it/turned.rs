@@ -321,8 +321,8 @@ fn points_on_the_surface_are_inside() {
                 let x = a + (b - a) * u + (c - a) * v;
                 let row = domain.shape(Interpolant::Laplace, &x, &mut scratch).unwrap();
                 let pairs = row.nodes.iter().zip(&row.values);
-                let off: Vector3<f64> = pairs.map(|(&v, w)| (domain.nodes()[v] - x) * *w).sum();
-                assert!(off.norm() < 1e-13 * (1.0 + size), "{} {off}", body.name);
+                let moment: Vector3<f64> = pairs.map(|(&v, w)| (domain.nodes()[v] - x) * *w).sum();
+                assert!(moment.norm() < 1e-13 * (1.0 + size), "{} {moment}", body.name);
                 let normal = (b - a).cross(&(c - a)).normalize() * (1e-9 * size);
                 assert!(
                     !(domain.contains(&(x + normal)) && domain.contains(&(x - normal))),

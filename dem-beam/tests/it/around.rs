@@ -28,7 +28,7 @@ impl Place {
         self.turn * Vector3::new(x, y, z) * self.scale + self.shift
     }
 
-    fn back(&self, x: &Vector3<f64>) -> Vector3<f64> {
+    fn unplaced(&self, x: &Vector3<f64>) -> Vector3<f64> {
         self.turn.inverse() * (x - self.shift) / self.scale
     }
 
@@ -66,7 +66,7 @@ impl Place {
 
 /// Returns bonds per sphere, and mass per volume over the body's density, of the spheres between two
 /// sections.
-fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
+fn bonds_and_mass(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     let mut bonds = vec![0_u32; packing.radii.len()];
     packing
         .pairs
@@ -76,7 +76,7 @@ fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     let body = packing.bonded(BeamMaterial::SILICA, 1.0).unwrap();
     let (mut count, mut degree, mut mass) = (0.0, 0.0, 0.0);
     for ((x, b), m) in packing.positions.iter().zip(&bonds).zip(body.mass()) {
-        let x = place.back(x);
+        let x = place.unplaced(x);
         if (low..high).contains(&x.x) {
             count += 1.0;
             degree += f64::from(*b);
@@ -136,10 +136,10 @@ fn a_part_is_packed_alike_when_it_is_turned_far_away_and_in_other_units() {
         let packing = PackingSpec::quench(Container::Around(Box::new(around)), 394, 2)
             .build()
             .unwrap();
-        let [bonds, mass] = between(&packing, &place, 2.0, 6.0);
+        let [bonds, mass] = bonds_and_mass(&packing, &place, 2.0, 6.0);
         assert!((5.9..6.9).contains(&bonds), "bonds inside {bonds}");
         assert!((mass - 1.0).abs() < 0.06, "mass inside {mass}");
-        let beyond = |x: &Vector3<f64>| place.back(x).x > LENGTH * (1.0 + 1e-9);
+        let beyond = |x: &Vector3<f64>| place.unplaced(x).x > LENGTH * (1.0 + 1e-9);
         assert!(!packing.positions.iter().any(beyond));
     }
 }

@@ -136,10 +136,10 @@ proptest! {
             let h = if c % 6 < 3 { l } else { 1.0 };
             let mut y = x.clone();
             y[c] += h;
-            let up = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
+            let energy_above = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
             y[c] -= 2.0 * h;
-            let down = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
-            let grad = (up - down) / (2.0 * h);
+            let energy_below = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
+            let grad = (energy_above - energy_below) / (2.0 * h);
             prop_assert!((f[c / 3][c % 3] + grad).abs() <= 1e-12 * scale * l / h);
         }
     }

@@ -73,13 +73,13 @@ fn two_bodies_rebound_with_the_coefficient_of_restitution() {
         let parting = speed(&run, places[2]) - speed(&run, places[0]);
         assert!((parting - e).abs() < 0.02, "e = {e}: {parting}");
         let line = run.effects().into_iter().next().unwrap();
-        let gone = line.dissipated().unwrap();
+        let dissipated = line.dissipated().unwrap();
         assert!(
-            line.stored.abs() < 1e-30 && gone > -1e-4 * before,
+            line.stored.abs() < 1e-30 && dissipated > -1e-4 * before,
             "created {}",
-            -gone
+            -dissipated
         );
-        assert!((run.energy() + gone - before).abs() < 1e-3 * before);
+        assert!((run.energy() + dissipated - before).abs() < 1e-3 * before);
         let [p, _] = run.momentum();
         let whole = run.subdomains()[0].inertia()[0] * 2.0;
         assert!((p.x - whole).abs() < 1e-12 * whole, "momentum {}", p.x);
@@ -96,8 +96,8 @@ fn a_pair_with_radius_ratio_one_to_twenty_collides_without_creating_energy() {
         run.advance(&mut Silent).unwrap();
     }
     let line = &run.effects()[0];
-    let gone = line.dissipated().unwrap();
-    assert!(gone.abs() < 2e-2 * before, "{gone} of {before}");
+    let dissipated = line.dissipated().unwrap();
+    assert!(dissipated.abs() < 2e-2 * before, "{dissipated} of {before}");
     assert!(
         run.subdomains()[0].state().v[3 * places[0]] < 9.0,
         "the small one is deflected"
@@ -213,8 +213,13 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
     let run = strike(15_000.0, 0.3).unwrap();
     assert!(run.drift() < 1e-9, "{}", run.drift());
     for line in run.effects() {
-        let (gone, put) = (line.dissipated().unwrap(), run.effects()[2].supplied.unwrap());
-        assert!(gone > -1e-3 * put, "{}: created {} of {put}", line.name, -gone);
+        let (dissipated, supplied) = (line.dissipated().unwrap(), run.effects()[2].supplied.unwrap());
+        assert!(
+            dissipated > -1e-3 * supplied,
+            "{}: created {} of {supplied}",
+            line.name,
+            -dissipated
+        );
     }
     let error = strike(1e6, 0.9).unwrap_err().to_string();
     assert!(
@@ -275,10 +280,10 @@ fn a_bond_that_breaks_becomes_a_contact_without_a_jump() {
     for line in run.effects() {
         assert!(line.dissipated().unwrap() > -5e-3 * before, "{line:?}");
     }
-    let gone = locked(&log).released();
+    let released = locked(&log).released();
     assert!(
-        run.energy() + gone < 1.02 * before,
-        "{} + {gone} of {before}",
+        run.energy() + released < 1.02 * before,
+        "{} + {released} of {before}",
         run.energy()
     );
 }

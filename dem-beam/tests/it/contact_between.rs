@@ -84,12 +84,12 @@ fn angular_momentum_is_kept_when_bodies_that_turn_collide_with_friction() {
     let mut run = impact(law, 0.8);
     run.run((3e-5 / run.dt()) as usize, &mut Silent).unwrap();
     let body = run.bodies().remove(0);
-    let Claim::Linear(why) = &body.claim else {
+    let Claim::Linear(reason) = &body.claim else {
         panic!("{:?}", body.claim);
     };
     assert!(
-        why.starts_with("the law of 'target' balances about the positions at rest, 'contact "),
-        "{why}"
+        reason.starts_with("the law of 'target' balances about the positions at rest, 'contact "),
+        "{reason}"
     );
     assert!(body.drift[0] < 1e-13 && body.drift[1] > 1e-9, "{:?}", body.drift);
 }
@@ -125,19 +125,22 @@ fn momentum_is_kept_and_no_energy_gained_when_two_packings_collide() {
             (line.name.as_str(), line.phase),
             ("contact target-ball", Some(Phase::Pair(0)))
         );
-        let (gone, work) = (line.dissipated().unwrap(), line.work.unwrap());
-        assert!(gone > -1e-14 * before && work < 1e-14 * before, "{gone} {work}");
+        let (dissipated, work) = (line.dissipated().unwrap(), line.work.unwrap());
+        assert!(
+            dissipated > -1e-14 * before && work < 1e-14 * before,
+            "{dissipated} {work}"
+        );
         // The bodies separate: the upper one flies up, and elastic contact returns all energy.
         let vz = run.subdomains()[1].momentum()[0].z;
         assert!(vz > 0.0, "{vz}");
         if restitution > 0.99 {
             assert!(
-                line.stored <= 0.0 && gone < 1e-3 * before,
-                "{} {gone}",
+                line.stored <= 0.0 && dissipated < 1e-3 * before,
+                "{} {dissipated}",
                 line.stored
             );
         } else {
-            assert!(gone > 0.05 * before, "{gone} of {before}");
+            assert!(dissipated > 0.05 * before, "{dissipated} of {before}");
         }
     }
 }
@@ -204,13 +207,13 @@ fn a_restart_in_mid_contact_goes_on_with_the_same_bits() {
     whole.run(3, &mut Silent).unwrap();
     let saved = whole.snapshot().unwrap();
     assert!(whole.effects()[0].stored > 0.0);
-    let mut again = impact(rough(), 0.7);
-    again.restore(&saved).unwrap();
-    assert_eq!(bits(&whole), bits(&again), "as restored");
-    for run in [&mut whole, &mut again] {
+    let mut resumed = impact(rough(), 0.7);
+    resumed.restore(&saved).unwrap();
+    assert_eq!(bits(&whole), bits(&resumed), "as restored");
+    for run in [&mut whole, &mut resumed] {
         run.run(200, &mut Silent).unwrap();
     }
-    assert_eq!(bits(&whole), bits(&again));
+    assert_eq!(bits(&whole), bits(&resumed));
     let mut torn = saved.clone();
     torn.pairs[0].effect.numbers.pop();
     let error = impact(rough(), 0.7).restore(&torn).unwrap_err().to_string();
@@ -222,7 +225,7 @@ fn a_restart_in_mid_contact_goes_on_with_the_same_bits() {
 
 #[test]
 fn the_same_bits_for_any_number_of_threads() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -234,9 +237,9 @@ fn the_same_bits_for_any_number_of_threads() {
             bits(&run)
         })
     };
-    let serial = with(1);
-    assert_eq!(serial, with(2));
-    assert_eq!(serial, with(3));
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(2));
+    assert_eq!(serial, bits_on(3));
 }
 
 #[test]
@@ -325,9 +328,9 @@ fn without_contact_between_them_bodies_pass_and_nothing_is_called() {
     assert!(count > 9 && worst > 0.05, "{count} {worst}");
     let at_rest = [0, 1].map(|k: usize| vec![0.0; run.subdomains()[k].model().layout().dofs()]);
     assert_eq!(below.overlaps(&above, [&at_rest[0], &at_rest[1]], 0.0), None);
-    let mut with = impact(ContactLaw::elastic(E), 0.8);
+    let mut touching = impact(ContactLaw::elastic(E), 0.8);
     let mut counter = Counter::default();
-    with.run(10, &mut counter).unwrap();
+    touching.run(10, &mut counter).unwrap();
     assert_eq!((counter.pair, counter.effect), (10, 0));
 }
 

@@ -67,7 +67,7 @@ fn meeting(
     [speed, phase, fraction]: [f64; 3],
     law: ContactLaw,
 ) -> Coupled<f64> {
-    let with = |gap: f64| {
+    let run_with_gap = |gap: f64| {
         let (model, v) = two_bodies(length, radii, gap);
         let contact = Contact::new(&model, law).unwrap();
         let n = v.len();
@@ -78,8 +78,8 @@ fn meeting(
             .unwrap();
         Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
     };
-    let dt = with(0.1 * R).dt();
-    with(speed * dt * (1.0 + phase))
+    let dt = run_with_gap(0.1 * R).dt();
+    run_with_gap(speed * dt * (1.0 + phase))
 }
 
 /// Returns the least and largest ratio of kinetic energy after and before the collision, and the largest
@@ -119,8 +119,8 @@ fn an_elastic_pair_parts_with_its_energy_at_any_phase_and_step() {
     // A spring alone returns 0.947 to 1.060 of the energy at 0.9 of the critical step, 0.992 to 1.009 at 0.3.
     for radii in [[R, R], [R, 3.0 * R]] {
         for fraction in FRACTIONS {
-            let [least, most, created] = sweep(1, radii, 1.0, fraction);
-            assert!(most < 1.0 + 1e-14, "{fraction}: gained {:e}", most - 1.0);
+            let [least, largest, created] = sweep(1, radii, 1.0, fraction);
+            assert!(largest < 1.0 + 1e-14, "{fraction}: gained {:e}", largest - 1.0);
             assert!(least > 1.0 - 1e-12, "{fraction}: lost {:e}", 1.0 - least);
             assert!(created < 1e-14, "{fraction}: {created:e}");
         }
@@ -130,12 +130,12 @@ fn an_elastic_pair_parts_with_its_energy_at_any_phase_and_step() {
 #[test]
 fn a_damped_pair_never_gains_and_keeps_its_restitution() {
     for fraction in FRACTIONS {
-        let [least, most, created] = sweep(1, [R, R], 0.5, fraction);
+        let [least, largest, created] = sweep(1, [R, R], 0.5, fraction);
         // The dashpot uses the velocity of half a step ago: first order in the step.
         let band = 0.1 * fraction;
         assert!(
-            least > 0.25 - band && most < 0.25 + band,
-            "{fraction}: {least} {most}"
+            least > 0.25 - band && largest < 0.25 + band,
+            "{fraction}: {least} {largest}"
         );
         assert!(created < 1e-14, "{fraction}: {created:e}");
     }
@@ -146,12 +146,12 @@ fn rods_with_bonds_behind_the_contact_never_gain() {
     // A spring alone creates up to 1.4e-2.
     for restitution in [1.0, 0.5] {
         for fraction in FRACTIONS {
-            let [_, most, created] = sweep(4, [R, R], restitution, fraction);
+            let [_, largest, created] = sweep(4, [R, R], restitution, fraction);
             assert!(
-                most < 1.0 + 1e-14 && created < 1e-14,
-                "{fraction}: {most} {created:e}"
+                largest < 1.0 + 1e-14 && created < 1e-14,
+                "{fraction}: {largest} {created:e}"
             );
-            assert!(restitution > 0.99 || most < 0.8, "{most}");
+            assert!(restitution > 0.99 || largest < 0.8, "{largest}");
         }
     }
 }
@@ -176,7 +176,7 @@ proptest! {
             rolling,
             ..ContactLaw::elastic(E)
         };
-        let with = |gap: f64| {
+        let run_with_gap = |gap: f64| {
             let radii = [R, ratio * R];
             let x: Vec<Vector3<f64>> = [(-1.0, R), (1.0, ratio * R)]
                 .iter()
@@ -202,8 +202,8 @@ proptest! {
                 .unwrap();
             Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
         };
-        let dt = with(0.1 * R).dt();
-        let mut run = with(speed * dt * (1.0 + phase));
+        let dt = run_with_gap(0.1 * R).dt();
+        let mut run = run_with_gap(speed * dt * (1.0 + phase));
         let before = run.energy();
         let mut worst = 0.0_f64;
         for step in 0..60 {

@@ -132,11 +132,11 @@ fn a_driven_obstacle_is_where_its_motion_begins() {
 /// Particles that initial displacements put into an obstacle are refused when the run is set up.
 #[test]
 fn particles_displaced_into_an_obstacle_are_refused_before_the_first_step() {
-    let set_up = |down: f64| {
+    let set_up = |depth: f64| {
         let model = block(Vector3::zeros());
         let wall = Obstacle::new("floor", &model, floor(-R, 1.0), Motion::Fixed, law()).unwrap();
         let n = model.layout().dofs();
-        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -down } else { 0.0 };
+        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -depth } else { 0.0 };
         let s = Subdomain::fine(model, Weights::uncoupled())
             .with_effect(Box::new(wall))
             .with_initial((0..n).map(shift).collect(), vec![0.0; n])
@@ -153,9 +153,9 @@ fn particles_displaced_into_an_obstacle_are_refused_before_the_first_step() {
 
 /// Sets up two bodies whose nearest layers are `apart` radii apart, the upper one displaced down by `pushed`
 /// \[m\]; returns the error.
-fn pair(apart: f64, pushed: f64) -> Result<(), String> {
+fn pair(distance: f64, pushed: f64) -> Result<(), String> {
     let below = block(Vector3::zeros());
-    let above = block(Vector3::new(0.0, 0.0, (6.0 + apart) * R));
+    let above = block(Vector3::new(0.0, 0.0, (6.0 + distance) * R));
     let contact = ContactBetween::new(
         ContactBody::from_model(&below),
         ContactBody::from_model(&above),
@@ -163,8 +163,8 @@ fn pair(apart: f64, pushed: f64) -> Result<(), String> {
     )
     .unwrap();
     let n = below.layout().dofs();
-    let side = |model: DemModel, down: f64| {
-        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -down } else { 0.0 };
+    let side = |model: DemModel, depth: f64| {
+        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -depth } else { 0.0 };
         Subdomain::fine(model, Weights::uncoupled())
             .with_initial((0..n).map(shift).collect(), vec![0.0; n])
             .unwrap()

@@ -156,10 +156,10 @@ fn everything_breaks_at_once_and_no_energy_appears() {
         after <= before && run.subdomains()[0].internal_energy().abs() < 1e-30,
         "{after} {before}"
     );
-    let gone = locked(&log).released();
+    let released = locked(&log).released();
     assert!(
-        (gone + after - before).abs() < 2e-2 * before,
-        "{gone} + {after} = {before}"
+        (released + after - before).abs() < 2e-2 * before,
+        "{released} + {after} = {before}"
     );
 }
 
@@ -342,16 +342,16 @@ fn torn(weight: f64) -> [(usize, bool); 2] {
         nodes.iter().enumerate().for_each(|(i, x)| q[3 * i] = along(x));
         q
     };
-    let apart = 4e-3 * R;
+    let opening = 4e-3 * R;
     let corners = |x: &nalgebra::Point3<f64>| {
         let is_corner = (0..3).all(|c| at_end(x[c], c));
         if is_corner {
-            apart.copysign(x.x - middle)
+            opening.copysign(x.x - middle)
         } else {
             0.0
         }
     };
-    let halves = |x: &nalgebra::Point3<f64>| corners(x) + if x.x > middle { apart } else { 0.0 };
+    let halves = |x: &nalgebra::Point3<f64>| corners(x) + if x.x > middle { opening } else { 0.0 };
     let log = model.break_log();
     let mut before = move_along_x(&|_| 0.0);
     [move_along_x(&corners), move_along_x(&halves)].map(|q| {

@@ -33,9 +33,12 @@ fn coincident_particles() {
         "particles 1 and 2 are 0e0 m apart, below 2e-9 m: merge them or move one"
     );
     // Without a bond between them the field refuses coincident spheres, by the model's numbers.
-    let apart = chain([0.0, 2.0, 0.0], GOOD, &LINE).unwrap_err();
-    assert!(matches!(apart, Error::Core(_)));
-    assert!(apart.to_string().contains("coincides with particle"), "{apart}");
+    let unbonded = chain([0.0, 2.0, 0.0], GOOD, &LINE).unwrap_err();
+    assert!(matches!(unbonded, Error::Core(_)));
+    assert!(
+        unbonded.to_string().contains("coincides with particle"),
+        "{unbonded}"
+    );
 }
 
 #[test]

@@ -130,9 +130,9 @@ fn stl_as_text_and_binary_is_the_same_body() {
 fn bodies_from_stl_are_filled() {
     let hole = |x: &Vector3<f64>| x.xy().norm() < 0.55e-3;
     let notch = |x: &Vector3<f64>| x.x > 1.05e-3 && x.y > 1.05e-3;
-    let none = |_: &Vector3<f64>| false;
+    let nowhere = |_: &Vector3<f64>| false;
     let cases: [Case<'_>; 3] = [
-        (ball(1e-3), &none),
+        (ball(1e-3), &nowhere),
         (torus(1e-3, 0.4e-3), &hole),
         (ell(1e-3), &notch),
     ];
@@ -281,10 +281,10 @@ fn piece(numbers: &str, kind: &str) -> Vec<u8> {
             "<DataArray type=\"Int64\" Name=\"{name}\" NumberOfComponents=\"1\" format=\"ascii\">{values}</DataArray>"
         )
     };
-    let more = array("n", numbers) + &array("vtkGhostType", kind);
+    let arrays = array("n", numbers) + &array("vtkGhostType", kind);
     String::from_utf8(vtu("r", "4.8e-3"))
         .unwrap()
-        .replace("<PointData>", &format!("<PointData GlobalIds=\"n\">{more}"))
+        .replace("<PointData>", &format!("<PointData GlobalIds=\"n\">{arrays}"))
         .into_bytes()
 }
 
@@ -323,7 +323,7 @@ fn pieces_make_one_file_without_ghosts() {
 /// Issue 26, D.6: a frame with displaced spheres or broken bonds is refused as a packing.
 #[test]
 fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
-    let with = |moved: &str, broken: &str| {
+    let frame = |moved: &str, broken: &str| {
         let array = |name: &str, parts: usize, values: &str| {
             format!(
                 "<DataArray type=\"Float64\" Name=\"{name}\" NumberOfComponents=\"{parts}\" format=\"ascii\">{values}</DataArray>"
@@ -340,13 +340,13 @@ fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
             .into_bytes()
     };
     let still = "0 0 0 0 0 0 0 0 0";
-    assert!(read_vtu(&with(still, "0 0"), None).is_ok());
-    let moved = with("0 0 0 0 0 0 1e-9 -2e-9 0", "0 0");
-    let broken = with(still, "0 1");
+    assert!(read_vtu(&frame(still, "0 0"), None).is_ok());
+    let moved = frame("0 0 0 0 0 0 1e-9 -2e-9 0", "0 0");
+    let broken = frame(still, "0 1");
     for (bytes, expected) in [(&moved, (2e-9, 0)), (&broken, (0.0, 1))] {
         for result in [
             read_vtu(bytes, None),
-            read_pieces(&[&with(still, "0 0"), bytes], None),
+            read_pieces(&[&frame(still, "0 0"), bytes], None),
         ] {
             let Err(Error::NotAtRest { farthest, broken }) = result else {
                 panic!("{result:?}");

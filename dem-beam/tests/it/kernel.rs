@@ -305,10 +305,13 @@ fn independent_of_numbering() {
         .rev()
         .map(|&[i, j]| [flip(i as usize) as u32, flip(j as usize) as u32])
         .collect();
-    let run = |p: &Packing, back: bool| {
+    let run = |p: &Packing, reversed: bool| {
         let model = model(p).with_finite_rotations();
         let old: Vec<usize> = model.order().iter().map(|&i| i as usize).collect();
-        let old: Vec<usize> = old.into_iter().map(|i| if back { flip(i) } else { i }).collect();
+        let old: Vec<usize> = old
+            .into_iter()
+            .map(|i| if reversed { flip(i) } else { i })
+            .collect();
         let v = random(n, 1.0, 1e3);
         let v: Vec<Twist> = old.iter().map(|&i| v[i]).collect();
         let mut d = Motion::new(model, 1e-9, &v);

@@ -90,11 +90,11 @@ fn finite_rotations_derive_from_energy_at_any_size() {
             for i in range.step_by(97) {
                 let keep = q[i];
                 q[i] = keep + step;
-                let up = m.internal_energy(&q);
+                let energy_above = m.internal_energy(&q);
                 q[i] = keep - step;
-                let down = m.internal_energy(&q);
+                let energy_below = m.internal_energy(&q);
                 q[i] = keep;
-                let defect = ((up - down) / (2.0 * step) + f[i]).abs() / scale;
+                let defect = ((energy_above - energy_below) / (2.0 * step) + f[i]).abs() / scale;
                 assert!(defect < 1e-4, "{u} {turn} {i}: {defect}");
             }
         }
@@ -123,13 +123,15 @@ fn finite_law_ignores_rigid_motions_and_is_linear_for_small_ones() {
         assert!(worst < 1e-6 * scale, "{worst} of {scale}");
     }
     // Relative to the force of a rotation of 1e-3 rad per particle.
-    let some = random(&m, 0.0, 1e-3);
-    let scale = forces(&mut m, &some).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+    let small_rotations = random(&m, 0.0, 1e-3);
+    let scale = forces(&mut m, &small_rotations)
+        .iter()
+        .fold(0.0_f64, |a, f| a.max(f.abs()));
     assert!(rigid < 1e-10 * scale, "{rigid} of {scale}");
     // The same orientation after three more turns.
-    let more = turn * (1.0 + 6.0 * std::f64::consts::PI / turn.norm());
+    let further = turn * (1.0 + 6.0 * std::f64::consts::PI / turn.norm());
     let first = 3 * m.nodes().len();
-    (first..2 * first).for_each(|i| q[i] = more[i % 3]);
+    (first..2 * first).for_each(|i| q[i] = further[i % 3]);
     let turned = forces(&mut m, &q).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
     assert!(turned < 1e-10 * scale, "{turned} of {scale}");
 }
@@ -159,13 +161,13 @@ fn forces_equal_bare_bonds_in_the_packing_numbers() {
             let means: Vec<f64> = body.pairs().iter().map(mean).collect();
             body.set_weights(&means).unwrap();
         }
-        let three = |x: &[f64], i: usize| Vector3::new(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        let vector = |x: &[f64], i: usize| Vector3::new(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
         let state: Vec<Twist> = m
             .places()
             .iter()
             .map(|&p| Twist {
-                linear: three(&q, p as usize),
-                angular: three(&q, n + p as usize),
+                linear: vector(&q, p as usize),
+                angular: vector(&q, n + p as usize),
             })
             .collect();
         let mut plain = vec![Twist::zero(); n];
@@ -176,8 +178,8 @@ fn forces_equal_bare_bonds_in_the_packing_numbers() {
             let p = m.places()[i] as usize;
             assert!(m.order()[p] as usize == i);
             let w = if is_nodal { steep.value(&m.nodes()[p]) } else { 1.0 };
-            assert!((three(&f, p) - t.linear * w).norm() < 1e-12 * a);
-            assert!((three(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
+            assert!((vector(&f, p) - t.linear * w).norm() < 1e-12 * a);
+            assert!((vector(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
         }
     }
 }
@@ -355,11 +357,11 @@ fn selections_and_loads() {
         }
         assert!(force.norm() < 1e-9 && (moment - Vector3::new(2.0, -1.0, 0.5)).norm() < 1e-12);
     }
-    let none = m
+    let empty_load = m
         .force(&[], Vector3::x(), LoadShare::Mass)
         .unwrap_err()
         .to_string();
-    assert!(none.contains("load on 0 particles"), "{none}");
+    assert!(empty_load.contains("load on 0 particles"), "{empty_load}");
     let message = m
         .torque(&[4], Vector3::x(), LoadShare::Mass)
         .unwrap_err()

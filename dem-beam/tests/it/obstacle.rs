@@ -24,12 +24,17 @@ struct Stroke {
 
 impl Stroke {
     fn new(law: ContactLaw, inertia: Option<f64>) -> Self {
-        Self::with(law, inertia, Vector3::zeros(), Vector3::zeros())
+        Self::in_field(law, inertia, Vector3::zeros(), Vector3::zeros())
     }
 
     /// Like [`Stroke::new`], with an initial spin of the ball and a field of acceleration on ball and
     /// spheres.
-    fn with(law: ContactLaw, inertia: Option<f64>, first_spin: Vector3<f64>, field: Vector3<f64>) -> Self {
+    fn in_field(
+        law: ContactLaw,
+        inertia: Option<f64>,
+        first_spin: Vector3<f64>,
+        field: Vector3<f64>,
+    ) -> Self {
         let packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
         let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0)
             .unwrap()
@@ -112,7 +117,7 @@ impl Stroke {
     }
 
     /// Returns the energy that contacts dissipated, relative to the ball's at the start.
-    fn gone(&self) -> f64 {
+    fn dissipated(&self) -> f64 {
         let line = self.run.effects().swap_remove(1);
         line.dissipated().unwrap() / (0.5 * MASS * self.velocity.norm_squared())
     }
@@ -128,22 +133,25 @@ fn a_free_ball_turns_and_keeps_the_angular_momentum() {
     };
     for inertia in [None, Some(1e-11)] {
         let stroke = Stroke::new(law, inertia);
-        let (spin, lost, gone) = (stroke.spin().norm(), stroke.lost(), stroke.gone());
+        let (spin, lost, dissipated) = (stroke.spin().norm(), stroke.lost(), stroke.dissipated());
         let drift = stroke.run.drift();
         assert!(spin > 10.0, "{spin}");
         assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
-        assert!(gone > 0.0 && gone < 1.0 && drift < 1e-10, "{gone} {drift}");
+        assert!(
+            dissipated > 0.0 && dissipated < 1.0 && drift < 1e-10,
+            "{dissipated} {drift}"
+        );
     }
     let elastic = ContactLaw {
         friction: 0.3,
         ..ContactLaw::elastic(E)
     };
     let stroke = Stroke::new(elastic, None);
-    let (spin, lost, gone) = (stroke.spin().norm(), stroke.lost(), stroke.gone());
+    let (spin, lost, dissipated) = (stroke.spin().norm(), stroke.lost(), stroke.dissipated());
     // Without dashpots only friction takes energy.
     assert!(
-        spin > 10.0 && lost[1] < 1e-12 && gone > -1e-3,
-        "{spin} {lost:?} {gone}"
+        spin > 10.0 && lost[1] < 1e-12 && dissipated > -1e-3,
+        "{spin} {lost:?} {dissipated}"
     );
     let spin = Stroke::new(ContactLaw::elastic(E), None).spin().norm();
     assert!(spin <= 0.0, "without friction nothing turns it: {spin}");
@@ -157,13 +165,13 @@ fn a_ball_that_spins_at_first_gives_its_angular_momentum_to_what_it_rubs() {
         ..ContactLaw::elastic(E)
     };
     let first = Vector3::new(300.0, -5000.0, 4000.0);
-    let stroke = Stroke::with(law, None, first, Vector3::zeros());
+    let stroke = Stroke::in_field(law, None, first, Vector3::zeros());
     let (change, lost, drift) = ((stroke.spin() - first).norm(), stroke.lost(), stroke.run.drift());
     assert!(change > 10.0, "{change}");
     assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
     assert!(drift < 1e-10, "{drift}");
     // Without friction the ball keeps its spin.
-    let smooth = Stroke::with(ContactLaw::elastic(E), None, first, Vector3::zeros());
+    let smooth = Stroke::in_field(ContactLaw::elastic(E), None, first, Vector3::zeros());
     assert!((smooth.spin() - first).norm() <= 0.0);
 }
 
@@ -177,17 +185,18 @@ fn a_free_ball_falls_with_what_it_strikes() {
         ..ContactLaw::elastic(E)
     };
     let field = Vector3::new(2e4, -1e4, -3e5);
-    let [still, falling] = [Vector3::zeros(), field].map(|f| Stroke::with(law, None, Vector3::zeros(), f));
+    let [still, falling] =
+        [Vector3::zeros(), field].map(|f| Stroke::in_field(law, None, Vector3::zeros(), f));
     let (lost, drift) = (falling.lost(), falling.run.drift());
     assert!(lost[0] < 1e-12 && drift < 1e-10, "{lost:?} {drift}");
     let (dt, steps) = (falling.run.dt(), 400.0);
     assert!((dt / still.run.dt() - 1.0).abs() < 1e-14);
     let fall = field * (0.5 * (steps * dt).powi(2));
     let moved = [&still, &falling].map(|s| s.ball("displacement", "m"));
-    let off = (moved[1] - moved[0] - fall).norm() / moved[0].norm();
+    let error = (moved[1] - moved[0] - fall).norm() / moved[0].norm();
     assert!(
-        fall.norm() > 0.05 * moved[0].norm() && off < 1e-9,
-        "{off} {fall} {}",
+        fall.norm() > 0.05 * moved[0].norm() && error < 1e-9,
+        "{error} {fall} {}",
         moved[0]
     );
     let spun = (falling.spin() - still.spin()).norm() / still.spin().norm();

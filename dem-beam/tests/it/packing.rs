@@ -144,8 +144,8 @@ fn reproducible_cached_and_through_csv() {
     write_csv(&mut text, &built.positions, &built.radii).unwrap();
     let (x, r) = read_csv(&mut text.as_slice()).unwrap();
     assert!(x == built.positions && r == built.radii);
-    let again = Packing::from_spheres(&spec.container, &x, &r, built.report.coordination_retained).unwrap();
-    assert!(again.pairs == built.pairs);
+    let rebuilt = Packing::from_spheres(&spec.container, &x, &r, built.report.coordination_retained).unwrap();
+    assert!(rebuilt.pairs == built.pairs);
     let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
     assert!(matches!(bad, Err(Error::Parse { line: 2, .. })));
     let mixed = "x [m] y z r\n# words\n\n 1, 2;3\t4\n\n\n0,0,0,one\n";
@@ -186,15 +186,15 @@ fn matter() -> Matter {
     }
 }
 
-fn two(x: f64, r: f64) -> Result<BondedParticles, Error> {
+fn pair_of_spheres(x: f64, r: f64) -> Result<BondedParticles, Error> {
     let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
     BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
 }
 
 #[test]
 fn bad_spheres_have_names() {
-    assert!(two(2e-3, 1e-3).is_ok());
-    let coincident = two(0.0, 1e-3);
+    assert!(pair_of_spheres(2e-3, 1e-3).is_ok());
+    let coincident = pair_of_spheres(0.0, 1e-3);
     assert!(matches!(
         coincident,
         Err(Error::CoincidentParticles {
@@ -203,12 +203,15 @@ fn bad_spheres_have_names() {
             ..
         })
     ));
-    let flat = two(2e-3, 0.0);
+    let flat = pair_of_spheres(2e-3, 0.0);
     assert!(matches!(flat, Err(Error::BadRadius { particle: 1, .. })));
-    let nowhere = two(f64::NAN, 1e-3);
+    let nowhere = pair_of_spheres(f64::NAN, 1e-3);
     assert!(matches!(nowhere, Err(Error::NotFinite { index: 1, .. })));
-    assert!(two(1.05e-3, 0.05e-3).is_ok());
-    assert!(matches!(two(1.04e-3, 0.04e-3), Err(Error::RadiusRatio { .. })));
+    assert!(pair_of_spheres(1.05e-3, 0.05e-3).is_ok());
+    assert!(matches!(
+        pair_of_spheres(1.04e-3, 0.04e-3),
+        Err(Error::RadiusRatio { .. })
+    ));
 }
 
 fn line() -> Vec<Vector3<f64>> {
@@ -217,8 +220,8 @@ fn line() -> Vec<Vector3<f64>> {
 
 #[test]
 fn bad_bonds_have_names() {
-    let with = |pairs: Vec<[u32; 2]>| BondedParticles::new(line(), vec![1e-3; 3], pairs, &matter());
-    let alone = with(vec![[0, 1]]);
+    let bonded = |pairs: Vec<[u32; 2]>| BondedParticles::new(line(), vec![1e-3; 3], pairs, &matter());
+    let alone = bonded(vec![[0, 1]]);
     assert!(matches!(
         alone,
         Err(Error::IsolatedParticle {
@@ -226,9 +229,9 @@ fn bad_bonds_have_names() {
             isolated: 1
         })
     ));
-    let short = with(vec![[0, 1], [1, 1]]);
+    let short = bonded(vec![[0, 1], [1, 1]]);
     assert!(matches!(short, Err(Error::ZeroLengthBond { bond: 1, .. })));
-    let unknown = with(vec![[0, 1], [1, 9]]);
+    let unknown = bonded(vec![[0, 1], [1, 9]]);
     assert!(matches!(unknown, Err(Error::NoSuchParticle { particle: 9, .. })));
 }
 

@@ -147,12 +147,13 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
         assert_abs_diff_eq!(mass / whole, share, epsilon = 1e-12);
     }
     // The same spheres in two bodies of a surface: each body has its own mass, in the order of the file.
-    let two = surface(&[
+    let two_shells = surface(&[
         (Vector3::zeros(), 0.8e-3, false),
         (Vector3::new(2e-3, 0.0, 0.0), 0.8e-3, false),
     ]);
     x.reverse();
-    let packing = Packing::from_spheres(&Container::Surface(two.clone()), &x, &[1e-4; 112], 4.3).unwrap();
+    let packing =
+        Packing::from_spheres(&Container::Surface(two_shells.clone()), &x, &[1e-4; 112], 4.3).unwrap();
     assert!(packing.positions == x && packing.bodies[0] == 1 && packing.bodies[111] == 0);
     let body = |k: usize| packing.parts().into_iter().find(|p| p.body == k).unwrap();
     let part = |body, spheres| Part {
@@ -164,7 +165,7 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
         assert!(actual.spheres == wanted.spheres && (actual.volume / wanted.volume - 1.0).abs() < 1e-6);
     }
     // A body without spheres would have no mass.
-    let refused = Packing::from_spheres(&Container::Surface(two), &x[48..], &[1e-4; 64], 4.0);
+    let refused = Packing::from_spheres(&Container::Surface(two_shells), &x[48..], &[1e-4; 64], 4.0);
     let message = refused.unwrap_err().to_string();
     assert!(
         message.starts_with("body 2 of the 2 within the surface")

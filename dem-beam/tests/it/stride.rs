@@ -107,26 +107,29 @@ fn bits(run: &Coupled<f64>) -> Vec<u64> {
 #[test]
 fn steps_of_the_model_have_the_bits_of_the_core_on_any_number_of_threads() {
     for (cells, finite) in [(5, false), (5, true), (15, false), (15, true)] {
-        let bits_with = |own: bool, threads: usize| {
+        let bits_with = |own_steps: bool, threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .unwrap();
             pool.install(|| {
-                let mut run = run(model(cells, finite), own, 7);
+                let mut run = run(model(cells, finite), own_steps, 7);
                 run.run(30, &mut Silent).unwrap();
                 let last = run.last_energy().unwrap().invariant;
                 (bits(&run), last)
             })
         };
         let (plain, invariant) = bits_with(false, 1);
-        let (serial, own) = bits_with(true, 1);
+        let (serial, serial_invariant) = bits_with(true, 1);
         assert!(serial == plain, "{cells} cells, finite {finite}");
-        assert!((own / invariant - 1.0).abs() < 1e-12, "{own:e} {invariant:e}");
+        assert!(
+            (serial_invariant / invariant - 1.0).abs() < 1e-12,
+            "{serial_invariant:e} {invariant:e}"
+        );
         for threads in [2, 3] {
             let (many, many_invariant) = bits_with(true, threads);
             assert!(
-                many == serial && many_invariant.to_bits() == own.to_bits(),
+                many == serial && many_invariant.to_bits() == serial_invariant.to_bits(),
                 "{cells} {finite} {threads}"
             );
         }

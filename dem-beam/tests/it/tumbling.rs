@@ -35,13 +35,13 @@ fn spinning(model: &DemModel, spin: Vector3<f64>) -> Vec<f64> {
 fn momenta(run: &Coupled<f64>) -> [Vector3<f64>; 2] {
     let s = &run.subdomains()[0];
     let (state, m, n) = (s.state(), s.inertia(), s.model().nodes().len());
-    let three = |x: &[f64], o: usize| Vector3::new(x[o], x[o + 1], x[o + 2]);
+    let vector = |x: &[f64], o: usize| Vector3::new(x[o], x[o + 1], x[o + 2]);
     let mut sum = [Vector3::zeros(); 2];
     for (i, x) in s.model().nodes().iter().enumerate() {
-        let p = three(&state.v, 3 * i) * m[3 * i];
-        let place = x.coords + three(&state.q, 3 * i);
+        let p = vector(&state.v, 3 * i) * m[3 * i];
+        let place = x.coords + vector(&state.q, 3 * i);
         sum[0] += p;
-        sum[1] += place.cross(&p) + three(&state.v, 3 * (n + i)) * m[3 * (n + i)];
+        sum[1] += place.cross(&p) + vector(&state.v, 3 * (n + i)) * m[3 * (n + i)];
     }
     sum
 }

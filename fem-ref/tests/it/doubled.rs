@@ -71,8 +71,8 @@ fn an_element_listed_twice_in_another_order_of_its_nodes_is_refused_for_every_ki
     for (mesh, order) in cases {
         let count = mesh.element_count();
         for e in 0..count {
-            let again = order.iter().map(|k| mesh.element(e)[*k]);
-            let connectivity = mesh.connectivity().iter().copied().chain(again).collect();
+            let repeated = order.iter().map(|k| mesh.element(e)[*k]);
+            let connectivity = mesh.connectivity().iter().copied().chain(repeated).collect();
             let refused = Mesh::new(mesh.kind(), mesh.nodes().to_vec(), connectivity).unwrap_err();
             assert!(
                 matches!(refused, Error::RepeatedElement { first, second, .. } if first == e && second == count),
@@ -89,9 +89,9 @@ fn elements_of_a_file_that_are_listed_twice_in_another_order_count_once() {
     // a group.
     let cases: [(i64, bool); 4] = [(0, true), (77, false), (-77, false), (-1, true)];
     for (group, expected) in cases {
-        let text = with_again(|[own, entity], nodes| {
+        let text = with_again(|[group_tag, entity], nodes| {
             let group = match group {
-                0 => own,
+                0 => group_tag,
                 -1 => 0,
                 other => other,
             };
@@ -135,19 +135,20 @@ fn elements_listed_twice_in_format_4_count_once_on_one_entity_and_are_refused_on
              $EndNodes\n$Elements\n{block_count} {count} 1 {count}\n{blocks}$EndElements\n"
         )
     };
-    let once: Mesh<f64> = gmsh::parse(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n", 2, 1).as_bytes()).unwrap();
-    let twice: Mesh<f64> =
+    let listed_once: Mesh<f64> =
+        gmsh::parse(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n", 2, 1).as_bytes()).unwrap();
+    let listed_twice: Mesh<f64> =
         gmsh::parse(file("3 1 4 4\n1 1 2 3 4\n2 2 5 3 4\n3 2 3 1 4\n4 4 3 5 2\n", 4, 1).as_bytes()).unwrap();
-    assert_eq!(once.connectivity(), twice.connectivity());
-    assert_eq!(once.regions(), twice.regions());
+    assert_eq!(listed_once.connectivity(), listed_twice.connectivity());
+    assert_eq!(listed_once.regions(), listed_twice.regions());
     assert!(
-        twice.notices()[0].starts_with("2 of its elements are listed a second time"),
+        listed_twice.notices()[0].starts_with("2 of its elements are listed a second time"),
         "{:?}",
-        twice.notices()
+        listed_twice.notices()
     );
-    let apart =
+    let two_entities =
         gmsh::parse::<f64>(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n3 2 4 1\n3 2 3 1 4\n", 3, 2).as_bytes());
-    let text = apart.unwrap_err().to_string();
+    let text = two_entities.unwrap_err().to_string();
     assert!(
         text.contains("element 1 of entity 1 and element 3 of entity 2 have the same nodes"),
         "{text}"

@@ -190,8 +190,8 @@ fn forces_with(threads: usize, kind: ElementKind) -> (Vec<u64>, u64) {
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
     for kind in SOLIDS {
-        let (serial, two) = (forces_with(1, kind), forces_with(2, kind));
-        assert!(serial == two, "{kind:?}");
+        let (serial, on_two) = (forces_with(1, kind), forces_with(2, kind));
+        assert!(serial == on_two, "{kind:?}");
         assert!(serial == forces_with(3, kind), "{kind:?}");
     }
 }

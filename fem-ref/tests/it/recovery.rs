@@ -53,17 +53,17 @@ fn constant_stress_is_recovered_to_round_off_on_distorted_bodies_of_any_place_an
             let limit = 1e-10 * (1.0 + shift);
             for r in &all_stresses {
                 let e = r.strain.unwrap();
-                let off = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - strain.0[c]).abs()));
-                assert!(off < limit * 1e-3, "{kind:?}, {size:e}, {shift}: {off:e}");
-                let off = (0..6).fold(0.0_f64, |m, c| m.max((r.stress.0[c] - stress.0[c]).abs()));
+                let error = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - strain.0[c]).abs()));
+                assert!(error < limit * 1e-3, "{kind:?}, {size:e}, {shift}: {error:e}");
+                let error = (0..6).fold(0.0_f64, |m, c| m.max((r.stress.0[c] - stress.0[c]).abs()));
                 assert!(
-                    off < limit * stress.von_mises(),
-                    "{kind:?}, {size:e}, {shift}: {off:e}"
+                    error < limit * stress.von_mises(),
+                    "{kind:?}, {size:e}, {shift}: {error:e}"
                 );
             }
             // A selection of nodes has the same values, and so has the model weighted at its nodes.
-            let some = recovered(&model, &q, &nodes[3..5]);
-            assert_eq!(some, all_stresses[3..5]);
+            let selected = recovered(&model, &q, &nodes[3..5]);
+            assert_eq!(selected, all_stresses[3..5]);
             let wrapped = NodallyWeighted::new(Box::new(model));
             assert_eq!(recovered(&wrapped, &q, &nodes), all_stresses);
         }

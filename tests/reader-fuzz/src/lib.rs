@@ -228,8 +228,8 @@ impl Corpus {
                 if used <= bound && took < SLOW {
                     break;
                 }
-                let again = measure();
-                (took, used) = (took.min(again.1), used.min(again.2));
+                let repeated = measure();
+                (took, used) = (took.min(repeated.1), used.min(repeated.2));
             }
             assert!(
                 used <= bound,

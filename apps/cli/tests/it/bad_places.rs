@@ -54,9 +54,9 @@ fn refused(name: &str, scene: &str, key: &str, words: &str) {
 
 #[test]
 fn places_in_no_model_are_refused_before_spheres_are_packed() {
-    let with = |more: &str| format!("{BESIDE}{more}");
+    let extended = |addition: &str| format!("{BESIDE}{addition}");
     let probe = |model: &str, position: &str| {
-        with(&format!(
+        extended(&format!(
             "[probe.here]\nmodel = \"{model}\"\nat = {position}\ncomponent = \"x\"\n"
         ))
     };
@@ -73,14 +73,14 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
     let corner = probe("tail", "[12e-3, 0.95e-3, 0.95e-3]");
     refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
     let box_of = "where.box = { low = [1.0, 1.0, 1.0], high = [2.0, 2.0, 2.0] }";
-    let support = with(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
+    let support = extended(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
     refused(
         "support",
         &support,
         "support[0].where",
         "holds no node of model 'tail'",
     );
-    let load = with(&format!(
+    let load = extended(&format!(
         "[[load]]\nmodel = \"tail\"\n{box_of}\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n"
     ));
     refused(
@@ -103,8 +103,8 @@ fn tractions_on_spheres_are_refused_before_they_are_packed() {
 
 #[test]
 fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
-    let dem = |more: &str| BESIDE.replacen("spacing = 0.4e-3", &format!("spacing = 0.4e-3\n{more}"), 1);
-    for (more, key, words) in [
+    let dem = |keys: &str| BESIDE.replacen("spacing = 0.4e-3", &format!("spacing = 0.4e-3\n{keys}"), 1);
+    for (keys, key, words) in [
         (
             "dem = { young = 265e9, radius_ratio = 5.0 }",
             "model.grains.dem.radius_ratio",
@@ -126,7 +126,7 @@ fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
         ("volume = \"a\"", "model.grains.volume", "is of a mesh file"),
         ("dem.radii = \"r\"", "model.grains.dem.radii", "in dem.file"),
     ] {
-        refused("beams", &dem(more), key, words);
+        refused("beams", &dem(keys), key, words);
     }
 }
 

@@ -103,8 +103,11 @@ fn bodies_that_touch_have_a_line_of_their_own() {
     assert_eq!(ledger.len(), 1);
     assert_eq!(ledger[0]["name"], "contact above-below");
     let start = number(&s, "/energy/initial");
-    let gone = number(&ledger[0], "/dissipated");
-    assert!(gone > 0.05 * start && gone < start, "{gone} of {start}");
+    let dissipated = number(&ledger[0], "/dissipated");
+    assert!(
+        dissipated > 0.05 * start && dissipated < start,
+        "{dissipated} of {start}"
+    );
     assert!(number(&ledger[0], "/share") > 0.0 && number(&ledger[0], "/facts/most contacts") > 3.0);
     assert!(number(&s, "/energy/ledger/contact above-below") < 0.0);
     let csv = std::fs::read_to_string(out.join("effects.csv")).expect("table");
@@ -127,8 +130,8 @@ fn the_comparison_and_the_watch_know_contact_between_models() {
         "{missing}"
     );
     let out = folder.join("out");
-    let off = "effect.0.enabled=false";
-    succeed(&["run", text(&path), "--out", text(&out), "--set", off]);
+    let disabled = "effect.0.enabled=false";
+    succeed(&["run", text(&path), "--out", text(&out), "--set", disabled]);
     let s = summary(&out);
     assert!(s["effect_ledger"].as_array().is_some_and(Vec::is_empty));
     assert!(
@@ -147,8 +150,8 @@ fn a_run_killed_in_mid_contact_resumes_with_the_same_bits() {
     let steps = "time.end=30e-6";
     succeed(&["run", text(&path), "--out", text(&whole), "--set", steps]);
     let torn = folder.join("torn");
-    let more = ["--set", steps, "--set", "output.checkpoint_every=400"];
-    let arguments = [&["run", text(&path), "--out", text(&torn)][..], &more].concat();
+    let settings = ["--set", steps, "--set", "output.checkpoint_every=400"];
+    let arguments = [&["run", text(&path), "--out", text(&torn)][..], &settings].concat();
     let mut child = command(&arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::null())

@@ -181,10 +181,10 @@ fn particles_around_the_hole_of_the_first_tutorial() {
     let path = folder.join("plate/scene.toml");
     let scene = read(&path);
     // Replaces one table of a scene, from its head to the next head.
-    let exchanged = |scene: &str, head: &str, with: &str| {
+    let exchanged = |scene: &str, head: &str, replacement: &str| {
         let (before, after) = scene.split_once(head).expect(head);
         let end = after.find("\n[").expect("a further table");
-        format!("{before}{with}{}", &after[end..])
+        format!("{before}{replacement}{}", &after[end..])
     };
     let scene = exchanged(&scene, "[probe.hole]", &format!("[probe.hole]{probe}"));
     let scene = exchanged(&scene, "[model.plate]", body).replace("model = \"plate\"", "model = \"body\"");

@@ -145,8 +145,11 @@ fn an_axial_wave_is_refused() {
     ]);
     assert_eq!(out.status.code(), Some(1));
     let report: Value = serde_json::from_slice(&out.stdout).unwrap();
-    let why = report.pointer("/refused").and_then(Value::as_str).unwrap();
-    assert!(why.contains("the packing has an axial density wave"), "{why}");
+    let reason = report.pointer("/refused").and_then(Value::as_str).unwrap();
+    assert!(
+        reason.contains("the packing has an axial density wave"),
+        "{reason}"
+    );
     assert!(number(&report, "/young_gauge/mean") / number(&report, "/young/mean") > 1.03);
 }
 

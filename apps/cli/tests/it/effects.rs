@@ -52,12 +52,12 @@ where = "x-max"
 component = "x"
 "#;
 
-fn run(folder: &Path, scene: &str, more: &[&str]) -> serde_json::Value {
+fn run(folder: &Path, scene: &str, extra: &[&str]) -> serde_json::Value {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
     let out = folder.join("out");
     let mut arguments = vec!["run", text(&path), "--out", text(&out), "--force"];
-    arguments.extend(more);
+    arguments.extend(extra);
     succeed(&arguments);
     summary(&out)
 }
@@ -112,11 +112,11 @@ fn the_same_bits_for_any_number_of_threads() {
 #[test]
 fn a_run_without_contact_or_finite_rotations_says_what_it_misses() {
     let folder = scratch("effects-watch");
-    let more = ["--set", "effect.1.enabled=false", "--set", "time.end=20e-6"];
+    let settings = ["--set", "effect.1.enabled=false", "--set", "time.end=20e-6"];
     let scene = LAYERED
         .replace("[-60.0, 10000.0]", "[60.0, -10000.0]")
         .replace("1e6, weibull", "1e5, weibull");
-    let s = run(&folder, &scene, &more);
+    let s = run(&folder, &scene, &settings);
     let warnings = s["warnings"].to_string();
     assert!(
         warnings.contains("unbonded particles overlap") && warnings.contains("switch contact on"),
@@ -133,8 +133,8 @@ fn the_comparison_names_change_cost_and_what_is_missing() {
     let json = succeed(&["effects", text(&path), "--json", "--repeat", "2"]);
     let c: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!(c["repeat"], 2);
-    let none = crate::common::arlequin(&["effects", text(&path), "--repeat", "0"]);
-    let stderr = String::from_utf8_lossy(&none.stderr).into_owned();
+    let zero_repeats = crate::common::arlequin(&["effects", text(&path), "--repeat", "0"]);
+    let stderr = String::from_utf8_lossy(&zero_repeats.stderr).into_owned();
     assert!(stderr.contains("--repeat"), "{stderr}");
     let effects = c["effects"].as_array().expect("effects");
     assert_eq!(effects.len(), 2);
@@ -199,9 +199,9 @@ fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     let folder = scratch("effects-into-overlap");
     let path = folder.join("scene.toml");
     std::fs::write(&path, LAYERED).expect("scene");
-    let run = |name: &str, more: &[&str]| {
+    let run = |name: &str, extra: &[&str]| {
         let out = folder.join(name);
-        succeed(&[&["run", text(&path), "--out", text(&out)], more].concat());
+        succeed(&[&["run", text(&path), "--out", text(&out)], extra].concat());
         summary(&out)
     };
     let whole = run("whole", &[]);
@@ -236,8 +236,8 @@ fn an_overlap_in_which_breakage_cannot_be_right_is_warned_of_before_the_run() {
     let folder = scratch("effects-warned");
     let path = folder.join("scene.toml");
     std::fs::write(&path, LAYERED).expect("scene");
-    let warned = |more: &[&str], word: &str| {
-        let report = succeed(&[&["check", text(&path), "--json"], more].concat());
+    let warned = |extra: &[&str], word: &str| {
+        let report = succeed(&[&["check", text(&path), "--json"], extra].concat());
         let plan: serde_json::Value = serde_json::from_str(&report).expect("JSON");
         let warnings = plan["warnings"].as_array().expect("warnings").clone();
         warnings

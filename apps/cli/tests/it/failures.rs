@@ -163,7 +163,7 @@ fn threads_are_bounded_by_the_machine() {
     let folder = scratch("threads-bound");
     let scene = folder.join("scene.toml");
     std::fs::write(&scene, SMALL).expect("scene");
-    let most = 4 * std::thread::available_parallelism().expect("cores").get();
+    let limit = 4 * std::thread::available_parallelism().expect("cores").get();
     for (flag, variable) in [
         (Some("100000"), None),
         (None, Some("100000")),
@@ -177,8 +177,8 @@ fn threads_are_bounded_by_the_machine() {
         let run = run.output().expect("runs");
         let words = stderr_of(&run);
         assert!(run.status.success(), "{words}");
-        assert!(words.contains(&format!("= 100000: {most} are used")), "{words}");
-        assert_eq!(summary(&out)["threads"].as_u64(), Some(most as u64));
+        assert!(words.contains(&format!("= 100000: {limit} are used")), "{words}");
+        assert_eq!(summary(&out)["threads"].as_u64(), Some(limit as u64));
     }
 }
 

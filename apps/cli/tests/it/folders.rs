@@ -74,19 +74,19 @@ fn force_never_replaces_what_no_run_wrote() {
     put(&root.join("looks/summary.json"), "{}");
     put(&root.join("looks/vtu/left_00000000.vtu"), "someone else's");
     std::fs::create_dir_all(root.join("home")).expect("home");
-    let go = |out: &str, words: &str| refused(&root, &root, scene, out, words);
+    let assert_refused = |out: &str, words: &str| refused(&root, &root, scene, out, words);
     let unmarked = "does not bear the mark of results";
-    go("thesis", unmarked);
-    go("./looks/../thesis", unmarked);
-    go("looks", unmarked);
-    go("scenes", "is or holds");
-    go(text(&root), "is or holds");
-    go("home", "is or holds");
-    go("scenes/..", "must name a folder to create");
-    go("/", "must name a folder to create");
-    go(".", "must name a folder to create");
+    assert_refused("thesis", unmarked);
+    assert_refused("./looks/../thesis", unmarked);
+    assert_refused("looks", unmarked);
+    assert_refused("scenes", "is or holds");
+    assert_refused(text(&root), "is or holds");
+    assert_refused("home", "is or holds");
+    assert_refused("scenes/..", "must name a folder to create");
+    assert_refused("/", "must name a folder to create");
+    assert_refused(".", "must name a folder to create");
     symlink(root.join("thesis"), root.join("link")).expect("link");
-    go("link", "is a symbolic link");
+    assert_refused("link", "is a symbolic link");
     symlink(root.join("scenes"), root.join("also")).expect("link");
     refused(&root, &root, "also/small.toml", "scenes", "is or holds");
     // The working folder, given by a path that does not end in a dot.
@@ -101,7 +101,7 @@ fn force_never_replaces_results_that_hold_something_else() {
     succeed(&["run", text(&scene), "--out", text(&root.join("out"))]);
     let out = root.join("out");
     std::fs::create_dir_all(root.join("home")).expect("home");
-    let go = |words: &str| refused(&root, &root, text(&scene), "out", words);
+    let assert_refused = |words: &str| refused(&root, &root, text(&scene), "out", words);
     for name in [
         "notes.txt",
         "vtu/mine_00000000.vtu",
@@ -110,7 +110,7 @@ fn force_never_replaces_results_that_hold_something_else() {
         "deep/er/still.csv",
     ] {
         put(&out.join(name), "mine");
-        go(&format!("holds '{}", &name[..4]));
+        assert_refused(&format!("holds '{}", &name[..4]));
         let top = out.join(name.split('/').next().expect("name"));
         if name.starts_with("deep") {
             std::fs::remove_dir_all(top).expect("removed");
@@ -119,10 +119,10 @@ fn force_never_replaces_results_that_hold_something_else() {
         }
     }
     std::fs::create_dir(out.join("empty")).expect("folder");
-    go("holds 'empty'");
+    assert_refused("holds 'empty'");
     std::fs::remove_dir(out.join("empty")).expect("removed");
     symlink(&scene, out.join("vtu/link_00000000.vtu")).expect("link");
-    go("holds 'vtu/link_00000000.vtu'");
+    assert_refused("holds 'vtu/link_00000000.vtu'");
     std::fs::remove_file(out.join("vtu/link_00000000.vtu")).expect("removed");
     // A file of the run that was edited since belongs to the user.
     let table = std::fs::read_to_string(out.join("probes.csv")).expect("table");
@@ -130,7 +130,7 @@ fn force_never_replaces_results_that_hold_something_else() {
         &out.join("probes.csv"),
         &format!("{table}# outlier, see page 7\n"),
     );
-    go("holds 'probes.csv'");
+    assert_refused("holds 'probes.csv'");
     // Another last digit: the length stays the same.
     let mut digit = table.trim_end().to_owned();
     let last = digit.pop().expect("a table");
@@ -138,7 +138,7 @@ fn force_never_replaces_results_that_hold_something_else() {
     digit.push_str(&table[digit.len()..]);
     assert_eq!(digit.len(), table.len());
     put(&out.join("probes.csv"), &digit);
-    go("holds 'probes.csv'");
+    assert_refused("holds 'probes.csv'");
     put(&out.join("probes.csv"), &table);
     // An input file that lies among the results.
     let inside = out.join("small.toml");
@@ -147,7 +147,7 @@ fn force_never_replaces_results_that_hold_something_else() {
     std::fs::remove_file(&inside).expect("removed");
     // The mark of the results is missing.
     std::fs::rename(out.join(MARK), root.join("mark")).expect("renamed");
-    go("does not bear the mark");
+    assert_refused("does not bear the mark");
     std::fs::rename(root.join("mark"), out.join(MARK)).expect("renamed");
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
 }

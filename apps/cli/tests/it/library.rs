@@ -192,9 +192,11 @@ fn a_prediction_is_of_the_overlap_that_the_scene_has() {
     };
     let profile = |name: &str| error(&[&format!("interface.joint.weight.profile={name}")]);
     let profiles = ["linear", "cubic", "quintic"].map(profile);
-    let apart = |a: f64, b: f64| (a / b - 1.0).abs() > 1e-6;
+    let differ = |a: f64, b: f64| (a / b - 1.0).abs() > 1e-6;
     assert!(
-        apart(profiles[0], profiles[1]) && apart(profiles[1], profiles[2]) && apart(profiles[2], profiles[0]),
+        differ(profiles[0], profiles[1])
+            && differ(profiles[1], profiles[2])
+            && differ(profiles[2], profiles[0]),
         "{profiles:?}"
     );
     // Without a length, an H1 junction uses a quarter of the mediator's spacing of 5 mm.
@@ -202,7 +204,7 @@ fn a_prediction_is_of_the_overlap_that_the_scene_has() {
     let lengths = [1.25e-3, 5e-3].map(|l| error(&[kind, &format!("interface.joint.junction.length={l}")]));
     let usual = error(&[kind]);
     assert!(
-        !apart(usual, lengths[0]) && apart(usual, lengths[1]),
+        !differ(usual, lengths[0]) && differ(usual, lengths[1]),
         "{usual} {lengths:?}"
     );
 }

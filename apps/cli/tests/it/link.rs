@@ -180,7 +180,7 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
                   0.01; done; kill -9 $!; exit 1";
     let fine = format!("kind = \"link\"\ntimeout = 60.0\ncommand = [\"sh\", \"-c\", \"{script}\"]");
     let scene = write(&folder, "scene.toml", &fine);
-    let more = [
+    let settings = [
         "--set",
         "time.end=100000.0",
         "--set",
@@ -189,7 +189,7 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
         "output.every=40000",
     ];
     let run = |out: &Path| {
-        let out = [&["run", text(&scene), "--out", text(out)], &more[..]].concat();
+        let out = [&["run", text(&scene), "--out", text(out)], &settings[..]].concat();
         arlequin(&out)
     };
     let out = folder.join("out");
@@ -218,8 +218,8 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
 }
 
 /// Sends a signal to a run of this scene once `ready` holds; returns its error, after at most some seconds.
-fn signalled(signal: &str, scene: &Path, out: &Path, more: &[&str], ready: &dyn Fn() -> bool) -> String {
-    let arguments = [&["run", text(scene), "--out", text(out)], more].concat();
+fn signalled(signal: &str, scene: &Path, out: &Path, extra: &[&str], ready: &dyn Fn() -> bool) -> String {
+    let arguments = [&["run", text(scene), "--out", text(out)], extra].concat();
     let run = command(&arguments).stderr(std::process::Stdio::piped()).spawn();
     let run = run.expect("starts");
     while !ready() {
@@ -273,12 +273,12 @@ fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
                   0.01; done; kill -STOP $!; wait";
     let fine = format!("kind = \"link\"\ntimeout = 600.0\ncommand = [\"sh\", \"-c\", \"{script}\"]");
     let scene = write(&folder, "scene.toml", &fine);
-    let more = [
+    let settings = [
         "time.end=100000.0",
         "output.checkpoint_every=200",
         "output.every=40000",
     ];
-    let more: Vec<&str> = more.iter().flat_map(|m| ["--set", m]).collect();
+    let settings: Vec<&str> = settings.iter().flat_map(|m| ["--set", m]).collect();
     let out = folder.join("out");
     let saved = || {
         let find = Command::new("find")
@@ -287,7 +287,7 @@ fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
             .output();
         !find.expect("find").stdout.is_empty()
     };
-    let error = signalled("-INT", &scene, &out, &more, &saved);
+    let error = signalled("-INT", &scene, &out, &settings, &saved);
     assert!(error.contains("was due"), "{error}");
     let resumed = arlequin(&["resume", text(&out)]);
     let error = String::from_utf8_lossy(&resumed.stderr);

@@ -294,7 +294,7 @@ fn the_advised_mediator_spacing_knows_the_dimension() {
     let block = SMALL
         .replace("high = [6.0, 1.0, 1.0]", "high = [6.0, 4.0, 4.0]")
         .replace("high = [10.0, 1.0, 1.0]", "high = [10.0, 4.0, 4.0]");
-    let with = |h: f64| {
+    let scene_with = |h: f64| {
         block.replace(
             "weight = { profile = \"cubic\" }",
             &format!("mediator = {{ spacing = {h:?} }}"),
@@ -302,7 +302,7 @@ fn the_advised_mediator_spacing_knows_the_dimension() {
     };
     // 9³ nodes over 4 x 4 x 2 m at 0.5 m of both against 3 x 5 x 5 coarse ones at 1 m: the advice takes the
     // cube root, not the ratio.
-    let h = advised(&with(0.5)).expect("an advice");
+    let h = advised(&scene_with(0.5)).expect("an advice");
     assert!((h / (0.5 * (405.0_f64 / 75.0).cbrt()) - 1.0).abs() < 1e-3, "{h}");
-    assert_eq!(advised(&with(1.0)), None);
+    assert_eq!(advised(&scene_with(1.0)), None);
 }

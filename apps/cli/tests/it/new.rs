@@ -79,9 +79,9 @@ fn nothing_is_replaced_and_a_file_may_be_named() {
     let scene = folder.join("mine.toml");
     succeed(&["new", text(&scene)]);
     let before = std::fs::read(&scene).expect("scene");
-    let again = arlequin(&["new", "--template", "bend", text(&scene)]);
-    assert_eq!(again.status.code(), Some(2));
-    let error = String::from_utf8_lossy(&again.stderr).into_owned();
+    let repeated = arlequin(&["new", "--template", "bend", text(&scene)]);
+    assert_eq!(repeated.status.code(), Some(2));
+    let error = String::from_utf8_lossy(&repeated.stderr).into_owned();
     assert!(
         error.contains("is there already") && error.contains("mine.toml"),
         "{error}"

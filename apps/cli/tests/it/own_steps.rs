@@ -54,14 +54,14 @@ fn tables_of_own_steps_that_make_no_sense_are_refused_by_their_key() {
     refused(&format!("{SMALL}\n{damped}{implicit}"), &words);
     // Both bars make two own steps of 0.5 s, which is too much for the fine one alone.
     let long = SMALL.replace("steps = 50", "steps = 50\nstep.seconds = 1.0");
-    let two = "[model.left.step]\nratio = 2\n[model.right.step]\nratio = 2\n";
+    let two_ratios = "[model.left.step]\nratio = 2\n[model.right.step]\nratio = 2\n";
     let words = [
         key,
         "exceeds the critical step",
         "'right', which makes 2 own steps",
         "at least",
     ];
-    refused(&format!("{long}\n{two}"), &words);
+    refused(&format!("{long}\n{two_ratios}"), &words);
 }
 
 /// Half of the coarse bar's critical step has room for two own steps of the fine bar, whose elements are a
@@ -115,10 +115,10 @@ fn own_steps_are_chosen_and_reported_and_change_little() {
     let number =
         |s: &serde_json::Value, key: &str| s.pointer(key).and_then(|x| x.as_f64()).expect("a number");
     let top = number(&single, "/probes/tip/max");
-    for (name, s, most) in [("chosen", &chosen, 0.1), ("implicit", &implicit, 0.25)] {
+    for (name, s, limit) in [("chosen", &chosen, 0.1), ("implicit", &implicit, 0.25)] {
         assert!(number(s, "/energy/h_drift_max") < 1e-12, "{name}");
         let jump = number(s, "/interface/0/displacement_jump_share");
-        assert!(jump > 1e-12 && jump < most, "{name}: {jump:e}");
+        assert!(jump > 1e-12 && jump < limit, "{name}: {jump:e}");
         assert_eq!(warned(s), jump > 0.05, "{name}: {jump:e}");
         let change = number(s, "/probes/tip/max") / top - 1.0;
         assert!(change.abs() < 0.02, "{name}: {change}");

@@ -110,27 +110,27 @@ fn two_cubes_in_one_stl_are_two_parts_with_the_mass_of_their_own_volume() {
 #[test]
 fn loose_spheres_need_a_word_and_contact() {
     let folder = scratch("packings-loose");
-    let dem = |more: &str| {
-        let list = format!("count = 400, protocol = \"quench\", coordination = 1.5{more}");
+    let dem = |keys: &str| {
+        let list = format!("count = 400, protocol = \"quench\", coordination = 1.5{keys}");
         format!("{BOX}\ndem = {{ {list} }}")
     };
-    let why = refused(&write_scene(&folder, &dem(""), ""));
+    let reason = refused(&write_scene(&folder, &dem(""), ""));
     assert!(
-        why.contains("of 400 spheres (") && why.contains("of the volume, above 2.00 %)"),
-        "{why}"
+        reason.contains("of 400 spheres (") && reason.contains("of the volume, above 2.00 %)"),
+        "{reason}"
     );
     let keep = dem(", loose = \"keep\"");
-    let why = refused(&write_scene(&folder, &keep, ""));
+    let reason = refused(&write_scene(&folder, &keep, ""));
     assert!(
-        why.contains("model.body.dem.loose = keep: loose grains need contact"),
-        "{why}"
+        reason.contains("model.body.dem.loose = keep: loose grains need contact"),
+        "{reason}"
     );
-    let off = "[[effect]]\ncontact = {}\nenabled = false\n";
-    assert!(refused(&write_scene(&folder, &keep, off)).contains("loose grains need contact"));
-    let on = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
-    let plan: Value = serde_json::from_str(&succeed(&["check", &on, "--json"])).unwrap();
+    let without_contact = "[[effect]]\ncontact = {}\nenabled = false\n";
+    assert!(refused(&write_scene(&folder, &keep, without_contact)).contains("loose grains need contact"));
+    let with_contact = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
+    let plan: Value = serde_json::from_str(&succeed(&["check", &with_contact, "--json"])).unwrap();
     assert!(number(&plan, "/models/0/nodes") == 400.0 && number(&plan, "/models/0/packing/grains") > 100.0);
-    let table = succeed(&["check", &on]);
+    let table = succeed(&["check", &with_contact]);
     assert!(
         table.contains("400 spheres asked, 400 placed, 0 dropped") && table.contains("loose grains"),
         "{table}"
@@ -175,28 +175,31 @@ fn islands_of_a_file_are_kept_and_a_shape_too_large_for_them_is_warned_of() {
 fn millimetres_and_single_spheres_are_named_as_what_they_are() {
     let folder = scratch("packings-units");
     std::fs::write(folder.join("mm.stl"), stl(&[(0.0, 2.0)])).unwrap();
-    let why = refused(&write_scene(
+    let reason = refused(&write_scene(
         &folder,
         "shape.file = \"mm.stl\"\nspacing = 0.2e-3",
         "",
     ));
     assert!(
-        why.contains("fill the shape of 2.000e0 by 2.000e0 by 2.000e0 m")
-            && why.contains("a file in millimetres"),
-        "{why}"
+        reason.contains("fill the shape of 2.000e0 by 2.000e0 by 2.000e0 m")
+            && reason.contains("a file in millimetres"),
+        "{reason}"
     );
     let rod = |radius: &str| {
         format!(
             "shape.cylinder = {{ from = [0.0, 0.0, 0.0], length = 4e-3, radius = {radius} }}\nspacing = 0.2e-3"
         )
     };
-    let why = refused(&write_scene(&folder, &rod("0.1e-3"), ""));
+    let reason = refused(&write_scene(&folder, &rod("0.1e-3"), ""));
     assert!(
-        why.contains("not one fits across") && why.contains("check that lengths are in m"),
-        "{why}"
+        reason.contains("not one fits across") && reason.contains("check that lengths are in m"),
+        "{reason}"
     );
-    let why = refused(&write_scene(&folder, &rod("0.2e-3"), ""));
-    assert!(why.contains("only 2.2 fit across; packings need three"), "{why}");
+    let reason = refused(&write_scene(&folder, &rod("0.2e-3"), ""));
+    assert!(
+        reason.contains("only 2.2 fit across; packings need three"),
+        "{reason}"
+    );
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn table(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
 
 /// Asserts that no tie is redundant, the constraint does no work and leaves no velocity jump, and energy and
 /// momenta are conserved.
-fn sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
+fn assert_sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
     let line = &s["interface"][0];
     assert_eq!(line["rank"], line["multipliers"], "{kinds:?}");
     assert!(
@@ -40,12 +40,12 @@ fn sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
     );
     assert!(number(s, "/energy/ledger/constraint").abs() < 1e-12 * number(s, "/energy/final"));
     assert!(number(s, "/interface/0/max_constraint_residual") < 1e-11);
-    momenta_stay(out, kinds);
+    assert_momenta_stay(out, kinds);
 }
 
 /// Asserts that the blow (100 N, 3 µs, `sin²` over time) gives the two models its impulse along the beam and
 /// none across, and that their linear and angular momentum stay constant from its end on.
-fn momenta_stay(out: &Path, kinds: [&str; 2]) {
+fn assert_momenta_stay(out: &Path, kinds: [&str; 2]) {
     let (header, rows) = table(&out.join("energy.csv"));
     let first = header
         .iter()
@@ -109,7 +109,7 @@ fn pulse(kinds: [&str; 2]) -> [f64; 3] {
         (s["models"][0]["kind"].as_str(), s["models"][1]["kind"].as_str()),
         (Some(kinds[0]), Some(kinds[1]))
     );
-    sound(&s, &out, kinds);
+    assert_sound(&s, &out, kinds);
     let (header, rows) = table(&out.join("probes.csv"));
     let column = |name: &str| header.iter().position(|h| h.starts_with(name)).expect("probe");
     let (before, behind) = (column("before-overlap"), column("behind-overlap"));
@@ -134,12 +134,12 @@ fn any_pair_by_one_word() {
         (["cnem", "dem"], 0.04),
         (["cnem", "cnem"], 0.04),
     ] {
-        let [incident, back, through] = pulse(kinds);
+        let [incident, reflection, through] = pulse(kinds);
         // A radial oscillation of 1.3 % follows the pulse in one undivided body as well.
         assert!(
-            back < reflected * incident,
+            reflection < reflected * incident,
             "{kinds:?}: {:.4} of the amplitude comes back",
-            back / incident
+            reflection / incident
         );
         assert!(
             (through / incident - 1.0).abs() < 0.05,
@@ -153,11 +153,11 @@ fn any_pair_by_one_word() {
 fn particles_as_the_coarse_model() {
     // With five particles across, the packing is stiffer than the body behind it: a jump of the impedance.
     for fine in ["dem", "fem", "cnem"] {
-        let [incident, back, through] = pulse(["dem", fine]);
+        let [incident, reflection, through] = pulse(["dem", fine]);
         assert!(
-            back < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
+            reflection < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
             "dem | {fine}: {:.4} of the amplitude comes back, {:.4} goes through",
-            back / incident,
+            reflection / incident,
             through / incident
         );
     }
@@ -227,24 +227,24 @@ fn natural_neighbours_between_particles_on_either_side() {
             }
         }
         succeed(&arguments);
-        sound(&summary(&out), &out, kinds);
+        assert_sound(&summary(&out), &out, kinds);
     }
 }
 
 #[test]
 fn gradient_junctions_on_particles() {
     let path = scene("dem-fem-beam.toml");
-    let check = |more: &[&str]| {
+    let check = |settings: &[&str]| {
         let mut arguments = vec!["check", "--json", text(&path)];
         arguments.extend(["--set", "model.right.dem.protocol=quench"]);
-        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        settings.iter().for_each(|m| arguments.extend(["--set", m]));
         let out = arlequin(&arguments);
         let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
         (plan, String::from_utf8_lossy(&out.stderr).into_owned())
     };
-    let condition = |more: &[&str]| {
-        let (plan, message) = check(more);
-        let plan = plan.unwrap_or_else(|| panic!("{more:?}: {message}"));
+    let condition = |settings: &[&str]| {
+        let (plan, message) = check(settings);
+        let plan = plan.unwrap_or_else(|| panic!("{settings:?}: {message}"));
         number(&plan, "/interface/0/condition")
     };
     // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator that lies within

@@ -26,7 +26,7 @@ fn start(scene: &Path, out: &Path, extra: &[&str]) -> Child {
         .expect("starts")
 }
 
-fn again(out: &Path) -> Child {
+fn start_resume(out: &Path) -> Child {
     crate::common::command(&["resume", text(out)])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -73,7 +73,13 @@ fn reference(folder: &Path, scene: &Path) -> PathBuf {
 
 /// Kills a run at random moments, at most `most` times, and resumes it until it is complete; returns the
 /// number of kills. `state` is the generator of random numbers, which successive runs share.
-fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: impl Fn() -> Child) -> usize {
+fn kill_until_done(
+    out: &Path,
+    pause: u64,
+    max_kills: usize,
+    state: &mut u64,
+    start: impl Fn() -> Child,
+) -> usize {
     let unfinished = out.with_extension("unfinished");
     let mut child = start();
     let mut kills = 0;
@@ -82,7 +88,7 @@ fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: 
         *state ^= *state >> 7;
         *state ^= *state << 17;
         std::thread::sleep(Duration::from_millis(pause + *state % (3 * pause)));
-        if kills == most || child.try_wait().expect("waits").is_some() {
+        if kills == max_kills || child.try_wait().expect("waits").is_some() {
             break;
         }
         child.kill().expect("kill");
@@ -94,7 +100,7 @@ fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: 
             return kills;
         }
         let resumable = unfinished.join("checkpoint.bin").exists();
-        child = if resumable { again(out) } else { start() };
+        child = if resumable { start_resume(out) } else { start() };
     }
     assert!(child.wait().expect("ends").success());
     assert_eq!(summary(out)["status"], "complete");
@@ -166,8 +172,8 @@ fn broken_bonds_and_contacts_go_on_with_the_same_bits() {
     let [whole, out] = ["whole", "killed-run"].map(|n| folder.join(n));
     let fixed = ["run", text(&scene), "--out"];
     succeed(&[&fixed[..], &[text(&whole)], &sets].concat());
-    let every = ["--set", "output.checkpoint_every=20"];
-    let arguments = [&fixed[..], &[text(&out)], &sets, &every].concat();
+    let interval = ["--set", "output.checkpoint_every=20"];
+    let arguments = [&fixed[..], &[text(&out)], &sets, &interval].concat();
     let begin = || {
         let mut c = crate::common::command(&arguments);
         c.stdout(Stdio::null())

@@ -178,10 +178,10 @@ fn check_prints_the_plan_and_writes_nothing() {
 
 #[test]
 fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tied() {
-    let check = |name: &str, more: &[&str]| {
+    let check = |name: &str, settings: &[&str]| {
         let path = scene(name);
         let mut arguments = vec!["check", "--json", text(&path)];
-        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        settings.iter().for_each(|m| arguments.extend(["--set", m]));
         let out = arlequin(&arguments);
         let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
         (plan, String::from_utf8_lossy(&out.stderr).into_owned())

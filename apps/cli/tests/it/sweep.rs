@@ -89,8 +89,8 @@ fn a_sweep_runs_reports_and_resumes() {
     // A second sweep makes no run and changes nothing.
     let printed = succeed(&arguments);
     assert!(printed.contains("0 made, 6 taken from before"), "{printed}");
-    let again = read(&out.join("sweep.json"));
-    assert_eq!(again["runs"][4]["seconds"], runs[4]["seconds"]);
+    let repeated = read(&out.join("sweep.json"));
+    assert_eq!(repeated["runs"][4]["seconds"], runs[4]["seconds"]);
     // A changed scene repeats its own runs and no others.
     let scene = path.join("coupled.toml");
     let changed = std::fs::read_to_string(&scene)
@@ -274,7 +274,7 @@ fn wishes_that_make_no_sense_are_named() {
 
 #[test]
 fn scalars_and_predictions_stand_beside_errors() {
-    let more = r#"
+    let measures = r#"
         [measure.peak]
         pointer = "/probes/far/max"
         factor = 1e3
@@ -283,7 +283,7 @@ fn scalars_and_predictions_stand_beside_errors() {
         [measure.bonds]
         fact = "broken bonds"
     "#;
-    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + more;
+    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + measures;
     let path = folder("sweep-scalars", &sweep);
     let out = path.join("out");
     let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
@@ -399,8 +399,9 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
     let printed = succeed(&arguments);
     assert!(printed.contains("3 made, 3 taken from before"), "{printed}");
     assert_eq!(read(&out.join("sweep.json"))["status"], "complete");
-    let again = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
-    assert!(finished_before == again, "finished runs are not touched");
+    let finished_after =
+        ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    assert!(finished_before == finished_after, "finished runs are not touched");
 }
 
 /// At twice the frequency the predicted error is four to eight times as large and asks for a finer mesh:

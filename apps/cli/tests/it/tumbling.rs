@@ -55,11 +55,11 @@ end = 40.0
 plots = false
 "#;
 
-fn run(name: &str, scene: &str, more: &[&str]) -> (PathBuf, String, Value) {
+fn run(name: &str, scene: &str, extra: &[&str]) -> (PathBuf, String, Value) {
     let path = written(name, scene);
     let out = path.with_file_name("out");
     let mut arguments = vec!["run", text(&path), "--out", text(&out)];
-    arguments.extend(more);
+    arguments.extend(extra);
     let printed = succeed(&arguments);
     let s = summary(&out);
     (out, printed, s)
@@ -157,10 +157,10 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
         let (_, _, s) = run(name, scene, &[]);
         let m = &s["momentum"][0];
         assert_eq!((&m["arms"], &m["keeps"]), (&"present".into(), &"linear".into()));
-        let why = m["because"].as_str().unwrap();
+        let reason = m["because"].as_str().unwrap();
         assert!(
-            why.contains("the law of 'left' balances about the positions at rest, the law of 'right'"),
-            "{why}"
+            reason.contains("the law of 'left' balances about the positions at rest, the law of 'right'"),
+            "{reason}"
         );
         let [p, l] = ["/linear_drift", "/angular_drift"].map(|p| number(m, p));
         assert!(p < 1e-11 && (l > 1e-2) == turns, "{p:e} {l:e}");

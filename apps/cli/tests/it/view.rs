@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Returns the data block of a page.
-fn about(page: &Path) -> Value {
+fn page_data(page: &Path) -> Value {
     let text = std::fs::read_to_string(page).expect("the page");
     let start = text.find("application/json\">").expect("data") + 18;
     let end = start + text[start..].find("</script>").expect("an end");
@@ -27,7 +27,7 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
         "{printed}"
     );
     let page = out.join("view.html");
-    let data = about(&page);
+    let data = page_data(&page);
     assert_eq!(data["times"].as_array().map(Vec::len), Some(6));
     let parts = data["parts"].as_array().expect("parts");
     let names: Vec<&str> = parts.iter().filter_map(|p| p["name"].as_str()).collect();
@@ -84,7 +84,7 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
     }
     let page = out.join("small.html");
     let printed = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
-    let data = about(&page);
+    let data = page_data(&page);
     let part = |name: &str| {
         data["parts"]
             .as_array()

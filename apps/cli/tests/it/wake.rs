@@ -4,10 +4,10 @@
 use crate::common::{WAKING, arlequin, number, scene, scratch, succeed, summary, text, written};
 use std::path::{Path, PathBuf};
 
-fn run(path: &Path, more: &[&str]) -> (PathBuf, String) {
+fn run(path: &Path, extra: &[&str]) -> (PathBuf, String) {
     let out = path.with_file_name("out");
     let mut arguments = vec!["run", text(path), "--out", text(&out), "--force"];
-    arguments.extend(more);
+    arguments.extend(extra);
     let printed = succeed(&arguments);
     (out, printed)
 }
@@ -319,7 +319,7 @@ fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
     let killed = path.with_file_name("killed");
     let unfinished = path.with_file_name("killed.unfinished");
     let begin = ["run", text(&path), "--out", text(&killed)];
-    let every = ["--set", "output.checkpoint_every=40"];
+    let interval = ["--set", "output.checkpoint_every=40"];
     let start = |arguments: &[&str]| {
         let mut c = crate::common::command(arguments);
         let c = c.stdout(std::process::Stdio::null());
@@ -327,7 +327,7 @@ fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
     };
     // The run is resumed once while it sleeps and once while it is awake.
     let (mut seen, mut state) = ([0; 2], 88_172_645_463_325_252_u64);
-    let mut child = start(&[&begin[..], &every].concat());
+    let mut child = start(&[&begin[..], &interval].concat());
     let checkpoint = unfinished.join("checkpoint.bin");
     let written = || std::fs::metadata(&checkpoint).and_then(|m| m.modified()).ok();
     for _ in 0..25 {

@@ -81,7 +81,7 @@ fn start(command: &[String]) -> Remote {
 
 /// Asserts that a run with the client agrees with a run with our chain within 1e-12, for one own step and for
 /// four, also after it was saved and resumed in another process; then checks what the coupling relies on.
-fn as_ours(command: &[String], kind: &str) {
+fn assert_same_as_ours(command: &[String], kind: &str) {
     let lines = (0..BONDS as u32).flat_map(|k| [k, k + 1]).collect();
     let shape = Shape::Mesh {
         element: Element::Line,
@@ -131,14 +131,14 @@ fn as_ours(command: &[String], kind: &str) {
 #[test]
 fn the_chain_in_python_is_ours() {
     let Some(command) = python_chain() else { return };
-    as_ours(&command, "python-chain");
+    assert_same_as_ours(&command, "python-chain");
 }
 
 #[test]
 fn the_chain_in_c_is_ours() {
     let folder = folder("c");
     let Some(command) = c_chain(&folder) else { return };
-    as_ours(&command, "c-chain");
+    assert_same_as_ours(&command, "c-chain");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -206,8 +206,11 @@ fn what_a_client_in_python_raises_is_told_to_the_run() {
     solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
     let error = solver.advance(0.0, 0.1).unwrap_err().to_string();
     assert!(error.contains("failed: ValueError: out of springs"), "{error}");
-    let again = solver.advance(0.0, 0.1).unwrap_err().to_string();
-    assert!(again.contains("is broken since an earlier error"), "{again}");
+    let second_error = solver.advance(0.0, 0.1).unwrap_err().to_string();
+    assert!(
+        second_error.contains("is broken since an earlier error"),
+        "{second_error}"
+    );
     let error = Remote::start("fine", &command("2"), &folder, patient())
         .unwrap_err()
         .to_string();

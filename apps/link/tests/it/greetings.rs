@@ -84,7 +84,7 @@ fn other_messages() -> Vec<Case> {
 /// Descriptions of models that cannot exist.
 fn other_descriptions() -> Vec<Case> {
     let good = description();
-    let with = |change: &dyn Fn(&mut Description)| {
+    let described = |change: &dyn Fn(&mut Description)| {
         let mut d = good.clone();
         change(&mut d);
         bytes_of(&d)
@@ -115,22 +115,22 @@ fn other_descriptions() -> Vec<Case> {
         ("shape", changed(&good, |b| b[14] = 9), &["the shape is 9"]),
         (
             "position",
-            with(&|d| d.nodes[3].y = f64::NAN),
+            described(&|d| d.nodes[3].y = f64::NAN),
             &["positions: entry 10 is NaN"],
         ),
         (
             "mass",
-            with(&|d| d.inertia[4] = -1.0),
+            described(&|d| d.inertia[4] = -1.0),
             &["inertia of unknown 4 is -1e0"],
         ),
         (
             "infinite mass",
-            with(&|d| d.inertia[4] = f64::INFINITY),
+            described(&|d| d.inertia[4] = f64::INFINITY),
             &["inertia: entry 4 is inf"],
         ),
         (
             "step",
-            with(&|d| d.critical_step = f64::NAN),
+            described(&|d| d.critical_step = f64::NAN),
             &["critical step is NaN"],
         ),
         (
@@ -140,17 +140,17 @@ fn other_descriptions() -> Vec<Case> {
         ),
         (
             "offers",
-            with(&|d| d.offers = Fields(1)),
+            described(&|d| d.offers = Fields(1)),
             &["velocities or displacements are not offered"],
         ),
         (
             "element",
-            with(&|d| d.shape = lines_to(BONDS as u32 + 1)),
+            described(&|d| d.shape = lines_to(BONDS as u32 + 1)),
             &["names node 61 of 61"],
         ),
         (
             "section",
-            with(&|d| d.shape = section(f64::NAN)),
+            described(&|d| d.shape = section(f64::NAN)),
             &["the cross-section is NaN"],
         ),
     ]

@@ -276,7 +276,7 @@ fn nothing_that_a_command_started_is_left() {
         .to_string();
     assert!(error.contains("a connection to unix:"), "{error}");
     assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
-    gone(&folder, &["own", "other"]);
+    assert_ended(&folder, &["own", "other"]);
     // The command ends by itself and leaves a child process.
     let command = ["sh", "-c", "sleep 100 & echo $! > other; exit 5"].map(String::from);
     let error = Remote::start("fine", &command, &folder, hasty()).unwrap_err();
@@ -284,7 +284,7 @@ fn nothing_that_a_command_started_is_left() {
         error.to_string().contains("exit status: 5 before it connected"),
         "{error}"
     );
-    gone(&folder, &["other"]);
+    assert_ended(&folder, &["other"]);
     std::fs::remove_dir_all(&folder).unwrap();
     let entries = std::fs::read_dir(std::env::temp_dir())
         .unwrap()
@@ -300,7 +300,7 @@ fn nothing_that_a_command_started_is_left() {
 
 /// Asserts that no process with a number in one of these files is left.
 #[cfg(target_os = "linux")]
-fn gone(folder: &std::path::Path, files: &[&str]) {
+fn assert_ended(folder: &std::path::Path, files: &[&str]) {
     for file in files {
         let number = std::fs::read_to_string(folder.join(file)).unwrap();
         let state = || std::fs::read_to_string(format!("/proc/{}/stat", number.trim())).unwrap_or_default();

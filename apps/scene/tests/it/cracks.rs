@@ -172,7 +172,7 @@ fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements()
 fn lips_of_natural_elements_take_pressure() {
     // With natural elements J includes the pressure on the lips by sums over cells beside the front: 4.4 %
     // more here.
-    for (kind, most) in [("fem", 2e-3), ("cnem", 0.06)] {
+    for (kind, limit) in [("fem", 2e-3), ("cnem", 0.06)] {
         let model = format!("kind = \"{kind}\"\nshape.file = '{}'", file(true));
         let pull = released(&(plate(&model) + &pulled()));
         let pressure = |place: &str| {
@@ -182,7 +182,7 @@ fn lips_of_natural_elements_take_pressure() {
             released(&(plate(&model) + &pressure(".box = { low = [-9, 0, -9], high = [9, 0, 9] }")));
         println!("{kind}: pulled {pull}, pressed {pressed}");
         assert!(
-            (pressed / pull - 1.0).abs() < most,
+            (pressed / pull - 1.0).abs() < limit,
             "{kind}: {pressed} for {pull}"
         );
         let probe = "[probe.force]\nof = \"load-1\"\nquantity = \"force\"\ncomponent = \"y\"\n";

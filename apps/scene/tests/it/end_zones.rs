@@ -180,15 +180,15 @@ impl Case {
 
     /// Returns the relative differences of the displacements from those of `alone` with spheres in the zone,
     /// and the number of spheres across the zone's border.
-    fn off(&self, seed: u64, probed: &[&str], alone: &[f64]) -> (Vec<f64>, Option<f64>) {
+    fn deviations(&self, seed: u64, probed: &[&str], alone: &[f64]) -> (Vec<f64>, Option<f64>) {
         let kind = format!(
             "kind = \"dem\"\nspacing = {:?}\ndem.seed = {seed}",
             self.diameter * self.unit
         );
         let (moved, beams) = self.pulled(&kind, probed);
-        let off: Vec<f64> = moved.iter().zip(alone).map(|(u, v)| u / v - 1.0).collect();
-        println!("{:?} seed {seed}: off by {off:.4?}, {beams:?}", self.cells);
-        (off, beams.and_then(|b| b.across))
+        let deviations: Vec<f64> = moved.iter().zip(alone).map(|(u, v)| u / v - 1.0).collect();
+        println!("{:?} seed {seed}: off by {deviations:.4?}, {beams:?}", self.cells);
+        (deviations, beams.and_then(|b| b.across))
     }
 }
 
@@ -208,9 +208,13 @@ fn issue_015_a_bar_that_ends_in_particles_is_as_stiff_as_elements_however_it_lie
         ..BAR
     };
     for (case, seed) in [(BAR, 1), (far, 2)] {
-        let (off, across) = case.off(seed, &["tip"], &alone);
+        let (deviations, across) = case.deviations(seed, &["tip"], &alone);
         assert!((across.unwrap() / 12.5 - 1.0).abs() < 0.02, "{across:?}");
-        assert!(off[0].abs() < 0.02, "turned by {}: {off:?}", case.turn);
+        assert!(
+            deviations[0].abs() < 0.02,
+            "turned by {}: {deviations:?}",
+            case.turn
+        );
     }
 }
 
@@ -226,9 +230,9 @@ const COARSE: Case = Case {
 #[test]
 fn an_end_of_few_spheres_is_warned_of() {
     let alone = COARSE.of_elements(&["tip"]);
-    let (off, across) = COARSE.off(1, &["tip"], &alone);
+    let (deviations, across) = COARSE.deviations(1, &["tip"], &alone);
     assert!((across.unwrap() / 8.0 - 1.0).abs() < 0.02, "{across:?}");
-    assert!(off[0].abs() < 0.07, "{off:?}");
+    assert!(deviations[0].abs() < 0.07, "{deviations:?}");
 }
 
 const EDGE: Case = Case {
@@ -265,8 +269,8 @@ fn a_block_whose_edge_or_corner_is_particles_is_as_stiff_as_elements() {
     for case in [EDGE, CORNER] {
         let probed = ["body", "tip"];
         let alone = case.of_elements(&probed);
-        let (off, _) = case.off(1, &probed, &alone);
-        assert!(off.iter().all(|o| o.abs() < 0.03), "{off:?}");
+        let (deviations, _) = case.deviations(1, &probed, &alone);
+        assert!(deviations.iter().all(|o| o.abs() < 0.03), "{deviations:?}");
     }
 }
 
@@ -286,7 +290,7 @@ fn blocks_with_many_zones() {
         let alone = case.of_elements(probed);
         println!("{name}");
         for seed in [1, 2, 3] {
-            case.off(seed, probed, &alone);
+            case.deviations(seed, probed, &alone);
         }
     }
 }

@@ -46,14 +46,14 @@ fn growing(first: f64, end: f64) -> Vec<f64> {
 
 impl Plate {
     fn lines(&self) -> [Vec<f64>; 3] {
-        let back = growing(self.fine, self.crack);
+        let behind = growing(self.fine, self.crack);
         let ahead = growing(self.fine, WIDTH - self.crack);
-        let up = growing(self.fine, 1.5 * WIDTH);
+        let upwards = growing(self.fine, 1.5 * WIDTH);
         let mirrored = |v: &[f64], about: f64| v.iter().rev().map(|x| about - x).collect::<Vec<f64>>();
-        let mut x = mirrored(&back, self.crack);
+        let mut x = mirrored(&behind, self.crack);
         x.extend(ahead[1..].iter().map(|x| self.crack + x));
-        let mut y = mirrored(&up, 0.0);
-        y.extend(&up[1..]);
+        let mut y = mirrored(&upwards, 0.0);
+        y.extend(&upwards[1..]);
         let z = (0..=self.layers).map(|k| THICK * k as f64 / self.layers as f64);
         [x, y, z.collect()]
     }
@@ -350,15 +350,16 @@ fn domains_agree_while_waves_pass_through_them() {
     let results = run(&(text + "[time]\nend = 60e-6\n[output]\nprobe_every = 4\n"));
     let j = [0, 1, 2].map(|k| results.probe(&format!("j{k}")).expect("probe").1.to_vec());
     let top = j[0].iter().fold(0.0_f64, |m, j| m.max(*j));
-    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / top;
+    let difference =
+        |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / top;
     println!(
         "up to {top} J/m2, apart by {} and {} of that",
-        apart(&j[0], &j[1]),
-        apart(&j[0], &j[2])
+        difference(&j[0], &j[1]),
+        difference(&j[0], &j[2])
     );
     println!("{:.3?}", j[0].iter().step_by(10).collect::<Vec<_>>());
     assert!(top > handbook(plate.crack));
-    assert!(apart(&j[0], &j[1]) < 0.02 && apart(&j[0], &j[2]) < 0.02);
+    assert!(difference(&j[0], &j[1]) < 0.02 && difference(&j[0], &j[2]) < 0.02);
 }
 
 /// Returns a block of any kind with a notch one element wide.
@@ -380,15 +381,15 @@ const FRONT: &str = "quantity = \"energy-release\"\ncrack = { front = [[0.06, 0.
 /// agree.
 #[test]
 fn notches_of_finite_and_of_natural_elements_release_about_the_same() {
-    let apart = ["[16, 15, 2]", "[32, 30, 2]"].map(|divisions| {
+    let gaps = ["[16, 15, 2]", "[32, 30, 2]"].map(|divisions| {
         let text = |kind: &str| notched(kind, FRONT).replace("[16, 15, 2]", divisions) + STATIC;
         let [fem, cnem] = ["fem", "cnem"].map(|kind| read(&run(&text(kind)), "j"));
         println!("{fem} and {cnem} J/m2");
         cnem / fem - 1.0
     });
     assert!(
-        apart[1] > 0.0 && apart[1] < 0.65 * apart[0] && apart[1] < 0.1,
-        "{apart:?}"
+        gaps[1] > 0.0 && gaps[1] < 0.65 * gaps[0] && gaps[1] < 0.1,
+        "{gaps:?}"
     );
 }
 
@@ -401,7 +402,7 @@ fn refused(text: &str, place: &str, words: &str) {
 
 #[test]
 fn cracks_that_make_no_sense_are_refused_by_name() {
-    let with = |from: &str, to: &str| {
+    let edited = |from: &str, to: &str| {
         assert!(FRONT.contains(from), "{from}");
         notched("fem", &FRONT.replace(from, to)) + STATIC
     };
@@ -447,18 +448,18 @@ fn cracks_that_make_no_sense_are_refused_by_name() {
         ),
     ];
     for (from, to, words) in wrong {
-        refused(&with(from, to), place, words);
+        refused(&edited(from, to), place, words);
     }
     let [front, far] = [
         "[[0.06, 0.075, 0.0], [0.06, 0.075, 0.02]]",
         "[[0.1, 0.11, 0.0], [0.1, 0.11, 0.02]]",
     ];
-    let solid = with(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
+    let solid = edited(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
     refused(&solid, place, "no surface of a crack within this distance");
-    let more = |more: &str| notched("fem", &format!("{FRONT}\n{more}")) + STATIC;
-    refused(&more("component = \"x\""), "probe.j.component", "remove it");
+    let extended = |extended: &str| notched("fem", &format!("{FRONT}\n{extended}")) + STATIC;
+    refused(&extended("component = \"x\""), "probe.j.component", "remove it");
     refused(
-        &more("where = \"x-min\""),
+        &extended("where = \"x-min\""),
         "probe.j",
         "exactly one of at, where, of, crack",
     );

@@ -147,9 +147,9 @@ fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
     );
     let end = "[time]\nsteps = 1\n[output]\nplots = false\n";
     let alone = mass(&built(&format!("{body}{end}")));
-    let with = built(&format!("{body}{}\n{end}", particles(diameter, 1)));
-    let whole = mass(&with) / alone - 1.0;
-    let rings = [[7.0, 8.5], [8.5, 10.0]].map(|[low, high]| ring(&with, thick, low, high) - 1.0);
+    let zoned = built(&format!("{body}{}\n{end}", particles(diameter, 1)));
+    let whole = mass(&zoned) / alone - 1.0;
+    let rings = [[7.0, 8.5], [8.5, 10.0]].map(|[low, high]| ring(&zoned, thick, low, high) - 1.0);
     println!("all {whole:.5}, rings {rings:.4?}");
     assert!(whole.abs() < 5e-3, "mass off by {whole}");
     assert!(
@@ -159,7 +159,7 @@ fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
 }
 
 /// Returns the largest difference of two lists.
-fn apart(a: &[f64], b: &[f64]) -> f64 {
+fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
@@ -178,7 +178,10 @@ fn far_from_a_hole_in_particles_a_plate_is_within_one_per_cent_of_finite_element
     let alone = solved(thick, "");
     for seed in [1, 2] {
         let zoned = solved(thick, &particles(diameter, seed));
-        let (stress, displacement) = (apart(&zoned.0, &alone.0), apart(&zoned.1, &alone.1));
+        let (stress, displacement) = (
+            largest_difference(&zoned.0, &alone.0),
+            largest_difference(&zoned.1, &alone.1),
+        );
         let like = zoned.2.unwrap();
         println!("seed {seed}: stress {stress:.4}, displacement {displacement:.4}, {like:?}");
         assert!(stress < 0.01, "stress off by {stress} of the load, {like:?}");
@@ -210,7 +213,10 @@ fn far_field_of_many_packings() {
         let alone = solved(thick, "");
         for seed in [1, 2, 3] {
             let zoned = solved(thick, &particles(diameter, seed));
-            let (stress, displacement) = (apart(&zoned.0, &alone.0), apart(&zoned.1, &alone.1));
+            let (stress, displacement) = (
+                largest_difference(&zoned.0, &alone.0),
+                largest_difference(&zoned.1, &alone.1),
+            );
             println!(
                 "{thick} {diameter} {seed}: {stress:.4} {displacement:.4} {:?}",
                 zoned.2

@@ -40,11 +40,11 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fragments");
     let _ = std::fs::remove_dir_all(&folder);
     let scene = Scene::from_text(BAR).expect("a scene");
-    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
 
@@ -97,11 +97,11 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
         );
         // Places are those of the instant: the centre of all pieces moves on uniformly.
         for (c, start) in start.iter().enumerate() {
-            let gone = sum(5 + c) - start;
+            let shift = sum(5 + c) - start;
             let wanted = if c == 0 { first * t } else { 0.0 };
             assert!(
-                (gone - wanted).abs() < 1e-12 * 8e-3 * mass,
-                "{c} at {t:e}: {gone:e}, not {wanted:e}"
+                (shift - wanted).abs() < 1e-12 * 8e-3 * mass,
+                "{c} at {t:e}: {shift:e}, not {wanted:e}"
             );
         }
         // All particles without bonds are one row, not a piece each.
@@ -147,11 +147,11 @@ fn modes_and_pieces_survive_a_checkpoint() {
     };
     let begin = |name: &str, observer: &mut dyn arlequin_scene::Observer| {
         let scene = Scene::from_text(BAR).expect("a scene");
-        let into = RunFolder::new(&scene, Some(&folder.join(name)), true).expect("a folder");
+        let run_folder = RunFolder::new(&scene, Some(&folder.join(name)), true).expect("a folder");
         scene
             .prepare()
             .expect("built")
-            .run_into(into, observer)
+            .run_into(run_folder, observer)
             .expect("runs");
     };
     begin("whole", &mut Silent);

@@ -133,10 +133,10 @@ fn loads_on_a_body_are_what_is_asked_for_whatever_its_zones_are() {
                 let size = asked.iter().fold(0.0_f64, |s, x| s.max(x.abs()));
                 let [acts, held] = ["push", "bed"].map(|subject| exerted(&results, subject, k));
                 for c in 0..6 {
-                    let off = (acts[c] - asked[c]).abs().max((held[c] + asked[c]).abs()) / size;
-                    worst = worst.max(off);
+                    let error = (acts[c] - asked[c]).abs().max((held[c] + asked[c]).abs()) / size;
+                    worst = worst.max(error);
                     assert!(
-                        off < 1e-10,
+                        error < 1e-10,
                         "{body}, {zone}, {words}: {acts:?} and {held:?} for {asked:?}"
                     );
                 }

@@ -29,8 +29,8 @@ fn motions_by_expression_table_and_speed_go_where_they_should() {
         let results = moved(motion);
         let (times, values) = results.probe("hand").expect("probe");
         for (t, x) in times.iter().zip(values) {
-            let off = (x - wanted(*t)).abs();
-            assert!(off < 1e-13, "{motion}: at {t:e} s {x:e}, off by {off:e}");
+            let error = (x - wanted(*t)).abs();
+            assert!(error < 1e-13, "{motion}: at {t:e} s {x:e}, off by {error:e}");
         }
     };
     follows(
@@ -79,12 +79,12 @@ fn speeds_by_expression_are_smooth_in_time() {
             .filter(|(t, _)| (**t - 1e-4).abs() > 2.0 * dt)
         {
             // Central differences of the displacement are off by (ω Δt)²/6.
-            let off = if text.starts_with("sin") {
+            let allowed = if text.starts_with("sin") {
                 (wave * dt).powi(2) / 6.0
             } else {
                 1e-9
             };
-            assert!((v - wanted(*t)).abs() < 1.1 * off, "{text} at {t:e} s: {v:e}");
+            assert!((v - wanted(*t)).abs() < 1.1 * allowed, "{text} at {t:e} s: {v:e}");
         }
     }
 }
@@ -268,7 +268,7 @@ fn a_run_can_be_read_while_it_goes_on() {
     );
     let scene = Scene::from_text(text).expect("a scene");
     let out = folder.join("out");
-    let into = RunFolder::new(&scene, Some(&out), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&out), true).expect("a folder");
     let mut peeping = Peeping {
         folder: &folder.join("out.unfinished"),
         looks: 0,
@@ -276,7 +276,7 @@ fn a_run_can_be_read_while_it_goes_on() {
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut peeping)
+        .run_into(run_folder, &mut peeping)
         .expect("runs");
     assert_eq!(peeping.looks, 1);
     let table = std::fs::read_to_string(out.join("probes.csv")).expect("a table");

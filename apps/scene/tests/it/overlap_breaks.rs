@@ -71,21 +71,21 @@ fn broken_bonds_in_the_overlap_against_particles_alone() {
             (1..=SEEDS).map(|seed| broken(&make(mass, seed))).collect()
         };
         let [coupled, reference] = [runs(seeded), runs(alone)];
-        let [with, without] = [statistics(&coupled), statistics(&reference)];
-        let error = with[2].hypot(without[2]);
+        let [with_overlap, without_overlap] = [statistics(&coupled), statistics(&reference)];
+        let error = with_overlap[2].hypot(without_overlap[2]);
         println!(
             "ball of {mass:e} kg, {SEEDS} seeds: coupled {coupled:?}\n  alone {reference:?}\n  {:.0} (deviation {:.0}) against {:.0} \
              (deviation {:.0}): {:+.0} % with a standard error of {:.0} %, {:.1} standard errors",
-            with[0],
-            with[1],
-            without[0],
-            without[1],
-            100.0 * (with[0] / without[0] - 1.0),
-            100.0 * error / without[0],
-            (with[0] - without[0]) / error
+            with_overlap[0],
+            with_overlap[1],
+            without_overlap[0],
+            without_overlap[1],
+            100.0 * (with_overlap[0] / without_overlap[0] - 1.0),
+            100.0 * error / without_overlap[0],
+            (with_overlap[0] - without_overlap[0]) / error
         );
         // The documents claim the same order of magnitude, no more.
-        let ratio = with[0] / without[0];
+        let ratio = with_overlap[0] / without_overlap[0];
         assert!((0.5..2.0).contains(&ratio), "{ratio}");
     }
 }

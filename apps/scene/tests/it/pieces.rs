@@ -85,12 +85,12 @@ fn scene(pieces: bool) -> Scene {
 }
 
 fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
-    let into = RunFolder::new(scene, Some(folder), true)?;
-    scene.prepare()?.run_into(into, observer)
+    let run_folder = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(run_folder, observer)
 }
 
 /// Returns the folder of a run of one rank without pieces, and its number of frames.
-fn alone() -> (&'static Path, usize) {
+fn single_rank_run() -> (&'static Path, usize) {
     static ONE: OnceLock<(PathBuf, usize)> = OnceLock::new();
     let make_run = || {
         let folder = scratch("one").join("out");
@@ -160,7 +160,7 @@ fn integers(frame: &Arrays, name: &str) -> Vec<usize> {
 
 /// Returns the frame that the pieces make, and the number of ghosts. Asserts that every ghost equals its
 /// owned node.
-fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
+fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
     let text = std::fs::read_to_string(parallel).expect("a file");
     let lines = || text.lines().map(str::trim);
     let files = lines()
@@ -174,14 +174,15 @@ fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
     declared.sort_unstable();
     let name = |k: &'_ str| k.split_once('/').expect("a section").1.to_owned();
     for piece in &piece_arrays {
-        let has = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
-        let mut has: Vec<_> = has.map(|(k, a)| (name(k), a.0.clone())).collect();
-        has.sort_unstable();
+        let present = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
+        let mut present: Vec<_> = present.map(|(k, a)| (name(k), a.0.clone())).collect();
+        present.sort_unstable();
         assert!(
-            has.iter()
+            present
+                .iter()
                 .map(|h| (h.0.as_str(), h.1.as_str()))
                 .eq(declared.iter().copied()),
-            "{has:?} {declared:?}"
+            "{present:?} {declared:?}"
         );
     }
     let numbers: Vec<_> = piece_arrays
@@ -254,14 +255,14 @@ fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
             .collect();
         if name == "offsets" {
             let offset_count = values.len() / 8;
-            let per = piece_arrays
+            let corners_per_cell = piece_arrays
                 .iter()
                 .map(|p| p["Cells/connectivity"].2.len())
                 .sum::<usize>()
                 / 8
                 / offset_count.max(1);
             values = (1..=offset_count)
-                .flat_map(|k| ((k * per) as i64).to_le_bytes())
+                .flat_map(|k| ((k * corners_per_cell) as i64).to_le_bytes())
                 .collect();
         }
         out.insert(key.clone(), (kind.clone(), piece_arrays[0][key].1, values));
@@ -310,7 +311,7 @@ fn assert_same(single: &Path, parallel: &Path, pieces: &dyn Fn(&str, usize) -> u
         let (name, step) = stem.rsplit_once('_').expect("a step");
         let count = pieces(name, step.parse().expect("a number"));
         wanted.extend((0..count).map(|r| format!("{stem}_{r}.vtu")));
-        let (joined, ghosts) = together(&parallel.join("vtu").join(file), count);
+        let (joined, ghosts) = join_pieces(&parallel.join("vtu").join(file), count);
         let whole = arrays(&single.join(format!("vtu/{stem}.vtu")));
         assert!(
             joined.keys().eq(whole.keys()),
@@ -330,7 +331,7 @@ fn assert_same(single: &Path, parallel: &Path, pieces: &dyn Fn(&str, usize) -> u
 #[test]
 fn pieces_of_all_ranks_are_the_frame_of_one() {
     let folder = scratch("same");
-    let (single, frames) = alone();
+    let (single, frames) = single_rank_run();
     let fragments = std::fs::read_to_string(single.join("fragments.csv")).expect("a table");
     assert!(fragments.lines().count() > 2 * frames, "{fragments}");
     let frame = arrays(&single.join("vtu/bar_00000000.vtu"));
@@ -396,7 +397,7 @@ fn packed_as(frame: &Path) -> Vec<u64> {
 
 #[test]
 fn spheres_are_read_from_pieces_as_from_one_file() {
-    let (single, _) = alone();
+    let (single, _) = single_rank_run();
     let out = scratch("packing").join("out");
     for r in on_ranks(3, &out) {
         r.expect("runs");
@@ -424,7 +425,7 @@ impl Observer for Stop {
 #[test]
 fn a_run_in_pieces_goes_on_with_another_number_of_ranks() {
     let folder = scratch("resumed");
-    let (single, _) = alone();
+    let (single, _) = single_rank_run();
     let half = scene(true).prepare().expect("built").built().steps / 2;
     for (first, then) in [(4, 2), (1, 3)] {
         let place = folder.join(format!("{first}-{then}"));
@@ -465,7 +466,7 @@ impl Observer for InTheWay {
 #[test]
 fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_frame() {
     let folder = scratch("failing");
-    let (single, frames) = alone();
+    let (single, frames) = single_rank_run();
     assert!(frames > 3);
     let index = std::fs::read_to_string(single.join("results.pvd")).expect("an index");
     let frames = index.lines().filter(|l| l.contains("name=\"bar\""));
@@ -502,5 +503,5 @@ fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_fram
         [format!("bar_{step}_1.vtu")],
         "the folder in the way alone"
     );
-    together(&out.join("vtu/bar_00000000.pvtu"), 3);
+    join_pieces(&out.join("vtu/bar_00000000.pvtu"), 3);
 }

@@ -124,7 +124,7 @@ fields = ["displacement", "velocity", "bond-forces", "stress"]
 /// Returns [`BREAKING`], stretched less and pushed back together so that pieces touch; a free ball strikes
 /// one end, a driven wall the other, and elements absorb short waves.
 fn touching() -> String {
-    let more = r#"
+    let additions = r#"
 [model.grip]
 kind = "fem"
 role = "coarse"
@@ -172,7 +172,7 @@ component = "y"
         .replace("coefficients = [-3.0, 2000.0]", "coefficients = [0.0, 0.0, 0.0]")
         .replace("strength = 100e6", "strength = 200e6")
         .replace("\"stress\"]", "\"contact-forces\"]");
-    format!("{bar}{more}")
+    format!("{bar}{additions}")
 }
 
 fn scratch(name: &str) -> PathBuf {
@@ -188,8 +188,8 @@ fn scene(text: &str) -> Scene {
 
 /// Runs a scene into a folder, also as one of several ranks.
 fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
-    let into = RunFolder::new(scene, Some(folder), true)?;
-    scene.prepare()?.run_into(into, observer)
+    let run_folder = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(run_folder, observer)
 }
 
 /// Runs a scene into a folder on every rank and returns the result of each.
@@ -437,8 +437,8 @@ fn what_touches_across_ranks_is_written_as_by_one_rank() {
 /// Strengths that no effect enforces are compared at the end over the bonds of all ranks.
 #[test]
 fn ranks_find_together_what_a_state_would_need() {
-    let off = BREAKING.replace("weibull = 10.0 }", "weibull = 10.0 }\nenabled = false");
-    let scene = scene(&off).set("time.end", "1.5e-6").expect("a scene");
+    let unenforced = BREAKING.replace("weibull = 10.0 }", "weibull = 10.0 }\nenabled = false");
+    let scene = scene(&unenforced).set("time.end", "1.5e-6").expect("a scene");
     let single = scene.prepare().expect("built").run(&mut Silent).expect("runs");
     let warned = format!("{:?}", single.summary().warnings);
     assert!(
@@ -529,13 +529,13 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
     let line = |text: &str, ranks: usize| {
         let built = scene(text).for_ranks(ranks).prepare().expect("built");
         let mut holdings = built.built().holdings.clone();
-        let left = holdings.iter().find(|l| l.model == "left").expect("a line");
+        let holding = holdings.iter().find(|l| l.model == "left").expect("a line");
         let nodes = if ranks > 2 {
             "fewer than ranks"
         } else {
             "2 units of 256 nodes"
         };
-        assert!(left.words.contains(nodes), "{}", left.words);
+        assert!(holding.words.contains(nodes), "{}", holding.words);
         holdings.remove(holdings.iter().position(|l| l.model == "right").expect("a line"))
     };
     let parts = line(PULSE, 3);
@@ -544,12 +544,12 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         "{}",
         parts.words
     );
-    let whole = |more: &str, ranks: usize, why: &str| {
-        let l = line(&format!("{PULSE}\n{more}"), ranks);
-        assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
+    let whole = |addition: &str, ranks: usize, reason: &str| {
+        let l = line(&format!("{PULSE}\n{addition}"), ranks);
+        assert!(!l.parts && l.words.contains(reason), "{addition}: {}", l.words);
     };
     whole("", 40, "fewer than ranks");
-    let two = r#"
+    let two_bodies = r#"
 [model.ball]
 kind = "dem"
 shape.box = { low = [13e-3, 0.0, 0.0], high = [15e-3, 2e-3, 2e-3] }
@@ -560,13 +560,13 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 between = ["right", "ball"]
 contact = {}
 "#;
-    whole(two, 2, "effect[1].contact");
-    let elements = |more: &str| {
-        let text = format!("{PULSE}\n{more}");
+    whole(two_bodies, 2, "effect[1].contact");
+    let elements = |addition: &str| {
+        let text = format!("{PULSE}\n{addition}");
         let built = scene(&text).for_ranks(2).prepare().expect("built");
-        let left = built.built().holdings[0].clone();
-        assert!(!left.parts, "{more}");
-        left.words
+        let holding = built.built().holdings[0].clone();
+        assert!(!holding.parts, "{addition}");
+        holding.words
     };
     let viscous = elements("[[effect]]\nmodels = [\"left\"]\nbulk_viscosity = {}");
     assert_eq!(viscous, "effect[1].bulk_viscosity does not go in parts");

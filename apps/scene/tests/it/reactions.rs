@@ -13,8 +13,8 @@ use arlequin_scene::{Error, Results, Scene, Silent};
 const BOX: &str = "shape.box = { low = [0.0, 0.0, 0.0], high = [8.0, 3.0, 3.0] }";
 const SOLID: &str = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
 
-fn alone(kind: &str, more: &str) -> String {
-    format!("[model.body]\nkind = \"{kind}\"\n{BOX}\n{SOLID}\n{more}\n")
+fn alone(kind: &str, keys: &str) -> String {
+    format!("[model.body]\nkind = \"{kind}\"\n{BOX}\n{SOLID}\n{keys}\n")
 }
 
 /// Returns two models with an overlap from x = 3 m to 5 m.
@@ -65,9 +65,9 @@ fn probes(names: &[&str]) -> String {
     out
 }
 
-fn run(models: &str, acts: &str, names: &[&str], more: &str) -> Results {
+fn run(models: &str, acts: &str, names: &[&str], keys: &str) -> Results {
     let text = format!(
-        "{models}{acts}{}[time]\nsteps = 40\n{more}[output]\nenergy_every = 1\n",
+        "{models}{acts}{}[time]\nsteps = 40\n{keys}[output]\nenergy_every = 1\n",
         probes(names)
     );
     let scene = Scene::from_text(text).expect("a scene");
@@ -111,8 +111,8 @@ fn defects(results: &Results, names: &[&str]) -> [f64; 2] {
         for (k, p) in [&linear, &angular].into_iter().enumerate() {
             let change = Vector3::from([0, 1, 2].map(|c: usize| p[c][n] - p[c][n - 1]));
             let sum = |parts: &[Vec<Vector3<f64>>; 2]| parts[k].iter().sum::<Vector3<f64>>();
-            let off = change - (sum(&now) + sum(&next)) * (0.5 * dt);
-            defect[k] = defect[k].max(off.norm());
+            let defect_now = change - (sum(&now) + sum(&next)) * (0.5 * dt);
+            defect[k] = defect[k].max(defect_now.norm());
             scale[k] = now[k].iter().fold(scale[k], |s, f| s.max(dt * f.norm()));
         }
     }
@@ -121,9 +121,9 @@ fn defects(results: &Results, names: &[&str]) -> [f64; 2] {
 }
 
 #[track_caller]
-fn balanced(what: &str, models: &str, actors: &[&str], more: &str) -> Results {
+fn balanced(what: &str, models: &str, actors: &[&str], keys: &str) -> Results {
     let last = actors[actors.len() - 1];
-    let results = run(models, &acts(actors, last), &NAMES, more);
+    let results = run(models, &acts(actors, last), &NAMES, keys);
     let [force, moment] = defects(&results, &NAMES);
     println!("{what}: force {force:e}, moment {moment:e}");
     assert!(force < 1e-10 && moment < 1e-10, "{what}: {force:e}, {moment:e}");
@@ -228,13 +228,13 @@ fn a_rigid_ball_gives_what_the_particles_receive_and_reading_it_changes_no_bit()
     let grains = alone("dem", "spacing = 0.6\ndem.protocol = \"quench\"");
     let ball = "[[effect]]\nobstacle = { name = \"ball\", shape.sphere = { centre = [4.0, 1.5, 4.3], radius = 1.3 }, \
                 velocity = [0.0, 0.01, -0.05], mass = 2.0, contact = { friction = 0.3 } }\n";
-    let more = "step.seconds = 0.05\n";
-    let results = run(&grains, ball, &["ball"], more);
+    let keys = "step.seconds = 0.05\n";
+    let results = run(&grains, ball, &["ball"], keys);
     let [force, moment] = defects(&results, &["ball"]);
     assert!(force < 1e-10 && moment < 1e-10, "{force:e}, {moment:e}");
     let felt = results.probe("ball-f-z").expect("probe").1;
     assert!(felt.iter().any(|f| *f < 0.0), "it pushes downwards");
-    let silent = run(&grains, ball, &[], more);
+    let silent = run(&grains, ball, &[], keys);
     assert_eq!(
         silent.run.subdomains()[0].state(),
         results.run.subdomains()[0].state()
@@ -274,14 +274,14 @@ fn contact_of_two_bodies_pushes_them_apart_with_opposite_forces_and_moments() {
 #[test]
 fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
     let models = alone("fem", "spacing = 1.0");
-    let base = |more: &str| {
+    let base = |addition: &str| {
         let acts = acts(&["body"], "body");
-        Scene::from_text(format!("{models}{acts}[time]\nsteps = 1\n{more}"))
+        Scene::from_text(format!("{models}{acts}[time]\nsteps = 1\n{addition}"))
     };
     let probe = "[probe.p]\nof = \"bed\"\nquantity = \"force\"\ncomponent = \"x\"\n";
-    let says = |more: &str, key: &str, words: &str| {
-        let error = match base(more).and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+    let says = |addition: &str, key: &str, words: &str| {
+        let error = match base(addition).and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");

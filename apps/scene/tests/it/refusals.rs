@@ -113,8 +113,8 @@ fn numbers_that_rust_writes_otherwise_than_toml_are_understood() {
 fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
     let two_supports = |first: &str, second: &str| {
         let held = format!("where = \"x-min\"\n{first}");
-        let more = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
-        Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &more)
+        let second_support = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
+        Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &second_support)
     };
     let motion = "motion = { amplitude = 1e-6 }";
     let in_y = format!("components = [\"y\"]\n{motion}");
@@ -134,8 +134,8 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
             ],
         );
     }
-    let apart = two_supports("components = [\"x\"]", "components = [\"y\", \"z\"]");
-    assert!(apart.and_then(|s| s.prepare()).is_ok());
+    let disjoint = two_supports("components = [\"x\"]", "components = [\"y\", \"z\"]");
+    assert!(disjoint.and_then(|s| s.prepare()).is_ok());
 }
 
 /// Supports at rest that hold the same components are united: the run equals that of disjoint supports, and
@@ -168,7 +168,7 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
     .concat());
     // The same supports without the nodes that an earlier one holds.
     let beside = |axis: &str, low: &str| format!("{{ box = {{ low = {low}, high = [6.0, {axis}] }} }}");
-    let apart = run(&[
+    let disjoint = run(&[
         support("\"x-min\"", xyz),
         support(&beside("0.0, 1.0", "[0.5, 0.0, 0.0]"), "[\"y\"]"),
         support(&beside("1.0, 0.0", "[0.5, 0.5, 0.0]"), "[\"z\", \"y\"]"),
@@ -180,10 +180,10 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
     .concat());
     let tip = |r: &Results| r.probe("tip").expect("a probe").1.to_vec();
     assert!(tip(&united).iter().any(|u| u.abs() > 1e-6));
-    assert_eq!(tip(&united), tip(&apart));
+    assert_eq!(tip(&united), tip(&disjoint));
     let force = |r: &Results, name: &str| r.probe(name).expect("a probe").1.to_vec();
     for name in ["x1", "y1", "z1", "y2", "y3"] {
-        assert_eq!(force(&united, name), force(&apart, name), "{name}");
+        assert_eq!(force(&united, name), force(&disjoint, name), "{name}");
     }
     assert!(force(&united, "y1").iter().any(|f| f.abs() > 1e-9));
 }
@@ -383,10 +383,14 @@ fn a_spacing_larger_than_the_body_is_refused() {
         );
     }
     // The spacing is shorter than the longest side, yet no sphere of that size fits.
-    let none = Scene::from_text(SOLIDS)
+    let too_coarse = Scene::from_text(SOLIDS)
         .and_then(|s| s.set("model.right.kind", "dem"))
         .and_then(|s| s.set("model.right.spacing", 5.0));
-    says(&refused(none), "model.right.spacing", &["5", "spheres", "choose"]);
+    says(
+        &refused(too_coarse),
+        "model.right.spacing",
+        &["5", "spheres", "choose"],
+    );
 }
 
 #[test]
@@ -460,10 +464,12 @@ fn an_overlap_outside_the_models_is_called_so() {
 
 #[test]
 fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
-    let with = |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
-    let refusal = with("[{ bulk_viscosity = {} }]");
+    let refused_effect =
+        |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
+    let refusal = refused_effect("[{ bulk_viscosity = {} }]");
     says(&refusal, "effect[0]", &["bulk_viscosity", "remove it"]);
-    let refusal = with("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
+    let refusal =
+        refused_effect("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
     says(
         &refusal,
         "effect[1].models[0]",

@@ -64,18 +64,18 @@ fn run(text: &str) -> Results {
 /// Returns the largest sum of forces (or moments) over the largest of them, at any load step.
 fn imbalance(results: &Results, names: &[&str], kind: &str) -> f64 {
     let count = results.recorded.probes.times.len();
-    let (mut off, mut size) = (0.0_f64, 0.0_f64);
+    let (mut residual, mut size) = (0.0_f64, 0.0_f64);
     for k in 0..count {
         for axis in ["x", "y", "z"] {
             let values = names
                 .iter()
                 .map(|n| results.probe(&format!("{n}-{kind}-{axis}")).expect("probe").1[k]);
             let values: Vec<f64> = values.collect();
-            off = off.max(values.iter().sum::<f64>().abs());
+            residual = residual.max(values.iter().sum::<f64>().abs());
             size = values.iter().fold(size, |s, v| s.max(v.abs()));
         }
     }
-    off / size
+    residual / size
 }
 
 #[test]
@@ -88,9 +88,12 @@ fn reactions_balance_loads_at_rest_for_every_pair_of_models() {
     ] {
         let text = coupled(right) + ACTS + &probes(&names) + "[static]\nsteps = 2\n";
         let results = run(&text);
-        let off = ["f", "m"].map(|k| imbalance(&results, &names, k));
-        println!("{right:?}: force {:e}, moment {:e}", off[0], off[1]);
-        assert!(off[0] < 1e-10 && off[1] < 1e-10, "{right}: {off:?}");
+        let imbalances = ["f", "m"].map(|k| imbalance(&results, &names, k));
+        println!("{right:?}: force {:e}, moment {:e}", imbalances[0], imbalances[1]);
+        assert!(
+            imbalances[0] < 1e-10 && imbalances[1] < 1e-10,
+            "{right}: {imbalances:?}"
+        );
         let steps = &results.summary().load_steps;
         assert_eq!(steps.len(), 2);
         assert!(
@@ -143,8 +146,8 @@ fn relaxed_equilibria_are_those_of_the_direct_solution() {
         let [a, b] = [&small, &large].map(|r| r.probe(p).expect("probe").1[0]);
         assert!((a / b - 1.0).abs() < 2e-4, "{p}: {a:e}, {b:e}");
     }
-    let off = imbalance(&large, &["bed", "pull"], "f");
-    assert!(off < 1e-5, "{off:e}");
+    let residual = imbalance(&large, &["bed", "pull"], "f");
+    assert!(residual < 1e-5, "{residual:e}");
 }
 
 #[test]
@@ -170,11 +173,12 @@ fn load_steps_come_from_a_file_and_the_motion_of_a_support_too() {
     std::fs::write(&path, text).expect("written");
     let scene = Scene::read(&path).expect("a scene");
     assert_eq!(scene.files().len(), 2);
-    let into = arlequin_scene::RunFolder::new(&scene, Some(&folder.join("out")), true).expect("a folder");
+    let run_folder =
+        arlequin_scene::RunFolder::new(&scene, Some(&folder.join("out")), true).expect("a folder");
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     assert_eq!(results.recorded.probes.times, [0.1, 0.25, 1.0]);
     let force = results.probe("grip").expect("probe").1;
@@ -206,9 +210,9 @@ fn load_steps_come_from_a_file_and_the_motion_of_a_support_too() {
 #[test]
 fn static_scenes_refuse_what_needs_time() {
     let base = coupled("kind = \"fem\"\nspacing = 0.5") + ACTS;
-    let refused = |more: &str, key: &str, words: &str| {
-        let error = match Scene::from_text(format!("{base}{more}")).and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+    let refused = |addition: &str, key: &str, words: &str| {
+        let error = match Scene::from_text(format!("{base}{addition}")).and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");
@@ -312,8 +316,8 @@ fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
                 material = { young = 70e9, poisson = 0.3, density = 2000.0 }\n\
                 [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
                 [static]\ntimes = [0.5, 2.0, 3.0]\n[output]\nevery = 1\n";
-    let plan = |more: &str| {
-        let scene = Scene::from_text(format!("{text}{more}")).expect("a scene");
+    let plan = |keys: &str| {
+        let scene = Scene::from_text(format!("{text}{keys}")).expect("a scene");
         scene.prepare().expect("built").preview()
     };
     let direct = plan("");
@@ -327,14 +331,14 @@ fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
 }
 
 /// Returns a bar of spheres that is stretched until it parts, by its grip or by a load on it.
-fn torn(pull: &str, more: &str) -> String {
+fn torn(pull: &str, keys: &str) -> String {
     format!(
         "[model.bar]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\
          shape.box = {{ low = [0.0, 0.0, 0.0], high = [4e-3, 1.2e-3, 1.2e-3] }}\n\
          material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n\
          [[effect]]\nfracture = {{ criterion = \"rankine\", strength = 100e6, weibull = 10.0 }}\n\
          [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n{pull}\n\
-         [probe.end]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n[static]\nsteps = 6\n{more}"
+         [probe.end]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n[static]\nsteps = 6\n{keys}"
     )
 }
 
@@ -370,9 +374,9 @@ fn load_steps_of_a_linear_model_are_those_of_runs_of_their_own() {
     let last = run(&text("[1.0]"));
     for axis in ["x", "y", "z"] {
         let name = format!("bed-f-{axis}");
-        let [two, alone] =
+        let [both_steps, alone] =
             [&together, &last].map(|r| *r.probe(&name).expect("probe").1.last().expect("a row"));
-        assert_eq!(two, alone, "{name}");
+        assert_eq!(both_steps, alone, "{name}");
     }
 }
 
@@ -411,7 +415,7 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
 fn ties_relax_to_the_direct_solution() {
     for left in ["kind = \"fem\"", "kind = \"cnem\""] {
         let right = "kind = \"dem\"\nspacing = 0.6\ndem.protocol = \"quench\"";
-        let final_values = |more: &str| {
+        let final_values = |addition: &str| {
             let ends = [("left", "x-max"), ("right", "x-max"), ("right", "z-min")];
             let watched = ends.map(|(m, place)| {
                 ["x", "z"].map(|c| {
@@ -424,7 +428,7 @@ fn ties_relax_to_the_direct_solution() {
                 + ACTS
                 + &watched.concat().concat()
                 + &probes(&["bed", "pull", "body-force"]);
-            run(&(text + more + "[static]\nsteps = 1\ntolerance = 1e-9\n"))
+            run(&(text + addition + "[static]\nsteps = 1\ntolerance = 1e-9\n"))
         };
         let far = "[[effect]]\nmodels = [\"right\"]\n\
                    obstacle = { shape.plane = { point = [0.0, 0.0, -50.0], normal = [0.0, 0.0, 1.0] } }\n";
@@ -439,20 +443,20 @@ fn ties_relax_to_the_direct_solution() {
                 .filter(|c| c.0.contains(unit));
             gaps.fold(0.0_f64, |m, c| m.max(c.1[0].abs()))
         };
-        let mut off = 0.0_f64;
+        let mut deviation = 0.0_f64;
         for (k, name) in names.iter().enumerate() {
             let unit = ["[m]", "[N]", "[N m]"]
                 .into_iter()
                 .find(|u| name.contains(u))
                 .expect("a unit");
             let [x, y] = [&direct, &relaxed].map(|r| r.recorded.probes.columns[k][0]);
-            off = off.max((x - y).abs() / size(unit));
+            deviation = deviation.max((x - y).abs() / size(unit));
         }
         println!(
-            "{left}: {} steps to {:e}, off by {off:e}",
+            "{left}: {} steps to {:e}, off by {deviation:e}",
             b.iterations, b.residual
         );
-        assert!(off < 1e-6, "{left}: {off:e}");
+        assert!(deviation < 1e-6, "{left}: {deviation:e}");
     }
 }
 

@@ -85,9 +85,9 @@ fn both_models_tell_the_stress_of_the_material_in_their_overlap_whatever_their_w
             ] {
                 let measured = results.probe(&format!("{name}-{k}-{p}")).expect("probe").1[0];
                 let scale = if *quantity == "strain" { 1e-4 } else { 1e-4 * mu };
-                let off = (measured - value).abs() / scale;
+                let error = (measured - value).abs() / scale;
                 assert!(
-                    off < 1e-9,
+                    error < 1e-9,
                     "{name}, {quantity} {component}, place {p}: {measured:e} for {value:e}"
                 );
             }
@@ -104,11 +104,11 @@ fn frames_carry_what_models_recover_and_only_what_is_asked_for() {
     let text = halves(grains) + fracture + STRAIN;
     let head = |scene: &Scene, name: &str, model: &str| {
         let place = folder.join(name);
-        let into = RunFolder::new(scene, Some(&place), true).expect("a folder");
+        let run_folder = RunFolder::new(scene, Some(&place), true).expect("a folder");
         scene
             .prepare()
             .expect("built")
-            .run_into(into, &mut Silent)
+            .run_into(run_folder, &mut Silent)
             .expect("runs");
         let bytes = std::fs::read(place.join(format!("vtu/{model}_00000000.vtu"))).expect("a frame");
         let text = String::from_utf8_lossy(&bytes).into_owned();
@@ -170,9 +170,9 @@ fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
     ] {
         let array = picture.points.iter().find(|a| a.name == name).expect(name);
         for tensor in array.values.as_chunks::<6>().0 {
-            let off = tensor.iter().zip(wanted).map(|(f, w)| (f - w).abs());
+            let errors = tensor.iter().zip(wanted).map(|(f, w)| (f - w).abs());
             assert!(
-                off.fold(0.0, f64::max) < 1e-9 * wanted[0],
+                errors.fold(0.0, f64::max) < 1e-9 * wanted[0],
                 "{name}: {tensor:?} for {wanted:?}"
             );
         }
@@ -181,11 +181,11 @@ fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
 
 #[test]
 fn probes_of_stress_refuse_components_and_models_that_have_none() {
-    let refused = |more: &str, key: &str, words: &str| {
+    let refused = |addition: &str, key: &str, words: &str| {
         let grains = "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"";
-        let scene = Scene::from_text(halves(grains) + STRAIN + more);
+        let scene = Scene::from_text(halves(grains) + STRAIN + addition);
         let error = match scene.and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");
@@ -251,11 +251,11 @@ fn frames_show_rigid_bodies_and_the_forces_of_contact() {
          [time]\nsteps = 100\n[output]\nevery = 100\n"
     );
     let scene = Scene::from_text(text).expect("a scene");
-    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
     scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     let arrays = |file: &str, name: &str, skip: usize| -> Vec<f64> {
         let bytes = std::fs::read(folder.join("vtu").join(file)).expect("a frame");

@@ -87,8 +87,12 @@ fn energy_densities_are_those_of_the_volumes_own_materials() {
                 [static]\nsteps = 1\n";
     let pulled = scene(&(BRICKS.replace("[time]\nsteps = 1\n", "") + pull)).unwrap();
     let folder = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("volumes-density");
-    let into = RunFolder::new(&pulled, Some(&folder), true).unwrap();
-    pulled.prepare().unwrap().run_into(into, &mut Silent).unwrap();
+    let run_folder = RunFolder::new(&pulled, Some(&folder), true).unwrap();
+    pulled
+        .prepare()
+        .unwrap()
+        .run_into(run_folder, &mut Silent)
+        .unwrap();
     let bytes = std::fs::read(folder.join("vtu/bar_00000001.vtu")).unwrap();
     let head = String::from_utf8_lossy(&bytes).into_owned();
     let head_at = head.find("Name=\"energy density [J/m3]\"").unwrap();

@@ -76,7 +76,10 @@ fn a_zone_across_a_bar_passes_the_patch_test_like_the_explicit_form() {
     let mut derived = built(&pulled(&zone, names, &names));
     let derived_off = off_uniform_tension(&mut derived, 48.0);
     assert!(
-        written.iter().chain(&derived_off).all(|off| *off < 1e-10),
+        written
+            .iter()
+            .chain(&derived_off)
+            .all(|deviation| *deviation < 1e-10),
         "{written:?} {derived_off:?}"
     );
     // Both forms make the same models.
@@ -106,8 +109,11 @@ fn two_zones_of_one_body_pass_the_patch_test_together() {
     let names = ["first", "last"];
     let mut joined = built(&pulled(&parts, names, &["first", "body", "last"]));
     assert_eq!(joined.run.interfaces().len(), 2);
-    let off = off_uniform_tension(&mut joined, 48.0);
-    assert!(off.iter().all(|off| *off < 1e-10), "{off:?}");
+    let deviation = off_uniform_tension(&mut joined, 48.0);
+    assert!(
+        deviation.iter().all(|deviation| *deviation < 1e-10),
+        "{deviation:?}"
+    );
     let widths: Vec<f64> = joined.zones.iter().map(|z| z.elements).collect();
     assert!(widths.iter().all(|w| (w - 3.0).abs() < 1e-9), "{widths:?}");
 }
@@ -258,9 +264,9 @@ fn ell_pulled(zone: &str) -> String {
 #[test]
 fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
     let zone = "kind = \"fem\"\nspacing = 3.5e-3";
-    let [off, energy] = off_uniform_tension(&mut built(&ell_pulled(zone)), 27_648e-9);
-    eprintln!("patch {zone}: {off:e} {energy:e}");
-    assert!(off < 0.025 && energy < 1e-3, "{off:e} {energy:e}");
+    let [deviation, energy] = off_uniform_tension(&mut built(&ell_pulled(zone)), 27_648e-9);
+    eprintln!("patch {zone}: {deviation:e} {energy:e}");
+    assert!(deviation < 0.025 && energy < 1e-3, "{deviation:e} {energy:e}");
 }
 
 /// Uniform strain of an STL body with a zone, made of natural elements on our own tetrahedra, has nearly the
@@ -268,13 +274,15 @@ fn uniform_strain_of_a_gmsh_body_with_a_zone_has_nearly_its_energy() {
 /// elements, whose functions are not those of the body.
 #[test]
 fn uniform_strain_of_an_stl_body_with_a_zone_has_nearly_its_energy() {
-    for more in ["", "mediator.spacing = 4.5e-3"] {
-        let text = of_stl(&ell_pulled(&format!("kind = \"fem\"\nspacing = 4.5e-3\n{more}")));
+    for mediator in ["", "mediator.spacing = 4.5e-3"] {
+        let text = of_stl(&ell_pulled(&format!(
+            "kind = \"fem\"\nspacing = 4.5e-3\n{mediator}"
+        )));
         let scene = with_stl("zone-stl-pulled", &text).unwrap_or_else(|e| panic!("{e}"));
         let mut built = build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{e}"));
-        let [off, energy] = off_uniform_tension(&mut built, 27_648e-9);
-        eprintln!("patch of STL, {more}: {off:e} {energy:e}");
-        assert!(off < 0.02 && energy < 2e-3, "{off:e} {energy:e}");
+        let [deviation, energy] = off_uniform_tension(&mut built, 27_648e-9);
+        eprintln!("patch of STL, {mediator}: {deviation:e} {energy:e}");
+        assert!(deviation < 0.02 && energy < 2e-3, "{deviation:e} {energy:e}");
     }
 }
 
@@ -334,12 +342,12 @@ fn uniform_strain_passes_a_zone_at_least_as_well_as_the_explicit_shell() {
              [zone.middle]\nkind = \"fem\"\nspacing = 0.5\n{weight}\n\
              shape.box = {{ low = [6.0, 6.0, -1.0], high = [8.0, 8.0, 3.0] }}\noverlap.width = 3.0\n"
         );
-        let off = |text: &str, names: [&str; 2]| {
+        let deviation = |text: &str, names: [&str; 2]| {
             off_uniform_tension(&mut built(&block_pulled(text, names[0], names[1])), 196.0)[0]
         };
         let (written, derived) = (
-            off(&explicit, ["plate", "middle"]),
-            off(&zone, ["body", "middle"]),
+            deviation(&explicit, ["plate", "middle"]),
+            deviation(&zone, ["body", "middle"]),
         );
         eprintln!("shell {weight}: explicit {written:e} zone {derived:e}");
         measured.push([written, derived]);

@@ -254,8 +254,8 @@ pub(crate) fn blocky(n: usize, cells: usize, seed: u64) -> Body {
     while keep.iter().filter(|k| **k).count() < cells {
         keep[cell[0] + n * (cell[1] + n * cell[2])] = true;
         let axis = ((next() + 1.0) * 1.5) as usize % 3;
-        let up = next() > 0.0;
-        cell[axis] = if up {
+        let forward = next() > 0.0;
+        cell[axis] = if forward {
             (cell[axis] + 1).min(n - 1)
         } else {
             cell[axis].saturating_sub(1)
