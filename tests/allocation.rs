@@ -1,5 +1,5 @@
-//! A step in the steady state allocates nothing, on any thread, nor does the evaluation of
-//! natural-neighbour functions. One test only: the counter sees the whole process.
+//! A step in the steady state allocates nothing on any thread, nor does the evaluation of natural-neighbour
+//! functions. There is only one test, because the counter sees the whole process.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -60,7 +60,7 @@ fn steps() {
         Box::new(H1Gradient::new(0.1).unwrap()),
         Box::new(H1Strain::new(0.1).unwrap()),
     ];
-    let own = [
+    let own_steps = [
         [OwnStep::Same, OwnStep::Ratio(3)],
         [OwnStep::Implicit, OwnStep::Ratio(2)],
     ];
@@ -69,11 +69,11 @@ fn steps() {
         max_iterations: 50,
     };
     let solvers = [Solver::Auto, gradients];
-    for ((junction, own), solver) in junctions.into_iter().zip(own).zip(solvers) {
-        let name = format!("{} with {own:?}", junction.name());
+    for ((junction, own_steps), solver) in junctions.into_iter().zip(own_steps).zip(solvers) {
+        let name = format!("{} with {own_steps:?}", junction.name());
         let count = pool.install(|| {
-            let mut c = solved(junction, own, solver);
-            // A warning of the jump under this random state is kept by then.
+            let mut c = solved(junction, own_steps, solver);
+            // By then the run has stored a possible warning of the jump under this random state.
             c.run(100, &mut Silent).unwrap();
             let region = Region::new(ALLOCATOR);
             c.run(50, &mut Silent).unwrap();

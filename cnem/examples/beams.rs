@@ -1,7 +1,7 @@
 //! Static deflections and frequencies of two silica beams against the three-dimensional solution.
 //!
-//! Beam A: 20 mm by 2 mm, axial; beam B: 100 mm by 20 mm, axial, bending and torsion. Clamped at x = 0.
-//! `beams [beam rings layers jitter]...` (beam 0 is A, 1 is B) prints a table for both kinds of shape
+//! Beam A: 20 mm by 2 mm, axial; beam B: 100 mm by 20 mm, axial, bending and torsion. Both are clamped at x =
+//! 0. `beams [beam rings layers jitter]...` (beam 0 is A, 1 is B) prints a table for both kinds of shape
 //! functions and several amounts of stabilisation.
 #![allow(
     clippy::unwrap_used,

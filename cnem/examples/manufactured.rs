@@ -1,5 +1,5 @@
 //! Errors and observed orders of a manufactured solution for both kinds of shape functions and several
-//! amounts of stabilisation, on regular and jittered nodes; then what forces and field evaluations cost.
+//! amounts of stabilisation, on regular and jittered nodes; then the times of forces and field evaluations.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -25,9 +25,9 @@ fn cube(steps: usize, jitter: f64) -> Domain {
 }
 
 fn errors(options: Options, jitter: f64) {
-    let found = [4, 6, 8, 12].map(|n| (n, mms(cube(n, jitter), options)));
+    let rows = [4, 6, 8, 12].map(|n| (n, mms(cube(n, jitter), options)));
     print!("{:?} {:?} jitter {jitter}:", options.kind, options.stabilisation);
-    for pair in found.windows(2) {
+    for pair in rows.windows(2) {
         let ((n, e), (m, f)) = (pair[0], pair[1]);
         let order = |k: usize| (e[k] / f[k]).ln() / (m as f64 / n as f64).ln();
         print!(
@@ -57,14 +57,14 @@ fn costs(kind: Interpolant) {
         ..Options::default()
     };
     let mut model = CnemModel::new("cube", domain, silica(), options).unwrap();
-    let made = start.elapsed();
+    let building = start.elapsed();
     model.set_internal_weight(&Fall).unwrap();
     let weighted = start.elapsed();
     let n = model.nodes().len();
     println!(
         "{kind:?} {n} nodes: domain {meshed:.2?}, model {:.2?}, weighting {:.2?}",
-        made - meshed,
-        weighted - made
+        building - meshed,
+        weighted - building
     );
     let q: Vec<f64> = model.nodes().iter().flat_map(|p| [p.x * p.y, p.z, p.x]).collect();
     let mut f = vec![0.0; q.len()];

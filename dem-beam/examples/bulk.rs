@@ -8,30 +8,30 @@ fn main() -> Result<(), Error> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize, d: f64| args.get(k).and_then(|a| a.parse().ok()).unwrap_or(d);
     let (count, seeds, z) = (number(0, 8000.0) as usize, number(1, 5.0) as u64, number(2, 6.2));
-    let mut all = Vec::new();
+    let mut samples = Vec::new();
     for seed in 1..=seeds {
         let mut spec = PackingSpec::new(Container::periodic(1e-3)?, count, seed);
         spec.coordination = z;
         let packing = spec.build()?;
-        let found = bulk(&packing, BeamMaterial::SILICA)?;
+        let moduli = bulk(&packing, BeamMaterial::SILICA)?;
         let r = &packing.report;
         println!(
             "seed {seed}: E {:.2} GPa nu {:.4} anisotropy {:.4} axes {:.2?} | z {:.2} {:.3} phi {:.4} overlap {:.1e} fabric {:.4} dropped {} | {} its",
-            found.young / 1e9,
-            found.poisson,
-            found.anisotropy,
-            found.young_axes.map(|e| e / 1e9),
+            moduli.young / 1e9,
+            moduli.poisson,
+            moduli.anisotropy,
+            moduli.young_axes.map(|e| e / 1e9),
             r.coordination_all,
             r.coordination_retained,
             r.volume_fraction,
             r.mean_overlap,
             r.fabric_anisotropy,
             r.dropped,
-            found.iterations
+            moduli.iterations
         );
-        all.push(found);
+        samples.push(moduli);
     }
-    let s = BulkStatistics::from_samples(&all);
+    let s = BulkStatistics::from_samples(&samples);
     println!(
         "E {:.3} +- {:.3} GPa, nu {:.4} +- {:.4}, anisotropy {:.4} +- {:.4}",
         s.young.mean / 1e9,

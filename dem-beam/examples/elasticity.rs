@@ -29,13 +29,13 @@ fn main() -> Result<(), Error> {
         let packed = start.elapsed().as_secs_f64();
         let body = packing.bonded(BeamMaterial::SILICA, 2200.0)?;
         let start = Instant::now();
-        let found = tension_test(&body, &bar)?;
+        let moduli = tension_test(&body, &bar)?;
         let r = &packing.report;
         println!(
             "seed {seed}: E {:.2} gauge {:.2} GPa nu {:.4} | z {:.2} {:.3} {:.2} phi {:.4} overlap {:.1e} gap {:.4} dropped {} | {} its {:.1} s, packed {packed:.1} s",
-            found.young / 1e9,
-            found.young_gauge / 1e9,
-            found.poisson,
+            moduli.young / 1e9,
+            moduli.young_gauge / 1e9,
+            moduli.poisson,
             r.coordination_all,
             r.coordination_retained,
             r.coordination_interior,
@@ -43,12 +43,12 @@ fn main() -> Result<(), Error> {
             r.mean_overlap,
             r.bond_tolerance,
             r.dropped,
-            found.iterations,
+            moduli.iterations,
             start.elapsed().as_secs_f64()
         );
-        e.push(found.young / 1e9);
-        g.push(found.young_gauge / 1e9);
-        nu.push(found.poisson);
+        e.push(moduli.young / 1e9);
+        g.push(moduli.young_gauge / 1e9);
+        nu.push(moduli.poisson);
     }
     let show = |name: &str, x: &[f64]| {
         let s = Spread::from_samples(x);

@@ -1,9 +1,8 @@
 //! Writes a packing as a LAMMPS data file (`atom_style bpm/sphere`), for the side-by-side timing described in
 //! `benches/README.md`: `lammps_export [particles] [file]`; default 20 000 and `beam.data`.
 //!
-//! The packing is that of the kernel bench, in the order the kernel numbers its particles, so that both
-//! codes start from the same locality. Stiffnesses, printed as `-var` options for LAMMPS, are those of a
-//! bond of mean length.
+//! The packing is that of the kernel bench, in the kernel's numbering, so that both codes start with the same
+//! locality. The printed `-var` options for LAMMPS are the stiffnesses of a bond of mean length.
 #![allow(clippy::print_stdout, reason = "an example talks to a person")]
 
 use dem_beam::kernel::order::block_order;

@@ -1,4 +1,5 @@
-//! Bars that are few spheres wide: E, nu, bending and torsion over what the section says. `narrow [square]`
+//! E, nu, bending and torsion of bars that are few spheres wide, over the values of the solid section:
+//! `narrow [square]`.
 #![allow(clippy::print_stdout, reason = "an example shows its results")]
 
 use dem_beam::calibrate::{Bar, Spread, tension_test};
@@ -7,7 +8,7 @@ use dem_beam::statics::{Equilibrium, StaticProblem};
 use dem_beam::{BeamMaterial, BondedParticles, Container, Error, Held, PackingSpec};
 use nalgebra::Vector3;
 
-/// Half width of the bars (m).
+/// Half width of the bars \[m\].
 const HALF: f64 = 1e-3;
 
 fn main() -> Result<(), Error> {
@@ -65,7 +66,7 @@ fn section(square: bool, length: f64) -> Result<(Container, f64), Error> {
     })
 }
 
-/// Second moment of area and torsion constant (m^4).
+/// Returns second moment of area and torsion constant \[m^4\].
 fn moments(square: bool) -> (f64, f64) {
     if square {
         let a = (2.0 * HALF).powi(4);
@@ -76,7 +77,8 @@ fn moments(square: bool) -> (f64, f64) {
     }
 }
 
-/// Moments at the free end of a clamped bar over the turn per length they cause in its middle half (N m^2).
+/// Returns the moments at the free end of a clamped bar over the rotation per length in its middle half \[N
+/// m^2\].
 fn stiffness(body: &BondedParticles, length: f64, axes: [Vector3<f64>; 2]) -> Result<[f64; 2], Error> {
     let mut out = [0.0; 2];
     let mean = body.radii().iter().sum::<f64>() / body.len() as f64;
@@ -102,15 +104,15 @@ fn stiffness(body: &BondedParticles, length: f64, axes: [Vector3<f64>; 2]) -> Re
     Ok(out)
 }
 
-/// Places in the section against the centre of the chosen spheres.
+/// Returns places in the section relative to the centre of the chosen spheres.
 fn arms(body: &BondedParticles, chosen: &[usize]) -> Vec<Vector3<f64>> {
-    let at = |i: usize| body.positions()[i];
-    let centre = chosen.iter().map(|&i| at(i)).sum::<Vector3<f64>>() / chosen.len() as f64;
-    let across = |i: &usize| (at(*i) - centre).component_mul(&Vector3::new(0.0, 1.0, 1.0));
+    let position = |i: usize| body.positions()[i];
+    let centre = chosen.iter().map(|&i| position(i)).sum::<Vector3<f64>>() / chosen.len() as f64;
+    let across = |i: &usize| (position(*i) - centre).component_mul(&Vector3::new(0.0, 1.0, 1.0));
     chosen.iter().map(across).collect()
 }
 
-/// Slope over six slabs of the middle half of the mean rotation of each.
+/// Returns the rotation per length: the slope of the mean rotation over six slabs of the middle half.
 fn turn_per_length(body: &BondedParticles, u: &Equilibrium, length: f64, axis: &Vector3<f64>) -> f64 {
     let slab = length / 12.0;
     let points = (3..9).map(|k| {

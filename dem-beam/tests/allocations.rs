@@ -1,4 +1,4 @@
-//! The internal forces of a model allocate nothing, nor does the core's whole step with its ledger.
+//! The internal forces of a model allocate nothing, nor does a whole step of the core with its ledger.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::{Coupled, Model, Silent, Subdomain, TimeStep, Uniform, Weights};
@@ -11,8 +11,9 @@ use std::sync::Arc;
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// Least bytes allocated in three rounds: the thread of the test harness may allocate beside one of them.
-fn least(mut work: impl FnMut()) -> usize {
+/// Returns the least bytes allocated in three rounds, since the thread of the test harness may allocate
+/// during one of them.
+fn least_allocation(mut work: impl FnMut()) -> usize {
     let mut round = || {
         let region = Region::new(ALLOCATOR);
         work();
@@ -21,8 +22,9 @@ fn least(mut work: impl FnMut()) -> usize {
     (0..3).map(|_| round()).min().unwrap_or_default()
 }
 
-/// On one thread for a small model, and on the threads of the pool that the caller is in for a large
-/// one. (From outside the pool, handing work over allocates a few hundred bytes every 60 calls or so.)
+/// Internal forces allocate nothing: on one thread for a small model, and on the caller's thread pool for a
+/// large one. (From outside of the pool, handing work over allocates a few hundred bytes every 60 calls or
+/// so.)
 #[test]
 fn forces_do_not_allocate() {
     for (cells, threads) in [(6, 1), (14, 1), (14, 2)] {
@@ -40,7 +42,7 @@ fn forces_do_not_allocate() {
             let (q, mut f) = (vec![1e-7; n], vec![0.0; n]);
             let bytes = pool.install(|| {
                 (0..200).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap());
-                least(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
+                least_allocation(|| (0..100).for_each(|_| m.add_internal_forces(&q, &mut f).unwrap()))
             });
             assert_eq!(bytes, 0, "{cells} cells, {threads} threads, finite {finite}");
             let side = Subdomain::fine(m, Weights::from_weight(Arc::new(Uniform(1.0))))
@@ -49,7 +51,7 @@ fn forces_do_not_allocate() {
             let bytes = pool.install(|| {
                 let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
                 run.run(200, &mut Silent).unwrap();
-                least(|| {
+                least_allocation(|| {
                     run.run(50, &mut Silent).unwrap();
                 })
             });

@@ -1,4 +1,4 @@
-//! Effects that are on allocate nothing in a step without a break or a search. Alone in its file: the
+//! Active effects allocate nothing in a step without a break or a search. The file has one test, because the
 //! counter is global.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
@@ -16,12 +16,12 @@ use std::alloc::System;
 #[global_allocator]
 static GLOBAL: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
-/// One test, since the counter counts for all threads.
+/// All cases are one test, since the counter counts for all threads.
 #[test]
 fn steps_with_effects_allocate_nothing() {
     // The test harness allocates on its own thread while it starts.
     std::thread::sleep(std::time::Duration::from_millis(100));
-    // Inside a pool of one: handing work over to another thread allocates now and then.
+    // In a pool of one thread, since handing work over to another thread allocates now and then.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
         fracture_contact_and_an_obstacle();
@@ -97,7 +97,7 @@ fn fracture_contact_and_an_obstacle() {
         .with_initial(vec![0.0; n], v)
         .unwrap();
     let mut run = Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
-    // The lists find their size.
+    // During these steps the lists reach their size.
     run.run(20, &mut Silent).unwrap();
     let region = Region::new(GLOBAL);
     run.run(50, &mut Silent).unwrap();

@@ -52,10 +52,10 @@ fn mutated_meshes_are_read_or_refused() {
 fn headers_that_announce_too_much_are_refused_before_memory_is_taken() {
     let _alone = ALONE.lock();
     let many = "1000000000000";
-    let file = |nodes: &str, block: &str, elements: &str, of: &str| {
+    let file = |nodes: &str, block: &str, elements: &str, element_count: &str| {
         format!(
             "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 {nodes} 1 4\n3 1 0 {block}\n1\n2\n3\n4\n0 0 0\n1 0 0\n\
-             0 1 0\n0 0 1\n$EndNodes\n$Elements\n1 {elements} 1 1\n3 1 4 {of}\n1 1 2 3 4\n$EndElements\n"
+             0 1 0\n0 0 1\n$EndNodes\n$Elements\n1 {elements} 1 1\n3 1 4 {element_count}\n1 1 2 3 4\n$EndElements\n"
         )
     };
     assert!(gmsh::parse::<f64>(file("4", "4", "1", "1").as_bytes()).is_ok());
@@ -75,7 +75,7 @@ fn headers_that_announce_too_much_are_refused_before_memory_is_taken() {
     }
 }
 
-/// Entities, physical names and blocks all have counts of their own.
+/// Wrong counts of entities, physical names and blocks are refused before memory is allocated for them.
 #[test]
 fn counts_of_entities_are_not_believed() {
     let _alone = ALONE.lock();

@@ -1,5 +1,5 @@
-//! Interfaces that share nodes are solved for together: chains of three models whose overlaps touch, or lie
-//! in one another.
+//! Interfaces that share nodes are solved for together: chains of three models whose overlaps touch or
+//! overlap.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -18,8 +18,8 @@ fn gradients() -> Solver<f64> {
     }
 }
 
-/// Momenta, energy and both constraints over a random motion; the run.
-fn kept(chain: &Chain, junction: &dyn Fn() -> Box<dyn Junction<f64>>, steps: usize) -> Coupled<f64> {
+/// Runs a chain in random motion and asserts that momenta, energy and both constraints hold; returns the run.
+fn run_and_check(chain: &Chain, junction: &dyn Fn() -> Box<dyn Junction<f64>>, steps: usize) -> Coupled<f64> {
     let mut c = chain.run(junction).unwrap();
     let (before, scale) = (c.momentum(), momentum_scale(&c));
     c.run(steps, &mut Silent).unwrap();
@@ -29,14 +29,14 @@ fn kept(chain: &Chain, junction: &dyn Fn() -> Box<dyn Junction<f64>>, steps: usi
         assert!(change < 1e-12, "{chain:?}: momentum {k} changes by {change:e}");
     }
     assert!(c.drift() < 1e-12, "{chain:?}: drift {:e}", c.drift());
-    let left = c.constraint_residual();
-    assert!(left < 1e-11, "{chain:?}: velocity jump {left:e}");
+    let residual = c.constraint_residual();
+    assert!(residual < 1e-11, "{chain:?}: velocity jump {residual:e}");
     for k in 0..c.interfaces().len() {
         let [velocity, displacement] = c.jumps(k);
         assert!(velocity < 1e-11, "{chain:?}: jump {velocity:e} of interface {k}");
-        let one = chain.own == ratios([1, 1, 1]);
+        let single_rate = chain.own == ratios([1, 1, 1]);
         assert!(
-            displacement < if one { 1e-11 } else { 0.25 },
+            displacement < if single_rate { 1e-11 } else { 0.25 },
             "{chain:?}: {displacement:e}"
         );
     }
@@ -57,14 +57,14 @@ fn overlaps_that_touch_keep_energy_and_momenta_for_any_own_steps() {
         &|| Box::new(H1Strain::new(0.15).unwrap()),
         &|| Box::new(H1Gradient::new(0.15).unwrap()),
     ];
-    for (junction, own) in junctions.into_iter().zip([[1, 1, 1], [1, 2, 4], [3, 2, 1]]) {
+    for (junction, counts) in junctions.into_iter().zip([[1, 1, 1], [1, 2, 4], [3, 2, 1]]) {
         for solver in [Solver::Auto, gradients()] {
             let chain = Chain {
-                own: ratios(own),
+                own: ratios(counts),
                 solver,
                 ..Chain::default()
             };
-            let c = kept(&chain, junction, 200);
+            let c = run_and_check(&chain, junction, 200);
             let report = |k: usize| c.interfaces()[k].report();
             assert_eq!(
                 (&report(0).together[..], &report(1).together[..]),
@@ -78,13 +78,13 @@ fn overlaps_that_touch_keep_energy_and_momenta_for_any_own_steps() {
 
 #[test]
 fn three_models_at_one_place_share_it_and_are_tied() {
-    for own in [[1, 1, 1], [1, 2, 4]] {
+    for counts in [[1, 1, 1], [1, 2, 4]] {
         let chain = Chain {
             third: 2.5,
-            own: ratios(own),
+            own: ratios(counts),
             ..Chain::default()
         };
-        let c = kept(&chain, &|| Box::new(L2), 200);
+        let c = run_and_check(&chain, &|| Box::new(L2), 200);
         let mass: f64 = c
             .subdomains()
             .iter()
@@ -103,18 +103,19 @@ fn interfaces_that_are_apart_are_solved_for_alone() {
         third: 4.0,
         ..Chain::default()
     };
-    let c = kept(&chain, &|| Box::new(L2), 100);
+    let c = run_and_check(&chain, &|| Box::new(L2), 100);
     assert!(c.interfaces().iter().all(|i| i.report().together.is_empty()));
 }
 
-/// Where all three are, a tie of the first to the last says nothing new.
+/// Where all three models overlap, the tie of the first to the last is redundant: it is counted and does no
+/// harm.
 #[test]
 fn a_tie_too_many_is_counted_and_does_no_harm() {
-    for own in [[1, 1, 1], [1, 1, 3]] {
+    for counts in [[1, 1, 1], [1, 1, 3]] {
         let chain = Chain {
             third: 2.0,
             closed: true,
-            own: ratios(own),
+            own: ratios(counts),
             ..Chain::default()
         };
         let mut c = chain.run(&|| Box::new(L2)).unwrap();
@@ -123,9 +124,9 @@ fn a_tie_too_many_is_counted_and_does_no_harm() {
         assert_eq!(dropped, multipliers, "those of one of three equal mediators");
         c.run(200, &mut Silent).unwrap();
         assert!(c.drift() < 1e-12, "drift {:e}", c.drift());
-        // Three interfaces have three sets of samples, so that the tie too many is one but for their
-        // round-off: modes below 1e-10 of the largest are dropped, and what is left of a jump is the root
-        // of that.
+        // Three interfaces have three sets of samples, so that one tie is redundant up to their round-off:
+        // modes below 1e-10 of the largest are dropped, and the jump that remains is of the order of the
+        // square root.
         assert!(
             c.constraint_residual() < 1e-5,
             "velocity jump {:e}",
@@ -134,7 +135,8 @@ fn a_tie_too_many_is_counted_and_does_no_harm() {
     }
 }
 
-/// u = ε (x, −ν y, −ν z): roller supports on three faces of all models, displacement at the far end.
+/// Uniform strain u = ε (x, −ν y, −ν z) passes through overlaps that touch, with roller supports on three
+/// faces of all models and a displacement at the far end.
 #[test]
 fn uniform_strain_passes_through_overlaps_that_touch() {
     let chain = Chain {
@@ -160,20 +162,21 @@ fn uniform_strain_passes_through_overlaps_that_touch() {
         .zip(chain.weights())
         .zip(ends)
         .map(|((model, w), end)| {
-            let mut all = vec![support(&model, "y-min", 1, 0.0), support(&model, "z-min", 2, 0.0)];
-            all.extend(end.map(|(group, by)| support(&model, group, 0, by)));
-            all.into_iter()
+            let mut supports = vec![support(&model, "y-min", 1, 0.0), support(&model, "z-min", 2, 0.0)];
+            supports.extend(end.map(|(group, motion)| support(&model, group, 0, motion)));
+            supports
+                .into_iter()
                 .fold(Subdomain::fine(model, w), Subdomain::with_support)
         });
     let held = held.collect();
     let step = TimeStep::Fraction(0.8);
     let mut c = Coupled::new(held, chain.interfaces(&|| Box::new(L2)), step, None).unwrap();
-    let found = c.equilibrium(1.0).unwrap();
-    for (s, q) in c.subdomains().iter().zip(&found.displacements) {
+    let solution = c.equilibrium(1.0).unwrap();
+    for (s, q) in c.subdomains().iter().zip(&solution.displacements) {
         for (x, u) in s.model().nodes().iter().zip(q.chunks(3)) {
             let exact = [0.01 * x.x, -0.0025 * x.y, -0.0025 * x.z];
-            let off = (0..3).fold(0.0, |m: f64, k| m.max((u[k] - exact[k]).abs())) / 0.06;
-            assert!(off < 1e-11, "'{}' at {x}: {off:e}", s.model().name());
+            let deviation = (0..3).fold(0.0, |m: f64, k| m.max((u[k] - exact[k]).abs())) / 0.06;
+            assert!(deviation < 1e-11, "'{}' at {x}: {deviation:e}", s.model().name());
         }
     }
 }
@@ -198,7 +201,7 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
             ..Chain::default()
         };
         let build = || chain.run(&|| Box::new(H1Gradient::new(0.1).unwrap())).unwrap();
-        let on = |threads: usize| {
+        let bits_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
@@ -209,15 +212,15 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
                 bits(&c)
             })
         };
-        let one = on(1);
-        assert_eq!(one, on(2), "two threads");
-        assert_eq!(one, on(3), "three threads");
+        let serial = bits_on(1);
+        assert_eq!(serial, bits_on(2), "two threads");
+        assert_eq!(serial, bits_on(3), "three threads");
         let mut first = build();
         first.run(10, &mut Silent).unwrap();
         let mut second = build();
         second.restore(&first.snapshot().unwrap()).unwrap();
         second.run(20, &mut Silent).unwrap();
-        assert_eq!(one, bits(&second), "after a restart");
+        assert_eq!(serial, bits(&second), "after a restart");
     }
 }
 
@@ -229,22 +232,23 @@ fn what_cannot_be_solved_for_together_is_refused_by_name() {
         lumped: true,
         ..InterfaceOptions::default()
     };
-    let found = Coupled::new(chain.bodies(), interfaces, TimeStep::Fraction(0.8), None);
+    let result = Coupled::new(chain.bodies(), interfaces, TimeStep::Fraction(0.8), None);
     assert!(
-        matches!(&found, Err(Error::InvalidOption { interface, name, rule, .. })
+        matches!(&result, Err(Error::InvalidOption { interface, name, rule, .. })
             if interface == "east" && *name == "lumped" && rule.contains("shares nodes with 'west'")),
-        "{found:?}"
+        "{result:?}"
     );
-    // A jump of displacements is closed by both together, and refused by the name of the one that has it.
+    // A jump of initial displacements is refused by the name of the interface that has it, although all are
+    // closed together.
     let far = chain.bodies().into_iter().enumerate().map(|(k, s)| {
         let n = s.model().layout().dofs();
         s.with_initial(vec![[0.0, 0.0, 1.0][k]; n], vec![0.0; n]).unwrap()
     });
     let interfaces = chain.interfaces(&|| Box::new(L2));
-    let found = Coupled::new(far.collect(), interfaces, TimeStep::Fraction(0.8), None);
+    let result = Coupled::new(far.collect(), interfaces, TimeStep::Fraction(0.8), None);
     assert!(
-        matches!(&found, Err(Error::InitialJump { interface, .. }) if interface == "east"),
-        "{found:?}"
+        matches!(&result, Err(Error::InitialJump { interface, .. }) if interface == "east"),
+        "{result:?}"
     );
     let near = chain.bodies().into_iter().enumerate().map(|(k, s)| {
         let n = s.model().layout().dofs();
@@ -259,7 +263,7 @@ fn what_cannot_be_solved_for_together_is_refused_by_name() {
     }
 }
 
-/// Own steps beside each other: what the ends of a chain ask for, and what is refused.
+/// A chain of models with three different critical steps gives each model the own steps that it needs.
 #[test]
 fn a_chain_of_three_critical_steps_steps_as_each_model_needs() {
     let chain = Chain {
@@ -270,7 +274,7 @@ fn a_chain_of_three_critical_steps_steps_as_each_model_needs() {
     let interfaces = chain.interfaces(&|| Box::new(L2));
     let mut c = Coupled::new(chain.bodies(), interfaces, TimeStep::Chosen(0.9), None).unwrap();
     let steps: Vec<_> = c.subdomains().iter().map(Subdomain::own_steps).collect();
-    // The step of the run is that of the coarsest.
+    // The macro step is that of the coarsest model.
     assert!(steps[0] == 1 && steps[1] > 1 && steps[2] > 1, "{steps:?}");
     c.run(50, &mut Silent).unwrap();
     assert!(c.drift() < 1e-12, "drift {:e}", c.drift());

@@ -1,4 +1,4 @@
-//! What a run claims of multipliers and displacements beyond its balance, measured.
+//! Claims about multipliers and displacements beyond the balance, measured on runs.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -8,8 +8,8 @@ use arlequin_studies::line::{Line, Product, rest};
 use arlequin_studies::noise;
 use arlequin_studies::waves::{self, Damping};
 
-/// More dependent multipliers than a dense solver takes, under a product whose condition grows with the
-/// fourth power of `length`.
+/// Couples with more dependent multipliers than the dense solver takes, under a product whose condition
+/// number grows with the fourth power of `length`.
 fn dependent(length: f64, solver: Solver<f64>) -> arlequin::core::Result<Coupled<f64>> {
     let line = Line {
         overlap: 200.0,
@@ -30,8 +30,8 @@ fn dependent(length: f64, solver: Solver<f64>) -> arlequin::core::Result<Coupled
     line.build(&wave, &wave)
 }
 
-/// B.3: iterations for multipliers that do not reach their tolerance are told the moment it happens, by the
-/// jump of velocities, and end the run above 5 % of the largest velocity.
+/// B.3: iterations for multipliers that do not reach their tolerance are warned of at once, by the jump of
+/// velocities, and end the run above 5 % of the largest velocity.
 #[test]
 fn iterations_for_multipliers_that_do_not_end_are_told_and_ended() {
     for (length, solved) in [(1.0, true), (5.0, true), (20.0, false), (100.0, false)] {
@@ -60,7 +60,7 @@ fn iterations_for_multipliers_that_do_not_end_are_told_and_ended() {
     );
 }
 
-/// A random state of high frequency over so many steps of the run.
+/// Runs `steps` macro steps from random velocities of high frequency and returns the run.
 fn shaken(m: usize, implicit: bool, damping: Option<Damping>, steps: usize) -> Coupled<f64> {
     let line = Line {
         step: TimeStep::Seconds(if implicit { 20.0 } else { 0.9 * m as f64 }),
@@ -95,12 +95,12 @@ fn warns_of_a_jump(run: &Coupled<f64>) -> bool {
     run.warnings().iter().any(jump)
 }
 
-/// B.2: under noise models with own steps, and implicit ones, part by far more than the formula for pulses
-/// says, and the library warns of it. One explicit step each is the remedy; an absorber is none: it leaves
-/// less deformation, beside which the jump is larger.
+/// B.2: under noise, implicit models and models with own steps separate by far more than the formula for
+/// pulses says, and the library warns of it. One explicit step per macro step avoids it. An absorber does
+/// not: it leaves less deformation, relative to which the jump is larger.
 #[test]
 fn noise_parts_models_with_own_steps_and_the_library_says_so() {
-    for (m, implicit, least, most) in [
+    for (m, implicit, lower, upper) in [
         (1, false, 0.0, 1e-9),
         (2, false, 0.08, 0.2),
         (3, false, 0.08, 0.2),
@@ -111,7 +111,7 @@ fn noise_parts_models_with_own_steps_and_the_library_says_so() {
         let bare = run.displacement_jumps()[0].share();
         println!("m {m}, implicit {implicit}: {bare:.4} of the deformation");
         assert!(run.drift() < 1e-11);
-        assert!((least..=most).contains(&bare), "{m} {implicit}: {bare}");
+        assert!((lower..=upper).contains(&bare), "{m} {implicit}: {bare}");
         assert_eq!(warns_of_a_jump(&run), bare > 0.05, "{m}: {:?}", run.warnings());
         if !implicit {
             let damped = shaken(m, implicit, Some(Damping::STANDARD), 10_000);
@@ -124,8 +124,8 @@ fn noise_parts_models_with_own_steps_and_the_library_says_so() {
     }
 }
 
-/// B.4: what comes back of packets above the cutoff with the standard absorber, by weight, width and own
-/// steps.
+/// B.4: the reflected share of packets above the cutoff with the standard absorber, by weight, width and own
+/// steps, is that of the docs.
 #[test]
 fn what_an_absorber_leaves_of_short_waves_is_what_the_docs_say() {
     for (name, profile, overlap, m) in [
@@ -144,8 +144,8 @@ fn what_an_absorber_leaves_of_short_waves_is_what_the_docs_say() {
                 ..waves::packet_line()
             };
             let echo = waves::packet(&line, wavelength, 60.0, Some(Damping::STANDARD)).unwrap();
-            let most = if wavelength < 4.0 { 0.009 } else { 0.003 };
-            assert!(echo.back < most, "{name}, {wavelength}: {:e}", echo.back);
+            let limit = if wavelength < 4.0 { 0.009 } else { 0.003 };
+            assert!(echo.back < limit, "{name}, {wavelength}: {:e}", echo.back);
         }
     }
 }

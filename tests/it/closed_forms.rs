@@ -16,13 +16,15 @@ use arlequin_studies::line::{COARSE, Line, rest};
 use arlequin_studies::solid::momentum_scale;
 use std::sync::Arc;
 
-/// Four functions of a tetrahedron of unit edges along the axes: their gradients, values left out.
+/// Returns the four shape functions of a tetrahedron with unit edges along the axes: their gradients, without
+/// values.
 fn tetrahedron() -> [ShapeFunction<f64>; 4] {
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
     [-(x + y + z), x, y, z].map(|gradient| ShapeFunction { value: 0.0, gradient })
 }
 
-/// `⟨v, v⟩` of a velocity `v = G x` in the strain junction of length `l`, per volume and without the values.
+/// Returns `⟨v, v⟩` of a velocity `v = G x` in the strain junction of length `l`, per volume and without the
+/// part of the values.
 fn strain_norm(l: f64, g: &Matrix3<f64>) -> f64 {
     let corners = [Vector3::zeros(), Vector3::x(), Vector3::y(), Vector3::z()];
     let (junction, shapes) = (H1Strain::new(l).unwrap(), tetrahedron());
@@ -47,17 +49,17 @@ fn the_strain_junction_measures_shear_and_is_blind_to_turning() {
         ([0.0, 1.0, -2.0, -1.0, 0.0, 3.0, 2.0, -3.0, 0.0], 0.0),
     ];
     for (rows, expected) in cases {
-        let found = strain_norm(l, &Matrix3::from_row_slice(&rows)) / (l * l);
+        let measured = strain_norm(l, &Matrix3::from_row_slice(&rows)) / (l * l);
         assert!(
-            (found - expected).abs() < 1e-13,
-            "{rows:?}: {found}, not {expected}"
+            (measured - expected).abs() < 1e-13,
+            "{rows:?}: {measured}, not {expected}"
         );
     }
 }
 
 #[test]
 fn an_absorber_takes_energy_and_neither_momentum() {
-    // A body alone, all of it in the absorber's region, in a random motion on top of a steady one.
+    // A body alone, wholly in the region of the absorber, in a random motion on top of a steady one.
     let mesh = solid::block(ElementKind::Tet4, [2.0, 4.0], [7, 3, 3]);
     let space = mediator(ElementKind::Hex8, [2.0, 4.0], [2, 1, 1]);
     let rate = Arc::new(|x: &Point3<f64>| 0.5 * (4.0 - x.x));
@@ -84,7 +86,7 @@ fn an_absorber_takes_energy_and_neither_momentum() {
 
 #[test]
 fn a_coupled_body_in_free_fall_weighs_what_it_weighs_once() {
-    // Two bodies of 3 and 2 m³ that share 1 m³: 4 kg in all. With whole weights on both it would be 5.
+    // Two bodies of 3 and 2 m³ that share 1 m³: 4 kg in all. Full weights on both would give 5 kg.
     let g = Vector3::new(0.3, -9.81, 0.1);
     let fall = |s: Subdomain<f64>| s.with_effect(Box::new(BodyForce::new(g).unwrap()));
     let parts = bodies(Profile::Cubic, 0.05).map(fall);
@@ -94,7 +96,7 @@ fn a_coupled_body_in_free_fall_weighs_what_it_weighs_once() {
     let expected = g * (4.0 * run.time());
     let [p, _] = run.momentum();
     assert!((p - expected).norm() < 1e-12 * expected.norm(), "{p} {expected}");
-    // Every point falls alike: nothing is strained.
+    // Every point falls alike, so no strain arises.
     for s in run.subdomains() {
         for v in s.state().v.chunks_exact(3) {
             let v = Vector3::from_column_slice(v);
@@ -108,7 +110,7 @@ fn a_coupled_body_in_free_fall_weighs_what_it_weighs_once() {
 
 #[test]
 fn bulk_viscosity_takes_b_rho_c_l_times_the_square_of_the_dilatation_rate() {
-    // Cubes of edge h: the power is b ρ c h (div v)² per volume; a shear costs nothing.
+    // In cubes of edge h the power is b ρ c h (div v)² per volume; a shear dissipates nothing.
     let (b, impedance, h) = (0.06, 1.7, 0.5);
     let power = |rates: &Matrix3<f64>| {
         let mesh = solid::block(ElementKind::Hex8, [2.0, 4.0], [4, 2, 2]);
@@ -130,28 +132,28 @@ fn bulk_viscosity_takes_b_rho_c_l_times_the_square_of_the_dilatation_rate() {
     };
     let stretch: Matrix3<f64> = Matrix3::new(0.7, 0.4, 0.0, 0.0, -0.2, 0.3, 0.1, 0.0, 0.4);
     let expected = -b * impedance * h * 2.0 * stretch.trace().powi(2);
-    let found = power(&stretch);
-    assert_relative_eq!(found, expected, epsilon = 0.0, max_relative = 1e-6);
+    let measured = power(&stretch);
+    assert_relative_eq!(measured, expected, epsilon = 0.0, max_relative = 1e-6);
     let shear: Matrix3<f64> = Matrix3::new(0.7, 0.4, 0.0, 0.9, -0.3, 0.3, 0.1, 0.0, -0.4);
     assert!(power(&shear).abs() < 1e-12, "{}", power(&shear));
 }
 
-/// Two bars of unit elements and properties that share one element, which is the mediator too, with weights
-/// of one half.
+/// Couples two bars of unit elements and properties that share one element, which is also the mediator, with
+/// weights of one half.
 fn shared_element(stiffer: f64) -> Coupled<f64> {
     let bar = |name: &str, from: f64, density: f64| {
         let mesh = generate::bar(from, from + 4.0, 4, 1.0).unwrap();
         FemModel::new(name, mesh, Elastic::new(density, 0.0, density).unwrap()).unwrap()
     };
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let slab = Slab::between(at(1.0), at(0.0)).unwrap();
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Slab::between(point(1.0), point(0.0)).unwrap();
     let w = Weights::from_weight(Arc::new(
         Ramp::new(Arc::new(slab), Profile::Constant(0.5), 0.0).unwrap(),
     ));
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let parts = vec![
         Subdomain::coarse(bar("left", -3.0, 1.0), w),
-        Subdomain::fine(bar("right", 0.0, stiffer), rest),
+        Subdomain::fine(bar("right", 0.0, stiffer), complement),
     ];
     let spec = InterfaceSpec {
         name: "joint".into(),
@@ -180,20 +182,20 @@ fn the_condition_number_is_that_of_the_operator() {
         if (d - 1.0).abs() < f64::EPSILON {
             assert!((expected - 9.0).abs() < 1e-12, "the square of 3");
         }
-        let found = shared_element(d).interfaces()[0].report().condition;
-        assert_relative_eq!(found, expected, epsilon = 0.0, max_relative = 1e-3);
+        let condition = shared_element(d).interfaces()[0].report().condition;
+        assert_relative_eq!(condition, expected, epsilon = 0.0, max_relative = 1e-3);
     }
 }
 
 #[test]
 fn a_mediator_may_overhang_by_two_per_cent_and_no_more() {
-    // The coarse body ends at 3; a mediator from 2 to 3 + d has d/(1 + d) outside.
-    let with = |share: f64| {
+    // The coarse body ends at 3; of a mediator from 2 to 3 + d the share d/(1 + d) lies outside.
+    let overhanging = |share: f64| {
         let space = mediator::<f64>(ElementKind::Hex8, [2.0, 3.0 + share / (1.0 - share)], [2, 2, 2]);
         couple::<f64>(bodies(Profile::Cubic, 0.05).into(), space, Box::new(L2))
     };
     for share in [0.021, 0.05, 0.14] {
-        let error = with(share).unwrap_err();
+        let error = overhanging(share).unwrap_err();
         let Error::OverhangingMediator { outside, total, .. } = error else {
             panic!("{share}: {error}")
         };
@@ -203,7 +205,8 @@ fn a_mediator_may_overhang_by_two_per_cent_and_no_more() {
 
 #[test]
 fn accelerations_of_the_start_satisfy_the_constraint() {
-    // Only the bar is pulled: without the projection the first step would tear the two apart by Δt²/2.
+    // Only the bar is pulled: without the projection of accelerations the first step would part the two by
+    // Δt²/2.
     let line = Line {
         coarse_elements: 20,
         fine_bonds: 100,
@@ -252,16 +255,16 @@ fn junctions_and_layouts_are_those_that_their_names_say() {
     assert!(layout.turns());
 }
 
-/// A traction on both models along the whole body pushes it once, in the overlap as elsewhere: `dp/dt = t
-/// A`, as a load on facets and as one on unknowns.
+/// A traction on both models along the whole body pushes it once, in the overlap as elsewhere: `dp/dt = t A`,
+/// for loads on facets and on unknowns.
 #[test]
 fn a_load_over_an_overlap_counts_once() {
     let (traction, area) = (Vector3::new(0.25, -2.0, 0.5), 4.0);
     for on_facets in [true, false] {
         let w = solid::weights(Profile::Linear, 1e-9);
         let shares = [w.clone(), Weights::complement_of(&[w])];
-        // Both meshes have nodes on the borders of the overlap: the rules at centres and at nodes are exact
-        // there.
+        // Both meshes have nodes on the borders of the overlap, so that the rules at centres and at nodes are
+        // exact.
         let meshes = [
             solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]),
             solid::block(ElementKind::Tet4, [2.0, 4.0], [8, 3, 3]),
@@ -278,16 +281,16 @@ fn a_load_over_an_overlap_counts_once() {
             (mesh, load.unwrap())
         });
         let body = |name: &str, mesh| FemModel::new(name, mesh, material()).unwrap();
-        let [mine, rest] = shares;
-        let coarse = Subdomain::coarse(body("left", left.0), mine).with_effect(Box::new(left.1));
-        let fine = Subdomain::fine(body("right", right.0), rest).with_effect(Box::new(right.1));
+        let [coarse_share, fine_share] = shares;
+        let coarse = Subdomain::coarse(body("left", left.0), coarse_share).with_effect(Box::new(left.1));
+        let fine = Subdomain::fine(body("right", right.0), fine_share).with_effect(Box::new(right.1));
         let space = mediator(ElementKind::Hex8, solid::OVERLAP, [2, 2, 2]);
         let mut run = couple(vec![coarse, fine], space, Box::new(L2)).unwrap();
         run.run(20, &mut Silent).unwrap();
-        let [found, expected] = [run.momentum()[0], traction * area * run.time()];
+        let [gained, expected] = [run.momentum()[0], traction * area * run.time()];
         assert!(
-            (found - expected).norm() < 1e-8 * expected.norm(),
-            "on facets {on_facets}: {found:?}, not {expected:?}"
+            (gained - expected).norm() < 1e-8 * expected.norm(),
+            "on facets {on_facets}: {gained:?}, not {expected:?}"
         );
     }
 }

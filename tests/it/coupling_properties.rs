@@ -1,7 +1,6 @@
 //! Partition of unity and consistency of the coupling on random meshes, packings, weights, profiles,
-//! mediators, junctions and turns, for every ordered pair of the three models: whoever is coarse and
-//! whoever is fine, action is reaction, a rigid motion passes without a jump, weights sum to one, and
-//! momenta stay.
+//! mediators, junctions and rotations, for every ordered pair of the three models: action is reaction, a
+//! rigid motion passes without a jump, weights sum to one, and momenta are conserved.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -28,26 +27,26 @@ enum Kind {
     Dem,
 }
 
-/// What differs from case to case.
+/// Random parameters of a case.
 #[derive(Debug, Clone)]
 struct Case {
     seed: u64,
-    /// Where the coarse body ends; the fine one begins at 2.
+    /// End of the coarse body; the fine one begins at 2.
     end: f64,
     profile: Profile<f64>,
     epsilon: f64,
     turn: Vector3<f64>,
-    /// Elements of the two meshes: hexahedra or tetrahedra.
+    /// True if the mesh of the body has tetrahedra instead of hexahedra.
     tets: [bool; 2],
     counts: [usize; 3],
-    /// Mediator: hexahedra, tetrahedra, natural neighbours.
+    /// Kind of the mediator: hexahedra, tetrahedra, natural neighbours.
     mediator: usize,
     /// Product: L2, H1 of strains, H1 of gradients.
     junction: usize,
-    /// Particles sample the integrals, or the field of natural neighbours between them takes their place.
+    /// True if particles sample the integrals; otherwise the field of natural neighbours between them does.
     particles: bool,
-    /// Integrals over the cells of all three, on bodies of a few cells, or velocities taken at the
-    /// mediator's nodes.
+    /// True if integrals use the cells of all three meshes, on bodies of a few cells; otherwise velocities
+    /// are taken at the mediator's nodes.
     cells: bool,
 }
 
@@ -89,7 +88,7 @@ fn case() -> impl Strategy<Value = Case> {
 }
 
 impl Case {
-    /// Cells of a body along each axis.
+    /// Returns the number of cells of a body along each axis.
     fn steps(&self, kind: Kind, role: usize) -> [usize; 3] {
         match (kind, self.cells) {
             // Layers of particles that sample the overlap must fill it evenly.
@@ -122,11 +121,11 @@ impl Case {
     }
 
     fn points(&self, [low, high]: [Point3<f64>; 2], steps: [usize; 3], seed: u64) -> Vec<Point3<f64>> {
-        let all = cnem::generate::block(low, high, steps, 0.2, seed).unwrap();
-        all.iter().map(|p| self.turned(p)).collect()
+        let lattice = cnem::generate::block(low, high, steps, 0.2, seed).unwrap();
+        lattice.iter().map(|p| self.turned(p)).collect()
     }
 
-    /// A body between `x[0]` and `x[1]` and the field that interfaces see of it.
+    /// Returns a body between `x[0]` and `x[1]` and the field with which interfaces see it.
     fn body(
         &self,
         kind: Kind,
@@ -155,8 +154,8 @@ impl Case {
                 let points = self.points(ends(x), steps, seed);
                 let spacing = ((x[1] - x[0]) / steps[0] as f64).max(1.0 / steps[1] as f64);
                 let model = packing(name, &points, spacing, x[1] - x[0], seed);
-                // Between particles there is a field of natural neighbours only; at them there is their own
-                // as well.
+                // Between particles there is only a field of natural neighbours; at the particles there is
+                // also their own.
                 let field: Arc<dyn Interpolation<f64>> = if self.particles && alone {
                     model.particle_field()
                 } else {
@@ -168,7 +167,7 @@ impl Case {
         }
     }
 
-    /// Cells of the mediator.
+    /// Returns the number of the mediator's cells along each axis.
     fn counts(&self) -> [usize; 3] {
         if self.cells {
             [self.counts[0], 1, 1]
@@ -178,8 +177,8 @@ impl Case {
     }
 
     fn mediator(&self, sampled: bool) -> Arc<dyn Mediator<f64>> {
-        // A hair inside of both bodies, whose faces are only as flat as the round-off of a turn leaves
-        // them; a hair outside where particles on these faces sample it.
+        // The mediator lies a hair inside of both bodies, whose faces are flat only up to the round-off of a
+        // rotation; where particles on these faces sample it, it lies a hair outside.
         let hair = if sampled { -1e-6 } else { 1e-6 };
         let (inside, seed) = (Vector3::repeat(hair), self.seed + 77);
         let [low, high] = ends([2.0, self.end]);
@@ -202,32 +201,35 @@ impl Case {
     }
 
     fn weights(&self) -> Weights<f64> {
-        let at = |x: f64| self.turned(&Point3::new(x, 0.0, 0.0));
-        let slab = Slab::between(at(self.end), at(2.0)).unwrap();
+        let point = |x: f64| self.turned(&Point3::new(x, 0.0, 0.0));
+        let slab = Slab::between(point(self.end), point(2.0)).unwrap();
         let ramp = Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon).unwrap();
         Weights::from_weight(Arc::new(ramp))
     }
 
-    /// The coupled run, from velocities that `start` gives each body.
+    /// Returns the coupled run with the velocities that `start` gives each body.
     fn run(
         &self,
         kinds: [Kind; 2],
         start: impl Fn(&dyn Model<f64>) -> Vec<f64>,
     ) -> Result<Coupled<f64>, TestCaseError> {
         let w = self.weights();
-        let rest = Weights::complement_of(std::slice::from_ref(&w));
-        // Only one field may exist at its particles alone: that whose points sample the integrals.
+        let complement = Weights::complement_of(std::slice::from_ref(&w));
+        // Only one field may exist at its particles alone: the one whose points sample the integrals.
         let dem = kinds.map(|k| k == Kind::Dem);
         let bodies = [
             self.body(kinds[0], 0, [0.0, self.end], !dem[1]),
             self.body(kinds[1], 1, [2.0, 4.4], true),
         ];
         let sampled = bodies.iter().any(|b| b.1.samples().is_some());
-        let parts = bodies.into_iter().zip([w, rest]).map(|((model, field), w)| {
-            let v = start(&*model);
-            let s = Subdomain::new(model, field, w);
-            s.with_initial(vec![0.0; v.len()], v).unwrap()
-        });
+        let parts = bodies
+            .into_iter()
+            .zip([w, complement])
+            .map(|((model, field), w)| {
+                let v = start(&*model);
+                let s = Subdomain::new(model, field, w);
+                s.with_initial(vec![0.0; v.len()], v).unwrap()
+            });
         let spec = InterfaceSpec {
             name: "overlap".into(),
             coarse: 0,
@@ -244,29 +246,29 @@ impl Case {
             },
         };
         Coupled::new(parts.collect(), vec![spec], TimeStep::Fraction(0.8), None).map_err(|e| match e {
-            // Too few layers of particles for so short an overlap are refused by name; any other refusal is
-            // a fault.
+            // Too few layers of particles for a short overlap are refused by name; any other refusal is a
+            // fault.
             Error::OverhangingMediator { .. } if sampled => TestCaseError::reject(e.to_string()),
-            // Nor need so few layers of loose spheres fill an overlap as the other body does (one case of
+            // So few layers of loose spheres need not fill an overlap as the other body does (one case of
             // some hundred).
             Error::PartitionMass { .. } | Error::UnequalShapes { .. } | Error::UnevenFilling { .. }
                 if dem != [false; 2] =>
             {
                 TestCaseError::reject(e.to_string())
             }
-            // Nor need their volumes add up to that of the mediator.
+            // Their volumes need not add up to that of the mediator either.
             Error::CoveredTwice { .. } if sampled => TestCaseError::reject(e.to_string()),
             e => TestCaseError::fail(e.to_string()),
         })
     }
 }
 
-/// Corners of a bar of unit section.
+/// Returns the two corners of a bar of unit section.
 fn ends([a, b]: [f64; 2]) -> [Point3<f64>; 2] {
     [Point3::new(a, 0.0, 0.0), Point3::new(b, 1.0, 1.0)]
 }
 
-/// Spheres at the points, each joined to all within one and a half spacings.
+/// Returns spheres at the points, each joined to all within one and a half spacings.
 fn packing(name: &str, points: &[Point3<f64>], spacing: f64, volume: f64, seed: u64) -> DemModel {
     let centres: Vec<Vector3<f64>> = points.iter().map(|p| p.coords).collect();
     let mut next = noise(seed + 5);
@@ -287,14 +289,14 @@ fn packing(name: &str, points: &[Point3<f64>], spacing: f64, volume: f64, seed: 
     DemModel::from_spheres(name, &centres, &radii, &pairs, &matter).unwrap()
 }
 
-/// All that must hold of one case.
-fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
-    // Cells of two natural-neighbour fields under a third are too many for a property.
+/// Checks everything that must hold in a case.
+fn check_consistency(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
+    // Intersections of the cells of three natural-neighbour fields take too long for a property test.
     let case = &Case {
         cells: case.cells && kinds.contains(&Kind::Fem),
         ..case.clone()
     };
-    // A rigid motion: no velocity jump, nothing removed at the start, nothing strained afterwards.
+    // A rigid motion: no velocity jump, no energy removed at the start, no strain afterwards.
     let (t, w) = (Vector3::new(0.3, -0.4, 0.5), Vector3::new(0.2, 0.7, -0.5));
     let mut run = case.run(kinds, |m| conformance::rigid_motion(m, t, w))?;
     let energy = run.energy();
@@ -305,7 +307,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
     );
     let jump = run.jumps(0)[0];
     prop_assert!(jump < 1e-12, "jump {jump:e} m/s");
-    // Weights of both models, at every node and between.
+    // Weights of both models, at every node and in between.
     let mut next = noise(case.seed);
     let mut points: Vec<_> = (0..50)
         .map(|_| {
@@ -336,7 +338,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
                 .all(|x| kind.iter().all(|w| (0.0..=1.0).contains(&w.value(x))))
         );
     }
-    // Forces of any multiplier: the two sides are each other's transpose, their sum and their moment vanish.
+    // Multiplier forces: the two sides are each other's transpose, and their sum and moment vanish.
     let transposed = conformance::adjointness(&run);
     let [force, moment] = conformance::interface_momentum(&run);
     // Relative to one sum of random signs, which nearly vanishes in one case of some hundred.
@@ -352,7 +354,7 @@ fn consistent(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// A while of a random motion.
+/// Checks a random motion over some steps.
 fn shaken(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
     let mut run = case.run(kinds, |m| {
         let mut next = noise(case.seed + 11);
@@ -366,12 +368,13 @@ fn shaken(kinds: [Kind; 2], case: &Case) -> Result<(), TestCaseError> {
         prop_assert!(change < 1e-12, "momentum {k} changes by {change:e}");
     }
     prop_assert!(run.drift() < 1e-10, "drift {:e}", run.drift());
-    // A dropped multiplier leaves its mode's jump, whose square its eigenvalue of `B M⁻¹ Bᵀ` measures.
+    // A dropped multiplier leaves the jump of its mode; its eigenvalue of `B M⁻¹ Bᵀ` is the square of this
+    // jump.
     let dropped = &run.interfaces()[0].report().null_modes;
-    let left = dropped.iter().fold(0.0, |m: f64, n| m.max(n.eigenvalue)).sqrt();
+    let dropped_size = dropped.iter().fold(0.0, |m: f64, n| m.max(n.eigenvalue)).sqrt();
     prop_assert!(
-        run.constraint_residual() < 1e-8 + 10.0 * left,
-        "residual {:e}, dropped modes {left:e}",
+        run.constraint_residual() < 1e-8 + 10.0 * dropped_size,
+        "residual {:e}, dropped modes {dropped_size:e}",
         run.constraint_residual()
     );
     Ok(())
@@ -384,7 +387,7 @@ macro_rules! pairs {
             $(
                 #[test]
                 fn $name(case in case()) {
-                    consistent([Kind::$coarse, Kind::$fine], &case)?;
+                    check_consistency([Kind::$coarse, Kind::$fine], &case)?;
                 }
             )*
         }

@@ -22,8 +22,8 @@ fn steel() -> Elastic<f64> {
     Elastic::new(1.0, 0.3, 1.0).unwrap()
 }
 
-/// Elongation under a unit stress on both ends: work of the loads per force and area, the cut body held at
-/// three nodes.
+/// Returns the elongation under a unit stress on both ends: work of the loads per force and area, with the
+/// cut body held at three nodes.
 fn elongation<M: LinearModel<f64> + Model<f64>>(model: &M, facets: &[SurfaceFacet<f64>]) -> f64 {
     let nodes = model.nodes();
     let mut f = vec![0.0; 3 * nodes.len()];
@@ -69,7 +69,7 @@ fn natural(n: usize, depth: f64) -> f64 {
     elongation(&model, &ends)
 }
 
-/// Hexahedra, the nodes of a slit doubled for those behind it.
+/// Returns the elongation of hexahedra with a slit, whose nodes are doubled for the elements behind it.
 fn finite(n: usize, depth: f64) -> f64 {
     let mesh = fem_ref::generate::block(
         ElementKind::Hex8,
@@ -88,7 +88,7 @@ fn finite(n: usize, depth: f64) -> f64 {
             let slit = (p.x - 1.0).abs() < 1e-9 && p.y < depth - 1e-9;
             connectivity.push(if slit && middle > 1.0 {
                 *second.entry(v).or_insert_with(|| {
-                    // Apart by a millionth: meshes with coincident nodes are refused.
+                    // The copies lie a millionth apart, since meshes with coincident nodes are refused.
                     nodes.push(p + Vector3::x() * 1e-6);
                     nodes.len() as u32 - 1
                 })
@@ -108,12 +108,13 @@ fn compliance_of_a_cracked_bar_is_that_of_a_mesh_with_a_slit() {
         let fem = [8, 16].map(|n| finite(n, depth));
         // The error at a crack tip falls with the first power of the spacing.
         let limit = 2.0 * fem[1] - fem[0];
-        let found = [8, 16].map(|n| natural(n, depth));
-        let off = found.map(|c| 100.0 * (c / limit - 1.0));
-        // Half the width left, the coarser crack is 5.7 % too soft; extrapolated alike, the two agree.
+        let compliances = [8, 16].map(|n| natural(n, depth));
+        let errors = compliances.map(|c| 100.0 * (c / limit - 1.0));
+        // With half of the width left, the coarser crack is 5.7 % too soft; extrapolated alike, the two
+        // agree.
         let [exact, allowed] = if depth > 0.0 { [2.0, 6.0] } else { [1e-8; 2] };
-        assert!(off.iter().all(|o| o.abs() < allowed), "{depth}: {off:?}");
-        assert!((100.0 * ((2.0 * found[1] - found[0]) / limit - 1.0)).abs() < exact);
-        println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {found:.4?}, {off:+.2?} %");
+        assert!(errors.iter().all(|o| o.abs() < allowed), "{depth}: {errors:?}");
+        assert!((100.0 * ((2.0 * compliances[1] - compliances[0]) / limit - 1.0)).abs() < exact);
+        println!("depth {depth}: slit {fem:.4?} -> {limit:.4}, crack {compliances:.4?}, {errors:+.2?} %");
     }
 }

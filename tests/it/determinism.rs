@@ -1,4 +1,4 @@
-//! Same input, same bits, for any number of threads.
+//! Equal input gives equal bits for any number of threads.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -27,17 +27,17 @@ fn bits(c: &Coupled<f64>) -> Vec<u64> {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         pool(threads).install(|| {
             let mut c = busy(Box::new(H1Gradient::new(0.1).unwrap()));
             c.run(60, &mut Silent).unwrap();
             bits(&c)
         })
     };
-    let one = with(1);
-    assert_eq!(one, with(1), "two runs");
-    assert_eq!(one, with(2), "one and two threads");
-    assert_eq!(one, with(3), "one and three threads");
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(1), "two runs");
+    assert_eq!(serial, bits_on(2), "one and two threads");
+    assert_eq!(serial, bits_on(3), "one and three threads");
 }
 
 /// Own steps of the coarse and the fine body.
@@ -53,51 +53,52 @@ const GRADIENTS: Solver<f64> = Solver::ConjugateGradients {
 
 #[test]
 fn own_steps_give_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
-    for (own, solver) in OWN.into_iter().zip([Solver::Auto, GRADIENTS]) {
-        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own, solver);
-        let with = |threads: usize| {
+    for (own_steps, solver) in OWN.into_iter().zip([Solver::Auto, GRADIENTS]) {
+        let build = || solved(Box::new(H1Gradient::new(0.1).unwrap()), own_steps, solver);
+        let bits_on = |threads: usize| {
             pool(threads).install(|| {
                 let mut c = build();
                 c.run(20, &mut Silent).unwrap();
                 bits(&c)
             })
         };
-        let one = with(1);
-        assert_eq!(one, with(2), "{own:?}: one and two threads");
-        assert_eq!(one, with(3), "{own:?}: one and three threads");
-        let again = pool(1).install(|| {
+        let serial = bits_on(1);
+        assert_eq!(serial, bits_on(2), "{own_steps:?}: one and two threads");
+        assert_eq!(serial, bits_on(3), "{own_steps:?}: one and three threads");
+        let resumed = pool(1).install(|| {
             let mut first = build();
             first.run(9, &mut Silent).unwrap();
-            let kept = first.snapshot().unwrap();
+            let snapshot = first.snapshot().unwrap();
             let mut second = build();
             second.run(2, &mut Silent).unwrap();
-            second.restore(&kept).unwrap();
+            second.restore(&snapshot).unwrap();
             second.run(11, &mut Silent).unwrap();
             bits(&second)
         });
-        assert_eq!(one, again, "{own:?}: after a restart");
+        assert_eq!(serial, resumed, "{own_steps:?}: after a restart");
     }
 }
 
 #[test]
 fn a_state_of_other_own_steps_is_refused() {
-    let [mut one, mut other] = OWN.map(|own| stepping(Box::new(H1Gradient::new(0.1).unwrap()), own));
-    let mut kept = one.snapshot().unwrap();
-    kept.dt = other.dt();
-    let text = other.restore(&kept).unwrap_err().to_string();
+    let [mut first, mut second] =
+        OWN.map(|own_steps| stepping(Box::new(H1Gradient::new(0.1).unwrap()), own_steps));
+    let mut snapshot = first.snapshot().unwrap();
+    snapshot.dt = second.dt();
+    let text = second.restore(&snapshot).unwrap_err().to_string();
     assert!(
         text.contains("own steps") && text.contains("[1, 3]") && text.contains("[1, 2]"),
         "{text}"
     );
-    kept.dt = one.dt();
-    one.restore(&kept).unwrap();
+    snapshot.dt = first.dt();
+    first.restore(&snapshot).unwrap();
 }
 
-/// 18 000 particles in an overlap: what multipliers gather from and add to them is cut, also within a row
-/// of threads.
+/// An overlap of 18 000 particles gives the same bits on any number of threads: the sums of multipliers over
+/// particles are divided among threads, also within a row.
 #[test]
 fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         pool(threads).install(|| {
             let line = Line {
                 overlap: 18_000.0,
@@ -115,7 +116,7 @@ fn an_overlap_large_enough_for_several_threads_gives_the_same_bits_on_each() {
             bits(&c)
         })
     };
-    let one = with(1);
-    assert_eq!(one, with(2), "one and two threads");
-    assert_eq!(one, with(3), "one and three threads");
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(2), "one and two threads");
+    assert_eq!(serial, bits_on(3), "one and three threads");
 }

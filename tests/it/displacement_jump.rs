@@ -1,4 +1,4 @@
-//! What own steps leave of the displacement constraint, and what that is held against.
+//! The jump of displacements that own steps leave, and its reference values.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -12,9 +12,9 @@ use arlequin_studies::line::{FINE, Line, pulse, rest};
 use arlequin_studies::solid;
 use std::sync::Arc;
 
-/// A pulse of 40 coarse elements from the chain into the bar: share of the kinetic energy that comes back,
-/// jump of displacements over the pulse's amplitude of one and over the deformation of the overlap, drift
-/// of H.
+/// Runs a pulse of 40 coarse elements from the chain into the bar. Returns the reflected share of the kinetic
+/// energy, the jump of displacements over the pulse's amplitude of one, the jump over the deformation of the
+/// overlap, and the drift of H.
 fn passage(m: usize) -> [f64; 4] {
     let line = Line {
         overlap: 40.0,
@@ -29,8 +29,8 @@ fn passage(m: usize) -> [f64; 4] {
     let mut c = line.build(&rest, &pulse(420.0, 200.0, 0.0, -1.0)).unwrap();
     let moving = |c: &Coupled<f64>| -> f64 {
         let s = &c.subdomains()[FINE];
-        let all = s.model().nodes().iter().zip(&s.state().v);
-        all.filter(|(x, _)| x.x > 0.0).map(|(_, v)| v * v).sum()
+        let pairs = s.model().nodes().iter().zip(&s.state().v);
+        pairs.filter(|(x, _)| x.x > 0.0).map(|(_, v)| v * v).sum()
     };
     let before = moving(&c);
     let steps = (1000.0 / c.dt()) as usize;
@@ -39,8 +39,8 @@ fn passage(m: usize) -> [f64; 4] {
     [moving(&c) / before, jump.largest, jump.share(), c.drift()]
 }
 
-/// The table of reflected energy and displacement jump for own steps of 0.9 of critical, as prototypes of
-/// the method gave it, within a factor of two; without own steps the jump is round-off.
+/// Reflected energy and displacement jump for own steps of 0.9 of critical agree with prototypes of the
+/// method within a factor of two; with one own step per macro step the jump is round-off.
 #[test]
 fn the_jump_of_displacements_and_the_reflected_energy_grow_with_own_steps_as_known() {
     for (m, reflected, jump) in [
@@ -58,7 +58,7 @@ fn the_jump_of_displacements_and_the_reflected_energy_grow_with_own_steps_as_kno
         );
         let bounds = (0.7 * jump - 1e-13)..=(1.5 * jump + 1e-13);
         assert!(bounds.contains(&j), "{m}: a jump of {j:e} instead of {jump:e}");
-        // What strains part the models by goes with the square of the step and with the strain itself.
+        // The jump over the deformation grows with the square of the macro step.
         let law = if m == 1 {
             0.0
         } else {
@@ -72,7 +72,7 @@ fn the_jump_of_displacements_and_the_reflected_energy_grow_with_own_steps_as_kno
     }
 }
 
-/// B.4: beyond 0.7 of the coarse critical step the formula is too large, by up to six tenths.
+/// B.4: beyond 0.7 of the coarse critical step the formula is 1.2 to 1.7 times too large.
 #[test]
 fn the_formula_of_the_jump_is_an_upper_bound_near_the_coarse_critical_step() {
     for m in [8, 10] {
@@ -82,7 +82,7 @@ fn the_formula_of_the_jump_is_an_upper_bound_near_the_coarse_critical_step() {
     }
 }
 
-/// Two blocks with a wave in them, turned, in a common flight and a common turn.
+/// Runs two blocks with a wave in them, turned, with a common velocity and spin.
 fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: bool) -> Coupled<f64> {
     let turn = nalgebra::Rotation3::new(turn);
     let mesh = |x: [f64; 2], counts| {
@@ -91,10 +91,10 @@ fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: 
             .mapped(|p| turn * p)
             .unwrap()
     };
-    let at = |x: f64| turn * nalgebra::Point3::new(x, 0.0, 0.0);
-    let slab = Slab::between(at(solid::OVERLAP[1]), at(solid::OVERLAP[0])).unwrap();
+    let point = |x: f64| turn * nalgebra::Point3::new(x, 0.0, 0.0);
+    let slab = Slab::between(point(solid::OVERLAP[1]), point(solid::OVERLAP[0])).unwrap();
     let w = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 1e-3).unwrap()));
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material().unwrap()).unwrap();
     let wave = |s: Subdomain<f64>| {
         let velocity = |p: &nalgebra::Point3<f64>| {
@@ -112,7 +112,10 @@ fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: 
     };
     let bodies = vec![
         wave(Subdomain::coarse(model("left", mesh([0.0, 3.0], [6, 2, 2])), w)),
-        wave(Subdomain::fine(model("right", mesh([2.0, 4.0], [8, 4, 4])), rest).with_step(OwnStep::Ratio(3))),
+        wave(
+            Subdomain::fine(model("right", mesh([2.0, 4.0], [8, 4, 4])), complement)
+                .with_step(OwnStep::Ratio(3)),
+        ),
     ];
     let space = Arc::new(FemField::new(mesh([2.0, 3.0], [2, 1, 1])));
     let junction: Box<dyn Junction<f64>> = if strain {
@@ -131,8 +134,8 @@ fn flying(turn: Vector3<f64>, flight: Vector3<f64>, spin: Vector3<f64>, strain: 
     c
 }
 
-/// Neither a common motion of both models, which deforms nothing, nor the lie of the axes changes what is
-/// warned of.
+/// A common motion of both models, which deforms nothing, and the direction of the axes do not change the
+/// share of the jump.
 #[test]
 fn the_share_of_the_jump_is_the_same_in_a_rigid_flight_and_under_turned_axes() {
     let zero = Vector3::zeros();
@@ -142,15 +145,15 @@ fn the_share_of_the_jump_is_the_same_in_a_rigid_flight_and_under_turned_axes() {
         assert!(still.share() > 0.01, "{still:?}");
         let far = Vector3::new(300.0, -200.0, 50.0);
         let turn = Vector3::new(0.3, -0.5, 0.7);
-        for (name, found) in [
+        for (name, report) in [
             ("turned", jump(turn, zero, zero)),
             ("in flight", jump(zero, far, zero)),
             ("in a spin", jump(zero, zero, Vector3::new(1.0, 20.0, -30.0))),
             ("all", jump(turn, far, Vector3::new(1.0, 20.0, -30.0))),
         ] {
-            let change = found.share() / still.share() - 1.0;
-            assert!(change.abs() < 1e-9, "{name}: {change:e}, {found:?}");
-            assert!(found.digits < 1e-6 * found.largest, "{name}: {found:?}");
+            let change = report.share() / still.share() - 1.0;
+            assert!(change.abs() < 1e-9, "{name}: {change:e}, {report:?}");
+            assert!(report.digits < 1e-6 * report.largest, "{name}: {report:?}");
         }
     }
 }
@@ -158,9 +161,9 @@ fn the_share_of_the_jump_is_the_same_in_a_rigid_flight_and_under_turned_axes() {
 #[test]
 fn bodies_that_only_fly_have_a_jump_of_round_off_that_is_no_share() {
     let thrown = |_: f64| (0.0, 1.0);
-    for own in [OwnStep::Same, OwnStep::Ratio(4)] {
+    for own_step in [OwnStep::Same, OwnStep::Ratio(4)] {
         let line = Line {
-            own: [OwnStep::Same, own],
+            own: [OwnStep::Same, own_step],
             step: TimeStep::Chosen(0.9),
             ..short()
         };
@@ -171,8 +174,8 @@ fn bodies_that_only_fly_have_a_jump_of_round_off_that_is_no_share() {
     }
 }
 
-/// Twelve times the critical step of the chain in both: models part by more than half of what the overlap
-/// deforms.
+/// With an implicit macro step of twelve critical steps of the chain the jump exceeds 0.3 of the overlap's
+/// deformation.
 #[test]
 fn implicit_models_far_above_their_critical_steps_part_and_the_share_tells() {
     let line = Line {

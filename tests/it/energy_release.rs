@@ -1,4 +1,4 @@
-//! The energy that a crack releases, from fields that are known, turned bodies, and natural elements.
+//! The energy that a crack releases, in known fields, rotated bodies, and natural elements.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -21,8 +21,8 @@ fn steel() -> Elastic<f64> {
     Elastic::new(210e9, POISSON, 7850.0).unwrap()
 }
 
-/// A block `[−1, 1]² × [0, ¼]` slit at y = 0 for x < 0, its nodes doubled; numbers of the nodes of the
-/// upper lip.
+/// Returns a block `[−1, 1]² × [0, ¼]` with a slit at y = 0 for x < 0, whose nodes are doubled, and the
+/// numbers of the nodes of the upper lip.
 fn slit(n: usize) -> (Mesh<f64>, Vec<usize>) {
     let [low, high] = [Point3::new(-1.0, -1.0, 0.0), Point3::new(1.0, 1.0, 0.25)];
     let mesh = fem_ref::generate::block(ElementKind::Hex8, low, high, [2 * n, 2 * n, 2]).unwrap();
@@ -51,8 +51,8 @@ fn slit(n: usize) -> (Mesh<f64>, Vec<usize>) {
     (mesh, upper)
 }
 
-/// Displacement around a crack in plane strain with the stress intensities of the three modes (Williams
-/// 1957).
+/// Returns the displacement around a crack in plane strain with the stress intensities of the three modes
+/// (Williams 1957).
 fn williams(k: [f64; 3], x: &Point3<f64>, upper: bool) -> Vector3<f64> {
     let mu = steel().lame()[1];
     let (r, mut t) = (x.x.hypot(x.y), x.y.atan2(x.x));
@@ -83,14 +83,14 @@ fn front(radii: [f64; 2]) -> CrackFront<f64> {
     }
 }
 
-/// What a model releases at displacements, with its own forces or none.
+/// Returns the energy that a model releases at the displacements `u`, with the nodal forces `f`.
 fn released(model: &impl CoarseModel<f64>, crack: &CrackFront<f64>, u: &[f64], f: &[f64]) -> f64 {
     let field = model.coarse_field();
     let domain = EnergyRelease::new(model, &*field, &Uniform(1.0), crack).unwrap();
     domain.at(u, f, |_| true).unwrap()
 }
 
-/// `J = (1 − ν²)/E (K_I² + K_II²) + K_III²/(2 μ)`.
+/// The fields of the three modes release `J = (1 − ν²)/E (K_I² + K_II²) + K_III²/(2 μ)`.
 #[test]
 fn fields_of_the_three_modes_release_the_energy_of_irwin() {
     let (e, mu) = (steel().young(), steel().lame()[1]);
@@ -101,40 +101,41 @@ fn fields_of_the_three_modes_release_the_energy_of_irwin() {
         [1.0, -0.7, 0.5],
     ] {
         let exact = (1.0 - POISSON * POISSON) / e * (k[0] * k[0] + k[1] * k[1]) + k[2] * k[2] / (2.0 * mu);
-        let off = [12, 24].map(|n| {
+        let errors = [12, 24].map(|n| {
             let (mesh, upper) = slit(n);
             let model = FemModel::new("block", mesh, steel()).unwrap();
-            let of = |(v, x): (usize, &Point3<f64>)| williams(k, x, upper.binary_search(&v).is_ok());
+            let displacement =
+                |(v, x): (usize, &Point3<f64>)| williams(k, x, upper.binary_search(&v).is_ok());
             let u: Vec<f64> = model
                 .nodes()
                 .iter()
                 .enumerate()
-                .flat_map(|p| of(p).data.0[0])
+                .flat_map(|p| displacement(p).data.0[0])
                 .collect();
-            let none = vec![0.0; u.len()];
-            let j = [[0.25, 0.6], [0.4, 0.9]].map(|radii| released(&model, &front(radii), &u, &none));
+            let no_forces = vec![0.0; u.len()];
+            let j = [[0.25, 0.6], [0.4, 0.9]].map(|radii| released(&model, &front(radii), &u, &no_forces));
             j.map(|j| j / exact - 1.0)
         });
-        println!("{k:?}: {off:?}");
-        for (coarse, fine) in off[0].iter().zip(&off[1]) {
+        println!("{k:?}: {errors:?}");
+        for (coarse, fine) in errors[0].iter().zip(&errors[1]) {
             assert!(
                 fine.abs() < 0.003 && fine.abs() < 0.4 * coarse.abs() + 1e-4,
-                "{k:?}: {off:?}"
+                "{k:?}: {errors:?}"
             );
         }
     }
 }
 
-/// A body that is turned, moved far off and of another size releases the same, but for the factor of its
-/// size.
+/// A body that is turned, moved far away and scaled releases the same energy, times the factor of its size.
 #[test]
 fn turned_moved_and_scaled_bodies_release_the_same() {
     let (mesh, upper) = slit(6);
     let model = FemModel::new("block", mesh.clone(), steel()).unwrap();
-    let of = |(v, x): (usize, &Point3<f64>)| williams([1.0, 0.4, 0.2], x, upper.binary_search(&v).is_ok());
-    let u: Vec<Vector3<f64>> = model.nodes().iter().enumerate().map(of).collect();
+    let displacement =
+        |(v, x): (usize, &Point3<f64>)| williams([1.0, 0.4, 0.2], x, upper.binary_search(&v).is_ok());
+    let u: Vec<Vector3<f64>> = model.nodes().iter().enumerate().map(displacement).collect();
     let flat = |u: &[Vector3<f64>]| u.iter().flat_map(|u| u.data.0[0]).collect::<Vec<f64>>();
-    // With forces: of a field in no equilibrium.
+    // Including forces, since this field is not in equilibrium.
     let forced = |model: &mut FemModel<f64>, crack: &CrackFront<f64>, u: &[f64]| {
         let mut f = vec![0.0; u.len()];
         model.add_internal_forces(u, &mut f).unwrap();
@@ -151,20 +152,23 @@ fn turned_moved_and_scaled_bodies_release_the_same() {
             direction: turn * Vector3::new(3.0, 0.0, 0.0),
             radii: radii.map(|r| r * size),
         };
-        // The same strains: displacements as large as the body.
+        // The strains stay equal: displacements scale with the body.
         let turned: Vec<Vector3<f64>> = u.iter().map(|u| turn * u * size).collect();
-        let found = forced(&mut moved, &crack, &flat(&turned)) / size;
-        println!("size {size}, at {shift}: {found} of {plain}");
-        assert!((found / plain - 1.0).abs() < 1e-9, "{found}, {plain}");
+        let moved_release = forced(&mut moved, &crack, &flat(&turned)) / size;
+        println!("size {size}, at {shift}: {moved_release} of {plain}");
+        assert!(
+            (moved_release / plain - 1.0).abs() < 1e-9,
+            "{moved_release}, {plain}"
+        );
     }
 }
 
-/// A bar of natural elements with a crack that opens, pulled at its ends: `∫ J da` against the work of the
-/// loads.
+/// A bar of natural elements with an opening crack, pulled at its ends, releases `∫ J da` equal to the gain
+/// of the work of the loads.
 #[test]
 fn cracks_of_natural_elements_release_what_the_bar_gains() {
     let (n, size) = (16, [2.0, 1.0, 0.25]);
-    let at = |depth: usize| {
+    let with_depth = |depth: usize| {
         let steps = [2 * n, n, n / 4];
         let points = generate::block(Point3::origin(), Point3::from(size), steps, 0.0, 1).unwrap();
         let id = |j: usize, k: usize| n + (2 * n + 1) * (j + (n + 1) * k);
@@ -191,14 +195,15 @@ fn cracks_of_natural_elements_release_what_the_bar_gains() {
         });
         (j, 0.5 * u.1)
     };
-    let [low, middle, high] = [7, 8, 9].map(at);
+    let [low, middle, high] = [7, 8, 9].map(with_depth);
     let change = (high.1 - low.1) / (2.0 / n as f64 * size[2]);
-    let off = [0, 1].map(|k| (low.0[k] + 4.0 * middle.0[k] + high.0[k]) / 6.0 / change - 1.0);
-    println!("{:?} of {change}: off by {off:?}", middle.0);
-    assert!(off.iter().all(|o| o.abs() < 0.03), "{off:?}");
+    let errors = [0, 1].map(|k| (low.0[k] + 4.0 * middle.0[k] + high.0[k]) / 6.0 / change - 1.0);
+    println!("{:?} of {change}: off by {errors:?}", middle.0);
+    assert!(errors.iter().all(|o| o.abs() < 0.03), "{errors:?}");
 }
 
-/// Displacements of a bar under a unit stress on both ends, held at three nodes, and the work of the loads.
+/// Returns the displacements of a bar under a unit stress on both ends, held at three nodes, and the work of
+/// the loads.
 fn pulled(model: &CnemModel, size: [f64; 3]) -> (Vec<f64>, f64) {
     let nodes = model.nodes();
     let ends = model
@@ -227,23 +232,23 @@ fn pulled(model: &CnemModel, size: [f64; 3]) -> (Vec<f64>, f64) {
     (u, work)
 }
 
-/// Lips of a slit are taken; nodes that coincide in any other way are not.
+/// Nodes on opposite lips of a slit may coincide; nodes that coincide in any other way are refused.
 #[test]
 fn only_lips_that_face_each_other_may_coincide() {
     let (mesh, upper) = slit(3);
     let lips =
         |nodes: Vec<Point3<f64>>, connectivity: Vec<u32>| Mesh::new(ElementKind::Hex8, nodes, connectivity);
     assert_eq!(mesh.doubled(), upper.len());
-    // Cut through, the halves do not hang together.
+    // Cut through, the two halves are disconnected.
     let [low, high] = [Point3::origin(), Point3::new(1.0, 1.0, 1.0)];
     let cube = fem_ref::generate::block(ElementKind::Hex8, low, high, [1, 1, 1]).unwrap();
     let mut nodes = cube.nodes().to_vec();
     nodes.extend(cube.nodes().iter().map(|x| x + Vector3::x()));
     let mut connectivity = cube.connectivity().to_vec();
     connectivity.extend(cube.connectivity().iter().map(|v| v + 8));
-    let told = lips(nodes, connectivity).unwrap_err().to_string();
-    assert!(told.contains("2 pieces"), "{told}");
-    // The lips cross: those of the other side were moved on to the same side.
+    let message = lips(nodes, connectivity).unwrap_err().to_string();
+    assert!(message.contains("2 pieces"), "{message}");
+    // The lips cross: nodes of the other side were assigned to the same side.
     let mut connectivity = mesh.connectivity().to_vec();
     connectivity.extend_from_slice(mesh.element(0));
     let first = mesh.element(0)[0];
@@ -255,6 +260,6 @@ fn only_lips_that_face_each_other_may_coincide() {
         .for_each(|v| *v = place);
     let mut nodes = mesh.nodes().to_vec();
     nodes.push(mesh.nodes()[first as usize]);
-    let told = lips(nodes, connectivity).unwrap_err().to_string();
-    assert!(told.contains("coincide"), "{told}");
+    let message = lips(nodes, connectivity).unwrap_err().to_string();
+    assert!(message.contains("coincide"), "{message}");
 }

@@ -1,6 +1,6 @@
 //! Hard cases that are fast: each keeps its promise, and its naive variant fails as stated.
 //!
-//! The long ones run in `arlequin verify --hard`; what each is about stands in `docs/hard-cases.md`.
+//! The long cases run in `arlequin verify --hard`; `docs/hard-cases.md` describes each case.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -20,10 +20,10 @@ fn lines(checks: &[Check]) -> String {
     checks.iter().map(line).collect()
 }
 
-/// Runs the case of that name and fails with all its numbers if one is out of range.
+/// Runs the case of the given name and fails with all its figures if one is out of range.
 fn keeps_its_promise(name: &str) {
-    let all = cases();
-    let case = all
+    let known = cases();
+    let case = known
         .iter()
         .find(|c| c.name == name)
         .unwrap_or_else(|| panic!("no case '{name}'"));

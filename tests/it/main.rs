@@ -1,4 +1,4 @@
-//! Tests of the facade with its models, in one program: one link instead of 23.
+//! Tests of the facade with its models, linked as one program instead of 23.
 
 mod chains;
 mod claims;

@@ -1,4 +1,4 @@
-//! [`Weighting::Nodal`], the choice of the literature: what it does to any model, and what it refuses.
+//! [`Weighting::Nodal`], the usual choice in the literature: its effect on any model, and its refusals.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -13,14 +13,14 @@ use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 use std::sync::Arc;
 
-/// Falls from 0.9 to 0.1 along four units.
+/// Weights that fall from 0.9 to 0.1 over four units of length.
 fn weights(scale: f64, weighting: Weighting) -> Weights<f64> {
     let slab = Slab::between(Point3::new(4.0 * scale, 0.0, 0.0), Point3::origin()).unwrap();
     let ramp = Ramp::new(Arc::new(slab), Profile::Linear, 0.1).unwrap();
     Weights::from_weight(Arc::new(ramp)).with_weighting(weighting)
 }
 
-/// A bar alone, displaced to and fro.
+/// Returns a bar alone with an initial displacement of sin k at node k.
 fn bar(weighting: Weighting) -> Coupled<f64> {
     let mesh = generate::bar(0.0, 4.0, 16, 1.0).unwrap();
     let model = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap();
@@ -53,7 +53,8 @@ fn nodal_weights_multiply_forces_and_masses_of_the_unweighted_model() {
         .map(|(k, _)| -0.5 * s.state().q[k] * s.inertia()[k] * s.state().a[k])
         .sum();
     assert_relative_eq!(s.internal_energy(), energy, epsilon = 0.0, max_relative = 1e-12);
-    // They do not in the metric of a constraint: the step is shorter than h/c, that of the model alone.
+    // In the metric of a constraint they do not cancel: the step is shorter than h/c, the step of the model
+    // alone.
     let step = weighted.critical_steps()[0];
     assert!(step > 0.7 * 0.25 && step < 0.25, "{step}");
 }

@@ -1,4 +1,4 @@
-//! A sound law that is not linear: finite strain of tetrahedra.
+//! A sound nonlinear law: finite strain of tetrahedra.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -14,9 +14,9 @@ use std::sync::Arc;
 /// Tetrahedra of Saint Venant and Kirchhoff, `ψ = λ/2 (tr E)² + μ E:E` with `E = ½(FᵀF − 1)`, λ = μ = 0.4.
 struct Finite {
     linear: FemModel<f64>,
-    /// Nodes, gradients of the shape functions, weighted volume of each element.
+    /// Nodes, gradients of the shape functions, and weighted volume of each element.
     elements: Vec<([usize; 4], Matrix3x4<f64>, f64)>,
-    /// Share of the law's forces; all of them for a sound one.
+    /// Factor on the forces of the law; one for a sound law.
     share: f64,
 }
 
@@ -74,20 +74,20 @@ impl Model<f64> for Finite {
         Ok(())
     }
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
-        for one in &self.elements {
-            let [gradient, _, stress] = self.strain(q, one);
-            let first = gradient * stress * (one.2 * self.share);
-            for (k, node) in one.0.iter().enumerate() {
-                let pull = first * one.1.column(k);
+        for element in &self.elements {
+            let [gradient, _, stress] = self.strain(q, element);
+            let first = gradient * stress * (element.2 * self.share);
+            for (k, node) in element.0.iter().enumerate() {
+                let pull = first * element.1.column(k);
                 (0..3).for_each(|c| f[3 * node + c] -= pull[c]);
             }
         }
         Ok(())
     }
     fn internal_energy(&self, q: &[f64]) -> f64 {
-        let density = |one: &([usize; 4], Matrix3x4<f64>, f64)| {
-            let [_, e, s] = self.strain(q, one);
-            0.5 * one.2 * e.component_mul(&s).sum()
+        let density = |element: &([usize; 4], Matrix3x4<f64>, f64)| {
+            let [_, e, s] = self.strain(q, element);
+            0.5 * element.2 * e.component_mul(&s).sum()
         };
         self.elements.iter().map(density).sum()
     }
@@ -109,31 +109,31 @@ fn block(x: [f64; 2], counts: [usize; 3]) -> Mesh<f64> {
     solid::block(ElementKind::Tet4, x, counts)
 }
 
-/// E.6: a sound law of finite strain passes all checks at any amplitude, and one whose forces have no
-/// energy does not.
+/// E.6: a sound law of finite strain passes all conformance checks at any amplitude; a law whose forces have
+/// no energy fails.
 #[test]
 fn conformance_passes_a_sound_law_of_finite_strain_at_any_amplitude() {
     for amplitude in [1e-3, 1e-2, 0.03] {
         let mut sound = Finite::new("body", block([0.0, 2.0], [4, 2, 2]), 1.0);
         sound.set_internal_weight(&arlequin::core::Uniform(1.0)).unwrap();
-        let found = [
+        let defects = [
             conformance::rigid_forces(&mut sound, amplitude).unwrap(),
             conformance::forces_derive_from_energy(&mut sound, amplitude).unwrap(),
             conformance::symmetric_forces(&mut sound, amplitude).unwrap(),
         ];
-        println!("{amplitude:e}: {found:?}");
-        assert!(found.iter().all(|d| *d < 1e-6), "{amplitude:e}: {found:?}");
+        println!("{amplitude:e}: {defects:?}");
+        assert!(defects.iter().all(|d| *d < 1e-6), "{amplitude:e}: {defects:?}");
         let mut wrong = Finite::new("body", block([0.0, 2.0], [4, 2, 2]), 1.01);
         wrong.set_internal_weight(&arlequin::core::Uniform(1.0)).unwrap();
-        let off = conformance::forces_derive_from_energy(&mut wrong, amplitude).unwrap();
-        assert!((0.005..0.02).contains(&off), "{off}");
+        let defect = conformance::forces_derive_from_energy(&mut wrong, amplitude).unwrap();
+        assert!((0.005..0.02).contains(&defect), "{defect}");
     }
 }
 
-/// Two blocks of finite strain in a wave of velocity `speed`, where the bar wave has a speed of one.
-fn run(speed: f64, step: f64, share: f64, own: usize) -> Coupled<f64> {
+/// Couples two blocks of finite strain in a wave of velocity `speed`, in units of the bar wave speed.
+fn run(speed: f64, step: f64, share: f64, ratio: usize) -> Coupled<f64> {
     let w = solid::weights(Profile::Cubic, 0.05);
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let moving = |s: Subdomain<f64>| {
         let v: Vec<f64> = s
             .model()
@@ -153,7 +153,7 @@ fn run(speed: f64, step: f64, share: f64, own: usize) -> Coupled<f64> {
     let right = Finite::new("right", block([2.0, 4.0], [6, 3, 3]), share);
     let bodies = vec![
         moving(Subdomain::coarse(left, w)),
-        moving(Subdomain::coarse(right, rest)).with_step(arlequin::core::OwnStep::Ratio(own)),
+        moving(Subdomain::coarse(right, complement)).with_step(arlequin::core::OwnStep::Ratio(ratio)),
     ];
     let space = solid::mediator(ElementKind::Hex8, solid::OVERLAP, [2, 1, 1]);
     Coupled::new(
@@ -165,8 +165,8 @@ fn run(speed: f64, step: f64, share: f64, own: usize) -> Coupled<f64> {
     .unwrap()
 }
 
-/// E.1: the drift of a law that is not linear is of second order in the step, is explained as such, and is
-/// not warned of; a law that loses energy is warned of and ended.
+/// E.1: the drift of a nonlinear law is of second order in the step, is explained as such and gives no
+/// warning; a law that loses energy gives a warning and ends the run.
 #[test]
 fn the_drift_of_finite_strain_is_of_second_order_and_explained() {
     let drifts = [0.04, 0.02, 0.01].map(|step| {
@@ -187,34 +187,34 @@ fn the_drift_of_finite_strain_is_of_second_order_and_explained() {
         let order = (pair[0] / pair[1]).log2();
         assert!((1.5..2.6).contains(&order), "{drifts:?}");
     }
-    // Forces of which a tenth has no energy.
+    // A tenth of the forces has no energy.
     let mut wrong = run(0.05, 0.02, 0.9, 1);
     let end = wrong.run(1000, &mut Silent);
     println!("{end:?} {:?}", wrong.warnings());
     assert!(end.is_err() || !wrong.warnings().is_empty());
 }
 
-/// B.1: angular momentum about present positions is claimed with one explicit step each, and kept; with
-/// more own steps it is not kept, not claimed, and the report says why.
+/// B.1: with one explicit step per macro step angular momentum about the present positions is claimed and
+/// conserved; with more own steps neither holds, and the report names the reason.
 #[test]
 fn angular_momentum_about_present_positions_is_claimed_only_with_one_step_each() {
     use arlequin::core::Claim;
-    for own in [1, 2, 3, 7] {
-        let mut run = run(0.05, 0.01 * own as f64, 1.0, own);
-        run.run(2000 / own, &mut Silent).unwrap();
+    for ratio in [1, 2, 3, 7] {
+        let mut run = run(0.05, 0.01 * ratio as f64, 1.0, ratio);
+        run.run(2000 / ratio, &mut Silent).unwrap();
         let body = run.bodies().remove(0);
-        println!("{own}: {:?} {:?}", body.drift, body.claim);
+        println!("{ratio}: {:?} {:?}", body.drift, body.claim);
         assert!(
             body.arms == Arms::Current && body.drift[0] < 1e-12,
-            "{own}: {:?}",
+            "{ratio}: {:?}",
             body.drift
         );
-        match (own, &body.claim) {
+        match (ratio, &body.claim) {
             (1, Claim::Both) => assert!(body.drift[1] < 1e-12, "{:?}", body.drift),
             (m, Claim::Linear(why)) if m > 1 => {
                 assert!(
                     body.drift[1] > 1e-8,
-                    "{own}: it is kept after all, {:?}",
+                    "{ratio}: it is kept after all, {:?}",
                     body.drift
                 );
                 let wanted = format!("'right' makes {m} own steps between two reflections");

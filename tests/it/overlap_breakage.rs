@@ -1,15 +1,16 @@
-//! Bonds of an overlap are loaded as in a body of particles alone (decision 0022).
+//! Bonds of an overlap bear the loads that they have in a body of particles alone (decision 0022).
 
 use arlequin::core::Profile;
 use arlequin_studies::strain::{Bar, Pair};
 
-/// Hardest bond of the overlap over the hardest of the same bonds without elements.
+/// Returns the largest bond load in the overlap over the largest load of the same bonds without elements.
 fn hardest(pairs: &[Pair]) -> f64 {
     let top = |f: &dyn Fn(&Pair) -> f64| pairs.iter().map(f).fold(0.0, f64::max);
     top(&|p| p.coupled) / top(&|p| p.alone)
 }
 
-/// Root mean square of the loads over those alone, in the outermost twentieth of the overlap.
+/// Returns the root mean square of the loads over those without elements, in the outermost twentieth of the
+/// overlap.
 fn skin(pairs: &[Pair]) -> f64 {
     let outer = || pairs.iter().filter(|p| p.s > 0.95);
     let square = |f: &dyn Fn(&Pair) -> f64| outer().map(|p| f(p).powi(2)).sum::<f64>();

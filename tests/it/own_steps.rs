@@ -1,5 +1,5 @@
-//! Own steps between reflections: nothing is lost or made for any ratio, and with one step for all it is
-//! the one-step scheme.
+//! Own steps between reflections conserve energy and momentum for any ratio; with one own step per macro step
+//! in all models the scheme is the one-step scheme.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -22,7 +22,7 @@ fn dense(c: &Coupled<f64>, side: usize) -> DMatrix<f64> {
     out
 }
 
-/// RATTLE as one writes it down: all models in one vector, `B` over both, one step for all.
+/// RATTLE in its textbook form: all models in one vector, `B` over both, one step for all.
 struct Reference {
     stiffness: DMatrix<f64>,
     inverse: DVector<f64>,
@@ -49,14 +49,15 @@ impl Reference {
             let b = c.interfaces()[0].coupling_matrix(k).unwrap();
             b.iter().for_each(|(v, (i, j))| jump[(i, first + j)] += sign * *v);
         }
-        let all = |of: &dyn Fn(usize) -> Vec<f64>| DVector::from_vec([of(COARSE), of(FINE)].concat());
-        let inverse = all(&|k| sides[k].inverse_inertia().to_vec());
+        let both_sides =
+            |values: &dyn Fn(usize) -> Vec<f64>| DVector::from_vec([values(COARSE), values(FINE)].concat());
+        let inverse = both_sides(&|k| sides[k].inverse_inertia().to_vec());
         let operator = (&jump * DMatrix::from_diagonal(&inverse) * jump.transpose())
             .cholesky()
             .unwrap();
         let (q, v) = (
-            all(&|k| sides[k].state().q.clone()),
-            all(&|k| sides[k].state().v.clone()),
+            both_sides(&|k| sides[k].state().q.clone()),
+            both_sides(&|k| sides[k].state().v.clone()),
         );
         let mut out = Self {
             a: q.clone(),
@@ -92,7 +93,7 @@ impl Reference {
     }
 }
 
-/// Makes steps with a run and as one writes them down, to the same motion.
+/// Advances a run and the reference side by side and asserts the same motion.
 fn follow(mut c: Coupled<f64>, steps: usize) {
     let mut reference = Reference::new(&c);
     for _ in 0..steps {
@@ -100,7 +101,8 @@ fn follow(mut c: Coupled<f64>, steps: usize) {
         reference.step();
     }
     let sides = c.subdomains();
-    let ours = |of: &dyn Fn(usize) -> Vec<f64>| DVector::from_vec([of(COARSE), of(FINE)].concat());
+    let ours =
+        |values: &dyn Fn(usize) -> Vec<f64>| DVector::from_vec([values(COARSE), values(FINE)].concat());
     let (q, v) = (
         ours(&|k| sides[k].state().q.clone()),
         ours(&|k| sides[k].state().v.clone()),
@@ -119,8 +121,8 @@ fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
     follow(waves::random_state(&line, [2, 1]).unwrap(), 1000);
 }
 
-/// Models that are strained at rest: accelerations of the start part them, and half a reflection is due
-/// before the first step.
+/// Models that are strained at rest at the start: their accelerations differ, so that half a reflection is
+/// due before the first step; the start is that of the one-step scheme to round-off.
 #[test]
 fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
     let line = Line {
@@ -137,11 +139,10 @@ fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
     }
 }
 
-/// A random state of high frequency in both models over 20 000 units of time, and what came of it.
-/// Velocities are differences of noise: what drifts along loses digits of its displacements, and forces
-/// with them.
-fn long_run(step: f64, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
-    long_run_of(&short(), step, own)
+/// Runs 20 000 units of time from a random state of high frequency in both models. Velocities are differences
+/// of noise, because a drift would cost digits of the displacements and thus of the forces.
+fn long_run(step: f64, own_steps: [OwnStep<f64>; 2]) -> Coupled<f64> {
+    long_run_of(&short(), step, own_steps)
 }
 
 fn long_run_of(line: &Line, step: f64, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
@@ -217,15 +218,15 @@ fn multipliers_by_a_few_iterations_cost_no_energy_and_no_momentum() {
             change < 1e-12,
             "momentum, {max_iterations} iterations: {change:e}"
         );
-        let left = c.constraint_residual();
+        let residual = c.constraint_residual();
         assert!(
-            left > 1e-9,
-            "{max_iterations} iterations are not enough for the constraint: {left:e}"
+            residual > 1e-9,
+            "{max_iterations} iterations are not enough for the constraint: {residual:e}"
         );
     }
 }
 
-/// A bar whose end is moved, both models moved alike within the overlap, a loaded and damped chain.
+/// A bar whose end is moved, with both models moved alike within the overlap, and a loaded and damped chain.
 fn driven(own: [OwnStep<f64>; 2], step: f64) -> Coupled<f64> {
     let line = Line {
         own,
@@ -254,23 +255,23 @@ fn driven(own: [OwnStep<f64>; 2], step: f64) -> Coupled<f64> {
 
 #[test]
 fn works_of_supports_loads_and_dampings_close_the_ledger_for_any_own_steps() {
-    let same = OwnStep::Same;
-    for (own, step) in [
-        ([same, same], 0.8),
-        ([same, OwnStep::Ratio(5)], 4.0),
+    let macro_step = OwnStep::Same;
+    for (own_steps, step) in [
+        ([macro_step, macro_step], 0.8),
+        ([macro_step, OwnStep::Ratio(5)], 4.0),
         ([OwnStep::Ratio(3), OwnStep::Ratio(7)], 6.0),
         ([OwnStep::Implicit, OwnStep::Ratio(5)], 4.0),
         ([OwnStep::Implicit, OwnStep::Ratio(20)], 16.0),
     ] {
-        let mut c = driven(own, step);
+        let mut c = driven(own_steps, step);
         c.run((600.0 / step) as usize, &mut Silent).unwrap();
-        assert!(c.drift() < 1e-11, "{own:?}: {:e}", c.drift());
+        assert!(c.drift() < 1e-11, "{own_steps:?}: {:e}", c.drift());
         let work = |name: &str| c.works().iter().find(|w| w.name == name).unwrap().work;
-        let all = ["supports", "chain/pull", "bar/body-force", "chain/mass-damping"].map(work);
-        assert!(all.iter().all(|w| w.abs() > 1e-4), "{own:?}: {all:?}");
+        let works = ["supports", "chain/pull", "bar/body-force", "chain/mass-damping"].map(work);
+        assert!(works.iter().all(|w| w.abs() > 1e-4), "{own_steps:?}: {works:?}");
         assert!(
             work("constraint").abs() < 1e-12,
-            "{own:?}: {:e}",
+            "{own_steps:?}: {:e}",
             work("constraint")
         );
     }
@@ -278,8 +279,8 @@ fn works_of_supports_loads_and_dampings_close_the_ledger_for_any_own_steps() {
 
 #[test]
 fn own_steps_and_the_implicit_scheme_converge_to_the_same_motion_with_the_second_order() {
-    let at_end = |own, step: f64| {
-        let mut c = driven(own, step);
+    let at_end = |own_steps, step: f64| {
+        let mut c = driven(own_steps, step);
         c.run((480.0 / step).round() as usize, &mut Silent).unwrap();
         c.subdomains()[FINE].state().q.clone()
     };
@@ -287,8 +288,8 @@ fn own_steps_and_the_implicit_scheme_converge_to_the_same_motion_with_the_second
     let top = exact.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     for coarse in [OwnStep::Same, OwnStep::Implicit] {
         let error = |step| {
-            let found = at_end([coarse, OwnStep::Ratio(5)], step);
-            let gaps = exact.iter().zip(&found).map(|(a, b)| (a - b).powi(2));
+            let motion = at_end([coarse, OwnStep::Ratio(5)], step);
+            let gaps = exact.iter().zip(&motion).map(|(a, b)| (a - b).powi(2));
             (gaps.sum::<f64>() / exact.iter().map(|x| x * x).sum::<f64>()).sqrt()
         };
         let [wide, narrow] = [4.0, 2.0].map(error);
@@ -297,13 +298,14 @@ fn own_steps_and_the_implicit_scheme_converge_to_the_same_motion_with_the_second
     }
 }
 
-/// The cheapest cell of `benches/cantilever.rs`, which has all of them to 10 ms.
+/// The cheapest case of `benches/cantilever.rs`, which runs all of them to 10 ms, conserves energy for any
+/// number of own steps of the finer side.
 #[test]
 fn a_cantilever_keeps_its_energy_for_any_own_steps_of_the_finer_side() {
-    for own in [1, 2, 4] {
-        let mut run = cantilever::build(0.2, 12.7e-3, own).unwrap();
+    for ratio in [1, 2, 4] {
+        let mut run = cantilever::build(0.2, 12.7e-3, ratio).unwrap();
         run.run(1000, &mut Silent).unwrap();
-        assert!(run.drift() < 1e-12, "{own} own steps: {:e}", run.drift());
+        assert!(run.drift() < 1e-12, "{ratio} own steps: {:e}", run.drift());
     }
 }
 
@@ -371,21 +373,21 @@ fn own_steps_that_cannot_be_are_refused_by_name() {
         assert!(words.iter().all(|w| text.contains(w)), "{text}");
         error
     };
-    let (same, chosen) = (OwnStep::Same, TimeStep::Chosen(0.9));
+    let (macro_step, chosen) = (OwnStep::Same, TimeStep::Chosen(0.9));
     fails(
-        [same, OwnStep::Ratio(0)],
+        [macro_step, OwnStep::Ratio(0)],
         chosen,
         &["own steps of model 'chain'", "at least 1"],
     );
     for bad in [0.0, -0.5, 1.1, f64::NAN] {
         fails(
-            [OwnStep::Fraction(bad), same],
+            [OwnStep::Fraction(bad), macro_step],
             chosen,
             &["own step of model 'bar'", "above 0 and at most 1"],
         );
     }
     let e = fails(
-        [same, OwnStep::Ratio(3)],
+        [macro_step, OwnStep::Ratio(3)],
         TimeStep::Seconds(4.0),
         &[
             "1.333",
@@ -407,10 +409,10 @@ fn own_steps_that_cannot_be_are_refused_by_name() {
         ),
         "{e}"
     );
-    // A step of the run that would never end.
+    // A macro step with so many own steps would never end.
     for (own, step) in [
-        ([same, OwnStep::Ratio(1 << 40)], chosen),
-        ([OwnStep::Fraction(1e-300), same], chosen),
+        ([macro_step, OwnStep::Ratio(1 << 40)], chosen),
+        ([OwnStep::Fraction(1e-300), macro_step], chosen),
         (
             [OwnStep::Implicit, OwnStep::Fraction(1e-6)],
             TimeStep::Seconds(4.0),
@@ -450,44 +452,53 @@ fn an_explicit_step_is_refused_as_soon_as_it_exceeds_the_critical_one() {
 
 #[test]
 fn steps_are_chosen_from_the_critical_ones() {
-    let own = |own: [OwnStep<f64>; 2], step| {
+    let chosen = |own: [OwnStep<f64>; 2], step| {
         let c = Line { own, step, ..short() }.build(&rest, &rest).unwrap();
         let steps: Vec<usize> = c.subdomains().iter().map(|s| s.own_steps()).collect();
         ((c.dt() * 1e3).round() / 1e3, steps)
     };
-    let same = OwnStep::Same;
-    // Critical steps of 10 and 1.
-    assert_eq!(own([same, same], TimeStep::Chosen(0.9)), (3.6, vec![1, 4]));
-    // A tenth is a tenth of the finer one's, though the step of the run is half of it.
-    assert_eq!(own([same, same], TimeStep::Chosen(0.1)), (0.4, vec![1, 4]));
-    assert_eq!(own([same, same], TimeStep::Fraction(0.9)), (0.9, vec![1, 1]));
-    // Named shares are kept, and leave the step of the run to reflections.
+    let as_macro = OwnStep::Same;
+    // The critical steps are 10 and 1.
     assert_eq!(
-        own([OwnStep::Fraction(0.25), same], TimeStep::Chosen(0.9)),
+        chosen([as_macro, as_macro], TimeStep::Chosen(0.9)),
+        (3.6, vec![1, 4])
+    );
+    // A tenth means a tenth of the finer model's critical step for its own step.
+    assert_eq!(
+        chosen([as_macro, as_macro], TimeStep::Chosen(0.1)),
+        (0.4, vec![1, 4])
+    );
+    assert_eq!(
+        chosen([as_macro, as_macro], TimeStep::Fraction(0.9)),
+        (0.9, vec![1, 1])
+    );
+    // A given fraction is kept, and the macro step is still chosen for the reflections.
+    assert_eq!(
+        chosen([OwnStep::Fraction(0.25), as_macro], TimeStep::Chosen(0.9)),
         (3.6, vec![2, 4])
     );
     assert_eq!(
-        own([OwnStep::Ratio(1), same], TimeStep::Chosen(0.9)),
+        chosen([OwnStep::Ratio(1), as_macro], TimeStep::Chosen(0.9)),
         (9.0, vec![1, 10])
     );
     assert_eq!(
-        own([OwnStep::Ratio(1), OwnStep::Ratio(1)], TimeStep::Chosen(0.9)),
+        chosen([OwnStep::Ratio(1), OwnStep::Ratio(1)], TimeStep::Chosen(0.9)),
         (0.9, vec![1, 1])
     );
     assert_eq!(
-        own([same, OwnStep::Ratio(3)], TimeStep::Chosen(0.9)),
+        chosen([as_macro, OwnStep::Ratio(3)], TimeStep::Chosen(0.9)),
         (2.7, vec![1, 3])
     );
     assert_eq!(
-        own([same, OwnStep::Fraction(0.5)], TimeStep::Seconds(4.0)),
+        chosen([as_macro, OwnStep::Fraction(0.5)], TimeStep::Seconds(4.0)),
         (4.0, vec![1, 8])
     );
     assert_eq!(
-        own([OwnStep::Implicit, same], TimeStep::Chosen(0.9)),
+        chosen([OwnStep::Implicit, as_macro], TimeStep::Chosen(0.9)),
         (3.6, vec![1, 4])
     );
     assert_eq!(
-        own(
+        chosen(
             [OwnStep::Fraction(0.5), OwnStep::Fraction(1.0)],
             TimeStep::Fraction(0.9)
         ),

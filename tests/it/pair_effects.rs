@@ -1,4 +1,4 @@
-//! Effects between two subdomains that a third party writes: a spring between two bars of finite elements.
+//! Effects between two subdomains, written by a third party: a spring between two bars of finite elements.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -10,12 +10,12 @@ use arlequin::core::{
 };
 use arlequin::fem_ref::{Elastic, FemModel, generate};
 
-/// `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first and the first node of the second
-/// side. With `c < 0` it makes energy.
+/// Force `f = k (x_b − x_a) + c (v_b − v_a)` between the last node of the first side and the first node of
+/// the second. With `c < 0` it creates energy.
 struct Link {
     stiffness: f64,
     damping: f64,
-    /// Whether it says that nothing is supplied to it.
+    /// True if the effect declares that it has no external supply of energy.
     honest: bool,
     top: f64,
     last: usize,
@@ -43,10 +43,10 @@ impl PairEffectSpec<f64> for Link {
     }
     fn attach(
         mut self: Box<Self>,
-        to: &HostPair<'_, f64>,
+        host: &HostPair<'_, f64>,
     ) -> arlequin::core::Result<Box<dyn PairEffect<f64>>> {
-        assert!(to.tied.iter().all(Vec::is_empty), "no interface");
-        let [a, b] = &to.sides;
+        assert!(host.tied.iter().all(Vec::is_empty), "no interface");
+        let [a, b] = &host.sides;
         self.last = a.model.layout().nodes - 1;
         self.top = self.stiffness * a.inverse_inertia[self.last].max(b.inverse_inertia[0]);
         Ok(self)
@@ -69,11 +69,15 @@ impl AnyEffect<f64> for Link {
 }
 
 impl PairEffect<f64> for Link {
-    fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
-        let stretch = at[1].q[0] - at[0].q[self.last];
-        let rate = at[1].v_half[0] - at[0].v_half[self.last];
+    fn add_forces(
+        &mut self,
+        instants: [&Instant<'_, f64>; 2],
+        f: [&mut [f64]; 2],
+    ) -> arlequin::core::Result<()> {
+        let stretch = instants[1].q[0] - instants[0].q[self.last];
+        let rate = instants[1].v_half[0] - instants[0].v_half[self.last];
         self.force = self.stiffness * stretch + self.damping * rate;
-        let before = stretch - at[0].dt * rate;
+        let before = stretch - instants[0].dt * rate;
         self.stored = 0.5 * self.stiffness * stretch * before;
         f[0][self.last] += self.force;
         f[1][0] -= self.force;
@@ -83,11 +87,11 @@ impl PairEffect<f64> for Link {
         self.force * (v[0][self.last] - v[1][0])
     }
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
-        let one = StepDemand {
+        let demand = StepDemand {
             stiffness: 2.0 * self.top,
             ..StepDemand::none()
         };
-        [one, one]
+        [demand, demand]
     }
 }
 
@@ -104,7 +108,7 @@ fn linked(link: Option<Link>) -> Coupled<f64> {
     stepped(link, [OwnStep::Same; 2]).unwrap()
 }
 
-fn stepped(link: Option<Link>, own: [OwnStep<f64>; 2]) -> arlequin::core::Result<Coupled<f64>> {
+fn stepped(link: Option<Link>, own_steps: [OwnStep<f64>; 2]) -> arlequin::core::Result<Coupled<f64>> {
     let pairs = link.into_iter().map(|l| PairSpec {
         sides: [0, 1],
         effect: Box::new(l) as Box<dyn PairEffectSpec<f64>>,
@@ -113,8 +117,8 @@ fn stepped(link: Option<Link>, own: [OwnStep<f64>; 2]) -> arlequin::core::Result
         start: 0.0,
         end: None,
         subdomains: vec![
-            bar("left", 0.0, 0.0).with_step(own[0]),
-            bar("right", 1.1, 1.0).with_step(own[1]),
+            bar("left", 0.0, 0.0).with_step(own_steps[0]),
+            bar("right", 1.1, 1.0).with_step(own_steps[1]),
         ],
         interfaces: Vec::new(),
         pairs: pairs.collect(),
@@ -130,12 +134,12 @@ fn models_with_an_effect_between_them_make_the_same_own_steps() {
     let [p, _] = run.momentum();
     run.run(500, &mut Silent).unwrap();
     assert!(run.drift() < 1e-11, "{}", run.drift());
-    let made = (run.momentum()[0] - p).norm() / p.norm();
+    let defect = (run.momentum()[0] - p).norm() / p.norm();
     assert!(
-        made < 1e-11 && run.subdomains()[0].momentum()[0].x > 0.1 * p.x,
-        "{made:e}"
+        defect < 1e-11 && run.subdomains()[0].momentum()[0].x > 0.1 * p.x,
+        "{defect:e}"
     );
-    let refused = |own| stepped(spring(), own).map(|_| ()).unwrap_err().to_string();
+    let refused = |own_steps| stepped(spring(), own_steps).map(|_| ()).unwrap_err().to_string();
     let text = refused([OwnStep::Ratio(2), OwnStep::Ratio(3)]);
     assert!(
         text.contains("'left' and 'right'") && text.contains("2 and 3"),
@@ -156,8 +160,8 @@ fn a_spring_between_two_bars_keeps_momentum_and_the_ledger() {
         let [p, _] = run.momentum();
         run.run(2_000, &mut Silent).unwrap();
         let [q, _] = run.momentum();
-        let made = (q - p).norm() / p.norm();
-        assert!(made < 1e-11, "{made:e}");
+        let defect = (q - p).norm() / p.norm();
+        assert!(defect < 1e-11, "{defect:e}");
         assert!(run.drift() < 1e-11, "{}", run.drift());
         let line = run.effects().remove(0);
         assert_eq!(
@@ -168,7 +172,7 @@ fn a_spring_between_two_bars_keeps_momentum_and_the_ledger() {
         assert!(work < 0.0 && work > -before, "{work} of {before}");
         assert_eq!(run.works()[0].name, "link left-right");
         assert_eq!(run.plan().effects, ["link left-right"]);
-        // Momentum has gone to the left bar.
+        // The left bar has received momentum.
         assert!(run.subdomains()[0].momentum()[0].x > 0.1 * p.x);
     }
 }
@@ -177,14 +181,14 @@ fn a_spring_between_two_bars_keeps_momentum_and_the_ledger() {
 fn its_demand_shortens_the_step_of_both() {
     let free = linked(None).critical_steps().to_vec();
     let run = linked(Some(Link::new(1e9, 0.0, false)));
-    for (with, without) in run.critical_steps().iter().zip(&free) {
-        assert!(with < &(0.9 * without), "{with} {without}");
+    for (linked_step, free_step) in run.critical_steps().iter().zip(&free) {
+        assert!(linked_step < &(0.9 * free_step), "{linked_step} {free_step}");
     }
 }
 
 #[test]
 fn one_that_makes_energy_ends_the_run_by_name() {
-    // Pulls along the motion: a motor. Left alone it counts as work from outside.
+    // A motor that pulls along the motion. Without the declaration its energy counts as external work.
     let mut free = linked(Some(Link::new(1e7, -200.0, false)));
     free.run(200, &mut Silent).unwrap();
     assert!(free.energy() > 0.0 && free.drift() < 1e-12);
@@ -220,7 +224,7 @@ fn reactions_are_measured() {
     let run = linked(None);
     let layouts = [0, 1].map(|k: usize| run.subdomains()[k].model().layout());
     let q = vec![1e-6; layouts[0].dofs()];
-    let at = Instant {
+    let instant = Instant {
         time: 0.0,
         q: &q,
         v_half: &q,
@@ -228,8 +232,8 @@ fn reactions_are_measured() {
         internal: &q,
         internal_before: &q,
     };
-    let made = conformance::reaction(&mut OneSided, [&at, &at], layouts).unwrap();
-    assert!((made - 1.0 / 3.0).abs() < 1e-15, "{made}");
+    let defect = conformance::reaction(&mut OneSided, [&instant, &instant], layouts).unwrap();
+    assert!((defect - 1.0 / 3.0).abs() < 1e-15, "{defect}");
     let mut link = Link::new(1.0, 1.0, true);
-    assert!(conformance::reaction(&mut link, [&at, &at], layouts).unwrap() < 1e-15);
+    assert!(conformance::reaction(&mut link, [&instant, &instant], layouts).unwrap() < 1e-15);
 }

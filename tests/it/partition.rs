@@ -1,5 +1,5 @@
-//! Models share everything exactly once: the partition of unity is checked before the first step, by name
-//! and number.
+//! The models share everything exactly once: the partition of unity is checked before the first step, and
+//! errors state name and number.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -18,16 +18,16 @@ use arlequin::fem_ref::{Elastic, ElementKind, FemField, FemModel, Mesh};
 use arlequin_studies::line::{Line, rest};
 use std::sync::Arc;
 
-fn at(x: f64) -> Point3<f64> {
+fn on_axis(x: f64) -> Point3<f64> {
     Point3::new(x, 0.0, 0.0)
 }
 
 fn ramp(fine: f64, coarse: f64, profile: Profile<f64>) -> Weights<f64> {
-    let slab = Slab::between(at(fine), at(coarse)).unwrap();
+    let slab = Slab::between(on_axis(fine), on_axis(coarse)).unwrap();
     Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile, 0.05).unwrap()))
 }
 
-/// Two bars, coarse and fine, with given ends, over the overlap (2, 3), tied by a mediator.
+/// Couples two bars with given ends, coarse and fine, over the overlap (2, 3) by a mediator.
 fn bars(
     coarse: [f64; 2],
     fine: [f64; 2],
@@ -62,23 +62,25 @@ fn bars(
 
 fn shared(profile: Profile<f64>) -> [Weights<f64>; 2] {
     let w = ramp(3.0, 2.0, profile);
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
-    [w, rest]
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
+    [w, complement]
 }
 
 #[test]
 fn a_model_that_ends_inside_the_overlap_is_refused_with_point_and_sum() {
     for profile in [Profile::Linear, Profile::Cubic, Profile::Constant(0.5)] {
-        // Everything fits.
+        // All three ranges agree with the overlap.
         let run = bars([0.0, 3.0], [2.0, 5.0], [2.0, 3.0], shared(profile.clone())).unwrap();
-        let found = &run.partition()[0];
-        assert!(found.checked && (found.measure - 5.0).abs() < 1e-12 && (found.shared - 1.0).abs() < 1e-12);
+        let report = &run.partition()[0];
         assert!(
-            found.missing < 1e-12 && found.excess_mass.abs() < 1e-12,
-            "{found:?}"
+            report.checked && (report.measure - 5.0).abs() < 1e-12 && (report.shared - 1.0).abs() < 1e-12
         );
-        // The coarse bar ends inside, or the fine one begins inside, by half of the overlap down to a tenth
-        // of an element.
+        assert!(
+            report.missing < 1e-12 && report.excess_mass.abs() < 1e-12,
+            "{report:?}"
+        );
+        // The coarse bar ends inside of the overlap, or the fine one begins inside, by half of the overlap
+        // down to a tenth of an element.
         for (coarse, fine) in [
             ([0.0, 2.5], [2.0, 5.0]),
             ([0.0, 3.0], [2.5, 5.0]),
@@ -119,20 +121,20 @@ fn weights_of_one_on_both_models_are_refused_with_the_excess() {
         (sum - 2.0).abs() < 1e-12 && kind.to_string().contains("alpha") && (2.0..=3.0).contains(&point[0]),
         "{error}"
     );
-    // One of the three weights alone is found as well.
+    // One wrong weight of the three is found as well.
     for kind in 0..3 {
         let [mut w, v] = shared(Profile::Linear);
-        let one: Arc<dyn Weight<f64>> = Arc::new(Uniform(1.0));
+        let unit: Arc<dyn Weight<f64>> = Arc::new(Uniform(1.0));
         match kind {
-            0 => w.internal = one,
-            1 => w.kinetic = one,
-            _ => w.external = one,
+            0 => w.internal = unit,
+            1 => w.kinetic = unit,
+            _ => w.external = unit,
         }
         let error = bars([0.0, 3.0], [2.0, 5.0], [2.0, 3.0], [w, v]).unwrap_err();
         let name = ["alpha", "beta", "gamma"][kind];
         assert!(error.to_string().contains(name), "{error}");
     }
-    // Two ramps that are not each other's complement.
+    // Two ramps that are not complementary.
     let [w, _] = shared(Profile::Linear);
     let v = Weights::complement_of(&[ramp(3.1, 2.1, Profile::Linear)]);
     assert!(bars([0.0, 3.0], [2.0, 5.0], [2.0, 3.0], [w, v]).is_err());
@@ -154,10 +156,10 @@ fn a_mediator_that_covers_a_part_of_the_overlap_is_refused_with_the_share() {
     }
 }
 
-/// The sandwich of three models over one place, and what a solid's turned block leaves: groups and opt-outs.
+/// Couples two solids, the fine one from `fine_from` on.
 fn solids(fine_from: f64, partition: Partition) -> Result<Coupled<f64>> {
     let w = solid::weights(Profile::Cubic, 0.05);
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh: Mesh<f64>| FemModel::new(name, mesh, solid::material()).unwrap();
     let left = model("left", solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]));
     let right = model(
@@ -166,7 +168,7 @@ fn solids(fine_from: f64, partition: Partition) -> Result<Coupled<f64>> {
     );
     let bodies = vec![
         Subdomain::coarse(left, w),
-        Subdomain::fine(right, rest).with_partition(partition),
+        Subdomain::fine(right, complement).with_partition(partition),
     ];
     solid::couple(
         bodies,
@@ -178,18 +180,18 @@ fn solids(fine_from: f64, partition: Partition) -> Result<Coupled<f64>> {
 #[test]
 fn gaps_in_space_are_refused_unless_the_study_says_so() {
     let run = solids(2.0, Partition::Checked).unwrap();
-    let found = &run.partition()[0];
+    let report = &run.partition()[0];
     assert!(
-        (found.measure - 4.0).abs() < 1e-9 && (found.shared - 1.0).abs() < 1e-9,
-        "{found:?}"
+        (report.measure - 4.0).abs() < 1e-9 && (report.shared - 1.0).abs() < 1e-9,
+        "{report:?}"
     );
     assert!(
-        found.excess_mass.abs() < 1e-9 && found.missing < 1e-12,
-        "{found:?}"
+        report.excess_mass.abs() < 1e-9 && report.missing < 1e-12,
+        "{report:?}"
     );
     let error = solids(2.6, Partition::Checked).unwrap_err();
     assert!(matches!(error, Error::PartitionOfUnity { .. }), "{error}");
-    // Named as such, it runs.
+    // Declared as unchecked, the study runs.
     let run = solids(2.6, Partition::Unchecked).unwrap();
     assert!(!run.partition()[0].checked);
     let line = Line {
@@ -208,8 +210,8 @@ fn gaps_in_space_are_refused_unless_the_study_says_so() {
 
 #[test]
 fn structured_tetrahedra_have_an_overlap_of_the_exact_measure() {
-    // Faces of the three meshes coincide up to round-off, as thirds and halves do; turned, they do so
-    // nowhere exactly.
+    // Faces of the three meshes coincide up to round-off, at thirds and halves; turned, no faces coincide
+    // exactly.
     let turn = nalgebra::Rotation3::new(nalgebra::Vector3::new(0.3, -0.5, 0.7));
     for turned in [false, true] {
         let mesh = |x: [f64; 2], counts: [usize; 3]| {
@@ -220,21 +222,21 @@ fn structured_tetrahedra_have_an_overlap_of_the_exact_measure() {
             mesh.mapped(|p| turn * p).unwrap()
         };
         let slab = |fine: f64, coarse: f64| {
-            let at = |x: f64| if turned { turn * at(x) } else { at(x) };
-            Slab::between(at(fine), at(coarse)).unwrap()
+            let placed = |x: f64| if turned { turn * on_axis(x) } else { on_axis(x) };
+            Slab::between(placed(fine), placed(coarse)).unwrap()
         };
         let ramp = Ramp::new(Arc::new(slab(3.0, 2.0)), Profile::Linear, 0.05).unwrap();
         let w = Weights::from_weight(Arc::new(ramp));
-        let rest = Weights::complement_of(std::slice::from_ref(&w));
+        let complement = Weights::complement_of(std::slice::from_ref(&w));
         let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material()).unwrap();
         let bodies = vec![
             Subdomain::coarse(model("left", mesh([0.0, 3.0], [9, 3, 3])), w),
-            Subdomain::fine(model("right", mesh([2.0, 4.0], [12, 2, 6])), rest),
+            Subdomain::fine(model("right", mesh([2.0, 4.0], [12, 2, 6])), complement),
         ];
         let space = Arc::new(FemField::new(mesh([2.0, 3.0], [3, 3, 2])));
         let run = solid::couple(bodies, space, Box::new(L2)).unwrap();
-        let found = run.interfaces()[0].report().measure - 1.0;
-        assert!(found.abs() < 1e-12, "turned {turned}: {found:e}");
+        let excess = run.interfaces()[0].report().measure - 1.0;
+        assert!(excess.abs() < 1e-12, "turned {turned}: {excess:e}");
     }
 }
 
@@ -293,7 +295,7 @@ fn bodies_that_nothing_ties_may_touch_and_overlap_what_is_not_theirs() {
     );
 }
 
-/// Two cylinders of given numbers of core elements, tied by an inscribed mediator over (2, 3).
+/// Couples two cylinders with given numbers of core elements by an inscribed mediator over (2, 3).
 fn cylinders(coarse: usize, fine: usize, from: f64) -> Result<Coupled<f64>> {
     let cylinder = |ends: [f64; 2], core: usize, layers: usize, rim| {
         let shape = Cylinder {
@@ -307,11 +309,11 @@ fn cylinders(coarse: usize, fine: usize, from: f64) -> Result<Coupled<f64>> {
         generate::cylinder(ElementKind::Hex8, &shape).unwrap()
     };
     let w = ramp(3.0, 2.0, Profile::Cubic);
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material()).unwrap();
     let left = model("left", cylinder([0.0, 3.0], coarse, 6, Rim::EqualArea));
     let right = model("right", cylinder([from, 5.0], fine, 12, Rim::EqualArea));
-    let bodies = vec![Subdomain::coarse(left, w), Subdomain::fine(right, rest)];
+    let bodies = vec![Subdomain::coarse(left, w), Subdomain::fine(right, complement)];
     let space = FemField::new(cylinder([2.0, 3.0], coarse, 2, Rim::Inscribed));
     solid::couple(bodies, Arc::new(space), Box::new(L2))
 }
@@ -320,12 +322,12 @@ fn cylinders(coarse: usize, fine: usize, from: f64) -> Result<Coupled<f64>> {
 fn facets_of_one_curved_surface_count_as_one_body_and_gaps_do_not() {
     for (coarse, fine, missing) in [(2, 4, 0.03), (3, 4, 0.015)] {
         let run = cylinders(coarse, fine, 2.0).unwrap();
-        let found = &run.partition()[0];
-        assert!(found.missing > 1e-4 && found.missing < missing, "{found:?}");
-        // What is missing is sampled, the mass is exact: it is what is missing to a third.
+        let report = &run.partition()[0];
+        assert!(report.missing > 1e-4 && report.missing < missing, "{report:?}");
+        // The missing volume is sampled and the mass is exact: they agree within 40 %.
         assert!(
-            found.excess_mass < 0.0 && (found.excess_mass + found.missing).abs() < 0.4 * found.missing,
-            "{found:?}"
+            report.excess_mass < 0.0 && (report.excess_mass + report.missing).abs() < 0.4 * report.missing,
+            "{report:?}"
         );
         let outside = run.interfaces()[0].report().outside;
         assert!(outside > 0.01 && outside < 0.12, "{outside}");
@@ -349,7 +351,7 @@ fn initial_displacements_are_made_to_agree_once_and_refused_when_they_are_anothe
         overlap: 40.0,
         ..Line::default()
     };
-    // The interpolation of a smooth field on two meshes: a small jump, projected and reported.
+    // Interpolation of a smooth field on two meshes: a small jump, which is projected and reported.
     let mut run = line.build(&wave, &wave).unwrap();
     let report = run.interfaces()[0].report().clone();
     assert!(
@@ -370,11 +372,11 @@ fn initial_displacements_are_made_to_agree_once_and_refused_when_they_are_anothe
         run.jumps(0)[1],
         run.drift()
     );
-    // Fields that agree are left alone, bit by bit.
+    // Fields that agree are unchanged, bit by bit.
     let linear = |x: f64| (1e-3 * x, 0.0);
     let run = line.build(&linear, &linear).unwrap();
     assert!(run.interfaces()[0].report().start_moved < 1e-16);
-    // One model displaced, the other not: refused with the jump.
+    // Only one model is displaced: refused with the jump.
     let error = line.build(&|_| (1e-3, 0.0), &rest).unwrap_err();
     let Error::InitialJump { jump, largest, .. } = &error else {
         panic!("{error}")
@@ -404,21 +406,21 @@ fn coupling_matrices_and_operator_can_be_read() {
             b.iter()
                 .for_each(|(v, (r, c))| jump[r] += sign * v * side.state().v[c]);
         }
-        // The start is consistent, and S is symmetric and positive on any vector.
+        // The start is consistent, and S is symmetric with a positive diagonal.
         assert!(jump.iter().all(|x| x.abs() < 1e-13));
         let top: f64 = s.iter().fold(0.0, |m: f64, (v, _)| m.max(f64::abs(*v)));
         for (v, (a, b)) in s.iter() {
-            let other: f64 = *s.get(b, a).unwrap();
-            assert_abs_diff_eq!(*v, other, epsilon = 1e-15 * top);
+            let transposed: f64 = *s.get(b, a).unwrap();
+            assert_abs_diff_eq!(*v, transposed, epsilon = 1e-15 * top);
         }
         assert!((0..n).all(|k| *s.get(k, k).unwrap() > 0.0));
         assert!(i.coupling_matrix(2).is_none() && run.multiplier_operator(1).is_none());
     }
 }
 
-/// A long cylinder of particles beside another model, tied by a mediator of the given spacing.
+/// Couples a long cylinder of particles and another model by a mediator of the given spacing.
 fn grains(coarse: Subdomain<f64>, fine: DemModel, core: usize) -> Coupled<f64> {
-    let rest = Weights::complement_of(std::slice::from_ref(coarse.weights()));
+    let complement = Weights::complement_of(std::slice::from_ref(coarse.weights()));
     let shape = Cylinder {
         ends: [2e-3, 3e-3],
         radius: 0.5e-3,
@@ -435,7 +437,7 @@ fn grains(coarse: Subdomain<f64>, fine: DemModel, core: usize) -> Coupled<f64> {
         },
         ..solid::spec(Arc::new(space), Box::new(L2))
     };
-    let bodies = vec![coarse, Subdomain::fine(fine, rest)];
+    let bodies = vec![coarse, Subdomain::fine(fine, complement)];
     Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.8), None).unwrap()
 }
 
@@ -464,7 +466,7 @@ fn particles_that_stick_out_are_tied_and_momenta_stay_exact() {
     for (coarse, core) in [(elements(), 1), (elements(), 2), (spheres(), 1)] {
         let run = grains(coarse, packed("right", 2e-3, 2500), core);
         let report = run.interfaces()[0].report();
-        // An inscribed square leaves a third of the section out, the hull of coarse particles a sixth.
+        // An inscribed square leaves out a third of the section, the hull of coarse particles a sixth.
         assert!(
             report.tied[1] > 0.93,
             "tied {:?}, outside {}",
@@ -479,7 +481,7 @@ fn particles_that_stick_out_are_tied_and_momenta_stay_exact() {
 
 #[test]
 fn cells_that_overlap_each_other_are_refused() {
-    let nodes: Vec<_> = (0..=30).map(|k| at(2.0 + 0.1 * f64::from(k))).collect();
+    let nodes: Vec<_> = (0..=30).map(|k| on_axis(2.0 + 0.1 * f64::from(k))).collect();
     let mut elements: Vec<u32> = (0..30).flat_map(|k| [k, k + 1]).collect();
     elements.extend([3, 5]);
     let mesh = Mesh::new(ElementKind::Bar2, nodes, elements)

@@ -1,6 +1,6 @@
-//! Guards of the partition look both ways: too much weight as well as too little, mass and stiffness that do
-//! not follow the weights, packings that fill less than the elements beside them, mediators that are too
-//! short, effects on one model alone.
+//! Guards of the partition detect too much weight as well as too little, mass and stiffness that do not
+//! follow the weights, packings that fill less than the elements beside them, mediators that are too short,
+//! and effects on one model alone.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -35,7 +35,7 @@ fn bar(name: &str, from: f64, to: f64, count: usize, section: f64) -> FemModel<f
     FemModel::new(name, mesh, Elastic::new(1.0, 0.0, 1.0).unwrap()).unwrap()
 }
 
-/// A bar of 150 m and a chain of 140 m over the overlap (130, 150), as one body of 270 m.
+/// Couples a bar of 150 m and a chain of 140 m over the overlap (130, 150), as one body of 270 m.
 fn line(w: Weights<f64>, v: Weights<f64>) -> Result<Coupled<f64>> {
     let chain = Chain::new("chain", 130.0, 1.0, 140, 1.0, 1.0)?;
     let bodies = vec![
@@ -45,7 +45,7 @@ fn line(w: Weights<f64>, v: Weights<f64>) -> Result<Coupled<f64>> {
     tied(bodies, [130.0, 150.0], 2)
 }
 
-/// Two models tied by a mediator on a line.
+/// Couples two models by a mediator on a line.
 fn tied(bodies: Vec<Subdomain<f64>>, ends: [f64; 2], count: usize) -> Result<Coupled<f64>> {
     let interface = InterfaceSpec {
         name: "overlap".into(),
@@ -58,7 +58,7 @@ fn tied(bodies: Vec<Subdomain<f64>>, ends: [f64; 2], count: usize) -> Result<Cou
     Coupled::new(bodies, vec![interface], TimeStep::Fraction(0.8), None)
 }
 
-/// A weight and what is added to its values and to its means where a place is within bounds along x.
+/// A weight whose values and means are raised within bounds along x.
 struct Raised {
     weight: Arc<dyn Weight<f64>>,
     values: f64,
@@ -73,8 +73,8 @@ impl Weight<f64> for Raised {
     }
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let corners = cell.corners();
-        let all = self.between[1] - self.between[0] > 1e3;
-        let raised = all
+        let everywhere = self.between[1] - self.between[0] > 1e3;
+        let raised = everywhere
             || corners
                 .iter()
                 .all(|x| (self.between[0]..=self.between[1]).contains(&x.x));
@@ -144,7 +144,7 @@ fn a_weight_whose_means_are_not_those_of_its_values_is_refused() {
             }
         }
     }
-    // The same as a check for weights of one's own.
+    // The same fault, found by the conformance check for custom weights.
     let w = ramp(150.0, 130.0, Profile::Linear);
     let cells = FemField::new(generate::bar(0.0, 150.0, 15, 1.0).unwrap()).cells();
     assert!(conformance::weight_means(&*w.internal, &cells) < 1e-14);
@@ -173,14 +173,14 @@ impl Model<f64> for Careless {
         self.model.nodes()
     }
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {
-        let one: &dyn Weight<f64> = &Uniform(1.0);
+        let unit: &dyn Weight<f64> = &Uniform(1.0);
         self.model
-            .lumped_inertia(if self.mass { weight } else { one }, out)
+            .lumped_inertia(if self.mass { weight } else { unit }, out)
     }
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> Result<()> {
-        let one: &dyn Weight<f64> = &Uniform(1.0);
+        let unit: &dyn Weight<f64> = &Uniform(1.0);
         self.model
-            .set_internal_weight(if self.stiffness { alpha } else { one })
+            .set_internal_weight(if self.stiffness { alpha } else { unit })
     }
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
         self.model.add_internal_forces(q, f)
@@ -219,7 +219,7 @@ fn a_model_whose_mass_or_stiffness_ignores_its_weight_is_refused_and_found_by_co
         matches!(&error, Error::UnweightedEnergy { model, ratio, .. } if model == "bar" && (ratio - 1.0).abs() < 1e-12),
         "{error}"
     );
-    // Half of the overlap's mass is too much.
+    // Half of the overlap's mass is in excess.
     let error = build(false, true).unwrap_err();
     assert!(
         matches!(&error, Error::PartitionMass { amount, .. } if (amount - 0.5).abs() < 1e-9),
@@ -235,7 +235,7 @@ fn a_model_whose_mass_or_stiffness_ignores_its_weight_is_refused_and_found_by_co
         assert!(mass || (d.half_inertia - 1.0).abs() < 1e-12, "{d:?}");
         assert!(stiffness || (d.half_energy - 1.0).abs() < 1e-12, "{d:?}");
     }
-    // The models of this project follow theirs.
+    // The models of this project follow their weights.
     let across = solid::weights(Profile::Cubic, 0.05).internal;
     let mut solid = FemModel::new(
         "left",
@@ -245,7 +245,7 @@ fn a_model_whose_mass_or_stiffness_ignores_its_weight_is_refused_and_found_by_co
     .unwrap();
     let along = ramp(3e-3, 2e-3, Profile::Cubic).internal;
     let mut grains = packed("grains", 0.0, 700);
-    // Forces of bonds take weights in single precision.
+    // Bond forces apply weights in single precision.
     for (model, w, amplitude, limit) in [
         (&mut solid as &mut dyn Model<f64>, across, 1e-3, 1e-12),
         (&mut grains as &mut dyn Model<f64>, along, 1e-7, 1e-6),
@@ -277,7 +277,8 @@ fn lines_of_different_section_are_refused() {
         "{error}"
     );
     assert!(build(1.0, 1.05, 1.05).is_err());
-    // Of one section and another density; of one mass per length, as a chain that was told no section.
+    // One section with another density, and one mass per length with another section, as of a chain without a
+    // section.
     assert!(build(2.0, 2.0, 1e3).is_ok());
     assert!(build(4.0, 1.0, 4.0).is_ok());
 }
@@ -293,21 +294,22 @@ fn a_mediator_that_ends_before_the_overlap_is_warned_of_with_the_share() {
             Subdomain::fine(chain, complement(&w)),
         ];
         let run = tied(bodies, ends, count).unwrap();
-        let all = run.interfaces()[0].report().warnings.clone();
-        let mut told = all
+        let warnings = run.interfaces()[0].report().warnings.clone();
+        let mut texts = warnings
             .iter()
             .filter(|w| w.contains("% of the overlap lies outside of the mediator"));
-        told.next()
+        texts
+            .next()
             .map(|w| w.split(' ').next().unwrap().parse::<f64>().unwrap())
     };
     assert_eq!(share([130.0, 150.0], 2), None);
     for ends in [[130.0, 148.0], [132.0, 150.0]] {
-        let found = share(ends, 2).unwrap();
-        assert!((found - 10.0).abs() < 1.0, "{found}");
+        let percent = share(ends, 2).unwrap();
+        assert!((percent - 10.0).abs() < 1.0, "{percent}");
     }
     // Nearly half of the overlap hangs over, within half an element on either side.
-    let found = share([134.6, 145.4], 1).unwrap();
-    assert!((found - 46.0).abs() < 2.0, "{found}");
+    let percent = share([134.6, 145.4], 1).unwrap();
+    assert!((percent - 46.0).abs() < 2.0, "{percent}");
 }
 
 #[test]
@@ -325,8 +327,9 @@ fn effects_on_one_model_of_an_overlap_are_warned_of_by_name() {
             None => s,
         });
         let run = tied(bodies.collect(), [130.0, 150.0], 2).unwrap();
-        let all = run.interfaces()[0].report().warnings.clone();
-        all.into_iter()
+        let warnings = run.interfaces()[0].report().warnings.clone();
+        warnings
+            .into_iter()
             .filter(|w| w.contains("has the effect"))
             .collect::<Vec<_>>()
     };
@@ -340,19 +343,19 @@ fn effects_on_one_model_of_an_overlap_are_warned_of_by_name() {
         ("prestress", || Box::new(Prestress)),
     ];
     for (name, effect) in kinds {
-        for (side, [with, without]) in [["bar", "chain"], ["chain", "bar"]].into_iter().enumerate() {
+        for (side, [bearer, other_model]) in [["bar", "chain"], ["chain", "bar"]].into_iter().enumerate() {
             let mut effects = [None, None];
             effects[side] = Some(effect());
-            let told = build(effects);
-            let words = format!("'{with}' has the effect '{name}', '{without}' has it not");
-            assert!(told.len() == 1 && told[0].starts_with(&words), "{told:?}");
+            let texts = build(effects);
+            let words = format!("'{bearer}' has the effect '{name}', '{other_model}' has it not");
+            assert!(texts.len() == 1 && texts[0].starts_with(&words), "{texts:?}");
         }
         assert!(build([Some(effect()), Some(effect())]).is_empty());
     }
 }
 
-/// Blocks of unlike elements over (2, 3), turned, shifted and of any size; no face of one lies on faces of
-/// the other.
+/// Couples blocks of different elements over (2, 3), turned, shifted and of any size; no face of one lies on
+/// faces of the other.
 fn blocks<T: Real>(size: f64, turn: Vector3<f64>, shift: Vector3<f64>, profile: Profile<T>) -> Coupled<T> {
     let place = |p: &Point3<T>| -> Point3<T> {
         let x = Rotation3::new(turn) * Point3::from(p.coords.map(|c| c.as_f64() * size)) + shift;
@@ -362,13 +365,13 @@ fn blocks<T: Real>(size: f64, turn: Vector3<f64>, shift: Vector3<f64>, profile: 
     let ends = [3.0, 2.0].map(|x| place(&Point3::new(T::of(x), T::zero(), T::zero())));
     let slab = Slab::between(ends[0], ends[1]).unwrap();
     let w = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile, T::of(0.05)).unwrap()));
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let model = |name: &str, mesh| FemModel::new(name, mesh, solid::material()).unwrap();
     let bodies = vec![
         Subdomain::coarse(model("left", mesh(ElementKind::Hex8, [0.0, 3.0], [7, 3, 2])), w),
         Subdomain::fine(
             model("right", mesh(ElementKind::Hex8, [2.0, 4.0], [9, 4, 5])),
-            rest,
+            complement,
         ),
     ];
     let space = Arc::new(FemField::new(mesh(ElementKind::Hex8, [2.0, 3.0], [2, 2, 2])));
@@ -387,12 +390,12 @@ fn excess_mass_of_elements_that_share_exactly_is_round_off_turned_shifted_tiny_a
             (1e3, turned, still),
         ] {
             let run = blocks::<f64>(size, turn, shift, profile.clone());
-            let found = &run.partition()[0];
-            let volume = found.measure / size.powi(3);
-            assert!((volume - 4.0).abs() < 1e-9, "{found:?}");
+            let measured = &run.partition()[0];
+            let volume = measured.measure / size.powi(3);
+            assert!((volume - 4.0).abs() < 1e-9, "{measured:?}");
             assert!(
-                found.excess_mass.abs() < 1e-9 && found.missing < 1e-9,
-                "{size} {turn:?}: {found:?}"
+                measured.excess_mass.abs() < 1e-9 && measured.missing < 1e-9,
+                "{size} {turn:?}: {measured:?}"
             );
             assert!(
                 run.interfaces()[0]
@@ -402,15 +405,15 @@ fn excess_mass_of_elements_that_share_exactly_is_round_off_turned_shifted_tiny_a
                     .all(|w| !w.contains("mass"))
             );
         }
-        // The issue's figure: exact to 1e-12 where faces lie along the axes.
-        let found = blocks::<f64>(1.0, still, still, profile).partition()[0].excess_mass;
-        assert!(found.abs() < 1e-12, "{found:e}");
+        // The figure of the issue: exact to 1e-12 where faces lie along the axes.
+        let measured = blocks::<f64>(1.0, still, still, profile).partition()[0].excess_mass;
+        assert!(measured.abs() < 1e-12, "{measured:e}");
     }
     for (size, turn) in [(1.0, still), (1.0, turned), (1e-6, turned), (1e3, turned)] {
-        let found = blocks::<f32>(size, turn, still, Profile::Cubic).partition()[0].clone();
+        let measured = blocks::<f32>(size, turn, still, Profile::Cubic).partition()[0].clone();
         assert!(
-            found.excess_mass.abs() < 1e-4 && found.missing < 1e-4,
-            "{size}: {found:?}"
+            measured.excess_mass.abs() < 1e-4 && measured.missing < 1e-4,
+            "{size}: {measured:?}"
         );
     }
 }

@@ -74,7 +74,7 @@ fn overlap() -> impl Strategy<Value = Arc<dyn Overlap<f64>>> {
     ]
 }
 
-/// A mesh whose inner nodes are moved by up to `amount` of the spacing.
+/// Returns the mesh with its inner nodes moved by up to `amount` of the spacing.
 fn jittered(mesh: Mesh<f64>, amount: f64, seed: u64) -> Mesh<f64> {
     let next = std::cell::RefCell::new(noise(seed));
     let [low, high] = arlequin::core::geometry::bounds_of(mesh.nodes().iter());
@@ -109,7 +109,7 @@ proptest! {
         let overlap = Arc::new(Slab::between(Point3::new(a, 0.0, 0.0), Point3::new(a - width, 0.0, 0.0)).unwrap());
         let w = Ramp::new(overlap, profile, epsilon).unwrap();
         let mesh = jittered(solid::block(ElementKind::Tet4, [-2.0, 2.0], [7, 2, 2]), 0.1, seed);
-        // Whatever the mesh, the weighted volume is the integral of the weight over the box.
+        // On any mesh the weighted volume is the integral of the weight over the box.
         let cells = FemField::new(mesh);
         let total: f64 = arlequin::core::Interpolation::cells(&cells).iter().map(|c| w.mean(c) * c.measure()).sum();
         let n = 200_000;
@@ -132,10 +132,10 @@ proptest! {
         let shape = |tets| if tets { ElementKind::Tet4 } else { ElementKind::Hex8 };
         let left = jittered(solid::block(shape(!tets), [0.0, 3.0], [6, 2, 2]), 0.12, seed);
         let right = jittered(solid::block(shape(tets), [2.0, 4.0], [6, 3, 3]), 0.12, seed + 1);
-        let rest = Weights::complement_of(std::slice::from_ref(&w));
+        let complement = Weights::complement_of(std::slice::from_ref(&w));
         let bodies = [
             Subdomain::coarse(FemModel::new("left", left, solid::material()).unwrap(), w),
-            Subdomain::fine(FemModel::new("right", right, solid::material()).unwrap(), rest),
+            Subdomain::fine(FemModel::new("right", right, solid::material()).unwrap(), complement),
         ];
         let junction: Box<dyn Junction<f64>> = match kind {
             0 => Box::new(L2),

@@ -1,4 +1,4 @@
-//! What a run says of itself: the sample of the ledger, and every line of it after a restart.
+//! The report of a run: the sample of the ledger, and every ledger line after a restart.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -17,14 +17,14 @@ use arlequin::fem_ref::ElementKind;
 use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use std::ops::ControlFlow;
 
-/// Goes on from a snapshot in a second run and compares every line of the ledger with the run that never
-/// stopped.
+/// Asserts that a second run resumed from a snapshot has every ledger line of the uninterrupted run; returns
+/// the second run.
 fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> Coupled<f64> {
     let mut whole = build();
     whole.run(first, &mut Silent).unwrap();
     let saved = whole.snapshot().unwrap();
-    let mut again = build();
-    again.restore(&saved).unwrap();
+    let mut resumed = build();
+    resumed.restore(&saved).unwrap();
     let figures = |run: &Coupled<f64>| {
         let works = run.works().into_iter().map(|w| (w.name, w.work.to_bits()));
         (
@@ -34,14 +34,14 @@ fn same_ledger(build: impl Fn() -> Coupled<f64>, [first, then]: [usize; 2]) -> C
             run.constraint_residual().to_bits(),
         )
     };
-    assert_eq!(figures(&whole), figures(&again), "right after the restart");
+    assert_eq!(figures(&whole), figures(&resumed), "right after the restart");
     whole.run(then, &mut Silent).unwrap();
-    again.run(then, &mut Silent).unwrap();
-    assert_eq!(figures(&whole), figures(&again), "some steps later");
-    let samples = [&whole, &again].map(|r| r.last_energy().unwrap().clone());
+    resumed.run(then, &mut Silent).unwrap();
+    assert_eq!(figures(&whole), figures(&resumed), "some steps later");
+    let samples = [&whole, &resumed].map(|r| r.last_energy().unwrap().clone());
     assert_eq!(samples[0], samples[1]);
-    assert!(again.drift() < 1e-9, "drift {:e}", again.drift());
-    again
+    assert!(resumed.drift() < 1e-9, "drift {:e}", resumed.drift());
+    resumed
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn a_restart_keeps_the_loss_of_an_inconsistent_start() {
     let loss = std::cell::Cell::new(0.0);
     let run = same_ledger(
         || {
-            // The run that goes on may have been given another start: what was lost is in the snapshot.
+            // The resumed run may have been given another start: the loss is stored in the snapshot.
             let speed = if loss.get() > 0.0 { 0.0 } else { 1.0 };
             let run = line.build(&|_| (0.0, speed), &|_| (0.0, -speed)).unwrap();
             loss.set(run.start_loss().max(loss.get()));
@@ -66,7 +66,7 @@ fn a_restart_keeps_the_loss_of_an_inconsistent_start() {
     assert_eq!(run.start_loss().to_bits(), loss.get().to_bits());
 }
 
-/// A spring between the last node of one bar and the first of another.
+/// A spring between the last node of one bar and the first node of another.
 #[derive(Default)]
 struct Spring {
     last: usize,
@@ -80,9 +80,9 @@ impl PairEffectSpec<f64> for Spring {
     }
     fn attach(
         mut self: Box<Self>,
-        to: &HostPair<'_, f64>,
+        host: &HostPair<'_, f64>,
     ) -> arlequin::core::Result<Box<dyn PairEffect<f64>>> {
-        self.last = to.sides[0].model.layout().nodes - 1;
+        self.last = host.sides[0].model.layout().nodes - 1;
         self.stiffness = 0.05;
         Ok(self)
     }
@@ -95,8 +95,12 @@ impl AnyEffect<f64> for Spring {
 }
 
 impl PairEffect<f64> for Spring {
-    fn add_forces(&mut self, at: [&Instant<'_, f64>; 2], f: [&mut [f64]; 2]) -> arlequin::core::Result<()> {
-        self.force = self.stiffness * (at[1].q[0] - at[0].q[self.last]);
+    fn add_forces(
+        &mut self,
+        instants: [&Instant<'_, f64>; 2],
+        f: [&mut [f64]; 2],
+    ) -> arlequin::core::Result<()> {
+        self.force = self.stiffness * (instants[1].q[0] - instants[0].q[self.last]);
         f[0][self.last] += self.force;
         f[1][0] -= self.force;
         Ok(())
@@ -105,11 +109,11 @@ impl PairEffect<f64> for Spring {
         self.force * (v[0][self.last] - v[1][0])
     }
     fn step_demand(&self) -> [StepDemand<f64>; 2] {
-        let one = StepDemand {
+        let demand = StepDemand {
             stiffness: 0.4,
             ..StepDemand::none()
         };
-        [one, one]
+        [demand, demand]
     }
 }
 
@@ -122,7 +126,7 @@ fn a_restart_keeps_the_work_of_pair_effects() {
         let parts = Parts {
             start: 0.0,
             end: None,
-            // Weighted models that nothing ties: each lacks the other's share, on purpose.
+            // Weighted models without a tie: each lacks the other's share on purpose.
             subdomains: vec![bar, chain]
                 .into_iter()
                 .map(|s| s.with_partition(Partition::Unchecked))
@@ -171,12 +175,12 @@ fn a_restart_keeps_the_work_of_a_model_that_evolves() {
     assert!(line.name == "bar/fracture" && line.work < 0.0, "{line:?}");
 }
 
-/// What counts as equilibrium is part of the state: a run that was given another start holds still where
-/// the first one did.
+/// The balanced prestress is part of the state: a resumed run that was given another start stays in the first
+/// run's equilibrium.
 #[test]
 fn a_restart_keeps_the_state_that_prestress_balances() {
     let built = std::cell::Cell::new(0);
-    // A stretch: both meshes hold it, so that nothing is to be mended at the start.
+    // A stretch, which both meshes can represent, so that the start needs no projection.
     let stretch = |k: usize, x: &Point3<f64>| 0.01 * (1 + k) as f64 * x.x;
     let build = || {
         let start = built.replace(built.get() + 1);
@@ -193,7 +197,7 @@ fn a_restart_keeps_the_state_that_prestress_balances() {
     let run = same_ledger(build, [20, 20]);
     assert_eq!(built.get(), 2);
     for s in run.subdomains() {
-        // It starts in its equilibrium and has nowhere to go.
+        // The run starts in its equilibrium and stays there.
         let moved = s.state().q.chunks_exact(3).zip(s.model().nodes());
         let moved = moved.fold(0.0_f64, |m, (q, x)| m.max((q[0] - stretch(0, x)).abs()));
         assert!(moved < 1e-15, "'{}' moved by {moved:e} m", s.model().name());
@@ -202,7 +206,7 @@ fn a_restart_keeps_the_state_that_prestress_balances() {
 
 #[test]
 fn the_sample_of_the_ledger_holds_half_m_v_squared() {
-    // A coupled body of 4 kg in steady flight: nothing but ½ m v², in every sample.
+    // A coupled body of 4 kg in steady flight: every sample is ½ m v².
     let v = Vector3::new(0.5, -2.0, 1.0);
     let fly = |s: Subdomain<f64>| {
         let n = s.model().layout().dofs();
@@ -215,20 +219,20 @@ fn the_sample_of_the_ledger_holds_half_m_v_squared() {
     run.run(50, &mut Silent).unwrap();
     let expected = 0.5 * 4.0 * v.norm_squared();
     let sample = run.last_energy().unwrap();
-    for (name, found) in [
+    for (name, value) in [
         ("kinetic", sample.kinetic),
         ("total", sample.total()),
         ("invariant", sample.invariant),
     ] {
         assert!(
-            (found / expected - 1.0).abs() < 1e-12,
-            "{name}: {found} {expected}"
+            (value / expected - 1.0).abs() < 1e-12,
+            "{name}: {value} {expected}"
         );
     }
     assert!(sample.internal.abs() < 1e-12, "{:e}", sample.internal);
 }
 
-/// Ends a run after its third step.
+/// Observer that ends a run after its third step.
 struct Third(usize);
 
 impl Observer<f64> for Third {
@@ -254,8 +258,8 @@ fn an_observer_ends_a_run_after_the_step_it_saw() {
     assert_eq!(run.steps(), 3);
 }
 
-/// What the report says of the jump is what `B` and the displacements say, the largest of both sides, and
-/// goes on after a restart.
+/// The reported jump follows from `B` and the displacements, the largest over both sides, and survives a
+/// restart.
 #[test]
 fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
     let build = || {
@@ -267,22 +271,22 @@ fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
             overlap: 40.0,
             ..Line::default()
         };
-        // Short waves, which only the chain can have.
+        // Short waves, which only the chain can carry.
         let short = |x: f64| (0.0, (2.0 * x).sin());
         line.build(&rest, &short).unwrap()
     };
     let mut c = build();
     let matrices = [COARSE, FINE].map(|k| c.interfaces()[0].coupling_matrix(k).unwrap());
     let (mut largest, mut amplitude) = (0.0_f64, 0.0_f64);
-    let mut kept = None;
+    let mut snapshot = None;
     for step in 0..80 {
         if step == 50 {
-            kept = Some(c.snapshot().unwrap());
+            snapshot = Some(c.snapshot().unwrap());
         }
         if c.advance(&mut Silent).unwrap().energy.is_none() {
             continue;
         }
-        // Along a line nothing turns: the common motion is the mean one.
+        // On a line nothing turns: the common motion is the mean one.
         let masses = [COARSE, FINE].map(|k| {
             let mut held: Vec<usize> = matrices[k].iter().map(|(_, (_, j))| j).collect();
             held.sort_unstable();
@@ -304,20 +308,20 @@ fn the_reported_jump_is_that_of_the_displacements_and_survives_a_restart() {
                 measure[i] += if k == COARSE { b.abs() } else { 0.0 };
             }
         }
-        let of = jump.iter().zip(&measure).map(|(j, m)| (j / m).abs());
-        largest = of.fold(largest, f64::max);
+        let nodal = jump.iter().zip(&measure).map(|(j, m)| (j / m).abs());
+        largest = nodal.fold(largest, f64::max);
     }
-    let found = c.displacement_jumps()[0];
-    assert!(largest > 1e-6 && (found.largest / largest - 1.0).abs() < 1e-12);
+    let reported = c.displacement_jumps()[0];
+    assert!(largest > 1e-6 && (reported.largest / largest - 1.0).abs() < 1e-12);
     assert!(
-        (found.amplitude / amplitude - 1.0).abs() < 1e-12,
-        "{found:?}: {amplitude}"
+        (reported.amplitude / amplitude - 1.0).abs() < 1e-12,
+        "{reported:?}: {amplitude}"
     );
-    // The same run a second time, of which the largest jump lies before the restart or after it.
-    let mut again = build();
-    again.restore(&kept.unwrap()).unwrap();
-    let before = again.displacement_jumps()[0];
-    assert!(before.largest > 0.0 && before.largest <= found.largest);
-    again.run(30, &mut Silent).unwrap();
-    assert_eq!(again.displacement_jumps()[0], found);
+    // The run resumed from step 50; its largest jump lies before or after the restart.
+    let mut resumed = build();
+    resumed.restore(&snapshot.unwrap()).unwrap();
+    let before = resumed.displacement_jumps()[0];
+    assert!(before.largest > 0.0 && before.largest <= reported.largest);
+    resumed.run(30, &mut Silent).unwrap();
+    assert_eq!(resumed.displacement_jumps()[0], reported);
 }

@@ -15,7 +15,8 @@ use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 use arlequin_studies::solid::{kept, momentum_scale};
 use std::sync::Arc;
 
-/// `∫ κ(x) (λ·v + l² ε(λ):ε(v))`, `κ` growing twentyfold across the overlap and with the height.
+/// Product `∫ κ(x) (λ·v + l² ε(λ):ε(v))`, in which `κ` grows twentyfold across the overlap and with the
+/// height.
 struct Graded;
 
 impl Junction<f64> for Graded {
@@ -51,9 +52,15 @@ fn a_junction_that_varies_in_space_sees_no_jump_in_rigid_motion_and_action_is_re
     let mut c = couple(shaken(bodies(Profile::Cubic, 0.05), 7), space(), Box::new(Graded)).unwrap();
     let [force, moment] = conformance::interface_momentum(&c);
     assert!(force < 1e-13 && moment < 1e-13, "{force:e} {moment:e}");
-    let kept = kept(&mut c).unwrap();
-    assert!(kept.momentum[0] <= 1e-12 && kept.momentum[1] <= 1e-12, "{kept:?}");
-    assert!(kept.drift < 1e-11 && kept.residual < 1e-11, "{kept:?}");
+    let conserved = kept(&mut c).unwrap();
+    assert!(
+        conserved.momentum[0] <= 1e-12 && conserved.momentum[1] <= 1e-12,
+        "{conserved:?}"
+    );
+    assert!(
+        conserved.drift < 1e-11 && conserved.residual < 1e-11,
+        "{conserved:?}"
+    );
 }
 
 #[test]
@@ -76,14 +83,14 @@ fn overhanging_mediator_is_refused_with_the_measure_outside() {
     assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
 }
 
-/// Deviation from uniform tension of a bar fixed at the left and pulled at the right, in displacement and
-/// in strain.
+/// Returns the deviation from uniform tension of a bar fixed at the left and pulled at the right, in
+/// displacement and in strain.
 fn patch(coarse: ElementKind, fine: ElementKind, profile: Profile<f64>, epsilon: f64) -> [f64; 2] {
     let left = solid::block(coarse, [0.0, 3.0], [7, 2, 2]);
     patch_of(left, solid::block(fine, [2.0, 4.0], [9, 3, 3]), profile, epsilon).0
 }
 
-/// The same on given meshes, and the warnings of the interface.
+/// Like [`patch`] on given meshes; also returns the warnings of the interface.
 fn patch_of(
     left: Mesh<f64>,
     right: Mesh<f64>,
@@ -94,7 +101,7 @@ fn patch_of(
     let coarse = left.kind();
     let left = FemModel::new("left", left, material()).unwrap();
     let right = FemModel::new("right", right, material()).unwrap();
-    // u = ε (x, −ν y, −ν z): roller supports on three faces, displacement at the far end.
+    // u = ε (x, −ν y, −ν z): rollers on three faces, a displacement at the far end.
     let support = |model: &FemModel<f64>, group: &str, axis: usize, amplitude: f64| {
         let dofs = model
             .mesh()
@@ -116,14 +123,14 @@ fn patch_of(
     }
     supports[0].push(support(&left, "x-min", 0, 0.0));
     supports[1].push(support(&right, "x-max", 0, 0.04));
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let [a, b] = supports;
     let left = a
         .into_iter()
         .fold(Subdomain::coarse(left, w), Subdomain::with_support);
     let right = b
         .into_iter()
-        .fold(Subdomain::fine(right, rest), Subdomain::with_support);
+        .fold(Subdomain::fine(right, complement), Subdomain::with_support);
     let mut c = couple(
         vec![left, right],
         mediator(coarse, solid::OVERLAP, [2, 2, 2]),
@@ -146,8 +153,8 @@ fn patch_of(
             let sum = corners.iter().fold(Vector3::zeros(), |s, p| s + p.coords);
             let centre = Point3::from(sum / corners.len() as f64);
             s.field().shape_at(&centre, true, &mut row).unwrap();
-            let each = row.nodes.iter().zip(&row.gradients);
-            let xx: f64 = each.map(|(n, g)| q[3 * n] * g.x).sum();
+            let terms = row.nodes.iter().zip(&row.gradients);
+            let xx: f64 = terms.map(|(n, g)| q[3 * n] * g.x).sum();
             strain = strain.max((xx / 0.01 - 1.0).abs());
         }
     }
@@ -159,11 +166,11 @@ fn patch_of(
 
 #[test]
 fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how_much() {
-    // Nodes inside both blocks are moved across; the faces of the elements leave their planes.
-    let mesh = |x: [f64; 2], counts, by: f64| {
+    // Nodes inside both blocks are moved crosswise, so that element faces are warped.
+    let mesh = |x: [f64; 2], counts, amount: f64| {
         let inside = move |p: &Point3<f64>, k: usize| p[k] > 1e-9 && p[k] < 1.0 - 1e-9;
         let moved = move |p: &Point3<f64>| {
-            let bulge = (3.0 * p.x).sin() * (2.0 * p.y + 5.0 * p.z).cos() * by;
+            let bulge = (3.0 * p.x).sin() * (2.0 * p.y + 5.0 * p.z).cos() * amount;
             let free = |k: usize| if inside(p, k) { bulge } else { 0.0 };
             let along = if p.x > x[0] + 1e-9 && p.x < x[1] - 1e-9 {
                 bulge
@@ -175,10 +182,10 @@ fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how
         solid::block(ElementKind::Hex8, x, counts).mapped(moved).unwrap()
     };
     let mut last = 0.0;
-    for by in [0.005, 0.02, 0.05] {
+    for amount in [0.005, 0.02, 0.05] {
         let ([displacement, strain], warnings) = patch_of(
-            mesh([0.0, 3.0], [7, 4, 4], by),
-            mesh([2.0, 4.0], [9, 5, 5], by),
+            mesh([0.0, 3.0], [7, 4, 4], amount),
+            mesh([2.0, 4.0], [9, 5, 5], amount),
             Profile::Linear,
             0.0,
         );
@@ -188,8 +195,8 @@ fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how
         );
         // About 0.01 of the warp in displacement (2.6 times the shift of the nodes), 0.1 of it in strain.
         assert!(
-            displacement > last && displacement < 0.03 * by && strain < 0.3 * by,
-            "{by}: {displacement:e} {strain:e}"
+            displacement > last && displacement < 0.03 * amount && strain < 0.3 * amount,
+            "{amount}: {displacement:e} {strain:e}"
         );
         last = displacement;
     }
@@ -207,8 +214,8 @@ fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how
 
 #[test]
 fn patch_test_in_space() {
-    // Exact with a linear weight, its gradient in the mediator space, and element means: simplices and
-    // aligned boxes.
+    // Exact with a linear weight whose gradient lies in the mediator space and with element means: simplices
+    // and aligned boxes.
     for (coarse, fine) in [
         (ElementKind::Tet4, ElementKind::Tet4),
         (ElementKind::Hex8, ElementKind::Hex8),
@@ -244,13 +251,13 @@ fn projection_sampling_conserves_momentum_and_energy_too() {
     }
 }
 
-/// Coarse | fine | coarse with two disjoint interfaces.
+/// Couples coarse | fine | coarse by two disjoint interfaces.
 fn sandwich(gap: f64) -> Result<Coupled<f64>, Error> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramp = |fine: f64, coarse: f64| -> Arc<dyn Weight<f64>> {
         Arc::new(
             Ramp::new(
-                Arc::new(Slab::between(at(fine), at(coarse)).unwrap()),
+                Arc::new(Slab::between(point(fine), point(coarse)).unwrap()),
                 Profile::Cubic,
                 1e-3,
             )
@@ -320,7 +327,7 @@ fn fine_zone_in_the_middle_with_two_interfaces() {
     let before = c.momentum();
     c.run(600, &mut Silent).unwrap();
     let change = (c.momentum()[0] - before[0]).norm() / before[0].norm();
-    // The body drifts by some metres; K u of that rigid motion leaves round-off behind in every step.
+    // The body drifts by some metres; K u of this rigid motion leaves round-off in every step.
     assert!(change < 1e-11, "momentum changes by {change:e}");
     assert!(c.drift() < 1e-11 && c.constraint_residual() < 1e-11);
     let arrived = c.subdomains()[1].kinetic_energy() + c.subdomains()[1].internal_energy();
@@ -381,14 +388,17 @@ fn every_effect_is_one_line_of_a_closed_ledger() {
         ]
     );
 
-    let of = |name: &str| works.iter().find(|w| w.name.ends_with(name)).unwrap().work;
+    let work_of = |name: &str| works.iter().find(|w| w.name.ends_with(name)).unwrap().work;
     assert!(
-        of("pull") > 0.0 && of("mass-damping") < 0.0 && of("absorber") < 0.0 && of("supports").abs() > 0.0
+        work_of("pull") > 0.0
+            && work_of("mass-damping") < 0.0
+            && work_of("absorber") < 0.0
+            && work_of("supports").abs() > 0.0
     );
     assert!(
-        of("constraint").abs() < 1e-12 * of("pull"),
+        work_of("constraint").abs() < 1e-12 * work_of("pull"),
         "the constraint does no work: {:e}",
-        of("constraint")
+        work_of("constraint")
     );
     assert!(c.drift() < 1e-11, "{:e}", c.drift());
 }
@@ -419,7 +429,7 @@ fn lumping_is_offered_for_l2_only() {
     let mut c = Coupled::new(bodies(), vec![interface], TimeStep::Fraction(0.8), None).unwrap();
     c.run(500, &mut Silent).unwrap();
     let last = c.last_energy().unwrap();
-    // The constraint holds in the mean only and takes energy out; the ledger says how much.
+    // The lumped constraint holds only in the mean and takes energy out; the ledger states how much.
     assert!(
         c.works()[0].work < 0.0 && last.relative_drift.abs() < 1e-11,
         "{last:?}"
@@ -444,7 +454,7 @@ fn lumping_is_offered_for_l2_only() {
     assert!(matches!(e, Error::InvalidOption { name: "sampling", .. }), "{e}");
 }
 
-/// Runs the two bodies in 32-bit numbers.
+/// Couples the two bodies in 32-bit numbers.
 fn single(epsilon: f64, counts: [usize; 3], junction: Box<dyn Junction<f32>>) -> Coupled<f32> {
     let space = mediator::<f32>(ElementKind::Hex8, solid::OVERLAP, counts);
     let mut c = couple(shaken(bodies(Profile::Cubic, epsilon), 11), space, junction).unwrap();

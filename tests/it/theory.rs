@@ -1,6 +1,6 @@
-//! The checks of the method against theory and print, one test per case of the table in
-//! `arlequin_studies::checks`, which `arlequin verify` prints; the cases on the line that take longer,
-//! beams and parameter studies run there.
+//! The checks of the method against theory and literature, one test per case of the table in
+//! `arlequin_studies::checks`, which `arlequin verify` prints. Cases on the line that take longer, beams and
+//! parameter studies run only there.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -8,7 +8,7 @@ use arlequin::core::Silent;
 use arlequin_studies::checks::{Check, cantilever_cell, checks};
 use arlequin_studies::line::Line;
 
-fn all_hold(found: &[Check]) {
+fn assert_all_hold(checks: &[Check]) {
     let line = |c: &Check| {
         let beside = c.reference.map_or(String::new(), |r| format!(" beside {r}"));
         format!(
@@ -18,13 +18,13 @@ fn all_hold(found: &[Check]) {
             c.accept.text()
         )
     };
-    let failed: String = found.iter().filter(|c| !c.pass).map(line).collect();
-    assert!(failed.is_empty() && !found.is_empty(), "{failed}");
+    let failed: String = checks.iter().filter(|c| !c.pass).map(line).collect();
+    assert!(failed.is_empty() && !checks.is_empty(), "{failed}");
 }
 
 macro_rules! cases {
     ($($test:ident: $name:literal,)*) => {
-        $(#[test] fn $test() { all_hold(&checks($name).unwrap()); })*
+        $(#[test] fn $test() { assert_all_hold(&checks($name).unwrap()); })*
     };
 }
 
@@ -43,7 +43,7 @@ cases! {
 #[test]
 fn a_coarse_cell_keeps_its_energy_where_schwarz_coupling_loses_it() {
     // Mesh ratio 1:0.6, overlap 50.8 mm: published drift of the overlapping Schwarz coupling -61.1 % at 1 ms.
-    all_hold(&cantilever_cell(0.6, 50.8e-3, -61.1).unwrap());
+    assert_all_hold(&cantilever_cell(0.6, 50.8e-3, -61.1).unwrap());
 }
 
 #[test]

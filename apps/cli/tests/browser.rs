@@ -1,8 +1,8 @@
-//! The report of a sweep, and the page of a run, in a headless browser: they render, say nothing on the
-//! console and ask for nothing outside.
+//! Opens the report of a sweep and the page of a run in a headless browser: both must render, log nothing to
+//! the console and request nothing from outside.
 //!
-//! Ignored by default, since a user's `cargo test` needs no browser. `.ci/run` installs one and runs
-//! `cargo test --release --workspace --test browser -- --ignored`, which fails if there is none.
+//! Ignored by default, since a user's `cargo test` needs no browser. `.ci/run` installs one and runs `cargo
+//! test --release --workspace --test browser -- --ignored`, which fails if there is none.
 
 #[path = "it/common/mod.rs"]
 mod common;
@@ -66,7 +66,7 @@ fn the_report_renders_without_complaint_and_asks_for_nothing() {
     }
 }
 
-/// The checks themselves: each of these pages has one thing wrong, and a good one has none.
+/// Checks the checks: each faulty page has one defect, which is flagged, and a sound page has none.
 #[test]
 #[ignore = "needs a browser; .ci/run installs one and runs this"]
 fn pages_that_misbehave_are_flagged() {
@@ -118,8 +118,8 @@ fn pages_that_misbehave_are_flagged() {
     }
 }
 
-/// How much of the picture is not background, how many colours it has, and a sum by which pictures are told
-/// apart.
+/// Script that returns the share of the picture that is not background, its number of colours, and a sum that
+/// tells two pictures apart.
 const PIXELS: &str = "(() => {
     const from = document.getElementById('canvas'), to = document.createElement('canvas');
     [to.width, to.height] = [from.width, from.height];
@@ -136,7 +136,7 @@ const PIXELS: &str = "(() => {
     return { drawn: drawn / (to.width * to.height), colours: colours.size, sum };
 })()";
 
-/// Acts on a control as a user would.
+/// Sets a control's value and dispatches its event, as a user would.
 fn act(browser: &mut Browser, id: &str, value: &str, event: &str) {
     browser.value(&format!(
         "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; e.dispatchEvent(new Event('{event}')); }})()"

@@ -1,4 +1,4 @@
-//! Scenes under `mpirun`: the same files for any number of ranks, and ends that all ranks agree on.
+//! Scenes under `mpirun`: the same files for any number of ranks, and errors that all ranks agree on.
 #![cfg(feature = "mpi")]
 
 #[path = "it/common/mod.rs"]
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-/// Starts a program on several ranks, more than there are cores if need be.
+/// Returns the command that starts a program on several ranks, more than there are cores if needed.
 fn mpirun(ranks: usize, program: &str, arguments: &[&str]) -> Command {
     let mut run = Command::new("mpirun");
     run.args(["--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "-n"]);
@@ -22,7 +22,7 @@ fn mpirun(ranks: usize, program: &str, arguments: &[&str]) -> Command {
     for (key, value) in [
         ("OMPI_ALLOW_RUN_AS_ROOT", "1"),
         ("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1"),
-        // Containers forbid it, and say so in many lines.
+        // Containers forbid this mechanism, which prints many lines.
         ("OMPI_MCA_btl_vader_single_copy_mechanism", "none"),
         ("RAYON_NUM_THREADS", "1"),
     ] {
@@ -40,12 +40,12 @@ fn on_ranks(ranks: usize, arguments: &[&str]) -> Output {
     run.output().expect("mpirun is there")
 }
 
-fn said(of: &Output) -> String {
-    let out = [&of.stdout[..], &of.stderr[..]].concat();
+fn printed_by(output: &Output) -> String {
+    let out = [&output.stdout[..], &output.stderr[..]].concat();
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// A pulse that runs from a bar of elements into spheres: a shipped scene, shorter and coarser.
+/// A shipped scene, shorter and coarser: a pulse that runs from a bar of elements into spheres.
 fn pulse(end: &str) -> Vec<String> {
     let path = scene("dem-fem-beam.toml");
     let changes = [
@@ -60,12 +60,12 @@ fn pulse(end: &str) -> Vec<String> {
     [text(&path).to_owned()].into_iter().chain(changes).collect()
 }
 
-fn run<'a>(scene: &'a [String], more: &[&'a str]) -> Vec<&'a str> {
+fn run<'a>(scene: &'a [String], extra: &[&'a str]) -> Vec<&'a str> {
     let scene = scene.iter().map(String::as_str);
     ["run"]
         .into_iter()
         .chain(scene)
-        .chain(more.iter().copied())
+        .chain(extra.iter().copied())
         .collect()
 }
 
@@ -78,24 +78,27 @@ fn processes_write_the_files_of_one_rank_and_speak_once() {
     let folder = scratch("ranks-same");
     let place = |name: String| folder.join(name);
     let scene = pulse("time.end=1.5e-6");
-    let one = place("one".into());
-    let alone = command(&run(&scene, &["--out", text(&one)]))
+    let single = place("one".into());
+    let alone = command(&run(&scene, &["--out", text(&single)]))
         .output()
         .expect("runs");
-    assert!(alone.status.success(), "{}", said(&alone));
+    assert!(alone.status.success(), "{}", printed_by(&alone));
     for ranks in [1, 2, 3, 4] {
         let out = place(format!("on-{ranks}"));
         let done = on_ranks(ranks, &run(&scene, &["--out", text(&out)]));
-        assert!(done.status.success(), "{ranks} ranks: {}", said(&done));
+        assert!(done.status.success(), "{ranks} ranks: {}", printed_by(&done));
         for file in [
             "probes.csv",
             "energy.csv",
             "results.pvd",
             "vtu/right_00000000.vtu",
         ] {
-            assert!(bytes(&one, file) == bytes(&out, file), "{file} on {ranks} ranks");
+            assert!(
+                bytes(&single, file) == bytes(&out, file),
+                "{file} on {ranks} ranks"
+            );
         }
-        let words = said(&done);
+        let words = printed_by(&done);
         assert_eq!(words.matches("results    ").count(), 1, "{words}");
         let held = words.lines().filter(|l| l.starts_with("ranks"));
         let parts = held.filter(|l| l.contains("right ") && l.contains("in parts: "));
@@ -110,15 +113,15 @@ fn shipped_scenes_have_the_probes_of_one_rank() {
         let file = scene(&format!("{name}.toml"));
         let mut arguments = vec!["run", text(&file)];
         changes.iter().for_each(|c| arguments.extend(["--set", c]));
-        let one = folder.join(format!("{name}-one"));
-        let alone = command(&[&arguments[..], &["--out", text(&one)]].concat())
+        let single = folder.join(format!("{name}-one"));
+        let alone = command(&[&arguments[..], &["--out", text(&single)]].concat())
             .output()
             .expect("runs");
-        assert!(alone.status.success(), "{name}: {}", said(&alone));
+        assert!(alone.status.success(), "{name}: {}", printed_by(&alone));
         for ranks in 1..=4 {
             let out = folder.join(format!("{name}-{ranks}"));
             let done = on_ranks(ranks, &[&arguments[..], &["--out", text(&out)]].concat());
-            let words = said(&done);
+            let words = printed_by(&done);
             assert!(done.status.success(), "{name} on {ranks} ranks: {words}");
             assert_eq!(
                 words.contains("in parts: "),
@@ -126,7 +129,7 @@ fn shipped_scenes_have_the_probes_of_one_rank() {
                 "{name} on {ranks} ranks: {words}"
             );
             assert!(
-                bytes(&one, "probes.csv") == bytes(&out, "probes.csv"),
+                bytes(&single, "probes.csv") == bytes(&out, "probes.csv"),
                 "{name} on {ranks} ranks"
             );
         }
@@ -151,7 +154,7 @@ fn errors_are_said_once_with_the_code_of_one_rank() {
     ];
     for (arguments, wanted) in cases {
         let done = on_ranks(3, &arguments);
-        let words = said(&done);
+        let words = printed_by(&done);
         assert_eq!(words.matches(wanted).count(), 1, "{words}");
         assert_eq!(words.matches("error: ").count(), 1, "{words}");
         assert_eq!(done.status.code(), Some(2), "{words}");
@@ -159,8 +162,8 @@ fn errors_are_said_once_with_the_code_of_one_rank() {
     assert!(!out.exists());
 }
 
-/// A program that one rank starts in place of the others'.
-fn odd(folder: &Path, rank: usize, begin: &str, arguments: &str) -> PathBuf {
+/// Writes a launcher script that runs `begin` first on one rank, and returns its path.
+fn write_launcher(folder: &Path, rank: usize, begin: &str, arguments: &str) -> PathBuf {
     let path = folder.join("odd.sh");
     let program = env!("CARGO_BIN_EXE_arlequin");
     let text = format!(
@@ -177,7 +180,8 @@ fn ranks_that_differ_hang_or_die_end_the_job_by_name() {
     let scene = pulse("time.end=1");
     let cases = [
         ("more='--set time.end=2'", "ranks differ in the scene", Some(2)),
-        // In an exchange the one that hangs is named, in a sum over all ranks nobody knows which it is.
+        // In a halo exchange the error names the rank that hangs; in a sum over all ranks no rank knows which
+        // it is.
         ("(sleep 4; kill -STOP $$) &", "has waited 5 s for ", Some(1)),
         // The launcher itself ends the job.
         ("(sleep 4; kill -KILL $$) &", "", None),
@@ -186,10 +190,10 @@ fn ranks_that_differ_hang_or_die_end_the_job_by_name() {
         let out = folder.join(format!("out-{k}"));
         let arguments = run(&scene, &["--out", text(&out), "--wait", "5"]);
         let quoted: Vec<String> = arguments.iter().map(|a| format!("'{a}'")).collect();
-        let program = odd(&folder, 1, begin, &quoted.join(" "));
+        let program = write_launcher(&folder, 1, begin, &quoted.join(" "));
         let begun = Instant::now();
         let done = mpirun(3, text(&program), &[]).output().expect("mpirun is there");
-        let words = said(&done);
+        let words = printed_by(&done);
         assert!(begun.elapsed() < Duration::from_secs(60), "{words}");
         assert!(!done.status.success(), "{words}");
         assert!(code.is_none_or(|c| done.status.code() == Some(c)), "{words}");
@@ -205,7 +209,7 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
     let alone = command(&run(&scene, &["--out", text(&whole)]))
         .output()
         .expect("runs");
-    assert!(alone.status.success(), "{}", said(&alone));
+    assert!(alone.status.success(), "{}", printed_by(&alone));
     let out = folder.join("out");
     let arguments = run(
         &scene,
@@ -217,11 +221,15 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
         saved.display()
     );
     let quoted: Vec<String> = arguments.iter().map(|a| format!("'{a}'")).collect();
-    let program = odd(&folder, 1, &begin, &quoted.join(" "));
+    let program = write_launcher(&folder, 1, &begin, &quoted.join(" "));
     let killed = mpirun(3, text(&program), &[]).output().expect("mpirun is there");
-    assert!(!killed.status.success() && saved.exists(), "{}", said(&killed));
+    assert!(
+        !killed.status.success() && saved.exists(),
+        "{}",
+        printed_by(&killed)
+    );
     let done = on_ranks(2, &["resume", text(&out)]);
-    assert!(done.status.success(), "{}", said(&done));
+    assert!(done.status.success(), "{}", printed_by(&done));
     for file in ["probes.csv", "energy.csv"] {
         assert!(bytes(&whole, file) == bytes(&out, file), "{file}");
     }
@@ -231,35 +239,35 @@ fn a_run_that_was_killed_goes_on_with_another_number_of_ranks() {
 fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     let folder = scratch("ranks-pieces");
     let scene = pulse("time.end=1.5e-6");
-    let one = folder.join("one");
-    let alone = command(&run(&scene, &["--out", text(&one)]))
+    let single = folder.join("one");
+    let alone = command(&run(&scene, &["--out", text(&single)]))
         .output()
         .expect("runs");
-    assert!(alone.status.success(), "{}", said(&alone));
+    assert!(alone.status.success(), "{}", printed_by(&alone));
     let out = folder.join("out");
-    let more = ["--out", text(&out), "--set", "output.pieces=true"];
-    let done = on_ranks(3, &run(&scene, &more));
-    assert!(done.status.success(), "{}", said(&done));
+    let settings = ["--out", text(&out), "--set", "output.pieces=true"];
+    let done = on_ranks(3, &run(&scene, &settings));
+    assert!(done.status.success(), "{}", printed_by(&done));
     let index = String::from_utf8(bytes(&out, "results.pvd")).expect("text");
     assert!(index.contains("vtu/right_00000000.pvtu"), "{index}");
     assert_eq!(
         index.replace(".pvtu", ".vtu").as_bytes(),
-        bytes(&one, "results.pvd")
+        bytes(&single, "results.pvd")
     );
-    // What differs without pieces as well: times, memory, ranks.
-    std::fs::copy(one.join("summary.json"), out.join("summary.json")).expect("copied");
-    let view = |of: &Path| command(&["view", text(of)]).output().expect("runs");
-    for of in [&one, &out] {
-        let done = view(of);
-        assert!(done.status.success(), "{}", said(&done));
+    // The summary differs in any case: times, memory, ranks.
+    std::fs::copy(single.join("summary.json"), out.join("summary.json")).expect("copied");
+    let view = |results: &Path| command(&["view", text(results)]).output().expect("runs");
+    for results in [&single, &out] {
+        let done = view(results);
+        assert!(done.status.success(), "{}", printed_by(&done));
     }
-    assert!(bytes(&one, "view.html") == bytes(&out, "view.html"));
-    // A piece of another instant, one that is cut, none at all.
+    assert!(bytes(&single, "view.html") == bytes(&out, "view.html"));
+    // A piece of another time, a truncated piece, a missing piece.
     let piece = out.join("vtu/right_00000000_1.vtu");
     let whole = bytes(&out, "vtu/right_00000000_1.vtu");
     let refused = |wanted: &str| {
         let done = view(&out);
-        let words = said(&done);
+        let words = printed_by(&done);
         assert!(done.status.code() == Some(2) && words.contains(wanted), "{words}");
     };
     std::fs::write(&piece, bytes(&out, "vtu/right_00000000_0.vtu")).expect("written");
@@ -272,8 +280,8 @@ fn a_page_shows_frames_in_pieces_as_those_of_one_rank() {
     refused("right_00000000_1.vtu");
 }
 
-/// Started by `mpirun` of another MPI library, each process is alone in its world: the environment tells of
-/// more.
+/// Started by `mpirun` of another MPI library, each process sees a world of one rank, but the environment
+/// names more: the run is refused by name.
 #[test]
 fn a_launcher_of_another_mpi_library_is_refused_by_name() {
     let out = scratch("ranks-launcher").join("out");
@@ -283,9 +291,9 @@ fn a_launcher_of_another_mpi_library_is_refused_by_name() {
         let mut process = command(&arguments);
         process.env("PMI_RANK", rank).env("PMI_SIZE", "3");
         let ended = process.output().expect("starts");
-        let error = said(&ended);
+        let error = printed_by(&ended);
         assert!(!ended.status.success() && !out.exists(), "{error}");
-        // One of them speaks for all.
+        // One process prints the error for all.
         let words = [
             "the launcher started 3 processes, and MPI sees 1",
             "linked with",
@@ -296,16 +304,16 @@ fn a_launcher_of_another_mpi_library_is_refused_by_name() {
             "rank {rank}: {error}"
         );
     }
-    // MPICH's own, where the Python environment of the gate has it.
+    // MPICH's launcher, if the Python environment of the gate has it.
     let python = std::env::var_os("ARLEQUIN_PYTHON").map(PathBuf::from);
     let hydra = python.map(|p| p.with_file_name("mpiexec")).filter(|p| p.exists());
     if let Some(hydra) = hydra {
-        let mut three = Command::new(hydra);
-        three
+        let mut hydra_run = Command::new(hydra);
+        hydra_run
             .args(["-n", "3", env!("CARGO_BIN_EXE_arlequin")])
             .args(&arguments);
-        let ended = three.output().expect("starts");
-        let error = said(&ended);
+        let ended = hydra_run.output().expect("starts");
+        let error = printed_by(&ended);
         assert!(!ended.status.success() && !out.exists(), "{error}");
         assert_eq!(
             error.matches("the launcher started 3 processes").count(),
@@ -315,7 +323,7 @@ fn a_launcher_of_another_mpi_library_is_refused_by_name() {
     }
 }
 
-/// Features of every package outside the workspace, once for each set that a build compiles it with.
+/// Returns the feature sets with which a build compiles each package outside of the workspace.
 fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     let mut tree = Command::new(env!("CARGO"));
     tree.args([
@@ -330,11 +338,11 @@ fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     tree.args(build)
         .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."));
     let output = tree.output().expect("cargo is there");
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed_by(&output));
     let mut packages = BTreeMap::<_, BTreeSet<_>>::new();
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         let (package, features) = line.split_once('\t').unwrap_or((line, ""));
-        // Members stand with their folder; features of a package that was shown before end with a star.
+        // Workspace members are printed with their folder; repeated packages end with a star.
         if !package.contains('/') {
             let features = features.trim_end_matches([' ', '(', '*', ')']);
             packages
@@ -346,8 +354,8 @@ fn features(build: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     packages
 }
 
-/// Another feature of a package compiles it again, and everything above it: with `syn` that was faer and
-/// the core.
+/// The builds with MPI and of the wheel use the same features of every package as a release build: another
+/// feature would compile the package and all its dependents again (with `syn` these were faer and the core).
 #[test]
 fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
     let release = features(&[]);
@@ -357,8 +365,8 @@ fn mpi_and_the_wheel_take_what_a_release_build_has_compiled() {
         &["-p", "arlequin-py"],
     ] {
         for (package, sets) in features(build) {
-            // A set of features that is missing there is a build script's; the others must be those of the
-            // release build.
+            // A feature set that the release build lacks is that of a build script; all others must be those
+            // of the release build.
             if let Some(compiled) = release.get(&package) {
                 assert!(
                     !compiled.is_disjoint(&sets),

@@ -1,4 +1,5 @@
-//! Ctrl-C while a run waits for the other side. A process has one user: this test has a program of its own.
+//! Ctrl-C while a run waits for the external solver. The signal reaches the whole process, so this test is a
+//! program of its own.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
@@ -17,10 +18,10 @@ use std::time::{Duration, Instant};
 use support::{bytes_of, connect, description, patient};
 
 static STOP: AtomicBool = AtomicBool::new(false);
-/// Held by the test that runs: Ctrl-C ends the waits of all.
+/// Lock that the running test holds, because Ctrl-C ends the waits of all tests.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Presses Ctrl-C some time after `wait` has begun; the error it ends with, and how long after Ctrl-C.
+/// Presses Ctrl-C some time after `wait` has begun; returns the error of `wait` and its delay after Ctrl-C.
 fn interrupted<V: std::fmt::Debug, E: std::fmt::Display + std::fmt::Debug>(
     wait: impl FnOnce() -> Result<V, E>,
 ) -> (String, Duration) {
@@ -35,7 +36,8 @@ fn interrupted<V: std::fmt::Debug, E: std::fmt::Display + std::fmt::Debug>(
     (error, pressed.elapsed())
 }
 
-/// A solver that is greeted and then says *working* for ever, or nothing at all.
+/// Returns the link to a solver that answers the greeting and afterwards sends *working* for ever, or
+/// nothing.
 fn stubborn(says_working: bool) -> Remote {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
@@ -58,16 +60,16 @@ fn stubborn(says_working: bool) -> Remote {
 fn ctrl_c_is_heard_while_a_link_waits_or_a_peer_says_working() {
     let _alone = ALONE.lock();
     assert!(interrupt::listen(|| STOP.load(Ordering::Relaxed)));
-    // Nobody comes: nothing is lost by leaving at once.
+    // No solver comes, so the wait can end at once.
     let sleeper = ["sleep", "60"].map(String::from);
     let (error, late) = interrupted(|| Remote::start("fine", &sleeper, "".as_ref(), patient()));
     assert!(
         error.contains("interrupted while 'fine' (sleep 60) was waited for: a connection"),
         "{error}"
     );
-    // The command itself is asked to leave, and has a second for it.
+    // The command is asked to end and has a second for it.
     assert!(late < Duration::from_secs(3), "{late:?}");
-    // The answer to a step may still come within a second.
+    // The solver has another second to answer the step.
     for says_working in [true, false] {
         STOP.store(false, Ordering::Relaxed);
         let mut solver = stubborn(says_working);

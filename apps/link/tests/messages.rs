@@ -1,5 +1,5 @@
-//! What comes from the other side, mutated: read or refused, with bounded memory; and messages as they are
-//! written, read again.
+//! Mutated messages from the external solver are read or refused with bounded memory, and messages as they
+//! are written can be read again.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -79,15 +79,15 @@ fn seeds() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Reads a message as either end would; whether it was accepted.
+/// Reads a message as either end would; returns whether it was accepted.
 fn read(bytes: &[u8]) -> bool {
-    let Some((head, rest)) = bytes.split_at_checked(HEADER) else {
+    let Some((head, payload)) = bytes.split_at_checked(HEADER) else {
         return false;
     };
     let Ok(header) = Header::read(head.try_into().unwrap(), "fuzz") else {
         return false;
     };
-    let Some(body) = usize::try_from(header.length).ok().and_then(|n| rest.get(..n)) else {
+    let Some(body) = usize::try_from(header.length).ok().and_then(|n| payload.get(..n)) else {
         return false;
     };
     let mut content = Content::new("fuzz", header.kind, body);
@@ -124,7 +124,8 @@ fn mutated_messages_are_read_or_refused() {
     corpus.run("link", &allocated, &read);
 }
 
-/// Mutations seldom keep lengths right: here they are.
+/// Messages with mutated content but right lengths are read or refused; mutation of whole messages seldom
+/// keeps the lengths right.
 #[test]
 fn messages_of_the_right_length_with_mutated_content_are_read_or_refused() {
     let _alone = ALONE.lock();
@@ -181,9 +182,9 @@ proptest! {
     fn records_are_read_with_the_bits_they_are_written_with(bits: Vec<u64>, integers: Vec<u64>) {
         let record = Record { numbers: bits.iter().map(|b| f64::from_bits(*b)).collect(), integers };
         let bytes = written(|m| write_record(m, Kind::Restore, &record));
-        let back = read_record(Content::new("p", Kind::Restore, &bytes[HEADER..])).unwrap();
-        prop_assert_eq!(back.numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), bits);
-        prop_assert_eq!(back.integers, record.integers);
+        let decoded = read_record(Content::new("p", Kind::Restore, &bytes[HEADER..])).unwrap();
+        prop_assert_eq!(decoded.numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), bits);
+        prop_assert_eq!(decoded.integers, record.integers);
     }
 }
 

@@ -5,7 +5,8 @@ use reader_fuzz::Corpus;
 
 reader_fuzz::counted!();
 
-/// Parses, asks for spans, and renders the error as the program would.
+/// Parses a text, asks for spans, and renders the error as the program would; returns whether it was
+/// accepted.
 fn read(bytes: &[u8]) -> bool {
     let Ok(text) = std::str::from_utf8(bytes) else {
         return false;
@@ -19,7 +20,7 @@ fn read(bytes: &[u8]) -> bool {
         "probe.a.at[9]",
     ] {
         let span = source.span_of(path);
-        // A span that does not cut the text at characters would end the program when the error is shown.
+        // A span off the character boundaries would panic when the error is shown.
         assert!(
             span.is_none_or(|s| text.get(s).is_some()),
             "the span of {path} cuts a character"
@@ -79,7 +80,7 @@ fn mutated_scenes_are_read_or_refused() {
     corpus.run("scene", &allocated, &read);
 }
 
-/// Brackets in brackets are refused, whatever their number: no recursion runs away.
+/// Nested brackets of any depth are refused without a runaway recursion.
 #[test]
 fn deep_nesting_is_refused() {
     let _alone = ALONE.lock();

@@ -1,6 +1,6 @@
-//! GOAL: a flat face of many nodes on one circle keeps its nodes whatever its diagonals and its direction
-//! in space. MODEL: turned prisms over regular polygons, their caps given as fans from two different
-//! corners. EXPECTED: no point inserted, the volume `n/2 sin(2π/n)` times the height.
+//! GOAL: a flat face with many nodes on one circle keeps its nodes for any diagonals and any direction in
+//! space. MODEL: rotated prisms over regular polygons, whose caps are given as fans from two different
+//! corners. EXPECTED: no point inserted; the volume is `n/2 sin(2π/n)` times the height.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use cnem::constraint::Surface;
@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 fn prism(n: usize, layers: usize, turn: f64) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
     let axis = Unit::new_normalize(Vector3::new(1.0, 0.3 * turn, 0.7));
     let rotation = Rotation3::from_axis_angle(&axis, 0.37 * turn);
-    let at = |i: usize| {
+    let node = |i: usize| {
         let (sin, cos) = (TAU * (i % n) as f64 / n as f64).sin_cos();
         rotation * Point3::new(cos, sin, (i / n) as f64 * 0.5)
     };
@@ -24,7 +24,7 @@ fn prism(n: usize, layers: usize, turn: f64) -> (Vec<Point3<f64>>, Vec<[usize; 3
         let [a, b] = [low + k, low + (k + 1) % n];
         faces.extend([[a, b, b + n], [a, b + n, a + n]]);
     }
-    ((0..n * (layers + 1)).map(at).collect(), faces)
+    ((0..n * (layers + 1)).map(node).collect(), faces)
 }
 
 #[test]

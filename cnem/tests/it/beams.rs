@@ -1,4 +1,4 @@
-//! Beams against the three-dimensional solution: 627 nodes and about 1600, and three meshes.
+//! Beams against the three-dimensional solution: 627 nodes, about 1600 nodes, and three meshes.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -8,8 +8,8 @@
 use crate::common::beam::{SLENDER, THICK, axial_frequencies, cylinder, percent, study};
 use cnem::{Options, Stabilisation};
 
-/// 627 nodes, the number of the published run; mean elongation under 1 kN and the first three axial
-/// frequencies.
+/// A slender beam of 627 nodes, the number of the published run, has the mean elongation under 1 kN and the
+/// first three axial frequencies of the three-dimensional solution.
 #[test]
 fn slender_beam_in_tension() {
     for jitter in [0.0, 0.2] {
@@ -28,8 +28,8 @@ fn slender_beam_in_tension() {
     }
 }
 
-/// Differences from the truth at the two sizes \[%\]: frequencies axial, bending, torsion, then the static
-/// deflections.
+/// Returns the differences from the true values \[%\]: axial, bending and torsional frequency, then the
+/// static deflections.
 fn thick(rings: usize, layers: usize, jitter: f64, options: Options) -> [f64; 6] {
     let b = study(options, &cylinder(false, rings, layers, jitter));
     let mut out = [0.0; 6];
@@ -44,7 +44,7 @@ fn thick(rings: usize, layers: usize, jitter: f64, options: Options) -> [f64; 6]
     out
 }
 
-/// No worse than what nodal integration on Voronoi cells was known to give at these sizes.
+/// The errors at two sizes are no larger than those known of nodal integration on Voronoi cells.
 #[test]
 fn thick_beam_at_two_sizes() {
     let bare = Options {
@@ -57,10 +57,10 @@ fn thick_beam_at_two_sizes() {
     ] {
         for options in [bare, Options::default()] {
             for jitter in [0.0, 0.2] {
-                let found = thick(rings, layers, jitter, options);
+                let deviations = thick(rings, layers, jitter, options);
                 assert!(
-                    found.iter().zip(limits).all(|(f, l)| f.abs() <= l),
-                    "{found:?} {limits:?}"
+                    deviations.iter().zip(limits).all(|(f, l)| f.abs() <= l),
+                    "{deviations:?} {limits:?}"
                 );
             }
         }
@@ -69,12 +69,13 @@ fn thick_beam_at_two_sizes() {
 
 #[test]
 fn thick_beam_converges() {
-    let found =
+    let deviations =
         [(2, 11), (3, 17), (4, 23)].map(|(rings, layers)| thick(rings, layers, 0.0, Options::default()));
-    // Torsion is the slowest: nodes on the surface carry the mass of their cells outside its centroid.
-    for pair in found.windows(2) {
+    // Torsion converges most slowly: nodes on the surface carry the mass of their cells away from the cells'
+    // centroids.
+    for pair in deviations.windows(2) {
         assert!(pair[1][2].abs() < pair[0][2].abs() && pair[1][1].abs() < pair[0][1].abs().max(0.5));
     }
-    let last = found[2];
+    let last = deviations[2];
     assert!(last.iter().all(|e| e.abs() < 2.5), "{last:?}");
 }

@@ -38,8 +38,8 @@ fn manufactured_solution_converges() {
     }
 }
 
-/// Elastic modes of a free cube that are saw-teeth: the tetrahedra see more than five times the energy of
-/// the cells. Their numbers in ascending frequency, up to `count`.
+/// Returns the numbers of saw-tooth modes among the first `count` elastic modes of a free cube, by ascending
+/// frequency: modes of which the tetrahedra see more than five times the energy of the cells.
 fn saw_teeth(domain: &Domain, stabilisation: Stabilisation, count: usize) -> Vec<usize> {
     let make = |stabilisation| {
         let options = Options {
@@ -81,18 +81,18 @@ fn stabilisation_clears_spurious_modes() {
             } else {
                 Stabilisation::None
             };
-            let found = saw_teeth(&domain, stabilisation, 40);
+            let modes = saw_teeth(&domain, stabilisation, 40);
             println!(
                 "jitter {jitter} a {amount}: {} of the 40 lowest modes, from number {:?}",
-                found.len(),
-                found.first()
+                modes.len(),
+                modes.first()
             );
             let good = match amount {
-                a if a >= 0.1 => found.first().is_none_or(|&k| k >= 15),
-                a if a > 0.0 => found.len() < 30,
-                _ => found.len() >= 35,
+                a if a >= 0.1 => modes.first().is_none_or(|&k| k >= 15),
+                a if a > 0.0 => modes.len() < 30,
+                _ => modes.len() >= 35,
             };
-            assert!(good, "{amount} {found:?}");
+            assert!(good, "{amount} {modes:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Cracks open: each lip has unknowns of its own, the front is shared.
+//! Cracks open: each lip has its own unknowns, and the front is shared.
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,
@@ -19,14 +19,15 @@ use std::f64::consts::PI;
 /// An axis, the layer across it, and the grid faces of that layer that are cracked.
 type Cut<'a> = (usize, usize, &'a dyn Fn(usize, usize) -> bool);
 
-/// Grid of `n` cells of size `h`, with a crack on the faces of cells in the plane of index `at` across the
-/// axis that `cut` keeps; the other two indices are given in the order of the axes.
+/// Returns a grid of `n` cells of size `h` with cracks: each cut is an axis, the index of a plane across it,
+/// and a function that selects the cracked cell faces of this plane by the other two indices in the order of
+/// the axes.
 fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     let size = n.map(|c| c as f64 * h);
     let mut points = generate::block(Point3::origin(), Point3::from(size), n, jitter, 3).unwrap();
     let id = |v: [usize; 3]| v[0] + (n[0] + 1) * (v[1] + (n[1] + 1) * v[2]);
     let mut faces = Vec::new();
-    for &(axis, at, keep) in cuts {
+    for &(axis, layer, keep) in cuts {
         let (u, w) = ((axis + 1) % 3, (axis + 2) % 3);
         for j in 0..n[u] {
             for k in 0..n[w] {
@@ -35,14 +36,14 @@ fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
                     continue;
                 }
                 let corner = |dj: usize, dk: usize| {
-                    let mut v = [at; 3];
+                    let mut v = [layer; 3];
                     v[u] = j + dj;
                     v[w] = k + dk;
                     id(v)
                 };
                 let quad = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
                 for v in quad {
-                    points[v][axis] = at as f64 * h;
+                    points[v][axis] = layer as f64 * h;
                 }
                 faces.push([quad[0], quad[1], quad[2]]);
                 faces.push([quad[0], quad[2], quad[3]]);
@@ -53,8 +54,8 @@ fn cracked(n: [usize; 3], h: f64, jitter: f64, cuts: &[Cut<'_>]) -> Domain {
     Domain::with_limit(&points, &surface, 0).unwrap()
 }
 
-/// `f·u` under a unit stress along the axis on both ends \[J/Pa²·…\], with a linear elastic body; `held`
-/// unknowns are zero.
+/// Returns `f·u` of a linear elastic body under a unit stress along the axis on both ends; `held` unknowns
+/// are zero.
 fn compliance(model: &CnemModel, axis: usize, held: &dyn Fn(&Point3<f64>, usize) -> bool) -> f64 {
     let n = model.layout().dofs();
     let mut f = vec![0.0; n];
@@ -66,7 +67,7 @@ fn compliance(model: &CnemModel, axis: usize, held: &dyn Fn(&Point3<f64>, usize)
         }
     }
     let mut fixed: Vec<bool> = (0..n).map(|i| held(&model.nodes()[i / 3], i % 3)).collect();
-    // Rigid motions that are left, at three nodes of one end; loads in equilibrium leave no reaction there.
+    // Three nodes of one end hold the remaining rigid motions; loads in equilibrium cause no reaction there.
     let far =
         |p: &Point3<f64>, a: usize| p[axis] == 0.0 && p[a] > 0.0 && (0..3).all(|c| c == a || p[c] == 0.0);
     let (u, w) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -93,7 +94,7 @@ fn model(domain: Domain) -> CnemModel {
     CnemModel::new("body", domain, unit(), Options::default()).unwrap()
 }
 
-/// A bar of 8 × 4 × 2 cells, cut across from one side to a depth.
+/// Returns a bar of 8 × 4 × 2 cells, cut across from one side to a depth.
 fn bar(depth: usize, jitter: f64) -> Domain {
     cracked([8, 4, 2], 0.25, jitter, &[(0, 4, &|j, _| j < depth)])
 }
@@ -101,11 +102,11 @@ fn bar(depth: usize, jitter: f64) -> Domain {
 #[test]
 fn none_half_and_full_cut_differ() {
     for jitter in [0.0, 0.2] {
-        let [none, half, most] = [0, 2, 3].map(|d| compliance(&model(bar(d, jitter)), 0, &|_, _| false));
-        println!("jitter {jitter}: compliance none {none:.4}, half {half:.4}, three quarters {most:.4}");
-        assert!((none / 1.0 - 1.0).abs() < 1e-10, "L A / E: {none}");
-        assert!(half > 2.0 * none && most > 2.0 * half);
-        // Cut through: one half moves without the other, whatever the motion.
+        let [uncut, half, deep] = [0, 2, 3].map(|d| compliance(&model(bar(d, jitter)), 0, &|_, _| false));
+        println!("jitter {jitter}: compliance none {uncut:.4}, half {half:.4}, three quarters {deep:.4}");
+        assert!((uncut / 1.0 - 1.0).abs() < 1e-10, "L A / E: {uncut}");
+        assert!(half > 2.0 * uncut && deep > 2.0 * half);
+        // Cut through: either half moves without the other in any motion.
         let mut cut = model(bar(4, jitter));
         let right: Vec<bool> = halves(&cut);
         let k = cut.stiffness();
@@ -142,7 +143,7 @@ fn none_half_and_full_cut_differ() {
     }
 }
 
-/// Which nodes belong to the part with the last node, by the tetrahedra.
+/// Returns for each node whether the tetrahedra connect it to the last node.
 fn halves(model: &CnemModel) -> Vec<bool> {
     let domain = model.domain();
     let mut right = vec![false; domain.nodes().len()];
@@ -156,7 +157,7 @@ fn halves(model: &CnemModel) -> Vec<bool> {
 #[test]
 fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
     let domain = bar(2, 0.0);
-    // Two of five rows of three nodes on the crack plane are behind the front.
+    // Two of the five rows of three nodes on the crack plane lie behind the front.
     assert_eq!(domain.copies().count(), 6);
     assert_eq!(domain.nodes().len(), 9 * 5 * 3 + 6);
     for c in domain.copies() {
@@ -168,14 +169,14 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
         for (below, above) in lips.below.unwrap().iter().zip(lips.above.unwrap()) {
             let front = domain.nodes()[above].y == 0.5;
             assert_eq!(*below == above, front);
-            // The normal of these triangles is +x: the node itself stays with the lip below.
+            // The normal of these triangles is +x: the original node stays with the lip below.
             assert!(*below < 135);
         }
     }
     let cells = domain.voronoi().unwrap();
     let closure = cells.closure(&domain);
     assert!(closure.volume < 1e-13 && closure.area < 1e-13, "{closure:?}");
-    // Masses of the lips are halves of the cell that was cut.
+    // The masses of two lips are halves of the cut cell.
     for c in domain.copies() {
         let [a, b] = [c.node, c.original].map(|v| cells.volumes()[v]);
         assert_relative_eq!(a, b, epsilon = 0.0, max_relative = 1e-12);
@@ -186,8 +187,7 @@ fn each_lip_has_its_own_unknowns_and_the_front_is_shared() {
     assert_relative_eq!(mass.iter().sum::<f64>(), 3.0, epsilon = 0.0, max_relative = 1e-13);
 }
 
-/// A cut right through: the masses of each half have its total and its first moments, wherever cells put
-/// them.
+/// With a cut right through, the centroid masses of each half have the half's total and first moments.
 #[test]
 fn masses_around_centroids_stay_on_their_side_of_a_crack() {
     let domain = cracked([4, 4, 4], 0.25, 0.3, &[(0, 2, &|_, _| true)]);
@@ -212,21 +212,31 @@ fn masses_around_centroids_stay_on_their_side_of_a_crack() {
     }
 }
 
-/// Cracks that cross, that meet in a T, and that branch: one unknown per group around a node.
+/// Cracks that cross, meet in a T or branch get one unknown per connected group around a node.
 #[test]
 fn crossing_and_branching_cracks_split_into_all_groups() {
-    let all = |_: usize, _: usize| true;
+    let everywhere = |_: usize, _: usize| true;
     let half = |_: usize, k: usize| k < 2;
-    let cross = cracked([4, 4, 4], 0.25, 0.0, &[(0, 2, &all), (1, 2, &all), (2, 2, &all)]);
+    let cross = cracked(
+        [4, 4, 4],
+        0.25,
+        0.0,
+        &[(0, 2, &everywhere), (1, 2, &everywhere), (2, 2, &everywhere)],
+    );
     let middle = 62;
-    let of = |d: &Domain, v: usize| d.copies().filter(|c| c.original == v).count();
-    assert_eq!(of(&cross, middle), 7);
+    let copies_of = |d: &Domain, v: usize| d.copies().filter(|c| c.original == v).count();
+    assert_eq!(copies_of(&cross, middle), 7);
     // Per plane 25 nodes; lines of 5 lie in two planes, the middle in three.
     assert_eq!(cross.copies().count(), 3 * 16 + 3 * 4 * 3 + 7);
-    let tee = cracked([4, 4, 4], 0.25, 0.0, &[(0, 2, &all), (1, 2, &|j, _| j >= 2)]);
-    assert_eq!(of(&tee, middle), 2);
+    let tee = cracked(
+        [4, 4, 4],
+        0.25,
+        0.0,
+        &[(0, 2, &everywhere), (1, 2, &|j, _| j >= 2)],
+    );
+    assert_eq!(copies_of(&tee, middle), 2);
     let part = cracked([4, 4, 4], 0.25, 0.0, &[(0, 2, &half)]);
-    assert_eq!(of(&part, middle), 0);
+    assert_eq!(copies_of(&part, middle), 0);
     for domain in [cross, tee, part] {
         let closure = domain.voronoi().unwrap().closure(&domain);
         assert!(closure.volume < 1e-12 && closure.area < 1e-12, "{closure:?}");
@@ -244,7 +254,7 @@ fn crossing_and_branching_cracks_split_into_all_groups() {
     }
 }
 
-/// Particles have no second lip: a field on given points refuses cracks that would split them.
+/// A field on given points refuses cracks that would split nodes, since particles have no second lip.
 #[test]
 fn a_field_on_given_points_refuses_nodes_that_a_crack_splits() {
     let points = generate::block(Point3::origin(), Point3::new(2.0, 2.0, 2.0), [2; 3], 0.0, 1).unwrap();
@@ -267,7 +277,7 @@ fn a_field_on_given_points_refuses_nodes_that_a_crack_splits() {
     );
 }
 
-/// Functions on both lips: unity, linear precision, and nothing of the other side.
+/// Functions on both lips satisfy unity and linear precision and include no node of the other side.
 #[test]
 fn functions_on_a_lip_are_those_of_its_side() {
     let domain = bar(4, 0.2);
@@ -292,8 +302,9 @@ fn functions_on_a_lip_are_those_of_its_side() {
     }
 }
 
-/// Centre crack of length `2 a` in a strip of width `2 w` in plane strain: `K = σ √(π a sec(π a / 2w))`,
-/// from the energy released, `G = ½ dC/da` per thickness, `K² = G E / (1 − ν²)`.
+/// The stress intensity of a centre crack of length `2 a` in a strip of width `2 w` in plane strain is within
+/// 5 % of `K = σ √(π a sec(π a / 2w))`. It follows from the energy released: `G = ½ dC/da` per thickness,
+/// `K² = G E / (1 − ν²)`.
 #[test]
 fn stress_intensity_of_a_centre_crack_is_within_five_percent() {
     let (cells, h) = (20, 0.1);
@@ -308,8 +319,8 @@ fn stress_intensity_of_a_centre_crack_is_within_five_percent() {
         let g = 0.5 * (energy(a + 1) - energy(a - 1)) / (2.0 * h) / 2.0;
         let (a, w) = (a as f64 * h, 0.5 * cells as f64 * h);
         let handbook = (PI * a / (PI * a / (2.0 * w)).cos()).sqrt();
-        let off = (g * e).sqrt() / handbook - 1.0;
-        println!("K at a/w = {:.1}: {:+.2} % of the handbook", a / w, 100.0 * off);
-        assert!(off.abs() < 0.05, "{off}");
+        let error = (g * e).sqrt() / handbook - 1.0;
+        println!("K at a/w = {:.1}: {:+.2} % of the handbook", a / w, 100.0 * error);
+        assert!(error.abs() < 0.05, "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! Natural-neighbour values through every door: by point and by cell, with and without gradients, fields
+//! Natural-neighbour values by every interface: by point and by cell, with and without gradients, in fields
 //! and mediators, inside, on faces, edges and nodes, and outside by round-off.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,7 +9,7 @@ use cnem::NaturalField;
 use cnem::natural::Interpolant;
 use nalgebra::{Point3, Vector3};
 
-/// `|Σ φ − 1|` and `|Σ φ (n_k − x)|` of a row, the larger.
+/// Returns the larger of `|Σ φ − 1|` and `|Σ φ (n_k − x)|` of a row.
 fn defect(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &ShapeRow<f64>) -> f64 {
     let (mut unity, mut place) = (-1.0, Vector3::zeros());
     for (k, v) in row.nodes.iter().zip(&row.values) {
@@ -19,8 +19,8 @@ fn defect(field: &dyn Interpolation<f64>, x: &Point3<f64>, row: &ShapeRow<f64>) 
     f64::max(f64::abs(unity), place.norm())
 }
 
-/// Points inside the cells, on their faces, edges and corners, and 1e-12 outside of the unit cube, with a
-/// cell each.
+/// Returns points with a cell each: inside the cells, on their faces, edges and corners, and 1e-12 outside of
+/// the unit cube.
 fn places(field: &dyn Interpolation<f64>) -> Vec<(Option<usize>, Point3<f64>)> {
     let mut out = Vec::new();
     let mut samples = Vec::new();

@@ -15,7 +15,7 @@ fn random(n: usize, seed: u64) -> Vec<Point3<f64>> {
     (0..n).map(|_| Point3::new(next(), next(), next())).collect()
 }
 
-/// Quadrature points of the cells, nodes, and points of the border.
+/// Returns quadrature points of the cells, nodes, and points of the border.
 fn probes(field: &dyn Interpolation<f64>) -> Vec<Point3<f64>> {
     let mut samples = Vec::new();
     let cells = field.cells();
@@ -60,8 +60,12 @@ fn points_in_a_cell_need_no_search() {
         field.shape_at(&samples[0].point, true, &mut a).unwrap();
         field.shape_in(k, &samples[0].point, true, &mut b).unwrap();
         for (n, v) in a.nodes.iter().zip(&a.values) {
-            let other = b.nodes.iter().position(|m| m == n).map_or(0.0, |at| b.values[at]);
-            assert_abs_diff_eq!(*v, other, epsilon = 1e-10);
+            let reverse = b
+                .nodes
+                .iter()
+                .position(|m| m == n)
+                .map_or(0.0, |index| b.values[index]);
+            assert_abs_diff_eq!(*v, reverse, epsilon = 1e-10);
         }
     }
 }
@@ -73,20 +77,20 @@ fn outside_is_an_error_but_round_off_is_not() {
         Interpolant::Laplace,
     );
     let mut row = ShapeRow::default();
-    for (off, good) in [(1e-14, true), (1e-11, true), (1e-6, false), (0.5, false)] {
-        let x = Point3::new(3.0 + off, 1.3, 1.7);
-        let found = field.shape_at(&x, true, &mut row);
-        assert_eq!(found.is_ok(), good, "{off:e}");
+    for (distance, good) in [(1e-14, true), (1e-11, true), (1e-6, false), (0.5, false)] {
+        let x = Point3::new(3.0 + distance, 1.3, 1.7);
+        let shape = field.shape_at(&x, true, &mut row);
+        assert_eq!(shape.is_ok(), good, "{distance:e}");
         if good {
-            let at: f64 = row
+            let interpolated: f64 = row
                 .nodes
                 .iter()
                 .zip(&row.values)
                 .map(|(&k, v)| field.nodes()[k].x * v)
                 .sum();
-            assert_abs_diff_eq!(at, x.x, epsilon = 1e-13);
+            assert_abs_diff_eq!(interpolated, x.x, epsilon = 1e-13);
         } else {
-            assert!(matches!(found, Err(Error::OutsideDomain { .. })));
+            assert!(matches!(shape, Err(Error::OutsideDomain { .. })));
         }
     }
     assert!(
@@ -105,9 +109,9 @@ fn many_threads_share_a_field() {
         field.shape_at(x, false, &mut row).unwrap();
         row.values.iter().map(|v| v * v).sum::<f64>().to_bits()
     };
-    let one: Vec<u64> = points.iter().map(value).collect();
+    let serial: Vec<u64> = points.iter().map(value).collect();
     let many: Vec<u64> = points.par_iter().map(value).collect();
-    assert!(one == many);
+    assert!(serial == many);
 }
 
 #[test]
@@ -119,15 +123,15 @@ fn mediator_cells_fill_the_overlap() {
     assert!((volume / mediator.domain().volume() - 1.0).abs() < 1e-12);
     let voronoi = mediator.clone().with_voronoi_cells().unwrap();
     assert_eq!(voronoi.cells().len(), points.len());
-    let other: f64 = voronoi.cells().iter().map(Cell::measure).sum();
-    assert_relative_eq!(other, volume, epsilon = 0.0, max_relative = 1e-9);
+    let covered: f64 = voronoi.cells().iter().map(Cell::measure).sum();
+    assert_relative_eq!(covered, volume, epsilon = 0.0, max_relative = 1e-9);
     let mut row = ShapeRow::default();
     voronoi.shape_in(0, &points[0], false, &mut row).unwrap();
     assert_eq!(
         (row.nodes.as_slice(), row.values.as_slice()),
         (&[0][..], &[1.0][..])
     );
-    // Re-entrant bodies have cells that are not convex: they come in parts.
+    // Cells of re-entrant bodies are not convex and come in convex parts.
     let block = block([4, 4, 3], 0.3, 0.3, 2, |i, j, _| i < 2 || j < 2);
     let volume = block.volume();
     let voronoi = NaturalField::new(block, Interpolant::Laplace)

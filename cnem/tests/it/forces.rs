@@ -1,5 +1,5 @@
-//! Internal forces without a matrix: the same as those of the assembled stiffness, with the same bits for
-//! any number of threads.
+//! Matrix-free internal forces equal those of the assembled stiffness, with the same bits for any number of
+//! threads.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::common::{block, largest, noise, silica};
@@ -10,7 +10,7 @@ use cnem::natural::Interpolant;
 use cnem::{CnemModel, Options, Stabilisation};
 use nalgebra::{Point3, center};
 
-/// Any value per cell will do here.
+/// Weight with an arbitrary value per cell.
 struct Wave;
 impl Weight<f64> for Wave {
     fn value(&self, x: &Point3<f64>) -> f64 {
@@ -27,7 +27,7 @@ fn displacements(model: &CnemModel) -> Vec<f64> {
     (0..model.layout().dofs()).map(|_| 1e-3 * next()).collect()
 }
 
-/// Forces, added to numbers already there, and the energy.
+/// Returns the forces, added to existing numbers, and the energy.
 fn evaluate(model: &mut CnemModel) -> (Vec<f64>, f64) {
     let q = displacements(model);
     let mut f = vec![1.0; q.len()];
@@ -35,7 +35,7 @@ fn evaluate(model: &mut CnemModel) -> (Vec<f64>, f64) {
     (f, model.internal_energy(&q))
 }
 
-/// The same from the assembled stiffness `K`: `1 − K q` and `½ qᵀ K q`.
+/// Returns forces and energy from the assembled stiffness `K`: `1 − K q` and `½ qᵀ K q`.
 fn assembled(model: &CnemModel) -> (Vec<f64>, f64) {
     let q = displacements(model);
     let mut product = vec![0.0; q.len()];
@@ -49,7 +49,7 @@ fn assembled(model: &CnemModel) -> (Vec<f64>, f64) {
 
 #[test]
 fn forces_and_energy_are_those_of_the_assembled_stiffness() {
-    // An L, with nodes off the grid.
+    // An L-shape with nodes off the grid.
     let domain = block([4, 4, 3], 0.25, 0.2, 9, |i, j, _| i < 2 || j < 2);
     for kind in [Interpolant::Sibson, Interpolant::Laplace] {
         for stabilisation in [Stabilisation::None, Stabilisation::default()] {
@@ -69,7 +69,7 @@ fn forces_and_energy_are_those_of_the_assembled_stiffness() {
                 assert!(error < 1e-12, "{kind:?} {stabilisation:?} {weighted}: {error:e}");
                 let error = (ea / eb - 1.0).abs();
                 assert!(error < 1e-12, "{kind:?} {stabilisation:?} {weighted}: {error:e}");
-                // Nothing is left over from the call before.
+                // A second call is not affected by the first.
                 assert_eq!(evaluate(&mut model), (fb, eb));
             }
         }

@@ -1,4 +1,4 @@
-//! Hard cases of the geometry and the outcome each of them has.
+//! Hard cases of the geometry and the outcome of each.
 
 use approx::assert_abs_diff_eq;
 use cnem::constraint::Surface;
@@ -17,7 +17,7 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// Corners of a box, bit k of the index for axis k.
+/// Returns the corners of a box; bit k of the index belongs to axis k.
 fn corners(low: [f64; 3], high: [f64; 3]) -> Vec<Point3<f64>> {
     let pick = |i: usize, k: usize| if i >> k & 1 == 1 { high[k] } else { low[k] };
     (0..8)
@@ -25,7 +25,7 @@ fn corners(low: [f64; 3], high: [f64; 3]) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Twelve faces of a box whose corners start at `first`.
+/// Returns the twelve faces of a box whose corners start at `first`.
 fn skin(first: usize) -> Vec<[usize; 3]> {
     let quads = [
         [0, 4, 6, 2],
@@ -226,39 +226,39 @@ fn coarse_skin_with_nodes_on_it() -> Result<()> {
     Ok(())
 }
 
-/// The given diagonals are not those of the Delaunay complex: they are swapped, nothing is inserted.
+/// Given diagonals that differ from those of the Delaunay complex are swapped, and no point is inserted.
 #[test]
 fn wrong_diagonals_on_a_grid() -> Result<()> {
-    let at = |i: usize, j: usize, k: usize| i + 4 * (j + 4 * k);
+    let node = |i: usize, j: usize, k: usize| i + 4 * (j + 4 * k);
     let points: Vec<_> = (0..64)
         .map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)))
         .collect();
-    for other in [false, true] {
+    for second in [false, true] {
         let mut faces = Vec::new();
         let mut quad = |q: [usize; 4]| {
-            let s = usize::from(other);
+            let s = usize::from(second);
             faces.push([q[s], q[s + 1], q[s + 2]]);
             faces.push([q[s], q[s + 2], q[(s + 3) % 4]]);
         };
         for (a, b) in (0..9).map(|i| (i % 3, i / 3)) {
             for side in [0, 3] {
                 quad([
-                    at(side, a, b),
-                    at(side, a + 1, b),
-                    at(side, a + 1, b + 1),
-                    at(side, a, b + 1),
+                    node(side, a, b),
+                    node(side, a + 1, b),
+                    node(side, a + 1, b + 1),
+                    node(side, a, b + 1),
                 ]);
                 quad([
-                    at(a, side, b),
-                    at(a + 1, side, b),
-                    at(a + 1, side, b + 1),
-                    at(a, side, b + 1),
+                    node(a, side, b),
+                    node(a + 1, side, b),
+                    node(a + 1, side, b + 1),
+                    node(a, side, b + 1),
                 ]);
                 quad([
-                    at(a, b, side),
-                    at(a + 1, b, side),
-                    at(a + 1, b + 1, side),
-                    at(a, b + 1, side),
+                    node(a, b, side),
+                    node(a + 1, b, side),
+                    node(a + 1, b + 1, side),
+                    node(a, b + 1, side),
                 ]);
             }
         }
@@ -269,7 +269,8 @@ fn wrong_diagonals_on_a_grid() -> Result<()> {
     Ok(())
 }
 
-/// A coarse crack among many nodes: its faces are not Delaunay and points have to be inserted on them.
+/// The faces of a coarse crack among many nodes are not Delaunay: they are recovered with inserted points, or
+/// refused by name.
 #[test]
 fn missing_faces_are_recovered_or_named() -> Result<()> {
     let mut points = corners([0.0; 3], [4.0, 4.0, 2.0]);
@@ -301,14 +302,15 @@ fn missing_faces_are_recovered_or_named() -> Result<()> {
         .map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm())
         .sum();
     let p = |i: usize| points[i];
-    let given = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm()
+    let expected = 0.5 * (p(9) - p(8)).cross(&(p(10) - p(8))).norm()
         + 0.5 * (p(10) - p(8)).cross(&(p(11) - p(8))).norm();
-    assert_abs_diff_eq!(area, given, epsilon = 1e-12);
+    assert_abs_diff_eq!(area, expected, epsilon = 1e-12);
     assert_sound(&domain, 32.0);
     Ok(())
 }
 
-/// A coarse re-entrant surface between scattered nodes, given as the boundary of a tetrahedral mesh.
+/// A coarse re-entrant surface between scattered nodes, given as the boundary of a tetrahedral mesh, is
+/// recovered.
 #[test]
 fn coarse_re_entrant_surface_is_recovered() -> Result<()> {
     let mut points = corners([0.0; 3], [2.0; 3]);
@@ -352,7 +354,7 @@ fn cylinder_between_its_nodes() -> Result<()> {
     Ok(())
 }
 
-/// Slivers: nearly flat tetrahedra between nodes on two layers of a fine grid.
+/// Slivers among the nodes of a grid that are moved by up to 1e-9 leave a sound domain.
 #[test]
 fn slivers() -> Result<()> {
     let mut r = noise(3);

@@ -1,4 +1,4 @@
-//! Tests of natural elements, in one program: one link instead of 14.
+//! Tests of natural elements, linked as one program instead of 14.
 
 mod adopt;
 mod beams;

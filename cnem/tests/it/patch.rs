@@ -50,7 +50,8 @@ fn bodies() -> Vec<(&'static str, Domain)> {
     ]
 }
 
-/// A crack that is coarse beside the nodes at it: parts of the cells had to be handed over.
+/// Returns a body whose crack is coarse compared with the nodes at it, so that parts of cells were
+/// reassigned.
 fn coarse_crack() -> Domain {
     let mut points: Vec<_> = (0..64)
         .map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4 % 4), f64::from(i / 16)) / 3.0)
@@ -109,7 +110,7 @@ fn patch_test() {
     }
 }
 
-/// The tractions of a constant stress, put on the surface facets, balance the internal forces at every node.
+/// The tractions of a constant stress on the surface facets balance the internal forces at every node.
 #[test]
 fn tractions_balance_a_constant_stress() {
     let [lambda, mu] = silica().lame();
@@ -137,7 +138,7 @@ fn tractions_balance_a_constant_stress() {
     }
 }
 
-/// Any value per cell will do here; the true mean is costly.
+/// Weight with an arbitrary value per cell, since the true mean is costly.
 struct Wave;
 impl Weight<f64> for Wave {
     fn value(&self, x: &Point3<f64>) -> f64 {
@@ -187,7 +188,7 @@ fn constant_strain_has_the_exact_energy() {
     }
 }
 
-/// Half weights: `x < 0.5` counts a quarter, the rest fully; the mean is that of the clipped cell.
+/// Weight of a quarter for `x < 0.5` and one beyond; its mean is that of the clipped cell.
 struct Ramp;
 impl Weight<f64> for Ramp {
     fn value(&self, x: &Point3<f64>) -> f64 {
@@ -202,7 +203,7 @@ fn weights_are_means_over_the_voronoi_cells() {
         let n = model.layout().dofs();
         let mut mass = vec![0.0; n];
         model.lumped_inertia(&Ramp, &mut mass).unwrap();
-        // A linear weight: the mass is that of the volume with the weight at its centroid.
+        // The mass under a linear weight is the volume times the weight at its centroid.
         let nodes = model.nodes();
         let (mut expected, mut total) = (0.0, 0.0);
         for t in model.domain().elements() {
@@ -275,9 +276,9 @@ fn forces_with(threads: usize) -> (Vec<u64>, u64) {
 
 #[test]
 fn thread_counts_give_the_same_bits() {
-    let one = forces_with(1);
-    assert!(one == forces_with(2));
-    assert!(one == forces_with(3));
+    let serial = forces_with(1);
+    assert!(serial == forces_with(2));
+    assert!(serial == forces_with(3));
 }
 
 #[test]
@@ -308,7 +309,8 @@ fn wrong_input_is_named() {
     assert!(cnem::Elastic::new(1.0, 0.5, 1.0).is_err());
 }
 
-/// The critical step under a weight that falls from 1 to `ε` over half the body, against the unweighted one.
+/// Under a weight that falls to 0.05 over four spacings the critical step stays above half of the unweighted
+/// one.
 #[test]
 fn small_weights_shorten_the_step() {
     let ratios = steps_under_falling_weights(Options::default());
@@ -316,7 +318,7 @@ fn small_weights_shorten_the_step() {
     assert!(ratios[0] > 0.5);
 }
 
-/// Numbering changes nothing but the numbers.
+/// Numbering in spatial order changes only the numbers.
 #[test]
 fn spatial_order_keeps_the_body() {
     let grid = generate::block(Point3::origin(), Point3::new(1.0, 1.0, 1.0), [4, 4, 4], 0.2, 1).unwrap();
@@ -352,7 +354,7 @@ fn spatial_order_keeps_the_body() {
     ));
 }
 
-/// Constant stress comes to every node of every body to round-off, with any weights.
+/// A constant stress is recovered at every node of every body to round-off, with any weights.
 #[test]
 fn constant_stress_is_recovered_to_round_off_at_all_nodes() {
     struct Falling;
@@ -369,17 +371,17 @@ fn constant_stress_is_recovered_to_round_off_at_all_nodes() {
         model.set_internal_weight(&Falling).unwrap();
         let q = linear(&gradient, model.nodes());
         let nodes: Vec<usize> = (0..model.nodes().len()).collect();
-        let mut found = Vec::new();
+        let mut recovered = Vec::new();
         let recovery = model.recovery().unwrap();
-        recovery.recover(&q, &nodes, &mut found).unwrap();
-        let off = found.iter().flat_map(|r| {
+        recovery.recover(&q, &nodes, &mut recovered).unwrap();
+        let errors = recovered.iter().flat_map(|r| {
             let pairs = r.stress.0.into_iter().zip(stress.0);
             pairs.map(|(a, b)| (a - b).abs())
         });
-        let off = off.fold(0.0_f64, f64::max) / stress.von_mises();
-        println!("{name}: {off:e}");
-        // Cells of the crack have parts that were handed over: their gradients hold to 1e-8.
-        assert!(off < 1e-10, "{name}: {off:e}");
-        assert!(recovery.recover(&q, &[nodes.len()], &mut found).is_err());
+        let errors = errors.fold(0.0_f64, f64::max) / stress.von_mises();
+        println!("{name}: {errors:e}");
+        // Cells at the crack have reassigned parts, and their gradients hold to 1e-8.
+        assert!(errors < 1e-10, "{name}: {errors:e}");
+        assert!(recovery.recover(&q, &[nodes.len()], &mut recovered).is_err());
     }
 }

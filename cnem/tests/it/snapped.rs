@@ -1,7 +1,7 @@
 //! GOAL: lattices whose nodes are off their lines, planes and circles by 1e-9, as particle centres on the
-//! grid of their bonds are, are bodies like any other: cells tile, functions are linear to round-off.
-//! MODEL: a bar of 12 by 3 by 3 cells, scattered inside or not, turned, sheared, shifted, of 3 m, 3e-6 m
-//! and 3e6 m, its nodes moved to a grid of 2⁻³⁰ of the longest bond.
+//! grid of their bonds are, are accepted like any other body: cells tile, functions are linear to round-off.
+//! MODEL: a bar of 12 by 3 by 3 cells with regular or scattered inner nodes, rotated, sheared, shifted, of 3
+//! m, 3e-6 m and 3e6 m, whose nodes are moved to a grid of 2⁻³⁰ of the longest bond.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use crate::common::bodies::Map;
@@ -11,8 +11,7 @@ use cnem::NaturalField;
 use cnem::natural::Interpolant;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Distance to the surface of the points that are looked at there: that of mediators which must not leave a
-/// model.
+/// Distance to the surface of the points next to it: the distance of mediators that must lie within a model.
 const HAIR: f64 = 1e-6;
 
 struct Case {
@@ -32,22 +31,22 @@ impl Case {
         let map = map.scaled(size);
         let jitter = if seed.is_multiple_of(2) { 0.2 } else { 0.0 };
         let (low, high) = (Point3::origin(), Point3::new(3.0, 1.0, 1.0));
-        let all = cnem::generate::block(low, high, [12, 3, 3], jitter, seed).unwrap();
+        let lattice = cnem::generate::block(low, high, [12, 3, 3], jitter, seed).unwrap();
         let step = (0.5 * size).log2().ceil().exp2() / f64::from(1_u32 << 30);
-        let snap = |p: &Point3<f64>| Self::at(&map, p).map(|c| (c / step).round() * step);
+        let snap = |p: &Point3<f64>| Self::placed(&map, p).map(|c| (c / step).round() * step);
         Self {
             size,
             map,
-            points: all.iter().map(snap).collect(),
+            points: lattice.iter().map(snap).collect(),
         }
     }
 
-    fn at(map: &Map, p: &Point3<f64>) -> Point3<f64> {
+    fn placed(map: &Map, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(map.matrix * p.coords + map.shift)
     }
 
-    /// Largest errors of unity and of linear functions, and of their gradients, at points inside and by
-    /// faces, edges, lines and ends of the lattice, which round-off may leave outside.
+    /// Returns the largest errors of unity and linear functions, and of their gradients, at points inside and
+    /// at faces, edges, lines and ends of the lattice. Round-off may put the latter outside.
     fn linear_errors(&self, field: &NaturalField, next: &mut impl FnMut() -> f64) -> [f64; 2] {
         let mut row = ShapeRow::default();
         let mut worst = [0.0_f64; 2];
@@ -65,15 +64,15 @@ impl Case {
             for (c, top) in x.iter_mut().zip([3.0, 1.0, 1.0]) {
                 *c = c.clamp(hair, top - hair);
             }
-            let x = Self::at(&self.map, &x);
-            let found = field.shape_at(&x, true, &mut row);
-            assert!(found.is_ok() || hair < HAIR, "{x} is inside");
-            if found.is_err() {
+            let x = Self::placed(&self.map, &x);
+            let evaluated = field.shape_at(&x, true, &mut row);
+            assert!(evaluated.is_ok() || hair < HAIR, "{x} is inside");
+            if evaluated.is_err() {
                 continue;
             }
-            let all = || row.nodes.iter().zip(&row.values).zip(&row.gradients);
-            let moment: Vector3<f64> = all().map(|((v, w), _)| (self.points[*v] - x) * *w).sum();
-            let slope: Matrix3<f64> = all()
+            let entries = || row.nodes.iter().zip(&row.values).zip(&row.gradients);
+            let moment: Vector3<f64> = entries().map(|((v, w), _)| (self.points[*v] - x) * *w).sum();
+            let slope: Matrix3<f64> = entries()
                 .map(|((v, _), g)| (self.points[*v] - x) * g.transpose())
                 .sum();
             let sum: Vector3<f64> = row.gradients.iter().sum();
@@ -85,24 +84,24 @@ impl Case {
         worst
     }
 
-    /// What the cells cover of a hexahedron within the bar, less one.
+    /// Returns the share of a hexahedron within the bar that the cells cover, less one.
     fn covered(&self, cells: &[Cell<f64>], next: &mut impl FnMut() -> f64) -> f64 {
         let low = Point3::new(2.0 * next().abs(), 0.5 * next(), 0.5 * next());
         let corner = |k: usize| {
             let p = [0, 1, 2].map(|c| low[c] + (k >> c & 1) as f64);
             let [x, y, z] = [p[0], p[1], p[2]];
             let inside = |c: f64, top: f64| c.clamp(HAIR, top - HAIR);
-            Self::at(
+            Self::placed(
                 &self.map,
                 &Point3::new(inside(x, 3.0), inside(y, 1.0), inside(z, 1.0)),
             )
         };
         let body = Polyhedron::hexahedron([0, 1, 3, 2, 4, 5, 7, 6].map(corner));
-        let of = |c: &Cell<f64>| match c {
+        let covered_volume = |c: &Cell<f64>| match c {
             Cell::Polyhedron(p) => body.intersection(&p.half_spaces()).volume(),
             Cell::Segment { .. } => 0.0,
         };
-        cells.iter().map(of).sum::<f64>() / body.volume() - 1.0
+        cells.iter().map(covered_volume).sum::<f64>() / body.volume() - 1.0
     }
 }
 
@@ -120,8 +119,8 @@ fn cells_tile_and_functions_are_linear() {
         let field = NaturalField::from_points(&case.points, Interpolant::Laplace).unwrap();
         let cells = field.cells();
         for _ in 0..4 {
-            let more = case.covered(&cells, &mut next);
-            assert!(more.abs() < 1e-9, "case {seed}: {more:e} of a body too much");
+            let excess = case.covered(&cells, &mut next);
+            assert!(excess.abs() < 1e-9, "case {seed}: {excess:e} of a body too much");
         }
     }
 }

@@ -1,11 +1,11 @@
-//! GOAL: a body is the same body turned, sheared, far away, tiny or huge, and with cospherical nodes; what
-//! cannot be trusted is refused. MODEL: structured and scattered blocks, cylinders, cones, prisms, tori,
+//! GOAL: a body stays the same when rotated, sheared, far away, tiny or huge, and with cospherical nodes;
+//! doubtful results are refused. MODEL: structured and scattered blocks, cylinders, cones, prisms, tori,
 //! L-shapes, holes, blocky random bodies; their own surface, the hull, or the surface of a mesh of
 //! tetrahedra. EXPECTED: the energy of the six linear displacement fields to 1e-10, no node added in a
-//! turn, surface points inside.
+//! rotation, surface points inside.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use crate::common::bodies::{Body, Map, all, grid_hull, rings, voxels};
+use crate::common::bodies::{Body, Map, all_bodies, grid_hull, rings, voxels};
 use arlequin_core::{LinearModel, Model};
 use cnem::constraint::Surface;
 use cnem::domain::Domain;
@@ -19,7 +19,7 @@ fn model(body: &Body) -> cnem::Result<CnemModel> {
     CnemModel::new("body", domain, Elastic::new(1.0, 0.25, 1.0)?, Options::default())
 }
 
-/// Largest relative error of the energies of the six linear fields, for λ = μ = 0.4.
+/// Returns the largest relative error of the energies of the six linear fields, for λ = μ = 0.4.
 fn defect(model: &CnemModel, volume: f64) -> f64 {
     let nodes = model.nodes();
     let middle = nodes.iter().map(|p| p.coords).sum::<Vector3<f64>>() / nodes.len() as f64;
@@ -43,7 +43,7 @@ fn defect(model: &CnemModel, volume: f64) -> f64 {
     worst
 }
 
-/// Asserts the energies of every body in every place; `keep` bodies must keep their nodes.
+/// Asserts the energies of every body under every map; with `keep`, also that no node is added.
 fn assert_exact(bodies: &[Body], maps: impl Iterator<Item = Map>, keep: bool) {
     for (k, map) in maps.enumerate() {
         for body in bodies {
@@ -54,9 +54,9 @@ fn assert_exact(bodies: &[Body], maps: impl Iterator<Item = Map>, keep: bool) {
             assert!(error <= 1e-10, "{} in place {k}: {error:e}", body.name);
             let finite = built.stiffness().data().iter().all(|x| x.is_finite());
             assert!(finite, "{} in place {k}: stiffness", body.name);
-            let same = built.nodes().len() == body.points.len();
+            let unchanged = built.nodes().len() == body.points.len();
             assert!(
-                same || !keep,
+                unchanged || !keep,
                 "{} in place {k}: {} nodes",
                 body.name,
                 built.nodes().len()
@@ -67,12 +67,12 @@ fn assert_exact(bodies: &[Body], maps: impl Iterator<Item = Map>, keep: bool) {
 
 #[test]
 fn linear_fields_have_their_energy_in_twenty_turns() {
-    assert_exact(&all(), (1..=20).map(Map::turn), true);
+    assert_exact(&all_bodies(), (1..=20).map(Map::turn), true);
 }
 
 #[test]
 fn linear_fields_have_their_energy_in_twenty_shears() {
-    assert_exact(&all(), (1..=20).map(|seed| Map::shear(seed, 0.3)), false);
+    assert_exact(&all_bodies(), (1..=20).map(|seed| Map::shear(seed, 0.3)), false);
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn linear_fields_have_their_energy_tiny_huge_and_far_away() {
         Map::turn(34).moved([1e4, 2e4, -5e3]),
         Map::turn(35).scaled(1e-4).moved([1.0, 2.0, -0.5]),
     ];
-    assert_exact(&all(), places.into_iter(), true);
+    assert_exact(&all_bodies(), places.into_iter(), true);
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn turned_lattices_of_several_kinds() {
     assert_exact(&bodies, (41..46).map(Map::turn), true);
 }
 
-/// The generator's own cylinder, turned by 30° about y.
+/// The generated cylinder has exact energies, rotated by 30° about y.
 #[test]
 fn the_generated_cylinder_turned() {
     let shape = Cylinder::with_spacing([0.0, 6e-3], 1e-3, 0.5e-3).unwrap();
@@ -132,8 +132,8 @@ fn the_generated_cylinder_turned() {
     assert_exact(&[body], [map].into_iter(), true);
 }
 
-/// Coordinates of a file with fewer digits are not planar, but by much more than round-off: exact, or
-/// refused by name.
+/// Faces of a file with fewer digits are planar only to these digits, far above round-off: the body is exact,
+/// or refused by name.
 #[test]
 fn coordinates_with_few_digits_are_exact_or_refused() {
     let bodies = [
@@ -162,7 +162,7 @@ fn coordinates_with_few_digits_are_exact_or_refused() {
     assert!(exact >= 95 && refused <= 4, "{exact} exact, {refused} refused");
 }
 
-/// A cantilever of 9 × 3 × 3 nodes: the tip moves as far whatever the direction of the beam.
+/// The tip of a cantilever of 9 × 3 × 3 nodes moves equally far for any direction of the beam.
 #[test]
 fn a_turned_cantilever_bends_as_far() {
     let beam = grid_hull([8, 2, 2]);
@@ -199,17 +199,16 @@ fn a_turned_cantilever_bends_as_far() {
     };
     for degrees in [25.0, 45.0, 55.0] {
         let ratio = deflection(degrees, Stabilisation::None) / deflection(0.0, Stabilisation::None);
-        // The boundary is integrated triangle by triangle, and equal diagonals of a grid are chosen by
-        // round-off.
+        // The boundary is integrated by triangles, and round-off decides between equal diagonals of a grid.
         assert!((ratio - 1.0).abs() < 1e-3, "{degrees}: {ratio}");
-        // So are those of the tetrahedra that stabilise: 0.7 % with two cells across.
+        // The same holds for the stabilising tetrahedra: 0.7 % with two cells across.
         let stable = Stabilisation::default();
         let ratio = deflection(degrees, stable) / deflection(0.0, stable);
         assert!((ratio - 1.0).abs() < 1e-2, "{degrees}: {ratio}");
     }
 }
 
-/// Integer points on a sphere: exactly cospherical.
+/// Returns the integer points on a sphere, which are exactly cospherical.
 fn sphere(square: i64) -> Vec<Point3<f64>> {
     let r = (square as f64).sqrt() as i64;
     let mut out = Vec::new();
@@ -275,7 +274,8 @@ fn nodes_on_the_surface_only_are_warned_of_or_refused() {
     );
 }
 
-/// Twenty-seven nodes inside 20 160 cospherical ones: 589 neighbours on average, refused at once.
+/// Twenty-seven nodes inside 20 160 cospherical ones would have 589 neighbours on average and are refused at
+/// once.
 #[test]
 fn many_cospherical_nodes_around_a_few_are_refused_at_once() {
     let mut points = sphere(MANY.0);
@@ -291,7 +291,7 @@ fn many_cospherical_nodes_around_a_few_are_refused_at_once() {
     assert!(seconds < 30.0, "{seconds} s");
 }
 
-/// `x² + y² + z²` of 20 160 integer points.
+/// Square of the radius of a sphere, and its number of integer points.
 const MANY: (i64, usize) = (901_325, 20_160);
 
 #[test]
@@ -302,7 +302,10 @@ fn points_on_the_surface_are_inside() {
         Map::turn(53).moved([100.0, 20.0, -50.0]),
     ];
     let (mut scratch, mut next) = (Scratch::new(), crate::common::noise(9));
-    for (map, body) in places.iter().flat_map(|m| all().into_iter().map(move |b| (m, b))) {
+    for (map, body) in places
+        .iter()
+        .flat_map(|m| all_bodies().into_iter().map(move |b| (m, b)))
+    {
         let body = body.mapped(map);
         let domain = Domain::new(&body.points, &body.surface).unwrap();
         let size = domain.nodes().iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
@@ -318,8 +321,8 @@ fn points_on_the_surface_are_inside() {
                 let x = a + (b - a) * u + (c - a) * v;
                 let row = domain.shape(Interpolant::Laplace, &x, &mut scratch).unwrap();
                 let pairs = row.nodes.iter().zip(&row.values);
-                let off: Vector3<f64> = pairs.map(|(&v, w)| (domain.nodes()[v] - x) * *w).sum();
-                assert!(off.norm() < 1e-13 * (1.0 + size), "{} {off}", body.name);
+                let moment: Vector3<f64> = pairs.map(|(&v, w)| (domain.nodes()[v] - x) * *w).sum();
+                assert!(moment.norm() < 1e-13 * (1.0 + size), "{} {moment}", body.name);
                 let normal = (b - a).cross(&(c - a)).normalize() * (1e-9 * size);
                 assert!(
                     !(domain.contains(&(x + normal)) && domain.contains(&(x - normal))),
@@ -331,11 +334,11 @@ fn points_on_the_surface_are_inside() {
     }
 }
 
-/// Along a straight edge the complex has needles and tetrahedra without thickness, whose planes point
-/// anywhere: 223 of 232 800 points were outside.
+/// Points on straight edges are inside. Along such edges the complex has needles and flat tetrahedra, whose
+/// planes point anywhere: before, 223 of 232 800 points were outside.
 #[test]
 fn points_on_straight_edges_are_inside() {
-    for (body, turn) in all().iter().flat_map(|b| (1..=10).map(move |t| (b, t))) {
+    for (body, turn) in all_bodies().iter().flat_map(|b| (1..=10).map(move |t| (b, t))) {
         let body = body.mapped(&Map::turn(turn));
         let domain = Domain::new(&body.points, &body.surface).unwrap();
         let mut next = crate::common::noise(turn);
@@ -368,7 +371,7 @@ fn points_on_straight_edges_are_inside() {
                 domain.contains(&Point3::from(map.matrix * x)),
                 "{n} cells in turn {turn}: {x}"
             );
-            // Three times the tolerance away from the edge: what is called outside is outside.
+            // Three tolerances away from the edge, points outside are called outside.
             let mut outward = x - Vector3::repeat(0.5 * size);
             outward[axis] = 0.0;
             let away = x + outward.normalize() * (3.0 * domain.tolerance());

@@ -1,15 +1,15 @@
-//! Parts of larger bodies: packed with what is around them, cut off at their borders.
+//! Parts of larger bodies: packed with their surroundings, cut off at their borders.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use dem_beam::packing::Around;
 use dem_beam::{BeamMaterial, Container, Packing, PackingSpec, Surface};
 use nalgebra::{Rotation3, Vector3};
 
-/// Edge of the section and length of the part, in units of the scale.
+/// Edge of the section, in units of the scale.
 const SIDE: f64 = 6.0;
 const LENGTH: f64 = 8.0;
 
-/// How a body lies and how large it is.
+/// Orientation, place and size of a body.
 #[derive(Clone, Copy)]
 struct Place {
     scale: f64,
@@ -24,19 +24,19 @@ const AT_ORIGIN: fn() -> Place = || Place {
 };
 
 impl Place {
-    fn of(&self, x: f64, y: f64, z: f64) -> Vector3<f64> {
+    fn point(&self, x: f64, y: f64, z: f64) -> Vector3<f64> {
         self.turn * Vector3::new(x, y, z) * self.scale + self.shift
     }
 
-    fn back(&self, x: &Vector3<f64>) -> Vector3<f64> {
+    fn unplaced(&self, x: &Vector3<f64>) -> Vector3<f64> {
         self.turn.inverse() * (x - self.shift) / self.scale
     }
 
-    /// A bar from `x = 0` to `length`; its triangles, the two at the far end last.
+    /// Returns a bar from `x = 0` to `length`: its points and triangles, the two at the far end last.
     fn bar(&self, length: f64) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
         let corners = (0..8).map(|k| {
-            let at = |bit: usize, far: f64| if k >> bit & 1 == 1 { far } else { 0.0 };
-            self.of(at(0, length), at(1, SIDE), at(2, SIDE))
+            let coordinate = |bit: usize, far: f64| if k >> bit & 1 == 1 { far } else { 0.0 };
+            self.point(coordinate(0, length), coordinate(1, SIDE), coordinate(2, SIDE))
         });
         let faces = [
             [0, 2, 6, 4],
@@ -50,7 +50,7 @@ impl Place {
         (corners.collect(), faces.into_iter().flat_map(halves).collect())
     }
 
-    /// Spheres of mean diameter one in the first part of a bar twice as long.
+    /// Returns the container for spheres of mean diameter one in the first half of a bar.
     fn around(&self) -> Around {
         let (points, triangles) = self.bar(LENGTH);
         let border: Vec<_> = triangles[10..]
@@ -64,9 +64,9 @@ impl Place {
     }
 }
 
-/// Bonds per sphere, and mass per volume over that of the body, of what lies between two sections and a
-/// diameter or more within the sides.
-fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
+/// Returns bonds per sphere, and mass per volume over the body's density, of the spheres between two
+/// sections.
+fn bonds_and_mass(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     let mut bonds = vec![0_u32; packing.radii.len()];
     packing
         .pairs
@@ -76,7 +76,7 @@ fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     let body = packing.bonded(BeamMaterial::SILICA, 1.0).unwrap();
     let (mut count, mut degree, mut mass) = (0.0, 0.0, 0.0);
     for ((x, b), m) in packing.positions.iter().zip(&bonds).zip(body.mass()) {
-        let x = place.back(x);
+        let x = place.unplaced(x);
         if (low..high).contains(&x.x) {
             count += 1.0;
             degree += f64::from(*b);
@@ -89,7 +89,7 @@ fn between(packing: &Packing, place: &Place, low: f64, high: f64) -> [f64; 2] {
     ]
 }
 
-/// All spheres are accounted for, and what is cut stands for the part's volume.
+/// The report accounts for all spheres, and the cut packing represents the volume of the part.
 #[test]
 fn a_part_is_filled_with_its_margin_and_stands_for_its_own_volume() {
     let place = AT_ORIGIN();
@@ -108,7 +108,7 @@ fn a_part_is_filled_with_its_margin_and_stands_for_its_own_volume() {
     assert!((cut.volumes().iter().sum::<f64>() / (SIDE * SIDE * LENGTH) - 1.0).abs() < 1e-12);
 }
 
-/// Nothing depends on where a body lies but what numbers of so many digits cannot tell.
+/// The packing of a part hardly depends on the body's orientation, place and unit of length.
 #[test]
 fn a_part_is_packed_alike_when_it_is_turned_far_away_and_in_other_units() {
     let places = [
@@ -133,14 +133,14 @@ fn a_part_is_packed_alike_when_it_is_turned_far_away_and_in_other_units() {
         let around = place.around();
         let share = around.volume() / (SIDE * SIDE * (LENGTH + 2.5) * place.scale.powi(3));
         assert!((share - 1.0).abs() < 0.04, "volume {share}");
-        let made = PackingSpec::quench(Container::Around(Box::new(around)), 394, 2)
+        let packing = PackingSpec::quench(Container::Around(Box::new(around)), 394, 2)
             .build()
             .unwrap();
-        let [bonds, mass] = between(&made, &place, 2.0, 6.0);
+        let [bonds, mass] = bonds_and_mass(&packing, &place, 2.0, 6.0);
         assert!((5.9..6.9).contains(&bonds), "bonds inside {bonds}");
         assert!((mass - 1.0).abs() < 0.06, "mass inside {mass}");
-        let beyond = |x: &Vector3<f64>| place.back(x).x > LENGTH * (1.0 + 1e-9);
-        assert!(!made.positions.iter().any(beyond));
+        let beyond = |x: &Vector3<f64>| place.unplaced(x).x > LENGTH * (1.0 + 1e-9);
+        assert!(!packing.positions.iter().any(beyond));
     }
 }
 
@@ -148,6 +148,6 @@ fn a_part_is_packed_alike_when_it_is_turned_far_away_and_in_other_units() {
 fn a_part_without_a_margin_is_refused() {
     let (points, triangles) = AT_ORIGIN().bar(1.0);
     let part = Surface::oriented(points, triangles).unwrap();
-    let found = Around::new(part.clone(), part, &[], 0.0).unwrap_err().to_string();
-    assert!(found.contains("margin"), "{found}");
+    let message = Around::new(part.clone(), part, &[], 0.0).unwrap_err().to_string();
+    assert!(message.contains("margin"), "{message}");
 }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 type M12 = SMatrix<f64, 12, 12>;
 
-/// Textbook stiffness (Przemieniecki, 1968, ch. 5) in the beam frame x = axis, `(u, th) x 2`.
+/// Returns the textbook stiffness (Przemieniecki, 1968, ch. 5) in the beam frame x = axis, `(u, th) x 2`.
 fn textbook(k: &BeamRigidity, l: f64) -> M12 {
     let (a, t) = (k.axial / l, k.torsion / l);
     let (b3, b2, b1) = (
@@ -86,19 +86,19 @@ proptest! {
             turn.fixed_view_mut::<3, 3>(o, o).copy_from(&q);
         }
         let expected = turn * textbook(&k, l) * turn.transpose() * w;
-        let found = bond.stiffness(&k);
+        let full = bond.stiffness(&k);
         // Compare block by block: u and th have different units.
         for r in 0..4 { for c in 0..4 {
             let e = expected.fixed_view::<3, 3>(3 * r, 3 * c);
-            let f = found.fixed_view::<3, 3>(3 * r, 3 * c);
-            // Scale of the block's units: sqrt of the two diagonal blocks, as in an energy.
+            let f = full.fixed_view::<3, 3>(3 * r, 3 * c);
+            // Scale of the block's units: the root of the two diagonal blocks, as in an energy.
             let s = |o: usize| expected.fixed_view::<3, 3>(3 * o, 3 * o).norm();
             prop_assert!((e - f).norm() <= 1e-12 * (s(r) * s(c)).sqrt());
         }}
-        let own = bond.own_block(&k) - found.fixed_view::<6, 6>(0, 0);
-        prop_assert!(own.norm() <= 1e-12 * found.norm());
-        let other = bond.reversed().own_block(&k) - found.fixed_view::<6, 6>(6, 6);
-        prop_assert!(other.norm() <= 1e-12 * found.norm());
+        let difference = bond.own_block(&k) - full.fixed_view::<6, 6>(0, 0);
+        prop_assert!(difference.norm() <= 1e-12 * full.norm());
+        let reversed_difference = bond.reversed().own_block(&k) - full.fixed_view::<6, 6>(6, 6);
+        prop_assert!(reversed_difference.norm() <= 1e-12 * full.norm());
     }
 
     #[test]
@@ -107,8 +107,8 @@ proptest! {
         let k = rigidity();
         let bond = LinearBond::new(a, b, 1.0).unwrap();
         let (t, w) = (Vector3::from(t) * 1e-6, Vector3::from(w) * 1e-2);
-        let at = |x: Vector3<f64>| Twist { linear: t + w.cross(&x), angular: w };
-        let (i, j) = (at(a), at(b));
+        let motion_at = |x: Vector3<f64>| Twist { linear: t + w.cross(&x), angular: w };
+        let (i, j) = (motion_at(a), motion_at(b));
         let (fi, fj) = bond.wrenches(&k, &i, &j);
         let l = (b - a).norm();
         let scale = k.axial / l * (t.norm() + w.norm() * l.max(a.norm()));
@@ -130,23 +130,23 @@ proptest! {
         prop_assert!((fi.linear + fj.linear).norm() <= 1e-14 * scale);
         let moment = fi.angular + fj.angular + (b - a).cross(&fj.linear);
         prop_assert!(moment.norm() <= 1e-13 * scale * l);
-        // The energy is quadratic: a central difference of any width is exact.
+        // The energy is quadratic, so that a central difference of any width is exact.
         let f = [fi.linear, fi.angular, fj.linear, fj.angular];
         for c in 0..12 {
             let h = if c % 6 < 3 { l } else { 1.0 };
             let mut y = x.clone();
             y[c] += h;
-            let up = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
+            let energy_above = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
             y[c] -= 2.0 * h;
-            let down = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
-            let grad = (up - down) / (2.0 * h);
+            let energy_below = bond.energy(&k, &twist(&y[..6]), &twist(&y[6..]));
+            let grad = (energy_above - energy_below) / (2.0 * h);
             prop_assert!((f[c / 3][c % 3] + grad).abs() <= 1e-12 * scale * l / h);
         }
     }
 }
 
-/// GOAL: n beams in line are one Euler-Bernoulli cantilever, whatever n and direction.
-/// EXPECTED: `F l/ES`, `F l^3/3EI` with slope `F l^2/2EI`, `T l/GI_O`, to 1e-9.
+/// GOAL: n beams in line are one Euler-Bernoulli cantilever for any n and direction. EXPECTED: `F l/ES`,
+/// `F l^3/3EI` with slope `F l^2/2EI`, `T l/GI_O`, to 1e-9.
 #[test]
 fn cantilever_chain() {
     for n in [1_usize, 7, 40] {
@@ -173,7 +173,7 @@ fn cantilever_chain() {
                 }
             }
         }
-        // Rotations times r: the same units, so the factor keeps its digits.
+        // Rotations times r have the units of displacements, so that the factorisation keeps its digits.
         let unit = |c: usize| if c % 6 < 3 { 1.0 } else { 1.0 / r };
         let free = DMatrix::from_fn(size, size, |a, b| full[(a + 6, b + 6)] * unit(a) * unit(b));
         let chol = free.cholesky().unwrap();

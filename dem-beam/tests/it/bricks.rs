@@ -1,4 +1,4 @@
-//! Lattices in bricks are the lattices, with other numbers.
+//! Lattices built in bricks equal plain lattices except for their numbering.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction, UNIT};
@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// One rank.
+/// Communicator of a single rank.
 #[derive(Debug)]
 struct Alone;
 
@@ -43,11 +43,11 @@ fn all_of(bricks: &Bricks) -> (Division, Piece) {
     (division, piece)
 }
 
-/// Where two particles are, in hundredths of a radius, the lower first.
+/// Returns the ends of a bond in hundredths of a radius, the lower first.
 fn ends(x: [[f64; 3]; 2], radius: f64) -> [[i64; 3]; 2] {
-    let mut of = x.map(|x| x.map(|c| (100.0 * c / radius).round() as i64));
-    of.sort_unstable();
-    of
+    let mut scaled = x.map(|x| x.map(|c| (100.0 * c / radius).round() as i64));
+    scaled.sort_unstable();
+    scaled
 }
 
 #[test]
@@ -67,9 +67,9 @@ fn bricks_have_the_particles_and_the_bonds_of_the_lattice() {
         let bonds = |x: &dyn Fn(u32) -> [f64; 3], pairs: &[[u32; 2]]| -> BTreeSet<_> {
             pairs.iter().map(|p| ends(p.map(x), radius)).collect()
         };
-        let mine = bonds(&|i| piece.positions[i as usize].into(), &piece.pairs);
-        let theirs = bonds(&|i| plain.positions[i as usize].into(), &plain.pairs);
-        assert!(mine == theirs, "{kind:?} {cells:?}");
+        let piece_bonds = bonds(&|i| piece.positions[i as usize].into(), &piece.pairs);
+        let plain_bonds = bonds(&|i| plain.positions[i as usize].into(), &plain.pairs);
+        assert!(piece_bonds == plain_bonds, "{kind:?} {cells:?}");
         let volume: f64 = piece.volumes.iter().sum();
         assert!((volume / plain.volume - 1.0).abs() < 1e-12);
     }
@@ -81,16 +81,16 @@ fn units_of_bricks_are_those_of_the_model_and_lie_close_together() {
         let bricks = Bricks::new(kind, cells, 1e-4).unwrap();
         let (division, piece) = all_of(&bricks);
         let model = DemModel::of_piece("lattice", piece, &division, Arc::new(Alone)).unwrap();
-        let (told, found) = (bricks.units(), model.units());
-        assert_eq!(told.len(), found.len());
-        for (a, b) in told.iter().zip(&found) {
+        let (lattice_units, model_units) = (bricks.units(), model.units());
+        assert_eq!(lattice_units.len(), model_units.len());
+        for (a, b) in lattice_units.iter().zip(&model_units) {
             assert!(
                 (a.centre - b.centre).norm() < 1e-9 && (a.work - b.work).abs() < 1e-9,
                 "{a:?} {b:?}"
             );
         }
     }
-    // Full bricks: a unit is a box of cells, and touches six others at most through a face of it.
+    // With full bricks a unit is a box of cells and touches at most six others through a face.
     let bricks = Bricks::new(Lattice::BodyCentred, [32, 32, 32], 1e-4).unwrap();
     let (_, piece) = all_of(&bricks);
     let cell = 2e-4 / 0.75_f64.sqrt();
@@ -101,9 +101,9 @@ fn units_of_bricks_are_those_of_the_model_and_lie_close_together() {
         assert!((extent - Vector3::new(7.5, 3.5, 3.5)).amax() < 1e-9, "{extent}");
     }
     let parts = Division::bisect(bricks.particles(), &bricks.units(), 8).unwrap();
-    let one = bricks.piece(&parts, 0, BeamMaterial::SILICA, 2200.0).unwrap();
-    // The first cube of 16 cells: three faces to others with 256 particles each, their edges and corner.
-    assert_eq!(one.numbers.len() - bricks.particles() / 8, 3 * 256 + 3 * 16 + 1);
+    let part = bricks.piece(&parts, 0, BeamMaterial::SILICA, 2200.0).unwrap();
+    // The first cube of 16 cells has three faces to others with 256 particles each, their edges and corner.
+    assert_eq!(part.numbers.len() - bricks.particles() / 8, 3 * 256 + 3 * 16 + 1);
 }
 
 #[test]
@@ -117,8 +117,8 @@ fn lattices_that_make_no_sense_are_refused() {
     assert!(refused([3, 3, 3], -1.0).contains("sphere radius = -1 is outside"));
     assert!(refused([1 << 20, 1 << 20, 1 << 20], 1e-3).contains("is outside 1 to 4294967294"));
     let bricks = Bricks::new(Lattice::Cubic, [8, 8, 8], 1e-3).unwrap();
-    let other = Bricks::new(Lattice::Cubic, [8, 8, 12], 1e-3).unwrap();
-    let division = Division::bisect(other.particles(), &other.units(), 2).unwrap();
+    let longer = Bricks::new(Lattice::Cubic, [8, 8, 12], 1e-3).unwrap();
+    let division = Division::bisect(longer.particles(), &longer.units(), 2).unwrap();
     let refused = bricks
         .piece(&division, 0, BeamMaterial::SILICA, 2200.0)
         .unwrap_err()

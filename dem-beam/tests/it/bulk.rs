@@ -12,7 +12,8 @@ fn sample(count: usize, seed: u64) -> Packing {
     PackingSpec::new(cube, count, seed).build().unwrap()
 }
 
-/// Simple cubic: `C11 = E S/l^2`, `C12 = 0`, `C44 = 6 E I/l^4` with `l = 2 r`, for beams that do not turn.
+/// A simple cubic lattice has `C11 = E S/l^2`, `C12 = 0`, `C44 = 6 E I/l^4` with `l = 2 r`; its beams do not
+/// turn.
 #[test]
 fn cubic_lattice_has_its_textbook_stiffness() {
     let (r, n) = (1e-3, 4_u32);
@@ -21,13 +22,13 @@ fn cubic_lattice_has_its_textbook_stiffness() {
     for a in 0..n {
         for b in 0..n {
             let last = n - 1;
-            let at = |i: u32, j: u32, k: u32| (i * n + j) * n + k;
-            cube.pairs.push([at(0, a, b), at(last, a, b)]);
-            cube.pairs.push([at(a, 0, b), at(a, last, b)]);
-            cube.pairs.push([at(a, b, 0), at(a, b, last)]);
+            let index = |i: u32, j: u32, k: u32| (i * n + j) * n + k;
+            cube.pairs.push([index(0, a, b), index(last, a, b)]);
+            cube.pairs.push([index(a, 0, b), index(a, last, b)]);
+            cube.pairs.push([index(a, b, 0), index(a, b, last)]);
         }
     }
-    let found = bulk(&cube, BeamMaterial::SILICA).unwrap();
+    let moduli = bulk(&cube, BeamMaterial::SILICA).unwrap();
     let k = BeamMaterial::SILICA.rigidity(r).unwrap();
     let l = 2.0 * r;
     let (c11, c44) = (k.axial / (l * l), 6.0 * k.bending / l.powi(4));
@@ -38,16 +39,16 @@ fn cubic_lattice_has_its_textbook_stiffness() {
                 (true, false) => c44,
                 _ => 0.0,
             };
-            assert_abs_diff_eq!(found.stiffness[(i, j)], wanted, epsilon = 1e-9 * c11);
+            assert_abs_diff_eq!(moduli.stiffness[(i, j)], wanted, epsilon = 1e-9 * c11);
         }
     }
-    assert!(found.young_axes.iter().all(|e| (e / c11 - 1.0).abs() < 1e-9));
-    // Isotropic part and rest by hand: C11 = 1, C44 = s.
+    assert!(moduli.young_axes.iter().all(|e| (e / c11 - 1.0).abs() < 1e-9));
+    // Isotropic part and remainder by hand: C11 = 1, C44 = s.
     let s = c44 / c11;
     let (bulk_modulus, shear) = (1.0 / 3.0, (1.0 + 3.0 * s) / 5.0);
     let young = 9.0 * bulk_modulus * shear / (3.0 * bulk_modulus + shear);
-    assert_relative_eq!(found.young / c11, young, epsilon = 0.0, max_relative = 1e-9);
-    // What is left of C11, C12 and C44 without the isotropic part, entries with shear four times.
+    assert_relative_eq!(moduli.young / c11, young, epsilon = 0.0, max_relative = 1e-9);
+    // C11, C12 and C44 without their isotropic part; shear entries count four times.
     let part = [
         bulk_modulus + 4.0 / 3.0 * shear,
         bulk_modulus - 2.0 / 3.0 * shear,
@@ -55,15 +56,15 @@ fn cubic_lattice_has_its_textbook_stiffness() {
     ];
     let norm = |c: [f64; 3]| (3.0 * c[0] * c[0] + 6.0 * c[1] * c[1] + 12.0 * c[2] * c[2]).sqrt();
     let anisotropy = norm([1.0 - part[0], -part[1], s - part[2]]) / norm(part);
-    assert_relative_eq!(found.anisotropy, anisotropy, epsilon = 0.0, max_relative = 1e-9);
+    assert_relative_eq!(moduli.anisotropy, anisotropy, epsilon = 0.0, max_relative = 1e-9);
 }
 
 #[test]
 fn bulk_of_silica_by_itself() {
-    let found: Vec<_> = [1, 2]
+    let samples: Vec<_> = [1, 2]
         .map(|seed| bulk(&sample(2000, seed), BeamMaterial::SILICA).unwrap())
         .to_vec();
-    let s = BulkStatistics::from_samples(&found);
+    let s = BulkStatistics::from_samples(&samples);
     // The prototype's 72.8 GPa and 0.174 at 8000 spheres, with the scatter of smaller samples.
     assert_abs_diff_eq!(s.young.mean, 72.8e9, epsilon = 1.0e9);
     assert_abs_diff_eq!(s.poisson.mean, 0.174, epsilon = 0.004);
@@ -79,12 +80,12 @@ fn same_bits_for_any_number_of_threads() {
             .unwrap();
         pool.install(|| {
             let packing = sample(600, 7);
-            let found = bulk(&packing, BeamMaterial::SILICA).unwrap();
-            (packing, found)
+            let moduli = bulk(&packing, BeamMaterial::SILICA).unwrap();
+            (packing, moduli)
         })
     };
-    let one = run(1);
-    assert!(run(2) == one && run(3) == one);
+    let serial = run(1);
+    assert!(run(2) == serial && run(3) == serial);
 }
 
 #[test]
@@ -128,17 +129,18 @@ fn periodic_packings_come_back_from_the_cache() {
     assert!(first.positions.iter().all(inside));
 }
 
-/// The table of beams against packings that it was not made from: other seed, fewer spheres.
+/// The table of beams gives the requested modulus and Poisson's ratio also for packings that it was not made
+/// from: another seed and fewer spheres.
 #[test]
 fn beams_of_bulk_packings_give_the_modulus_and_the_ratio_that_were_asked_for() {
     let packing = sample(1500, 7);
     let [low, high] = BeamMaterial::BULK_POISSON;
     for poisson in [0.05, 0.1, 0.22, 0.3, 0.35] {
         let beam = BeamMaterial::from_bulk(70e9, poisson).unwrap();
-        let found = bulk(&packing, beam).unwrap();
-        eprintln!("{poisson}: {:e} {}", found.young, found.poisson);
-        assert_relative_eq!(found.young, 70e9, max_relative = 0.03);
-        assert_abs_diff_eq!(found.poisson, poisson, epsilon = 0.01);
+        let moduli = bulk(&packing, beam).unwrap();
+        eprintln!("{poisson}: {:e} {}", moduli.young, moduli.poisson);
+        assert_relative_eq!(moduli.young, 70e9, max_relative = 0.03);
+        assert_abs_diff_eq!(moduli.poisson, poisson, epsilon = 0.01);
         let [young, ratio] = beam.bulk();
         assert_relative_eq!(young, 70e9, max_relative = 1e-12);
         assert_abs_diff_eq!(ratio, poisson, epsilon = 1e-12);

@@ -1,4 +1,4 @@
-//! Criteria, contact and masses against formulas of the textbooks.
+//! Criteria, contact and masses against textbook formulas.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::BodyForce;
@@ -21,13 +21,13 @@ fn matter(radii: &[f64]) -> Matter {
     }
 }
 
-/// Two spheres of radius R along x, one beam of length 2R between them.
+/// Returns two spheres of radius R along x, joined by one beam of length 2R.
 fn beam() -> DemModel {
     let x = [Vector3::zeros(), Vector3::new(2.0 * R, 0.0, 0.0)];
     DemModel::from_spheres("beam", &x, &[R, R], &[[0, 1]], &matter(&[R, R])).unwrap()
 }
 
-/// Elongation, twist and opposite end rotations of the beam, as displacements.
+/// Returns the displacements of an elongation, a twist and opposite end rotations of the beam.
 fn deformed(model: &DemModel, [stretch, twist, bend]: [f64; 3]) -> Vec<f64> {
     let [a, b] = [0, 1].map(|k: usize| model.places()[k] as usize);
     let mut q = vec![0.0; 12];
@@ -37,7 +37,7 @@ fn deformed(model: &DemModel, [stretch, twist, bend]: [f64; 3]) -> Vec<f64> {
     q
 }
 
-/// Whether the beam breaks at once in this deformation.
+/// Returns whether the beam breaks at once in this deformation.
 fn breaks(criterion: Criterion, strength: f64, deformation: [f64; 3]) -> bool {
     let model = beam().with_fracture(Fracture::new(criterion, strength)).unwrap();
     let (log, q) = (model.break_log(), deformed(&model, deformation));
@@ -50,8 +50,9 @@ fn breaks(criterion: Criterion, strength: f64, deformation: [f64; 3]) -> bool {
     !locked(&log).events().is_empty()
 }
 
-/// A round beam of radius r = 0.71 R and length 2R: tension `E u/l`, bending `2 E r φ/l` at the rim where
-/// the ends turn by `±φ` (curvature `2φ/l`), shear `G r θ/l` at the rim where one end is twisted by `θ`.
+/// A bond breaks at the stress of beam theory. A round beam of radius r = 0.71 R and length 2R has tension
+/// `E u/l`, bending `2 E r φ/l` at the rim if the ends turn by `±φ` (curvature `2φ/l`), and shear `G r θ/l`
+/// at the rim if one end is twisted by `θ`.
 #[test]
 fn bonds_break_at_the_stress_of_beam_theory() {
     let (young, poisson) = (265e9, 0.3);
@@ -67,25 +68,29 @@ fn bonds_break_at_the_stress_of_beam_theory() {
         let normal = young * stretch / l;
         let bending = 2.0 * young * r * bend.abs() / l;
         let tau = shear * r * twist.abs() / l;
-        // Largest principal stress of the rim, and the equivalent stress of von Mises there.
+        // Largest principal stress at the rim, and the von Mises stress there.
         let tension = normal + bending;
         let rankine = tension / 2.0 + (tension * tension / 4.0 + tau * tau).sqrt();
         let mises = ((normal.abs() + bending).powi(2) + 3.0 * tau * tau).sqrt();
         for (criterion, stress) in [(Criterion::Rankine, rankine), (Criterion::Mises, mises)] {
-            let at = |factor: f64| breaks(criterion, stress * factor, [stretch, twist, bend]);
+            let breaks_at = |factor: f64| breaks(criterion, stress * factor, [stretch, twist, bend]);
             assert!(
-                !at(1.001) && at(0.999),
+                !breaks_at(1.001) && breaks_at(0.999),
                 "{criterion:?} under {stretch} m, {twist} rad, {bend} rad: not at {stress:e} Pa"
             );
         }
         if normal > 0.0 {
-            let at = |factor: f64| breaks(Criterion::Axial, normal * factor, [stretch, twist, bend]);
-            assert!(!at(1.001) && at(0.999), "axial: not at {normal:e} Pa");
+            let breaks_at = |factor: f64| breaks(Criterion::Axial, normal * factor, [stretch, twist, bend]);
+            assert!(
+                !breaks_at(1.001) && breaks_at(0.999),
+                "axial: not at {normal:e} Pa"
+            );
         }
     }
 }
 
-/// Spheres of 1 and 2 mm: masses and volumes as the cubes of the radii, inertias two fifths of `m r²`.
+/// Spheres of 1 and 2 mm have masses and volumes as the cubes of their radii, and inertias of two fifths of
+/// `m r²`.
 #[test]
 fn masses_volumes_and_inertias_are_those_of_spheres() {
     let radii = [R, 2.0 * R, 1.5 * R];
@@ -98,10 +103,10 @@ fn masses_volumes_and_inertias_are_those_of_spheres() {
     let model = DemModel::from_spheres("row", &x, &radii, &[[0, 1], [1, 2]], &matter).unwrap();
     let cubes: f64 = 1.0 + 8.0 + 3.375;
     let field = model.particle_field();
-    let near = |found: f64, expected: f64, what: &str| {
+    let near = |measured: f64, expected: f64, what: &str| {
         assert!(
-            (found / expected - 1.0).abs() < 1e-14,
-            "{what}: {found:e} {expected:e}"
+            (measured / expected - 1.0).abs() < 1e-14,
+            "{what}: {measured:e} {expected:e}"
         );
     };
     for (k, r) in radii.iter().enumerate() {
@@ -118,17 +123,17 @@ fn masses_volumes_and_inertias_are_those_of_spheres() {
     }
 }
 
-/// Two equal spheres side by side across y, joined; the pair moves as one.
-fn pairs(at: &[Vector3<f64>]) -> DemModel {
+/// Returns pairs of equal spheres joined side by side across y; each pair moves as one.
+fn pairs(centres: &[Vector3<f64>]) -> DemModel {
     let side = Vector3::y() * R;
-    let x: Vec<_> = at.iter().flat_map(|x| [x - side, x + side]).collect();
+    let x: Vec<_> = centres.iter().flat_map(|x| [x - side, x + side]).collect();
     let radii = vec![R; x.len()];
-    let bonds: Vec<[u32; 2]> = (0..at.len() as u32).map(|k| [2 * k, 2 * k + 1]).collect();
+    let bonds: Vec<[u32; 2]> = (0..centres.len() as u32).map(|k| [2 * k, 2 * k + 1]).collect();
     DemModel::from_spheres("pairs", &x, &radii, &bonds, &matter(&radii)).unwrap()
 }
 
-/// A collision of two free spheres lasts half a period of `k = E R` and the reduced mass `m/2`: the
-/// velocity goes as `½ v (1 + cos ω t)`, from 0.9 to 0.1 of it in `2 asin(0.8)/ω`.
+/// A collision of two free spheres lasts half a period of `k = E R` and the reduced mass `m/2`. The velocity
+/// follows `½ v (1 + cos ω t)`, from 0.9 to 0.1 of its initial value in `2 asin(0.8)/ω`.
 #[test]
 fn a_collision_lasts_half_a_period_of_its_spring() {
     let young = 70e9;
@@ -154,15 +159,15 @@ fn a_collision_lasts_half_a_period_of_its_spring() {
         before = now;
     }
     let expected = 2.0 * 0.8f64.asin() / (young * R / (0.5 * mass)).sqrt();
-    let found = crossed[1] - crossed[0];
+    let duration = crossed[1] - crossed[0];
     assert!(
-        (found / expected - 1.0).abs() < 0.01,
-        "{found:e} s, {expected:e} s"
+        (duration / expected - 1.0).abs() < 0.01,
+        "{duration:e} s, {expected:e} s"
     );
 }
 
-/// A sphere that rolls on a plane without sliding under the moment `μ R m g` of rolling resistance slows at
-/// `μ g/(1 + 2/5)`, whatever its springs: `v̇ (m + I/R²) = −μ m g`.
+/// Rolling resistance with the moment `μ R m g` slows a sphere that rolls on a plane without sliding at the
+/// rate `μ g/(1 + 2/5)` for any contact springs: `v̇ (m + I/R²) = −μ m g`.
 #[test]
 fn rolling_resistance_stops_a_rolling_sphere_at_the_rate_of_its_moment() {
     let (friction, rolling, g, v0) = (0.8, 0.05, 2e4, 5.0);
@@ -173,7 +178,7 @@ fn rolling_resistance_stops_a_rolling_sphere_at_the_rate_of_its_moment() {
         restitution: 0.2,
         ..ContactLaw::elastic(7e8)
     };
-    // At the depth at which the spring carries the weight.
+    // The depth at which the spring carries the weight.
     let depth = model.masses()[0] * g / (2.0 * 7e8 * R);
     let plane = RigidShape::Plane {
         point: Point3::new(0.0, 0.0, -R + depth),

@@ -1,5 +1,5 @@
-//! Contact and obstacles: collisions against theory, friction, searches only when needed, energy never
-//! created.
+//! Contact and obstacles: collisions against theory, friction, searches only when needed, no creation of
+//! energy.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use approx::assert_abs_diff_eq;
@@ -14,29 +14,30 @@ use nalgebra::{Point3, Vector3};
 const R: f64 = 1e-3;
 const E: f64 = 70e9;
 
-/// Dumbbells (two bonded spheres across y) at the given x positions, so that no particle is without a bond.
+/// Returns dumbbells (two bonded spheres across y) at the given x positions, so that every particle has a
+/// bond.
 fn dumbbells(x: &[f64], radii: &[f64]) -> DemModel {
     let mut positions = Vec::new();
-    let mut all = Vec::new();
+    let mut all_radii = Vec::new();
     let mut pairs = Vec::new();
     for (x, r) in x.iter().zip(radii) {
         let n = positions.len() as u32;
         positions.extend([Vector3::new(*x, -r, 0.0), Vector3::new(*x, *r, 0.0)]);
-        all.extend([*r, *r]);
+        all_radii.extend([*r, *r]);
         pairs.push([n, n + 1]);
     }
     let matter = Matter {
         beam: BeamMaterial::SILICA,
         density: 2200.0,
-        volume: all
+        volume: all_radii
             .iter()
             .map(|r| 4.0 / 3.0 * std::f64::consts::PI * r.powi(3))
             .sum(),
     };
-    DemModel::from_spheres("grains", &positions, &all, &pairs, &matter).unwrap()
+    DemModel::from_spheres("grains", &positions, &all_radii, &pairs, &matter).unwrap()
 }
 
-/// A run of grains with velocities along x by dumbbell.
+/// Returns a run of dumbbells with a velocity along x for each.
 fn flying(model: DemModel, speeds: &[f64], law: ContactLaw, fraction: f64) -> Coupled<f64> {
     let contact = Contact::new(&model, law).unwrap();
     let n = model.layout().dofs();
@@ -72,13 +73,13 @@ fn two_bodies_rebound_with_the_coefficient_of_restitution() {
         let parting = speed(&run, places[2]) - speed(&run, places[0]);
         assert!((parting - e).abs() < 0.02, "e = {e}: {parting}");
         let line = run.effects().into_iter().next().unwrap();
-        let gone = line.dissipated().unwrap();
+        let dissipated = line.dissipated().unwrap();
         assert!(
-            line.stored.abs() < 1e-30 && gone > -1e-4 * before,
+            line.stored.abs() < 1e-30 && dissipated > -1e-4 * before,
             "created {}",
-            -gone
+            -dissipated
         );
-        assert!((run.energy() + gone - before).abs() < 1e-3 * before);
+        assert!((run.energy() + dissipated - before).abs() < 1e-3 * before);
         let [p, _] = run.momentum();
         let whole = run.subdomains()[0].inertia()[0] * 2.0;
         assert!((p.x - whole).abs() < 1e-12 * whole, "momentum {}", p.x);
@@ -95,8 +96,8 @@ fn a_pair_with_radius_ratio_one_to_twenty_collides_without_creating_energy() {
         run.advance(&mut Silent).unwrap();
     }
     let line = &run.effects()[0];
-    let gone = line.dissipated().unwrap();
-    assert!(gone.abs() < 2e-2 * before, "{gone} of {before}");
+    let dissipated = line.dissipated().unwrap();
+    assert!(dissipated.abs() < 2e-2 * before, "{dissipated} of {before}");
     assert!(
         run.subdomains()[0].state().v[3 * places[0]] < 9.0,
         "the small one is deflected"
@@ -106,7 +107,7 @@ fn a_pair_with_radius_ratio_one_to_twenty_collides_without_creating_energy() {
 
 #[test]
 fn friction_stops_a_sliding_body_at_the_rate_of_coulomb() {
-    // A cube of particles is pressed on a plane by gravity and slides along x: v = v0 - mu g t.
+    // Gravity presses a cube of particles on a plane, and it slides along x: v = v0 - mu g t.
     let packing = lattice(Lattice::Cubic, [3, 3, 3], R).unwrap();
     let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
     let bottom = model.nodes().iter().fold(f64::INFINITY, |m, x| m.min(x.z)) - R;
@@ -212,8 +213,13 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
     let run = strike(15_000.0, 0.3).unwrap();
     assert!(run.drift() < 1e-9, "{}", run.drift());
     for line in run.effects() {
-        let (gone, put) = (line.dissipated().unwrap(), run.effects()[2].supplied.unwrap());
-        assert!(gone > -1e-3 * put, "{}: created {} of {put}", line.name, -gone);
+        let (dissipated, supplied) = (line.dissipated().unwrap(), run.effects()[2].supplied.unwrap());
+        assert!(
+            dissipated > -1e-3 * supplied,
+            "{}: created {} of {supplied}",
+            line.name,
+            -dissipated
+        );
     }
     let error = strike(1e6, 0.9).unwrap_err().to_string();
     assert!(
@@ -243,7 +249,7 @@ fn the_search_is_repeated_only_when_motion_asks_for_it() {
         fact("neighbour searches")
     };
     assert_eq!(searches(0.0), 1);
-    // 1e-6 s at 1 km/s is 1 mm: the skin of 0.4 mm is used up by half after each 0.2 mm.
+    // 1e-6 s at 1 km/s is 1 mm: half of the skin of 0.4 mm is used up after each 0.2 mm.
     assert!((5..=6).contains(&searches(1000.0)));
 }
 
@@ -257,7 +263,7 @@ fn a_bond_that_breaks_becomes_a_contact_without_a_jump() {
     let log = model.break_log();
     let contact = Contact::new(&model, ContactLaw::elastic(E)).unwrap();
     let n = model.layout().dofs();
-    // Compressed: bonds break under pressure, the contacts then carry it from zero on.
+    // Under compression bonds break under pressure; the contacts then start from zero force.
     let mut v = vec![0.0; n];
     for (i, x) in model.nodes().iter().enumerate() {
         v[3 * i] = -4e3 * (x.x - 6.0 * R);
@@ -274,10 +280,10 @@ fn a_bond_that_breaks_becomes_a_contact_without_a_jump() {
     for line in run.effects() {
         assert!(line.dissipated().unwrap() > -5e-3 * before, "{line:?}");
     }
-    let gone = locked(&log).released();
+    let released = locked(&log).released();
     assert!(
-        run.energy() + gone < 1.02 * before,
-        "{} + {gone} of {before}",
+        run.energy() + released < 1.02 * before,
+        "{} + {released} of {before}",
         run.energy()
     );
 }
@@ -289,12 +295,12 @@ fn overlap_without_contact_is_reported() {
     assert!(model.watch(&state).is_empty());
     let moved = model.places()[2] as usize;
     state.q[3 * moved] = -0.3 * R;
-    let found = model.watch(&state);
+    let warnings = model.watch(&state);
     assert!(
-        found
+        warnings
             .iter()
             .any(|f| f.effect == "contact" && f.message.contains("overlap, by up to 10.0 %")),
-        "{found:?}"
+        "{warnings:?}"
     );
 }
 

@@ -1,4 +1,4 @@
-//! Contact between two models: momentum, energy, restarts, threads, and absence.
+//! Contact between two models: momentum, energy, restarts, threads, and runs without it.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use approx::assert_abs_diff_eq;
@@ -15,15 +15,15 @@ use std::ops::ControlFlow;
 const R: f64 = 1e-3;
 const E: f64 = 70e9;
 
-/// A lattice block of `cells` whose lowest corner sphere is at `at`.
-fn block(name: &str, cells: [usize; 3], radius: f64, at: Vector3<f64>) -> DemModel {
+/// Returns a lattice block of `cells` whose lowest corner sphere lies at `corner`.
+fn block(name: &str, cells: [usize; 3], radius: f64, corner: Vector3<f64>) -> DemModel {
     let mut packing = lattice(Lattice::Cubic, cells, radius).unwrap();
     let low = packing.positions[0];
-    packing.positions.iter_mut().for_each(|x| *x += at - low);
+    packing.positions.iter_mut().for_each(|x| *x += corner - low);
     DemModel::new(name, &packing, BeamMaterial::SILICA, 2200.0).unwrap()
 }
 
-/// A small block (finer spheres) above a large one, shifted and falling obliquely.
+/// Returns a large block and a small one of finer spheres above it, shifted.
 fn bodies() -> [DemModel; 2] {
     let below = block("target", [6, 6, 3], R, Vector3::zeros());
     let above = block(
@@ -63,8 +63,8 @@ fn impact_of([a, b]: [DemModel; 2], law: ContactLaw, fraction: f64) -> Coupled<f
     Coupled::from_parts(parts, TimeStep::Fraction(fraction), None).unwrap()
 }
 
-/// Bodies that turn balance about where they are, as contact does; linear laws about where they were, and
-/// the ledger says so.
+/// When bodies collide with friction, angular momentum is conserved. Finite laws balance about the present
+/// positions, as contact does; linear laws about the positions at rest, and the ledger says so.
 #[test]
 fn angular_momentum_is_kept_when_bodies_that_turn_collide_with_friction() {
     let law = ContactLaw {
@@ -84,12 +84,12 @@ fn angular_momentum_is_kept_when_bodies_that_turn_collide_with_friction() {
     let mut run = impact(law, 0.8);
     run.run((3e-5 / run.dt()) as usize, &mut Silent).unwrap();
     let body = run.bodies().remove(0);
-    let Claim::Linear(why) = &body.claim else {
+    let Claim::Linear(reason) = &body.claim else {
         panic!("{:?}", body.claim);
     };
     assert!(
-        why.starts_with("the law of 'target' balances about the positions at rest, 'contact "),
-        "{why}"
+        reason.starts_with("the law of 'target' balances about the positions at rest, 'contact "),
+        "{reason}"
     );
     assert!(body.drift[0] < 1e-13 && body.drift[1] > 1e-9, "{:?}", body.drift);
 }
@@ -112,7 +112,7 @@ fn momentum_is_kept_and_no_energy_gained_when_two_packings_collide() {
         }
         let [q, spin] = run.momentum();
         assert!((q - p).norm() < 1e-12 * p.norm(), "{}", (q - p).norm() / p.norm());
-        // About the origin at rest positions: moves by the displacements only.
+        // About the origin at rest positions it changes only through the displacements.
         assert!((spin - turn).norm() < 0.05 * turn.norm(), "{spin} {turn}");
         assert!(
             created < 1e-14 && run.drift() < 1e-12,
@@ -125,27 +125,30 @@ fn momentum_is_kept_and_no_energy_gained_when_two_packings_collide() {
             (line.name.as_str(), line.phase),
             ("contact target-ball", Some(Phase::Pair(0)))
         );
-        let (gone, work) = (line.dissipated().unwrap(), line.work.unwrap());
-        assert!(gone > -1e-14 * before && work < 1e-14 * before, "{gone} {work}");
-        // The bodies part: the upper one flies up, and an elastic contact gives all back.
+        let (dissipated, work) = (line.dissipated().unwrap(), line.work.unwrap());
+        assert!(
+            dissipated > -1e-14 * before && work < 1e-14 * before,
+            "{dissipated} {work}"
+        );
+        // The bodies separate: the upper one flies up, and elastic contact returns all energy.
         let vz = run.subdomains()[1].momentum()[0].z;
         assert!(vz > 0.0, "{vz}");
         if restitution > 0.99 {
             assert!(
-                line.stored <= 0.0 && gone < 1e-3 * before,
-                "{} {gone}",
+                line.stored <= 0.0 && dissipated < 1e-3 * before,
+                "{} {dissipated}",
                 line.stored
             );
         } else {
-            assert!(gone > 0.05 * before, "{gone} of {before}");
+            assert!(dissipated > 0.05 * before, "{dissipated} of {before}");
         }
     }
 }
 
 #[test]
 fn two_equal_bodies_change_their_velocities() {
-    // Rods of four spheres: an elastic impact hands over momentum and leaves a little ringing.
-    let rod = |name: &str, at: f64| block(name, [4, 2, 2], R, Vector3::new(at, 0.0, 0.0));
+    // Rods of four spheres: an elastic impact transfers the momentum and leaves a little ringing.
+    let rod = |name: &str, position: f64| block(name, [4, 2, 2], R, Vector3::new(position, 0.0, 0.0));
     let (a, b) = (rod("left", 0.0), rod("right", 8.1 * R));
     let contact = ContactBetween::new(
         ContactBody::from_model(&a),
@@ -204,13 +207,13 @@ fn a_restart_in_mid_contact_goes_on_with_the_same_bits() {
     whole.run(3, &mut Silent).unwrap();
     let saved = whole.snapshot().unwrap();
     assert!(whole.effects()[0].stored > 0.0);
-    let mut again = impact(rough(), 0.7);
-    again.restore(&saved).unwrap();
-    assert_eq!(bits(&whole), bits(&again), "as restored");
-    for run in [&mut whole, &mut again] {
+    let mut resumed = impact(rough(), 0.7);
+    resumed.restore(&saved).unwrap();
+    assert_eq!(bits(&whole), bits(&resumed), "as restored");
+    for run in [&mut whole, &mut resumed] {
         run.run(200, &mut Silent).unwrap();
     }
-    assert_eq!(bits(&whole), bits(&again));
+    assert_eq!(bits(&whole), bits(&resumed));
     let mut torn = saved.clone();
     torn.pairs[0].effect.numbers.pop();
     let error = impact(rough(), 0.7).restore(&torn).unwrap_err().to_string();
@@ -222,7 +225,7 @@ fn a_restart_in_mid_contact_goes_on_with_the_same_bits() {
 
 #[test]
 fn the_same_bits_for_any_number_of_threads() {
-    let with = |threads: usize| {
+    let bits_on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -234,9 +237,9 @@ fn the_same_bits_for_any_number_of_threads() {
             bits(&run)
         })
     };
-    let one = with(1);
-    assert_eq!(one, with(2));
-    assert_eq!(one, with(3));
+    let serial = bits_on(1);
+    assert_eq!(serial, bits_on(2));
+    assert_eq!(serial, bits_on(3));
 }
 
 #[test]
@@ -246,7 +249,7 @@ fn forces_are_equal_and_opposite() {
         || ContactBetween::new(ContactBody::from_model(&a), ContactBody::from_model(&b), rough()).unwrap();
     let layouts = [a.layout(), b.layout()];
     let run = impact(rough(), 0.5);
-    // As a run gives them.
+    // The host as a run passes it.
     let uncoupled = Weights::uncoupled();
     let side = |k: usize| Host {
         model: run.subdomains()[k].model(),
@@ -262,11 +265,12 @@ fn forces_are_equal_and_opposite() {
     let pressed = defect(&mut *attached([Vec::new(), Vec::new()]), layouts);
     assert!(pressed.0 < 1e-14 && pressed.1 > 3.0, "{pressed:?}");
     // Particles tied by an interface to the other model do not touch.
-    let all = layouts.map(|l: DofLayout| vec![true; l.nodes]);
-    assert_eq!(defect(&mut *attached(all), layouts), (0.0, 0.0));
+    let everywhere = layouts.map(|l: DofLayout| vec![true; l.nodes]);
+    assert_eq!(defect(&mut *attached(everywhere), layouts), (0.0, 0.0));
 }
 
-/// Momentum made, and contacts, with the upper body pushed into the lower one.
+/// Returns the unbalanced momentum of the forces and the number of contacts, with the upper body pushed into
+/// the lower one.
 fn defect(contact: &mut dyn PairEffect<f64>, layouts: [DofLayout; 2]) -> (f64, f64) {
     let q = layouts.map(|l| vec![0.0; l.dofs()]);
     let mut v = q.clone();
@@ -276,7 +280,7 @@ fn defect(contact: &mut dyn PairEffect<f64>, layouts: [DofLayout; 2]) -> (f64, f
         .enumerate()
         .for_each(|(i, v)| *v = -1.0 + 0.3 * (i % 5) as f64);
     let zero = layouts.map(|l| vec![0.0; l.dofs()]);
-    let at = |k: usize| Instant {
+    let instant = |k: usize| Instant {
         time: 1.0,
         q: &q[k],
         v_half: &v[k],
@@ -284,11 +288,11 @@ fn defect(contact: &mut dyn PairEffect<f64>, layouts: [DofLayout; 2]) -> (f64, f
         internal: &zero[k],
         internal_before: &zero[k],
     };
-    let made = conformance::reaction(contact, [&at(0), &at(1)], layouts).unwrap();
-    (made, contact.facts()[0].1)
+    let unbalanced = conformance::reaction(contact, [&instant(0), &instant(1)], layouts).unwrap();
+    (unbalanced, contact.facts()[0].1)
 }
 
-/// Counts phases.
+/// Observer that counts phases.
 #[derive(Default)]
 struct Counter {
     pair: usize,
@@ -318,15 +322,15 @@ fn without_contact_between_them_bodies_pass_and_nothing_is_called() {
     run.run(400, &mut counter).unwrap();
     assert_eq!((counter.pair, counter.effect), (0, 0));
     assert!(run.effects().is_empty() && run.works().is_empty() && run.snapshot().unwrap().pairs.is_empty());
-    // They went through each other, which the watchdog's figures show.
+    // The bodies went through each other, which the watchdog's figures show.
     let q = [0, 1].map(|k: usize| &run.subdomains()[k].state().q[..]);
     let (count, worst) = below.overlaps(&above, q, 0.01).unwrap();
     assert!(count > 9 && worst > 0.05, "{count} {worst}");
-    let rest = [0, 1].map(|k: usize| vec![0.0; run.subdomains()[k].model().layout().dofs()]);
-    assert_eq!(below.overlaps(&above, [&rest[0], &rest[1]], 0.0), None);
-    let mut with = impact(ContactLaw::elastic(E), 0.8);
+    let at_rest = [0, 1].map(|k: usize| vec![0.0; run.subdomains()[k].model().layout().dofs()]);
+    assert_eq!(below.overlaps(&above, [&at_rest[0], &at_rest[1]], 0.0), None);
+    let mut touching = impact(ContactLaw::elastic(E), 0.8);
     let mut counter = Counter::default();
-    with.run(10, &mut counter).unwrap();
+    touching.run(10, &mut counter).unwrap();
     assert_eq!((counter.pair, counter.effect), (10, 0));
 }
 

@@ -1,5 +1,5 @@
-//! Contact never gives back more than it took in: collisions over speed, phase of the first touch and step,
-//! alone and with bonds behind; random pairs; clouds between walls.
+//! Contact never returns more energy than it took in: collisions over velocity, phase of the first touch and
+//! step, alone and with bonds behind; random pairs; clouds between walls.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::EffectSpec;
@@ -23,23 +23,26 @@ fn matter(radii: &[f64]) -> Matter {
     }
 }
 
-/// Two bodies along x with `gap` between them: of one sphere abreast with its twin (`length` 1), or rods of
-/// `length`.
+/// Returns two bodies along x with `gap` between them, and unit velocities towards each other: one sphere
+/// joined with its twin each (`length` 1), or rods of `length` spheres.
 fn two_bodies(length: usize, radii: [f64; 2], gap: f64) -> (DemModel, Vec<f64>) {
     let (mut x, mut r, mut pairs, mut side) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (body, sign) in [(0, -1.0), (1, 1.0)] {
         let a: f64 = radii[body];
         for k in 0..length {
-            let at = sign * (0.5 * gap + a * (2 * k + 1) as f64);
+            let centre = sign * (0.5 * gap + a * (2 * k + 1) as f64);
             let n = x.len() as u32;
             if length == 1 {
                 let reach = radii[0].max(radii[1]);
-                x.extend([Vector3::new(at, -reach, 0.0), Vector3::new(at, reach, 0.0)]);
+                x.extend([
+                    Vector3::new(centre, -reach, 0.0),
+                    Vector3::new(centre, reach, 0.0),
+                ]);
                 r.extend([a, a]);
                 side.extend([sign, sign]);
                 pairs.push([n, n + 1]);
             } else {
-                x.push(Vector3::new(at, 0.0, 0.0));
+                x.push(Vector3::new(centre, 0.0, 0.0));
                 r.push(a);
                 side.push(sign);
                 if k > 0 {
@@ -56,14 +59,15 @@ fn two_bodies(length: usize, radii: [f64; 2], gap: f64) -> (DemModel, Vec<f64>) 
     (model, v)
 }
 
-/// A run of two bodies that meet along x with `speed`, the first touch at the share `phase` of a step.
+/// Returns a run of two bodies that meet along x with relative velocity `speed`; they first touch at the
+/// share `phase` of a step.
 fn meeting(
     length: usize,
     radii: [f64; 2],
     [speed, phase, fraction]: [f64; 3],
     law: ContactLaw,
 ) -> Coupled<f64> {
-    let with = |gap: f64| {
+    let run_with_gap = |gap: f64| {
         let (model, v) = two_bodies(length, radii, gap);
         let contact = Contact::new(&model, law).unwrap();
         let n = v.len();
@@ -74,12 +78,12 @@ fn meeting(
             .unwrap();
         Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
     };
-    let dt = with(0.1 * R).dt();
-    with(speed * dt * (1.0 + phase))
+    let dt = run_with_gap(0.1 * R).dt();
+    run_with_gap(speed * dt * (1.0 + phase))
 }
 
-/// Least and largest kinetic energy after over before, and the most that contact ever created (over the
-/// energy).
+/// Returns the least and largest ratio of kinetic energy after and before the collision, and the largest
+/// energy that contact created, over the initial energy.
 fn sweep(length: usize, radii: [f64; 2], restitution: f64, fraction: f64) -> [f64; 3] {
     let law = ContactLaw {
         restitution,
@@ -96,7 +100,7 @@ fn sweep(length: usize, radii: [f64; 2], restitution: f64, fraction: f64) -> [f6
                 out[2] = out[2].max(run.created() / before);
             }
             assert!(run.drift() < 1e-12, "{}", run.drift());
-            // Rods ring after the collision: what contact gave is its work.
+            // Rods ring after the collision: the energy that contact returned is its work.
             let after = if length == 1 {
                 run.subdomains()[0].kinetic_energy() / before
             } else {
@@ -112,11 +116,11 @@ const FRACTIONS: [f64; 4] = [0.3, 0.5, 0.7, 0.9];
 
 #[test]
 fn an_elastic_pair_parts_with_its_energy_at_any_phase_and_step() {
-    // A spring alone gives 0.947 to 1.060 of it at 0.9, 0.992 to 1.009 at 0.3.
+    // A spring alone returns 0.947 to 1.060 of the energy at 0.9 of the critical step, 0.992 to 1.009 at 0.3.
     for radii in [[R, R], [R, 3.0 * R]] {
         for fraction in FRACTIONS {
-            let [least, most, created] = sweep(1, radii, 1.0, fraction);
-            assert!(most < 1.0 + 1e-14, "{fraction}: gained {:e}", most - 1.0);
+            let [least, largest, created] = sweep(1, radii, 1.0, fraction);
+            assert!(largest < 1.0 + 1e-14, "{fraction}: gained {:e}", largest - 1.0);
             assert!(least > 1.0 - 1e-12, "{fraction}: lost {:e}", 1.0 - least);
             assert!(created < 1e-14, "{fraction}: {created:e}");
         }
@@ -126,12 +130,12 @@ fn an_elastic_pair_parts_with_its_energy_at_any_phase_and_step() {
 #[test]
 fn a_damped_pair_never_gains_and_keeps_its_restitution() {
     for fraction in FRACTIONS {
-        let [least, most, created] = sweep(1, [R, R], 0.5, fraction);
-        // The dashpot feels the velocity half a step ago: first order in the step.
+        let [least, largest, created] = sweep(1, [R, R], 0.5, fraction);
+        // The dashpot uses the velocity of half a step ago: first order in the step.
         let band = 0.1 * fraction;
         assert!(
-            least > 0.25 - band && most < 0.25 + band,
-            "{fraction}: {least} {most}"
+            least > 0.25 - band && largest < 0.25 + band,
+            "{fraction}: {least} {largest}"
         );
         assert!(created < 1e-14, "{fraction}: {created:e}");
     }
@@ -142,12 +146,12 @@ fn rods_with_bonds_behind_the_contact_never_gain() {
     // A spring alone creates up to 1.4e-2.
     for restitution in [1.0, 0.5] {
         for fraction in FRACTIONS {
-            let [_, most, created] = sweep(4, [R, R], restitution, fraction);
+            let [_, largest, created] = sweep(4, [R, R], restitution, fraction);
             assert!(
-                most < 1.0 + 1e-14 && created < 1e-14,
-                "{fraction}: {most} {created:e}"
+                largest < 1.0 + 1e-14 && created < 1e-14,
+                "{fraction}: {largest} {created:e}"
             );
-            assert!(restitution > 0.99 || most < 0.8, "{most}");
+            assert!(restitution > 0.99 || largest < 0.8, "{largest}");
         }
     }
 }
@@ -155,7 +159,8 @@ fn rods_with_bonds_behind_the_contact_never_gain() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..reader_fuzz::property_config(96) })]
 
-    /// Oblique collisions of spinning dumbbells of any size ratio, with all that the law knows.
+    /// Oblique collisions of spinning dumbbells of any size ratio never gain energy, with all terms of the
+    /// law.
     #[test]
     fn random_pairs_never_gain(
         ratio in 0.1..1.0f64,
@@ -171,17 +176,17 @@ proptest! {
             rolling,
             ..ContactLaw::elastic(E)
         };
-        let with = |gap: f64| {
+        let run_with_gap = |gap: f64| {
             let radii = [R, ratio * R];
             let x: Vec<Vector3<f64>> = [(-1.0, R), (1.0, ratio * R)]
                 .iter()
                 .flat_map(|(s, r)| {
-                    let at = |y: f64| Vector3::new(s * (0.5 * gap + r), y * r + if *s > 0.0 { aside * R } else { 0.0 }, 0.0);
-                    [at(-1.0), at(1.0)]
+                    let point = |y: f64| Vector3::new(s * (0.5 * gap + r), y * r + if *s > 0.0 { aside * R } else { 0.0 }, 0.0);
+                    [point(-1.0), point(1.0)]
                 })
                 .collect();
-            let all = [R, R, radii[1], radii[1]];
-            let mut model = DemModel::from_spheres("pair", &x, &all, &[[0, 1], [2, 3]], &matter(&all)).unwrap();
+            let all_radii = [R, R, radii[1], radii[1]];
+            let mut model = DemModel::from_spheres("pair", &x, &all_radii, &[[0, 1], [2, 3]], &matter(&all_radii)).unwrap();
             if finite {
                 model = model.with_finite_rotations();
             }
@@ -197,13 +202,14 @@ proptest! {
                 .unwrap();
             Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
         };
-        let dt = with(0.1 * R).dt();
-        let mut run = with(speed * dt * (1.0 + phase));
+        let dt = run_with_gap(0.1 * R).dt();
+        let mut run = run_with_gap(speed * dt * (1.0 + phase));
         let before = run.energy();
         let mut worst = 0.0_f64;
         for step in 0..60 {
             if let Err(error) = run.advance(&mut Silent) {
-                // Fast spins leave the range of small rotations, which nothing else may do, and not at once.
+                // Fast spins may leave the range of small rotations: the only accepted error, and not in the
+                // first step.
                 prop_assert!(!finite && step > 0 && error.to_string().contains("rotation"), "{step}: {error}");
                 break;
             }
@@ -213,8 +219,8 @@ proptest! {
     }
 }
 
-/// Spheres of a lattice whose bonds break in the first step, moving as `velocity` says, maybe between six
-/// walls.
+/// Returns a run of a lattice's spheres whose bonds break in the first step, with initial velocities from
+/// `velocity`, optionally between six walls.
 fn cloud(
     (kind, count): (Lattice, usize),
     law: ContactLaw,
@@ -262,7 +268,7 @@ fn cloud(
     Coupled::new(vec![subdomain], Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
 }
 
-/// Random velocities (m/s) of a given size.
+/// Returns random velocities \[m/s\] of a given size.
 fn random(size: f64) -> impl FnMut(&Vector3<f64>) -> Vector3<f64> {
     let mut state = 1_u64;
     move |_| {
@@ -275,16 +281,16 @@ fn random(size: f64) -> impl FnMut(&Vector3<f64>) -> Vector3<f64> {
     }
 }
 
-/// What a run of loose spheres did.
+/// Energies and contacts of a run of loose spheres.
 #[derive(Debug)]
 struct Outcome {
-    /// Largest kinetic and contact energy over the start, less one.
+    /// Largest kinetic and contact energy over the initial energy, less one.
     gained: f64,
-    /// Largest energy that effects created, over the start.
+    /// Largest energy that effects created, over the initial energy.
     created: f64,
-    /// What all effects dissipated by the end, over the start.
+    /// Energy that all effects dissipated by the end, over the initial energy.
     lost: f64,
-    /// Most contacts at a time.
+    /// Largest number of contacts at a time.
     contacts: f64,
     drift: f64,
 }
@@ -339,7 +345,7 @@ fn a_cloud_of_loose_spheres_never_gains() {
 
 #[test]
 fn twelve_stiff_contacts_per_particle_create_nothing() {
-    // The step allows for four; a close packing that implodes has twelve.
+    // The step allows for four contacts per sphere; a close packing that implodes has twelve.
     let mut rush = |x: &Vector3<f64>| x * -2e4;
     let mut ends = Vec::new();
     for fraction in [0.1, 0.5, 0.98] {

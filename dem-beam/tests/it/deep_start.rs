@@ -1,5 +1,5 @@
-//! Bodies that start inside obstacles or inside each other are refused with depth and place; those that touch
-//! start.
+//! Bodies that start inside obstacles or inside each other are refused with depth and place; bodies that
+//! touch are accepted.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::PairSpec;
@@ -16,7 +16,7 @@ fn law() -> ContactLaw {
     ContactLaw::elastic(70e9)
 }
 
-/// 4 × 4 × 4 spheres, the lowest corner one at `corner`.
+/// Returns 4 × 4 × 4 spheres, the lowest corner sphere at `corner`.
 fn block(corner: Vector3<f64>) -> DemModel {
     let mut packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
     let low = packing.positions[0];
@@ -50,8 +50,8 @@ fn roller(height: f64, radius: f64) -> RigidShape {
     }
 }
 
-/// Layers of centres lie at 0, 2, 4 and 6 radii: how many of them are inside, and how deep the deepest sphere
-/// reaches.
+/// Obstacles that contain sphere centres at the start are refused with the number of centres and the depth of
+/// the deepest sphere. Layers of centres lie at 0, 2, 4 and 6 radii.
 #[test]
 fn obstacles_that_hold_centres_at_the_start_are_refused_with_depth_and_place() {
     for (what, shape, count, depth) in [
@@ -99,7 +99,8 @@ fn obstacles_that_hold_centres_at_the_start_are_refused_with_depth_and_place() {
     }
 }
 
-/// Centres just in front of the surface, whatever of the spheres is behind it.
+/// Bodies whose centres lie just in front of an obstacle's surface are accepted, although their spheres reach
+/// behind it.
 #[test]
 fn bodies_that_touch_an_obstacle_start() {
     for (what, shape) in [
@@ -128,14 +129,14 @@ fn a_driven_obstacle_is_where_its_motion_begins() {
     );
 }
 
-/// Displacements at the start count, and are known when the run is set up.
+/// Particles that initial displacements put into an obstacle are refused when the run is set up.
 #[test]
 fn particles_displaced_into_an_obstacle_are_refused_before_the_first_step() {
-    let set_up = |down: f64| {
+    let set_up = |depth: f64| {
         let model = block(Vector3::zeros());
         let wall = Obstacle::new("floor", &model, floor(-R, 1.0), Motion::Fixed, law()).unwrap();
         let n = model.layout().dofs();
-        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -down } else { 0.0 };
+        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -depth } else { 0.0 };
         let s = Subdomain::fine(model, Weights::uncoupled())
             .with_effect(Box::new(wall))
             .with_initial((0..n).map(shift).collect(), vec![0.0; n])
@@ -150,10 +151,11 @@ fn particles_displaced_into_an_obstacle_are_refused_before_the_first_step() {
     );
 }
 
-/// Two bodies whose nearest layers are so many radii apart.
-fn pair(apart: f64, pushed: f64) -> Result<(), String> {
+/// Sets up two bodies whose nearest layers are `apart` radii apart, the upper one displaced down by `pushed`
+/// \[m\]; returns the error.
+fn pair(distance: f64, pushed: f64) -> Result<(), String> {
     let below = block(Vector3::zeros());
-    let above = block(Vector3::new(0.0, 0.0, (6.0 + apart) * R));
+    let above = block(Vector3::new(0.0, 0.0, (6.0 + distance) * R));
     let contact = ContactBetween::new(
         ContactBody::from_model(&below),
         ContactBody::from_model(&above),
@@ -161,8 +163,8 @@ fn pair(apart: f64, pushed: f64) -> Result<(), String> {
     )
     .unwrap();
     let n = below.layout().dofs();
-    let side = |model: DemModel, down: f64| {
-        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -down } else { 0.0 };
+    let side = |model: DemModel, depth: f64| {
+        let shift = |k: usize| if k < n / 2 && k % 3 == 2 { -depth } else { 0.0 };
         Subdomain::fine(model, Weights::uncoupled())
             .with_initial((0..n).map(shift).collect(), vec![0.0; n])
             .unwrap()
@@ -193,6 +195,6 @@ fn bodies_that_start_inside_each_other_are_refused_and_those_that_touch_start() 
         );
         assert!(text.contains("1.100e-3 m behind"), "{text}");
     }
-    // Half of one body in the other.
+    // Half of one body lies in the other.
     assert!(pair(-2.5, 0.0).unwrap_err().contains("start inside"));
 }

@@ -23,7 +23,7 @@ fn bar(n: usize) -> DemModel {
     DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap()
 }
 
-/// Pulls both ends of a body apart at `speed` (m/s).
+/// Returns a run that pulls both ends of a body apart at `speed` \[m/s\].
 fn pulled(model: DemModel, speed: f64, extra: impl FnOnce(Subdomain<f64>) -> Subdomain<f64>) -> Coupled<f64> {
     let (low, high) = model
         .nodes()
@@ -78,7 +78,7 @@ fn finite_rotations_break_with_second_order_balance() {
     let mut run = pulled(model, 4.0, |s| s);
     run.run(6_000, &mut Silent).unwrap();
     assert!(locked(&log).events().len() >= 4);
-    // The law is not linear: the invariant itself holds to second order in the step only.
+    // The law is not linear: the invariant itself holds only to second order in the step.
     assert!(run.drift() < 1e-6, "drift {}", run.drift());
 }
 
@@ -98,7 +98,7 @@ fn plain_wrenches_are_the_gradient_of_the_finite_energy() {
     for (end, f) in [fi, fj].iter().enumerate() {
         let torque = f.angular;
         for c in 0..3 {
-            let at = |h: f64, rotate: bool| {
+            let energy_at = |h: f64, rotate: bool| {
                 let (mut u, mut spins) = (u, [still; 2]);
                 if rotate {
                     spins[end][c] += h;
@@ -108,8 +108,8 @@ fn plain_wrenches_are_the_gradient_of_the_finite_energy() {
                 let [a, b] = [0, 1].map(|i: usize| pose(u[i], th[i], spins[i]));
                 energy(&bond, &k, &a, &b)
             };
-            let force = -(at(1e-8, false) - at(-1e-8, false)) / 2e-8;
-            let moment = -(at(1e-5, true) - at(-1e-5, true)) / 2e-5;
+            let force = -(energy_at(1e-8, false) - energy_at(-1e-8, false)) / 2e-8;
+            let moment = -(energy_at(1e-5, true) - energy_at(-1e-5, true)) / 2e-5;
             assert!(
                 (force - f.linear[c]).abs() < 1e-6 * scale,
                 "{force} {}",
@@ -131,7 +131,7 @@ fn everything_breaks_at_once_and_no_energy_appears() {
         .unwrap();
     let (log, bonds) = (model.break_log(), model.body().pairs().len());
     let n = model.layout().dofs();
-    // A uniform strain far above what any bond bears.
+    // A uniform strain far above the strength of any bond.
     let q: Vec<f64> = (0..n)
         .map(|d| {
             if d < n / 2 {
@@ -156,10 +156,10 @@ fn everything_breaks_at_once_and_no_energy_appears() {
         after <= before && run.subdomains()[0].internal_energy().abs() < 1e-30,
         "{after} {before}"
     );
-    let gone = locked(&log).released();
+    let released = locked(&log).released();
     assert!(
-        (gone + after - before).abs() < 2e-2 * before,
-        "{gone} + {after} = {before}"
+        (released + after - before).abs() < 2e-2 * before,
+        "{released} + {after} = {before}"
     );
 }
 
@@ -180,13 +180,13 @@ fn strengths_depend_on_places_and_seed_not_on_numbers() {
     };
     let first = |seed: u64, turn: bool| {
         let n = packing.positions.len();
-        let at = |i: usize| if turn { n - 1 - i } else { i };
-        let positions: Vec<_> = (0..n).map(|i| packing.positions[at(i)]).collect();
-        let radii: Vec<_> = (0..n).map(|i| packing.radii[at(i)]).collect();
+        let renumbered = |i: usize| if turn { n - 1 - i } else { i };
+        let positions: Vec<_> = (0..n).map(|i| packing.positions[renumbered(i)]).collect();
+        let radii: Vec<_> = (0..n).map(|i| packing.radii[renumbered(i)]).collect();
         let pairs: Vec<[u32; 2]> = packing
             .pairs
             .iter()
-            .map(|p| p.map(|i| at(i as usize) as u32))
+            .map(|p| p.map(|i| renumbered(i as usize) as u32))
             .collect();
         let model = DemModel::from_spheres("body", &positions, &radii, &pairs, &matter)
             .unwrap()
@@ -207,8 +207,8 @@ fn strengths_depend_on_places_and_seed_not_on_numbers() {
         (a.0 - b.0).abs() < 1e-12 && (a.1 - b.1).norm() < 1e-12,
         "{a:?} {b:?}"
     );
-    let other = (a.1 - c.1).norm() > 1e-6 || (a.0 - c.0).abs() > 1e-9;
-    assert!(other, "another seed, another break: {a:?} {c:?}");
+    let differs = (a.1 - c.1).norm() > 1e-6 || (a.0 - c.0).abs() > 1e-9;
+    assert!(differs, "another seed, another break: {a:?} {c:?}");
 }
 
 #[test]
@@ -233,8 +233,8 @@ fn weibull_scatter_has_the_distribution_it_names() {
         for (i, x) in m.nodes().iter().enumerate() {
             state.q[3 * i] = strain * x.x;
         }
-        let found = m.watch(&state);
-        let message = found
+        let warnings = m.watch(&state);
+        let message = warnings
             .iter()
             .find(|f| f.effect == "fracture")
             .unwrap()
@@ -261,7 +261,7 @@ fn bad_strengths_are_refused_by_name() {
     assert!(refuse(Fracture { scatter, ..good }).contains("relative deviation"));
 }
 
-/// Counts what a step announces.
+/// Observer that counts the phases of effects, within a model and beside it.
 #[derive(Default)]
 struct Count {
     evolve: usize,
@@ -305,18 +305,18 @@ fn rotations_beyond_the_small_range_are_reported() {
     let mut state = arlequin_core::State::zero(n);
     assert!(model.watch(&state).is_empty());
     state.q[n / 2 + 5] = 0.2;
-    let found = model.watch(&state);
-    assert_eq!(found[0].effect, "finite-rotations");
+    let warnings = model.watch(&state);
+    assert_eq!(warnings[0].effect, "finite-rotations");
     assert!(
-        found[0].message.contains("0.200 rad, beyond 0.1 rad"),
+        warnings[0].message.contains("0.200 rad, beyond 0.1 rad"),
         "{}",
-        found[0].message
+        warnings[0].message
     );
     assert!(bar(4).with_finite_rotations().watch(&state).is_empty());
 }
 
-/// A block of 8 × 4 × 4 spheres whose eight corners are pulled off, then torn in two: bonds that broke, and
-/// whether they are a crack in an overlap. All bonds have the `weight`.
+/// Pulls off the eight corners of a block of 8 × 4 × 4 spheres, then tears it in two. Returns for both states
+/// the number of broken bonds, and whether they are a crack in an overlap. All bonds have the `weight`.
 fn torn(weight: f64) -> [(usize, bool); 2] {
     let packing = lattice(Lattice::Cubic, [8, 4, 4], R).unwrap();
     let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
@@ -327,10 +327,10 @@ fn torn(weight: f64) -> [(usize, bool); 2] {
     model.set_internal_weight(&Uniform(weight)).unwrap();
     let nodes = model.nodes().to_vec();
     let ends = |c: usize| {
-        let all = || nodes.iter().map(move |x| x[c]);
+        let coordinates = || nodes.iter().map(move |x| x[c]);
         [
-            all().fold(f64::INFINITY, f64::min),
-            all().fold(f64::NEG_INFINITY, f64::max),
+            coordinates().fold(f64::INFINITY, f64::min),
+            coordinates().fold(f64::NEG_INFINITY, f64::max),
         ]
     };
     let ends = [0, 1, 2].map(ends);
@@ -342,16 +342,16 @@ fn torn(weight: f64) -> [(usize, bool); 2] {
         nodes.iter().enumerate().for_each(|(i, x)| q[3 * i] = along(x));
         q
     };
-    let apart = 4e-3 * R;
+    let opening = 4e-3 * R;
     let corners = |x: &nalgebra::Point3<f64>| {
         let is_corner = (0..3).all(|c| at_end(x[c], c));
         if is_corner {
-            apart.copysign(x.x - middle)
+            opening.copysign(x.x - middle)
         } else {
             0.0
         }
     };
-    let halves = |x: &nalgebra::Point3<f64>| corners(x) + if x.x > middle { apart } else { 0.0 };
+    let halves = |x: &nalgebra::Point3<f64>| corners(x) + if x.x > middle { opening } else { 0.0 };
     let log = model.break_log();
     let mut before = move_along_x(&|_| 0.0);
     [move_along_x(&corners), move_along_x(&halves)].map(|q| {

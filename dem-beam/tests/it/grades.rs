@@ -29,15 +29,15 @@ fn one_grade_everywhere_scales_energy_and_mass() {
         .map(|k| 1e-6 * (0.7 * k as f64).sin())
         .collect();
     let ([u, m], [v, n]) = (energy_and_mass(&plain, &q), energy_and_mass(&graded, &q));
-    // Stiffnesses of the kernel have 24 bits.
+    // The kernel stores stiffnesses with 24 bits.
     assert!(
         (v / u - 2.5).abs() < 1e-6 && (n / m - 0.5).abs() < 1e-12,
         "{v} {u} {n} {m}"
     );
 }
 
-/// A row of spheres pulled apart: springs `k` in a row, three soft ones, the one between of half of each,
-/// four stiff ones.
+/// A row of spheres of two grades stretches like springs `k` in a row: three soft bonds, one of a soft and a
+/// stiff half, three stiff ones.
 #[test]
 fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
     let row = lattice(Lattice::Cubic, [8, 1, 1], 0.5e-3).unwrap();
@@ -46,12 +46,12 @@ fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
     xs.sort_by(f64::total_cmp);
     let middle = 0.5 * (xs[0] + xs[7]);
     let (soft, stiff) = (1.0, 4.0);
-    let at = |x: &Point3<f64>| [if x.x < middle { soft } else { stiff }, 1.0];
+    let grade = |x: &Point3<f64>| [if x.x < middle { soft } else { stiff }, 1.0];
     let graded = DemModel::new("row", &row, BeamMaterial::SILICA, 1.0)
         .unwrap()
-        .with_grades(at)
+        .with_grades(grade)
         .unwrap();
-    // Each bond alone: what lies beyond it moves away.
+    // Each bond alone is stretched: all spheres beyond it move away.
     for (k, w) in xs.windows(2).enumerate() {
         let cut = 0.5 * (w[0] + w[1]);
         let mut q = vec![0.0; graded.layout().dofs()];
@@ -59,8 +59,8 @@ fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
             q[3 * i] = 1e-6;
         }
         let ratio = graded.internal_energy(&q) / plain.internal_energy(&q);
-        let both = 2.0 * soft * stiff / (soft + stiff);
-        let wanted = [soft, soft, soft, both, stiff, stiff, stiff][k];
+        let in_row = 2.0 * soft * stiff / (soft + stiff);
+        let wanted = [soft, soft, soft, in_row, stiff, stiff, stiff][k];
         assert!((ratio / wanted - 1.0).abs() < 1e-6, "bond {k}: {ratio}");
     }
 }
@@ -70,8 +70,8 @@ fn forces_of_graded_particles_derive_from_their_energy_under_any_weight() {
     let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 300, 5)
         .build()
         .unwrap();
-    let made = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-    let mut model = made
+    let plain = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    let mut model = plain
         .with_grades(|x| [1.0 + 500.0 * x.x, 2.0 - 100.0 * x.x])
         .unwrap();
     model.set_internal_weight(&Uniform(0.3)).unwrap();

@@ -1,4 +1,4 @@
-//! Hard cases with named outcomes: what the person reads, through the model.
+//! Hard cases with named outcomes: the messages of the model.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::{Coupled, Guard, Model, PrescribedMotion, Silent, Subdomain, TimeStep, Weight, Weights};
@@ -13,7 +13,7 @@ const MATTER: Matter = Matter {
     volume: 1e-9,
 };
 
-/// A chain of three spheres with one thing wrong.
+/// Returns a chain of three spheres with one defect.
 fn chain(x: [f64; 3], r: [f64; 3], pairs: &[[u32; 2]]) -> Result<DemModel, Error> {
     let positions = x.map(|x| Vector3::new(x, 0.0, 0.0));
     DemModel::from_spheres("chain", &positions, &r, pairs, &MATTER)
@@ -32,10 +32,13 @@ fn coincident_particles() {
         text(chain([0.0, 2.0, 2.0], GOOD, &LINE)),
         "particles 1 and 2 are 0e0 m apart, below 2e-9 m: merge them or move one"
     );
-    // Without a bond between them the field refuses them, in the model's numbers.
-    let apart = chain([0.0, 2.0, 0.0], GOOD, &LINE).unwrap_err();
-    assert!(matches!(apart, Error::Core(_)));
-    assert!(apart.to_string().contains("coincides with particle"), "{apart}");
+    // Without a bond between them the field refuses coincident spheres, by the model's numbers.
+    let unbonded = chain([0.0, 2.0, 0.0], GOOD, &LINE).unwrap_err();
+    assert!(matches!(unbonded, Error::Core(_)));
+    assert!(
+        unbonded.to_string().contains("coincides with particle"),
+        "{unbonded}"
+    );
 }
 
 #[test]
@@ -104,7 +107,7 @@ fn packing_larger_than_its_container() {
     );
 }
 
-/// Zero beyond x = 0.3 mm.
+/// Weight that is zero beyond x = 0.3 mm.
 #[derive(Debug)]
 struct Cut;
 
@@ -114,7 +117,7 @@ impl Weight<f64> for Cut {
     }
 }
 
-/// A particle of the overlap all of whose bonds are weighted out of existence.
+/// A particle of the overlap all of whose bonds have zero weight.
 #[test]
 fn particle_without_weighted_mass() {
     let bar = lattice(Lattice::Cubic, [6, 2, 2], 1e-4).unwrap();
@@ -133,8 +136,8 @@ fn particle_without_weighted_mass() {
     );
 }
 
-/// A million steps of a clamped body: the energy neither grows nor drifts. (A free one would leave: the
-/// small-rotation law lets a spinning body grow without bound, and round-off with it.)
+/// Over a million steps of a clamped body the energy neither grows nor drifts. (A free body would drift away:
+/// under the small-rotation law a spinning body grows without bound, and round-off with it.)
 #[test]
 fn million_steps() {
     let cube = lattice(Lattice::Cubic, [2, 2, 2], 1e-4).unwrap();

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 
 type Facet = [Vector3<f64>; 3];
-/// A body and the part of its bounding box that must stay empty.
+/// A body and a function that selects the part of its bounding box that must stay empty.
 type Case<'a> = (Vec<Facet>, &'a dyn Fn(&Vector3<f64>) -> bool);
 
 fn text(facets: &[Facet]) -> Vec<u8> {
@@ -26,7 +26,8 @@ fn text(facets: &[Facet]) -> Vec<u8> {
     out.into_bytes()
 }
 
-/// With a comment that looks like the first word of a text, as some programs write it.
+/// Returns a binary STL file whose comment looks like the first word of a text file, as some programs write
+/// it.
 fn binary(facets: &[Facet]) -> Vec<u8> {
     let mut out = b"solid by a program".to_vec();
     out.resize(80, b' ');
@@ -43,12 +44,12 @@ fn binary(facets: &[Facet]) -> Vec<u8> {
     out
 }
 
-/// Facets of a surface over two parameters in `n` steps each; the first one goes round.
+/// Returns the facets of a surface over two parameters in `n` steps each; the first parameter is periodic.
 fn patches(n: [u32; 2], at: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Facet> {
     let mut out = Vec::new();
     for i in 0..n[0] {
         for j in 0..n[1] {
-            // Whole turns come back to the same bits.
+            // Whole turns return to the same bits.
             let p = |a: u32, b: u32| {
                 at(
                     f64::from(a % n[0]) / f64::from(n[0]),
@@ -77,16 +78,16 @@ fn torus(large: f64, small: f64) -> Vec<Facet> {
     })
 }
 
-/// An L of three cubes of edge `a`, made of the faces no two cubes share.
+/// Returns an L of three cubes of edge `a`, made of the faces that no two cubes share.
 fn ell(a: f64) -> Vec<Facet> {
     let cubes = [[0, 0, 0], [1, 0, 0], [0, 1, 0]];
     let mut out = Vec::new();
     for c in cubes {
         for axis in 0..3 {
             for side in 0..2 {
-                let mut other = c;
-                other[axis] += 2 * side - 1;
-                if cubes.contains(&other) {
+                let mut neighbour = c;
+                neighbour[axis] += 2 * side - 1;
+                if cubes.contains(&neighbour) {
                     continue;
                 }
                 let corner = |s: i32, t: i32| {
@@ -106,7 +107,7 @@ fn ell(a: f64) -> Vec<Facet> {
 
 #[test]
 fn stl_as_text_and_binary_is_the_same_body() {
-    // Poles of the ball are facets with a repeated corner; faces of the L are turned at random.
+    // The poles of the ball are facets with a repeated corner; faces of the L are turned at random.
     for (facets, volume) in [
         (ball(1e-3), 4.0 / 3.0 * PI * 1e-9),
         (torus(1e-3, 0.4e-3), 2.0 * PI * PI * 1e-3 * 0.16e-6),
@@ -129,9 +130,9 @@ fn stl_as_text_and_binary_is_the_same_body() {
 fn bodies_from_stl_are_filled() {
     let hole = |x: &Vector3<f64>| x.xy().norm() < 0.55e-3;
     let notch = |x: &Vector3<f64>| x.x > 1.05e-3 && x.y > 1.05e-3;
-    let none = |_: &Vector3<f64>| false;
+    let nowhere = |_: &Vector3<f64>| false;
     let cases: [Case<'_>; 3] = [
-        (ball(1e-3), &none),
+        (ball(1e-3), &nowhere),
         (torus(1e-3, 0.4e-3), &hole),
         (ell(1e-3), &notch),
     ];
@@ -149,7 +150,7 @@ fn bodies_from_stl_are_filled() {
                 .iter()
                 .all(|x| surface.contains(x) && !outside(x))
         );
-        // Every corner of the body is reached.
+        // The spheres reach every corner of the body.
         let (low, high) = surface.bounds();
         let ends = packing.positions.iter().zip(&packing.radii);
         for a in 0..3 {
@@ -195,22 +196,30 @@ fn bad_surfaces_have_names() {
         Surface::from_stl(&binary(&nan)),
         Err(Error::NotFinite { object: "vertex", .. })
     ));
-    // A Klein bottle as a grid: closed, every edge twice, yet with one side only.
+    // A Klein bottle as a grid: closed, every edge twice, yet one-sided.
     let n = 4_u32;
-    let at = |i: u32, j: u32| {
+    let vertex = |i: u32, j: u32| {
         let (turned, j) = (i == n, j % n);
         (i % n) * n + if turned { (n - j) % n } else { j }
     };
     let mut klein = Vec::new();
     for i in 0..n {
         for j in 0..n {
-            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            let (a, b, c, d) = (
+                vertex(i, j),
+                vertex(i + 1, j),
+                vertex(i + 1, j + 1),
+                vertex(i, j + 1),
+            );
             klein.extend([[a, b, c], [a, c, d]]);
         }
     }
     let points = (0..n * n).map(|k| Vector3::new(f64::from(k), f64::from(k * k), 1.0));
-    let found = Surface::oriented(points.collect(), klein);
-    assert!(matches!(found, Err(Error::OneSidedSurface { .. })), "{found:?}");
+    let surface = Surface::oriented(points.collect(), klein);
+    assert!(
+        matches!(surface, Err(Error::OneSidedSurface { .. })),
+        "{surface:?}"
+    );
 }
 
 fn vtu(radius: &str, last: &str) -> Vec<u8> {
@@ -257,24 +266,25 @@ fn bad_vtu_files_have_names() {
     // The third centre lies inside the second sphere.
     let (x, r) = read_vtu(&vtu("r", "3.5e-3"), None).unwrap();
     let room = Container::cuboid(Vector3::zeros(), Vector3::repeat(6e-3)).unwrap();
-    let found = Packing::from_spheres(&room, &x, &r, 1.0).unwrap_err().to_string();
+    let refusal = Packing::from_spheres(&room, &x, &r, 1.0).unwrap_err().to_string();
     assert!(
-        found.contains("particles 1 and 2 are 5e-4 m apart") || found.contains("particles 1 and 2 are 4.99"),
-        "{found}"
+        refusal.contains("particles 1 and 2 are 5e-4 m apart")
+            || refusal.contains("particles 1 and 2 are 4.99"),
+        "{refusal}"
     );
 }
 
-/// A piece with numbers of its points, the first of which another piece has.
+/// Returns a piece with numbers of its points; another piece has the first of them.
 fn piece(numbers: &str, kind: &str) -> Vec<u8> {
     let array = |name: &str, values: &str| {
         format!(
             "<DataArray type=\"Int64\" Name=\"{name}\" NumberOfComponents=\"1\" format=\"ascii\">{values}</DataArray>"
         )
     };
-    let more = array("n", numbers) + &array("vtkGhostType", kind);
+    let arrays = array("n", numbers) + &array("vtkGhostType", kind);
     String::from_utf8(vtu("r", "4.8e-3"))
         .unwrap()
-        .replace("<PointData>", &format!("<PointData GlobalIds=\"n\">{more}"))
+        .replace("<PointData>", &format!("<PointData GlobalIds=\"n\">{arrays}"))
         .into_bytes()
 }
 
@@ -283,10 +293,10 @@ fn pieces_make_one_file_without_ghosts() {
     let (x, r) = read_vtu(&vtu("r", "4.8e-3"), None).unwrap();
     let (a, b) = (piece("7 3 0", "1 0 0"), piece("5 9 8", "0 1 1"));
     assert_eq!(read_vtu(&a, None).unwrap(), (x[1..].to_vec(), r[1..].to_vec()));
-    // By their numbers 0, 3, 5.
-    let found = read_pieces(&[&a, &b], None).unwrap();
-    assert_eq!(found, (vec![x[2], x[1], x[0]], vec![r[2], r[1], r[0]]));
-    // Without numbers as they stand.
+    // Sorted by their numbers 0, 3, 5.
+    let merged = read_pieces(&[&a, &b], None).unwrap();
+    assert_eq!(merged, (vec![x[2], x[1], x[0]], vec![r[2], r[1], r[0]]));
+    // Without numbers in the order of the file.
     let plain = vtu("r", "4.8e-3");
     assert_eq!(read_pieces(&[&plain], None).unwrap(), (x, r));
     let short = read_vtu(&piece("5 9", "0 1 1"), None).unwrap_err();
@@ -305,15 +315,15 @@ fn pieces_make_one_file_without_ghosts() {
         (b"<VTKFile type=\"PUnstructuredGrid\"/>", "it names no pieces"),
         (b"", "this is no VTU file that can be read"),
     ] {
-        let said = pieces_of_pvtu(bad).unwrap_err().to_string();
-        assert!(said.contains(wanted), "{said}");
+        let message = pieces_of_pvtu(bad).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{message}");
     }
 }
 
-/// Issue 26, D.6: what a frame says of its state is not dropped without a word.
+/// Issue 26, D.6: a frame with displaced spheres or broken bonds is refused as a packing.
 #[test]
 fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
-    let with = |moved: &str, broken: &str| {
+    let frame = |moved: &str, broken: &str| {
         let array = |name: &str, parts: usize, values: &str| {
             format!(
                 "<DataArray type=\"Float64\" Name=\"{name}\" NumberOfComponents=\"{parts}\" format=\"ascii\">{values}</DataArray>"
@@ -330,16 +340,16 @@ fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
             .into_bytes()
     };
     let still = "0 0 0 0 0 0 0 0 0";
-    assert!(read_vtu(&with(still, "0 0"), None).is_ok());
-    let moved = with("0 0 0 0 0 0 1e-9 -2e-9 0", "0 0");
-    let broken = with(still, "0 1");
+    assert!(read_vtu(&frame(still, "0 0"), None).is_ok());
+    let moved = frame("0 0 0 0 0 0 1e-9 -2e-9 0", "0 0");
+    let broken = frame(still, "0 1");
     for (bytes, expected) in [(&moved, (2e-9, 0)), (&broken, (0.0, 1))] {
-        for found in [
+        for result in [
             read_vtu(bytes, None),
-            read_pieces(&[&with(still, "0 0"), bytes], None),
+            read_pieces(&[&frame(still, "0 0"), bytes], None),
         ] {
-            let Err(Error::NotAtRest { farthest, broken }) = found else {
-                panic!("{found:?}");
+            let Err(Error::NotAtRest { farthest, broken }) = result else {
+                panic!("{result:?}");
             };
             assert!(
                 (farthest - expected.0).abs() < 1e-24 && broken == expected.1,
@@ -349,8 +359,8 @@ fn a_frame_with_moved_spheres_or_broken_bonds_is_no_packing() {
     }
 }
 
-/// The same spheres as VTK itself writes them: base64 with 32-bit headers, plain and zlib, in place and
-/// appended.
+/// Files with the same spheres in all forms that VTK writes give the same packing: base64 with 32-bit
+/// headers, plain and zlib, in place and appended.
 #[test]
 fn vtu_forms_agree() {
     const POINTS: [&str; 2] = [
@@ -391,7 +401,7 @@ fn vtu_forms_agree() {
             );
             let (y, s) = read_vtu(text.as_bytes(), None).unwrap();
             assert!(y == x && s.iter().zip(&r).all(|(s, r)| (s / r - 1.0).abs() < 1e-7));
-            // Cut in the middle of an array.
+            // The data end in the middle of an array.
             let short = text.replace(&POINTS[k][60..], "");
             let message = read_vtu(short.as_bytes(), None).unwrap_err().to_string();
             assert!(message.ends_with("an array is cut short or damaged"), "{message}");

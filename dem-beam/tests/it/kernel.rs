@@ -20,7 +20,7 @@ fn model(packing: &Packing) -> DemModel {
     DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0).unwrap()
 }
 
-/// Deterministic noise in [-1, 1].
+/// Returns deterministic noise in [-1, 1].
 fn noise(i: usize, c: usize) -> f64 {
     let mut z = (i as u64 * 6 + c as u64)
         .wrapping_add(0x9e37_79b9)
@@ -38,7 +38,7 @@ fn random(n: usize, linear: f64, angular: f64) -> Vec<Twist> {
         .collect()
 }
 
-/// Unknowns of a model.
+/// Returns the unknowns of a model as one vector.
 fn join(x: &[Twist]) -> Vec<f64> {
     let linear = x.iter().flat_map(|t| t.linear.iter());
     linear
@@ -108,15 +108,16 @@ impl Motion {
     }
 
     fn kinetic(&self) -> f64 {
-        let each = self.v.iter().zip(&self.inertia);
-        each.map(|(v, m)| 0.5 * m * v * v).sum()
+        let pairs = self.v.iter().zip(&self.inertia);
+        pairs.map(|(v, m)| 0.5 * m * v * v).sum()
     }
 
     fn energy(&self) -> f64 {
         self.kinetic() + self.model.internal_energy(&self.q)
     }
 
-    /// `1/2 v M v + 1/2 q K q - dt^2/8 a M a`, which velocity Verlet keeps exactly under the linear law.
+    /// Returns `1/2 v M v + 1/2 q K q - dt^2/8 a M a`, which velocity Verlet conserves exactly under the
+    /// linear law.
     fn invariant(&self) -> f64 {
         let pulls: f64 = self.f.iter().zip(&self.inertia).map(|(f, m)| f * f / m).sum();
         self.energy() - self.step * self.step / 8.0 * pulls
@@ -132,7 +133,7 @@ fn worst(a: &[Twist], b: &[Twist]) -> (f64, f64) {
     )
 }
 
-/// |H drift| <= 1e-9 relative at 0.9 of the critical step.
+/// At 0.9 of the critical step the invariant drifts by at most 1e-9, relative.
 #[test]
 fn linear_invariant_does_not_drift() {
     let model = model(packing());
@@ -154,7 +155,7 @@ fn critical_step_is_critical_and_bounds_are_safe() {
     let bound = critical::block_bound(&body).unwrap();
     let ratio = bound / exact;
     assert!(ratio > 0.70 && ratio < 0.82, "{ratio}");
-    // The rule min sqrt(m/k_n) looks at translations only, and is unsafe.
+    // The rule min sqrt(m/k_n) considers translations only, and is unsafe.
     let springs = body
         .bonds()
         .zip(body.pairs())
@@ -174,11 +175,11 @@ fn critical_step_is_critical_and_bounds_are_safe() {
     };
     assert!(!grows(0.999 * exact) && !grows(bound));
     assert!(grows(1.003 * exact) && grows(springs));
-    // Energy weighting keeps the block bound for any weight: element and mass shrink together.
+    // With energy weighting the block bound holds for any weight, since element and mass shrink together.
     let mut weighted = body.clone();
     weighted.set_weights(&vec![1e-6; body.pairs().len()]).unwrap();
-    let same = critical::lanczos(&weighted).unwrap() / exact;
-    assert!((same - 1.0).abs() < 1e-6, "{same}");
+    let relative = critical::lanczos(&weighted).unwrap() / exact;
+    assert!((relative - 1.0).abs() < 1e-6, "{relative}");
 }
 
 #[test]
@@ -193,7 +194,7 @@ fn finite_law_is_the_gradient_of_its_energy_and_frame_indifferent() {
     for p in [0, 17, 400, 901] {
         for c in 0..6 {
             let h = if c < 3 { 1e-5 * r } else { 1e-5 };
-            let at = |s: f64| {
+            let energy_at = |s: f64| {
                 let mut y = x.clone();
                 if c < 3 {
                     y[p].linear[c] += s * h;
@@ -206,7 +207,7 @@ fn finite_law_is_the_gradient_of_its_energy_and_frame_indifferent() {
                 }
                 d.internal_energy(&join(&y))
             };
-            let grad = (at(1.0) - at(-1.0)) / (2.0 * h);
+            let grad = (energy_at(1.0) - energy_at(-1.0)) / (2.0 * h);
             let (force, unit) = if c < 3 {
                 (f[p].linear[c], scale)
             } else {
@@ -218,7 +219,7 @@ fn finite_law_is_the_gradient_of_its_energy_and_frame_indifferent() {
             );
         }
     }
-    // Superpose a rigid motion: energy stays, forces turn with it.
+    // A superposed rigid motion leaves the energy and turns the forces.
     let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), 1.1)
         * Rotation3::from_axis_angle(&Vector3::x_axis(), -0.7);
     let shift = Vector3::new(1e-3, -2e-3, 5e-4);
@@ -245,7 +246,7 @@ fn finite_law_is_the_gradient_of_its_energy_and_frame_indifferent() {
     assert!(a < 1e-10 && b < 1e-10, "{a} {b}");
 }
 
-/// A free body tumbling: energy without drift, momenta to round-off. 20 000 steps.
+/// A free body that tumbles conserves energy without drift, and momenta to round-off, over 20 000 steps.
 #[test]
 fn finite_law_conserves() {
     let body = model(packing()).body().clone();
@@ -287,7 +288,7 @@ fn finite_law_conserves() {
     );
 }
 
-/// Order of particles and bonds does not matter (the sums are re-associated, so to round-off).
+/// The order of particles and bonds changes results only by round-off, since the sums are re-associated.
 #[test]
 fn independent_of_numbering() {
     let p = packing();
@@ -304,10 +305,13 @@ fn independent_of_numbering() {
         .rev()
         .map(|&[i, j]| [flip(i as usize) as u32, flip(j as usize) as u32])
         .collect();
-    let run = |p: &Packing, back: bool| {
+    let run = |p: &Packing, reversed: bool| {
         let model = model(p).with_finite_rotations();
         let old: Vec<usize> = model.order().iter().map(|&i| i as usize).collect();
-        let old: Vec<usize> = old.into_iter().map(|i| if back { flip(i) } else { i }).collect();
+        let old: Vec<usize> = old
+            .into_iter()
+            .map(|i| if reversed { flip(i) } else { i })
+            .collect();
         let v = random(n, 1.0, 1e3);
         let v: Vec<Twist> = old.iter().map(|&i| v[i]).collect();
         let mut d = Motion::new(model, 1e-9, &v);

@@ -1,4 +1,4 @@
-//! Tests of the particles, in one program: one link instead of 24.
+//! Tests of the particles, linked as one program instead of 24.
 
 mod around;
 mod bond;

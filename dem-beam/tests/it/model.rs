@@ -24,7 +24,7 @@ fn model() -> DemModel {
     DemModel::new("bar", packing(), BeamMaterial::SILICA, 2200.0).unwrap()
 }
 
-/// From 1 to `low` between x = 2.8 and 3.2 mm: two to three particles.
+/// Weight that falls from 1 to `low` between x = 2.8 and 3.2 mm, over two to three particles.
 #[derive(Debug)]
 struct Steep {
     low: f64,
@@ -37,7 +37,7 @@ impl Weight<f64> for Steep {
     }
 }
 
-/// Deterministic noise in [-1, 1].
+/// Returns deterministic noise in [-1, 1].
 fn noise(i: usize) -> f64 {
     let mut z = (i as u64)
         .wrapping_add(0x9e37_79b9)
@@ -46,7 +46,7 @@ fn noise(i: usize) -> f64 {
     ((z ^ (z >> 31)) as f64 / u64::MAX as f64) * 2.0 - 1.0
 }
 
-/// Random displacements (m) and rotations (rad).
+/// Returns random displacements \[m\] and rotations \[rad\].
 fn random(model: &DemModel, linear: f64, angular: f64) -> Vec<f64> {
     let half = model.layout().translations();
     (0..2 * half)
@@ -90,11 +90,11 @@ fn finite_rotations_derive_from_energy_at_any_size() {
             for i in range.step_by(97) {
                 let keep = q[i];
                 q[i] = keep + step;
-                let up = m.internal_energy(&q);
+                let energy_above = m.internal_energy(&q);
                 q[i] = keep - step;
-                let down = m.internal_energy(&q);
+                let energy_below = m.internal_energy(&q);
                 q[i] = keep;
-                let defect = ((up - down) / (2.0 * step) + f[i]).abs() / scale;
+                let defect = ((energy_above - energy_below) / (2.0 * step) + f[i]).abs() / scale;
                 assert!(defect < 1e-4, "{u} {turn} {i}: {defect}");
             }
         }
@@ -122,14 +122,16 @@ fn finite_law_ignores_rigid_motions_and_is_linear_for_small_ones() {
         let worst = r.map(|i| (finite[i] - linear[i]).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-6 * scale, "{worst} of {scale}");
     }
-    // Against the force of a rotation of 1e-3 rad per particle.
-    let some = random(&m, 0.0, 1e-3);
-    let scale = forces(&mut m, &some).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
+    // Relative to the force of a rotation of 1e-3 rad per particle.
+    let small_rotations = random(&m, 0.0, 1e-3);
+    let scale = forces(&mut m, &small_rotations)
+        .iter()
+        .fold(0.0_f64, |a, f| a.max(f.abs()));
     assert!(rigid < 1e-10 * scale, "{rigid} of {scale}");
-    // The same place after three more turns.
-    let more = turn * (1.0 + 6.0 * std::f64::consts::PI / turn.norm());
+    // The same orientation after three more turns.
+    let further = turn * (1.0 + 6.0 * std::f64::consts::PI / turn.norm());
     let first = 3 * m.nodes().len();
-    (first..2 * first).for_each(|i| q[i] = more[i % 3]);
+    (first..2 * first).for_each(|i| q[i] = further[i % 3]);
     let turned = forces(&mut m, &q).iter().fold(0.0_f64, |a, f| a.max(f.abs()));
     assert!(turned < 1e-10 * scale, "{turned} of {scale}");
 }
@@ -159,13 +161,13 @@ fn forces_equal_bare_bonds_in_the_packing_numbers() {
             let means: Vec<f64> = body.pairs().iter().map(mean).collect();
             body.set_weights(&means).unwrap();
         }
-        let three = |x: &[f64], i: usize| Vector3::new(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        let vector = |x: &[f64], i: usize| Vector3::new(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
         let state: Vec<Twist> = m
             .places()
             .iter()
             .map(|&p| Twist {
-                linear: three(&q, p as usize),
-                angular: three(&q, n + p as usize),
+                linear: vector(&q, p as usize),
+                angular: vector(&q, n + p as usize),
             })
             .collect();
         let mut plain = vec![Twist::zero(); n];
@@ -176,8 +178,8 @@ fn forces_equal_bare_bonds_in_the_packing_numbers() {
             let p = m.places()[i] as usize;
             assert!(m.order()[p] as usize == i);
             let w = if is_nodal { steep.value(&m.nodes()[p]) } else { 1.0 };
-            assert!((three(&f, p) - t.linear * w).norm() < 1e-12 * a);
-            assert!((three(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
+            assert!((vector(&f, p) - t.linear * w).norm() < 1e-12 * a);
+            assert!((vector(&f, n + p) - t.angular * w).norm() < 1e-12 * b);
         }
     }
 }
@@ -201,10 +203,9 @@ fn stiffness_matrix_is_minus_the_forces() {
     assert!(nodal.as_linear().is_none());
 }
 
-/// The critical step of the weighted body against that of the unweighted one: the same for weights
-/// down to 0.1 across two particles. Below that a particle held by one heavy bond among light ones
-/// loses the averaging over its bonds, and up to 11 % of the step; the core measures the step of the
-/// weighted model anyway.
+/// Weights down to 0.1 across two particles leave the critical step of the body unchanged. Below that a
+/// particle with one heavy bond among light ones loses the averaging over its bonds, and up to 11 % of the
+/// step. The core measures the step of the weighted model in any case.
 #[test]
 fn steep_weights_leave_the_critical_step() {
     let mut m = model();
@@ -230,13 +231,13 @@ fn steep_weights_leave_the_critical_step() {
         assert!(steep > least * alone, "low {low}: {}", steep / alone);
     }
     let nodal = step(&mut NodallyWeighted::new(Box::new(m)), &Steep { low: 0.01 });
-    // Held against the weighted masses, as constraints do, no longer against those of the body alone.
+    // Measured with the weighted masses, as constraints do, no longer with those of the body alone.
     assert!(nodal > 0.01 * alone && nodal < alone, "{}", nodal / alone);
 }
 
 #[test]
 fn same_bits_for_any_thread_count() {
-    // Above the size from which a second thread is used.
+    // The cube is larger than the size from which a second thread is used.
     let cube = lattice(Lattice::BodyCentred, [14, 14, 14], 1e-4).unwrap();
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -255,11 +256,12 @@ fn same_bits_for_any_thread_count() {
             bits
         })
     };
-    let one = run(1);
-    assert!(one == run(2) && one == run(8));
+    let serial = run(1);
+    assert!(serial == run(2) && serial == run(8));
 }
 
-/// One subdomain without interface at 0.9 of the critical step: the invariant of the core.
+/// The core's invariant of one subdomain without an interface does not drift over 1e5 steps at 0.9 of the
+/// critical step.
 #[test]
 fn invariant_does_not_drift_over_1e5_steps() {
     let cube = lattice(Lattice::BodyCentred, [4, 4, 4], 1e-4).unwrap();
@@ -305,7 +307,7 @@ fn finite_rotations_conserve_energy_in_the_core() {
     assert!((end[0] - begin[0]).norm() < 1e-10 * begin[0].norm());
 }
 
-/// The coupling sees displacements only: rotations lie behind them and have no shape functions.
+/// The coupling uses displacements only: rotations follow them in the vector and have no shape functions.
 #[test]
 fn rotations_are_not_coupled() {
     let m = model();
@@ -317,7 +319,7 @@ fn rotations_are_not_coupled() {
         let total: f64 = samples.iter().map(|s| s.measure).sum();
         assert_relative_eq!(total, packing().volume, epsilon = 0.0, max_relative = 1e-12);
     }
-    // A free rotation of one particle pushes its neighbours, an equal one of all does not stretch.
+    // A rotation of one particle pushes its neighbours.
     let mut m = m;
     let mut q = vec![0.0; l.dofs()];
     q[l.translations() + 3] = 1e-3;
@@ -355,16 +357,16 @@ fn selections_and_loads() {
         }
         assert!(force.norm() < 1e-9 && (moment - Vector3::new(2.0, -1.0, 0.5)).norm() < 1e-12);
     }
-    let none = m
+    let empty_load = m
         .force(&[], Vector3::x(), LoadShare::Mass)
         .unwrap_err()
         .to_string();
-    assert!(none.contains("load on 0 particles"), "{none}");
-    let one = m
+    assert!(empty_load.contains("load on 0 particles"), "{empty_load}");
+    let message = m
         .torque(&[4], Vector3::x(), LoadShare::Mass)
         .unwrap_err()
         .to_string();
-    assert!(one.contains("lie on a line"), "{one}");
+    assert!(message.contains("lie on a line"), "{message}");
     let text = m.report().to_string();
     assert!(
         text.contains("bar: ") && text.contains("packing: coordination 6.2"),
@@ -378,8 +380,8 @@ fn product(k: &sprs::CsMat<f64>, q: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Lengths are differences of places, so a body at rest has forces in its last digits; what they add up to
-/// is no growth.
+/// A body at rest with finite rotations is not stopped: lengths are differences of places, whose round-off
+/// leaves small forces, and their sum is no growth of energy.
 #[test]
 fn a_body_at_rest_with_finite_rotations_is_not_stopped_for_its_last_digits() {
     for size in [1.0, 1e-9, 1e6] {
@@ -404,15 +406,15 @@ fn a_body_at_rest_with_finite_rotations_is_not_stopped_for_its_last_digits() {
     }
 }
 
-/// Bits of forces, where the model goes to.
-fn reached(model: &mut DemModel, q: &[f64]) -> Vec<u64> {
+/// Returns the bits of the forces at the displacements `q`.
+fn state_after_forces(model: &mut DemModel, q: &[f64]) -> Vec<u64> {
     let mut f = vec![0.0; q.len()];
     model.advance(q, &mut f).unwrap();
     f.iter().map(|f| f.to_bits()).collect()
 }
 
-/// Whatever was asked for before: weights, a law or a record come to a model that has found forces as to
-/// one that has not.
+/// A model that has evaluated forces and then gets weights, a law or a record gives the same bits as a new
+/// model with them.
 #[test]
 fn a_model_that_has_found_forces_is_like_a_new_one_after_other_weights_laws_and_records() {
     let light = Steep { low: 0.2 };
@@ -421,31 +423,31 @@ fn a_model_that_has_found_forces_is_like_a_new_one_after_other_weights_laws_and_
             true => model().with_finite_rotations(),
             false => model(),
         };
-        let (q, other) = (random(&make(), 1e-6, 0.3), random(&make(), -2e-6, 0.2));
-        let plain = reached(&mut make(), &q);
+        let (q, second_state) = (random(&make(), 1e-6, 0.3), random(&make(), -2e-6, 0.2));
+        let plain = state_after_forces(&mut make(), &q);
         let mut new = make();
         new.set_internal_weight(&light).unwrap();
-        let weighted = reached(&mut new, &q);
+        let weighted = state_after_forces(&mut new, &q);
         assert_ne!(plain, weighted);
         let mut late = make();
-        reached(&mut late, &other);
+        state_after_forces(&mut late, &second_state);
         late.set_internal_weight(&light).unwrap();
-        assert_eq!(reached(&mut late, &q), weighted, "finite {finite}");
+        assert_eq!(state_after_forces(&mut late, &q), weighted, "finite {finite}");
 
         let mut late = model();
-        reached(&mut late, &other);
+        state_after_forces(&mut late, &second_state);
         if finite {
             late = late.with_finite_rotations();
         }
-        assert_eq!(reached(&mut late, &q), plain, "finite {finite}");
+        assert_eq!(state_after_forces(&mut late, &q), plain, "finite {finite}");
 
         let mut late = make();
-        reached(&mut late, &other);
+        state_after_forces(&mut late, &second_state);
         late.restore(&make().save()).unwrap();
-        assert_eq!(reached(&mut late, &q), plain, "finite {finite}");
+        assert_eq!(state_after_forces(&mut late, &q), plain, "finite {finite}");
 
         let mut still = make();
-        reached(&mut still, &vec![0.0; q.len()]);
+        state_after_forces(&mut still, &vec![0.0; q.len()]);
         let energies = [make(), still].map(|m| m.internal_energy(&q).to_bits());
         assert_eq!(energies[0], energies[1], "finite {finite}");
     }

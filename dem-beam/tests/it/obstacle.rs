@@ -1,4 +1,4 @@
-//! Free obstacles that turn, and runs taken up again while one is in touch.
+//! Free obstacles that turn, and runs resumed while an obstacle is in contact.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::effect::BodyForce;
@@ -12,7 +12,7 @@ const E: f64 = 70e9;
 
 const MASS: f64 = 2e-4;
 
-/// Free spheres (their bonds break in the first step) struck by a ball off centre.
+/// Run of free spheres (their bonds break in the first step) that a ball strikes off centre.
 struct Stroke {
     run: Coupled<f64>,
     centre: Point3<f64>,
@@ -23,12 +23,18 @@ struct Stroke {
 }
 
 impl Stroke {
-    fn of(law: ContactLaw, inertia: Option<f64>) -> Self {
-        Self::with(law, inertia, Vector3::zeros(), Vector3::zeros())
+    fn new(law: ContactLaw, inertia: Option<f64>) -> Self {
+        Self::in_field(law, inertia, Vector3::zeros(), Vector3::zeros())
     }
 
-    /// The same with a ball that spins at first, all of it in a field of acceleration.
-    fn with(law: ContactLaw, inertia: Option<f64>, first_spin: Vector3<f64>, field: Vector3<f64>) -> Self {
+    /// Like [`Stroke::new`], with an initial spin of the ball and a field of acceleration on ball and
+    /// spheres.
+    fn in_field(
+        law: ContactLaw,
+        inertia: Option<f64>,
+        first_spin: Vector3<f64>,
+        field: Vector3<f64>,
+    ) -> Self {
         let packing = lattice(Lattice::Cubic, [4, 4, 4], R).unwrap();
         let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0)
             .unwrap()
@@ -84,21 +90,21 @@ impl Stroke {
         self.ball("spin", "rad/s")
     }
 
-    /// Momentum and angular momentum that are lost, relative to those of the ball at the start.
+    /// Returns the losses of momentum and angular momentum, relative to the ball's at the start.
     fn lost(&self) -> [f64; 2] {
         let side = &self.run.subdomains()[0];
         let (s, m, half) = (side.state(), side.inertia(), 0.5 * self.run.dt());
-        let at = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
+        let vector = |x: &[f64], k: usize| Vector3::new(x[k], x[k + 1], x[k + 2]);
         let flight = self.ball("velocity", "m/s") * MASS;
         let place = self.centre + self.ball("displacement", "m");
         let mut momentum = [flight, place.coords.cross(&flight) + self.spin() * self.inertia];
         for (i, x) in side.model().nodes().iter().enumerate() {
-            // Half a step ago, like the ball.
-            let v = |k: usize| at(&s.v, k) - at(&s.a, k) * half;
+            // Velocities of half a step ago, like the ball's.
+            let v = |k: usize| vector(&s.v, k) - vector(&s.a, k) * half;
             let p = v(3 * i) * m[3 * i];
             let o = s.q.len() / 2 + 3 * i;
             momentum[0] += p;
-            momentum[1] += (x.coords + at(&s.q, 3 * i)).cross(&p) + v(o) * m[o];
+            momentum[1] += (x.coords + vector(&s.q, 3 * i)).cross(&p) + v(o) * m[o];
         }
         let p = self.velocity * MASS;
         let mass: f64 = MASS + (0..side.model().nodes().len()).map(|i| m[3 * i]).sum::<f64>();
@@ -110,14 +116,14 @@ impl Stroke {
         [0, 1].map(|k: usize| (momentum[k] - start[k]).norm() / start[k].norm())
     }
 
-    /// Energy that contacts took, relative to that of the ball at the start.
-    fn gone(&self) -> f64 {
+    /// Returns the energy that contacts dissipated, relative to the ball's at the start.
+    fn dissipated(&self) -> f64 {
         let line = self.run.effects().swap_remove(1);
         line.dissipated().unwrap() / (0.5 * MASS * self.velocity.norm_squared())
     }
 }
 
-/// With friction the ball starts to turn, and what it gets the spheres lose.
+/// With friction the ball starts to turn, and the spheres lose the angular momentum that it gains.
 #[test]
 fn a_free_ball_turns_and_keeps_the_angular_momentum() {
     let law = ContactLaw {
@@ -126,25 +132,28 @@ fn a_free_ball_turns_and_keeps_the_angular_momentum() {
         ..ContactLaw::elastic(E)
     };
     for inertia in [None, Some(1e-11)] {
-        let stroke = Stroke::of(law, inertia);
-        let (spin, lost, gone) = (stroke.spin().norm(), stroke.lost(), stroke.gone());
+        let stroke = Stroke::new(law, inertia);
+        let (spin, lost, dissipated) = (stroke.spin().norm(), stroke.lost(), stroke.dissipated());
         let drift = stroke.run.drift();
         assert!(spin > 10.0, "{spin}");
         assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
-        assert!(gone > 0.0 && gone < 1.0 && drift < 1e-10, "{gone} {drift}");
+        assert!(
+            dissipated > 0.0 && dissipated < 1.0 && drift < 1e-10,
+            "{dissipated} {drift}"
+        );
     }
     let elastic = ContactLaw {
         friction: 0.3,
         ..ContactLaw::elastic(E)
     };
-    let stroke = Stroke::of(elastic, None);
-    let (spin, lost, gone) = (stroke.spin().norm(), stroke.lost(), stroke.gone());
-    // Without dashpots friction alone takes energy.
+    let stroke = Stroke::new(elastic, None);
+    let (spin, lost, dissipated) = (stroke.spin().norm(), stroke.lost(), stroke.dissipated());
+    // Without dashpots only friction takes energy.
     assert!(
-        spin > 10.0 && lost[1] < 1e-12 && gone > -1e-3,
-        "{spin} {lost:?} {gone}"
+        spin > 10.0 && lost[1] < 1e-12 && dissipated > -1e-3,
+        "{spin} {lost:?} {dissipated}"
     );
-    let spin = Stroke::of(ContactLaw::elastic(E), None).spin().norm();
+    let spin = Stroke::new(ContactLaw::elastic(E), None).spin().norm();
     assert!(spin <= 0.0, "without friction nothing turns it: {spin}");
 }
 
@@ -156,19 +165,18 @@ fn a_ball_that_spins_at_first_gives_its_angular_momentum_to_what_it_rubs() {
         ..ContactLaw::elastic(E)
     };
     let first = Vector3::new(300.0, -5000.0, 4000.0);
-    let stroke = Stroke::with(law, None, first, Vector3::zeros());
+    let stroke = Stroke::in_field(law, None, first, Vector3::zeros());
     let (change, lost, drift) = ((stroke.spin() - first).norm(), stroke.lost(), stroke.run.drift());
     assert!(change > 10.0, "{change}");
     assert!(lost[0] < 1e-12 && lost[1] < 1e-12, "{lost:?}");
     assert!(drift < 1e-10, "{drift}");
-    // Nothing to rub on: it spins on.
-    let smooth = Stroke::with(ContactLaw::elastic(E), None, first, Vector3::zeros());
+    // Without friction the ball keeps its spin.
+    let smooth = Stroke::in_field(ContactLaw::elastic(E), None, first, Vector3::zeros());
     assert!((smooth.spin() - first).norm() <= 0.0);
 }
 
-/// In a field that pulls ball and spheres alike nothing changes between them: momentum grows by weight
-/// times time, what they do to each other is what it was without the field, and no energy is lost from
-/// sight.
+/// A field that acts on ball and spheres alike changes nothing between them: momentum grows by weight times
+/// time, their interaction is that without the field, and the ledger misses no energy.
 #[test]
 fn a_free_ball_falls_with_what_it_strikes() {
     let law = ContactLaw {
@@ -177,17 +185,18 @@ fn a_free_ball_falls_with_what_it_strikes() {
         ..ContactLaw::elastic(E)
     };
     let field = Vector3::new(2e4, -1e4, -3e5);
-    let [still, falling] = [Vector3::zeros(), field].map(|f| Stroke::with(law, None, Vector3::zeros(), f));
+    let [still, falling] =
+        [Vector3::zeros(), field].map(|f| Stroke::in_field(law, None, Vector3::zeros(), f));
     let (lost, drift) = (falling.lost(), falling.run.drift());
     assert!(lost[0] < 1e-12 && drift < 1e-10, "{lost:?} {drift}");
     let (dt, steps) = (falling.run.dt(), 400.0);
     assert!((dt / still.run.dt() - 1.0).abs() < 1e-14);
     let fall = field * (0.5 * (steps * dt).powi(2));
     let moved = [&still, &falling].map(|s| s.ball("displacement", "m"));
-    let off = (moved[1] - moved[0] - fall).norm() / moved[0].norm();
+    let error = (moved[1] - moved[0] - fall).norm() / moved[0].norm();
     assert!(
-        fall.norm() > 0.05 * moved[0].norm() && off < 1e-9,
-        "{off} {fall} {}",
+        fall.norm() > 0.05 * moved[0].norm() && error < 1e-9,
+        "{error} {fall} {}",
         moved[0]
     );
     let spun = (falling.spin() - still.spin()).norm() / still.spin().norm();
@@ -214,8 +223,8 @@ fn planes_and_cylinders_do_not_turn() {
         radius: R,
     };
     let refuse = |shape, motion| {
-        let made = Obstacle::new("it", &model, shape, motion, ContactLaw::elastic(E));
-        made.unwrap_err().to_string()
+        let result = Obstacle::new("it", &model, shape, motion, ContactLaw::elastic(E));
+        result.unwrap_err().to_string()
     };
     let fixed = Obstacle::new("it", &model, roller, Motion::Fixed, ContactLaw::elastic(E)).unwrap();
     let error = fixed.with_spin(Vector3::x()).unwrap_err().to_string();
@@ -240,8 +249,8 @@ fn planes_and_cylinders_do_not_turn() {
     assert!(refuse(ball, flat).contains("moment of inertia of an obstacle"));
 }
 
-/// A ball that is taken up from a snapshot in the middle of a stroke goes on with the same bits: its list
-/// of near particles, which is made anew then, decides nothing.
+/// A ball resumed from a snapshot in the middle of a stroke goes on with the same bits, although its list of
+/// near particles is built anew.
 #[test]
 fn a_stroke_goes_on_with_the_same_bits() {
     let packing = lattice(Lattice::Cubic, [5, 5, 5], R).unwrap();
@@ -276,12 +285,12 @@ fn a_stroke_goes_on_with_the_same_bits() {
     let bits = |run: &Coupled<f64>| {
         let s = run.subdomains()[0].state();
         let facts = run.effects().swap_remove(0).facts;
-        let all =
+        let values =
             s.q.iter()
                 .chain(&s.v)
                 .copied()
                 .chain(facts.into_iter().map(|f| f.1));
-        all.map(f64::to_bits).collect::<Vec<_>>()
+        values.map(f64::to_bits).collect::<Vec<_>>()
     };
     let mut whole = build();
     whole.run(600, &mut Silent).unwrap();

@@ -19,20 +19,20 @@ fn bar_of(length: f64) -> (Container, Bar) {
     )
 }
 
-/// GOAL: E and nu come out with nothing fitted. 5 000 spheres, L 20, D 2 mm, full protocol.
-/// EXPECTED: (77 +- 2.5)e9 Pa, 0.176 +- 0.008.
+/// GOAL: E and nu follow without any fit. 5 000 spheres, L 20, D 2 mm, full protocol. EXPECTED: (77 +- 2.5)e9
+/// Pa, 0.176 +- 0.008.
 #[test]
 fn cylinder_of_5000_has_the_elasticity_of_silica() {
     let (container, bar) = bar_of(20e-3);
     let packings: Vec<Packing> = [1, 2]
         .map(|seed| PackingSpec::new(container.clone(), 5000, seed).build().unwrap())
         .to_vec();
-    let found = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
-    assert_abs_diff_eq!(found.young.mean, 77e9, epsilon = 2.5e9);
-    assert_abs_diff_eq!(found.poisson.mean, 0.176, epsilon = 0.008);
+    let moduli = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
+    assert_abs_diff_eq!(moduli.young.mean, 77e9, epsilon = 2.5e9);
+    assert_abs_diff_eq!(moduli.poisson.mean, 0.176, epsilon = 0.008);
     assert!(
-        (found.young_gauge.mean / found.young.mean - 1.0).abs() < 0.03,
-        "{found:?}"
+        (moduli.young_gauge.mean / moduli.young.mean - 1.0).abs() < 0.03,
+        "{moduli:?}"
     );
     for p in &packings {
         let r = &p.report;
@@ -56,16 +56,16 @@ fn cylinder_of_5000_has_the_elasticity_of_silica() {
 fn inverse_calibration_reaches_its_target() {
     let (container, bar) = bar_of(8e-3);
     let packing = PackingSpec::quench(container, 1500, 4).build().unwrap();
-    let found = inverse(&[packing], &bar, 72.5e9, 0.17, 0.3).unwrap();
+    let calibrated = inverse(&[packing], &bar, 72.5e9, 0.17, 0.3).unwrap();
     assert!(
-        (found.reached.young.mean / 72.5e9 - 1.0).abs() < 1e-6,
-        "{found:?}"
+        (calibrated.reached.young.mean / 72.5e9 - 1.0).abs() < 1e-6,
+        "{calibrated:?}"
     );
-    assert_abs_diff_eq!(found.reached.poisson.mean, 0.17, epsilon = 1e-4);
-    assert_abs_diff_eq!(found.beam.radius_ratio, 0.71, epsilon = 0.15);
+    assert_abs_diff_eq!(calibrated.reached.poisson.mean, 0.17, epsilon = 1e-4);
+    assert_abs_diff_eq!(calibrated.beam.radius_ratio, 0.71, epsilon = 0.15);
 }
 
-/// A cube as triangles; the packing fills it and stays inside.
+/// A packing fills a cube of triangles and stays inside.
 #[test]
 fn closed_surface_is_filled() {
     let a = 2e-3;
@@ -95,7 +95,7 @@ fn closed_surface_is_filled() {
     let mean = packing.report.mean_radius;
     for (x, r) in packing.positions.iter().zip(&packing.radii) {
         let out = x.iter().map(|c| (r - c).max(c + r - a)).fold(0.0, f64::max);
-        // 800 spheres jam below the quench fraction: walls are pressed in, as in the box.
+        // 800 spheres jam below the quench fraction: they are pressed into the walls, as in the box.
         assert!(out < 0.35 * mean, "{out:e} of {mean:e}");
     }
     let boxed = Container::cuboid(Vector3::zeros(), Vector3::repeat(a)).unwrap();
@@ -120,32 +120,32 @@ fn closed_surface_is_filled() {
 #[test]
 fn reproducible_cached_and_through_csv() {
     let spec = PackingSpec::quench(bar_of(4e-3).0, 600, 11);
-    let one = spec.build().unwrap();
+    let built = spec.build().unwrap();
     let dir = std::env::temp_dir().join(format!("dem-beam-cache-{}", std::process::id()));
     let first = spec.build_cached(&dir).unwrap();
     let file = dir.join(format!("packing-{}.bin", spec.content_hash()));
-    assert!(file.exists() && first == one);
-    assert!(spec.build_cached(&dir).unwrap() == one);
-    // A damaged file is made anew.
+    assert!(file.exists() && first == built);
+    assert!(spec.build_cached(&dir).unwrap() == built);
+    // A damaged cache file is replaced.
     let mut bytes = std::fs::read(&file).unwrap();
     let last = bytes.len() - 9;
     bytes[last] ^= 1;
     std::fs::write(&file, bytes).unwrap();
-    assert!(spec.build_cached(&dir).unwrap() == one);
-    // Where nothing can be written, below a file, it is made each time.
-    assert!(spec.build_cached(&file.join("below")).unwrap() == one);
+    assert!(spec.build_cached(&dir).unwrap() == built);
+    // Where no file can be written, the packing is computed each time.
+    assert!(spec.build_cached(&file.join("below")).unwrap() == built);
     std::fs::remove_dir_all(&dir).unwrap();
-    let other = PackingSpec {
+    let reseeded = PackingSpec {
         seed: 12,
         ..spec.clone()
     };
-    assert!(other.content_hash() != spec.content_hash() && other.build().unwrap() != one);
+    assert!(reseeded.content_hash() != spec.content_hash() && reseeded.build().unwrap() != built);
     let mut text = Vec::new();
-    write_csv(&mut text, &one.positions, &one.radii).unwrap();
+    write_csv(&mut text, &built.positions, &built.radii).unwrap();
     let (x, r) = read_csv(&mut text.as_slice()).unwrap();
-    assert!(x == one.positions && r == one.radii);
-    let again = Packing::from_spheres(&spec.container, &x, &r, one.report.coordination_retained).unwrap();
-    assert!(again.pairs == one.pairs);
+    assert!(x == built.positions && r == built.radii);
+    let rebuilt = Packing::from_spheres(&spec.container, &x, &r, built.report.coordination_retained).unwrap();
+    assert!(rebuilt.pairs == built.pairs);
     let bad = read_csv(&mut "x,y,z,r\n1,2,3\n".as_bytes());
     assert!(matches!(bad, Err(Error::Parse { line: 2, .. })));
     let mixed = "x [m] y z r\n# words\n\n 1, 2;3\t4\n\n\n0,0,0,one\n";
@@ -155,7 +155,7 @@ fn reproducible_cached_and_through_csv() {
     assert!(matches!(nan, Err(Error::NotFinite { index: 1, .. })));
 }
 
-/// Simple cubic in tension: `E = E_mu pi r_b^2/(2r)^2` away from the ends, nu = 0.
+/// A simple cubic lattice in tension has `E = E_mu pi r_b^2/(2r)^2` away from the ends, and nu = 0.
 #[test]
 fn cubic_lattice_has_its_textbook_modulus() {
     let r = 1e-3;
@@ -166,10 +166,10 @@ fn cubic_lattice_has_its_textbook_modulus() {
         length: 24.0 * r,
         area: 64.0 * r * r,
     };
-    let found = tension_test(&body, &bar).unwrap();
+    let moduli = tension_test(&body, &bar).unwrap();
     let expected = 265e9 * std::f64::consts::PI * 0.71 * 0.71 / 4.0;
-    assert_relative_eq!(found.young_gauge, expected, epsilon = 0.0, max_relative = 1e-5);
-    assert!(found.poisson.abs() < 1e-5);
+    assert_relative_eq!(moduli.young_gauge, expected, epsilon = 0.0, max_relative = 1e-5);
+    assert!(moduli.poisson.abs() < 1e-5);
     assert_eq!(
         lattice(Lattice::FaceCentred, [3, 3, 3], r).unwrap().radii.len(),
         108
@@ -186,29 +186,32 @@ fn matter() -> Matter {
     }
 }
 
-fn two(x: f64, r: f64) -> Result<BondedParticles, Error> {
+fn pair_of_spheres(x: f64, r: f64) -> Result<BondedParticles, Error> {
     let p = vec![Vector3::zeros(), Vector3::new(x, 0.0, 0.0)];
     BondedParticles::new(p, vec![1e-3, r], vec![[0, 1]], &matter())
 }
 
 #[test]
 fn bad_spheres_have_names() {
-    assert!(two(2e-3, 1e-3).is_ok());
-    let same = two(0.0, 1e-3);
+    assert!(pair_of_spheres(2e-3, 1e-3).is_ok());
+    let coincident = pair_of_spheres(0.0, 1e-3);
     assert!(matches!(
-        same,
+        coincident,
         Err(Error::CoincidentParticles {
             first: 0,
             second: 1,
             ..
         })
     ));
-    let flat = two(2e-3, 0.0);
+    let flat = pair_of_spheres(2e-3, 0.0);
     assert!(matches!(flat, Err(Error::BadRadius { particle: 1, .. })));
-    let nowhere = two(f64::NAN, 1e-3);
+    let nowhere = pair_of_spheres(f64::NAN, 1e-3);
     assert!(matches!(nowhere, Err(Error::NotFinite { index: 1, .. })));
-    assert!(two(1.05e-3, 0.05e-3).is_ok());
-    assert!(matches!(two(1.04e-3, 0.04e-3), Err(Error::RadiusRatio { .. })));
+    assert!(pair_of_spheres(1.05e-3, 0.05e-3).is_ok());
+    assert!(matches!(
+        pair_of_spheres(1.04e-3, 0.04e-3),
+        Err(Error::RadiusRatio { .. })
+    ));
 }
 
 fn line() -> Vec<Vector3<f64>> {
@@ -217,8 +220,8 @@ fn line() -> Vec<Vector3<f64>> {
 
 #[test]
 fn bad_bonds_have_names() {
-    let with = |pairs: Vec<[u32; 2]>| BondedParticles::new(line(), vec![1e-3; 3], pairs, &matter());
-    let alone = with(vec![[0, 1]]);
+    let bonded = |pairs: Vec<[u32; 2]>| BondedParticles::new(line(), vec![1e-3; 3], pairs, &matter());
+    let alone = bonded(vec![[0, 1]]);
     assert!(matches!(
         alone,
         Err(Error::IsolatedParticle {
@@ -226,9 +229,9 @@ fn bad_bonds_have_names() {
             isolated: 1
         })
     ));
-    let short = with(vec![[0, 1], [1, 1]]);
+    let short = bonded(vec![[0, 1], [1, 1]]);
     assert!(matches!(short, Err(Error::ZeroLengthBond { bond: 1, .. })));
-    let unknown = with(vec![[0, 1], [1, 9]]);
+    let unknown = bonded(vec![[0, 1], [1, 9]]);
     assert!(matches!(unknown, Err(Error::NoSuchParticle { particle: 9, .. })));
 }
 
@@ -274,7 +277,7 @@ fn bad_packing_parameters_have_names() {
     assert!(matches!(wide, Err(Error::RadiusRatio { .. })));
 }
 
-/// A ratio of 1:20 packs.
+/// Spheres with a size ratio of 1:20 can be packed.
 #[test]
 fn radii_of_one_to_twenty() {
     let spec = PackingSpec {
@@ -291,11 +294,11 @@ fn radii_of_one_to_twenty() {
 fn density_waves_and_targets_out_of_reach_have_names() {
     let (container, bar) = bar_of(2e-3);
     let short = PackingSpec::new(container, 500, 3).build().unwrap();
-    let found = tension_test(&short.bonded(BeamMaterial::SILICA, 1.0).unwrap(), &bar).unwrap();
-    let refused = found.check_uniform();
+    let moduli = tension_test(&short.bonded(BeamMaterial::SILICA, 1.0).unwrap(), &bar).unwrap();
+    let refused = moduli.check_uniform();
     assert!(
         matches!(refused, Err(Error::AxialWave { difference, .. }) if difference > 0.03),
-        "{found:?}"
+        "{moduli:?}"
     );
     let refused = inverse(&[short], &bar, 72.5e9, 0.45, 0.3);
     assert!(

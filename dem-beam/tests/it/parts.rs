@@ -1,4 +1,4 @@
-//! Bodies, parts, loose spheres and cuts: no mass moves without a word.
+//! Bodies, parts, loose spheres and cuts: no mass moves without a report.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use approx::{assert_abs_diff_eq, assert_relative_eq};
@@ -11,7 +11,8 @@ use nalgebra::Vector3;
 
 const DENSITY: f64 = 2200.0;
 
-/// Corners and outward triangles of a cube at `low` with edge `a`, `inward` for a cavity.
+/// Returns corners and triangles of a cube at `low` with edge `a`; the triangles face outward, or inward for
+/// a cavity.
 fn cube(low: Vector3<f64>, a: f64, inward: bool) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
     let corner = |i: u32| low + Vector3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * a;
     let quads = [
@@ -52,30 +53,30 @@ fn boxed(edges: [f64; 3]) -> Container {
     Container::cuboid(Vector3::zeros(), Vector3::from(edges)).unwrap()
 }
 
-/// Masses of the parts of a packing as its model has them.
+/// Returns the masses of a packing's parts. Asserts that they add up to the model's mass, unless there are
+/// grains.
 fn masses(packing: &Packing) -> Vec<f64> {
     let model = DemModel::new("body", packing, BeamMaterial::SILICA, DENSITY).unwrap();
-    let all: f64 = model.masses().iter().sum();
+    let total: f64 = model.masses().iter().sum();
     let parts: Vec<f64> = packing.parts().iter().map(|p| DENSITY * p.volume).collect();
-    let loose = all - parts.iter().sum::<f64>();
-    assert!(loose.abs() < 1e-12 * all || packing.grains() > 0);
+    let loose = total - parts.iter().sum::<f64>();
+    assert!(loose.abs() < 1e-12 * total || packing.grains() > 0);
     parts
 }
 
-/// Cubic grid of touching spheres of radius `r` from `low`.
+/// Adds a cubic grid of touching spheres of radius `r` from `low` on.
 fn grid(low: f64, n: [usize; 3], r: f64, out: &mut Vec<Vector3<f64>>) {
     for i in 0..n[0] {
         for j in 0..n[1] {
             for k in 0..n[2] {
-                let at = |n: usize| r + 2.0 * r * n as f64;
-                out.push(Vector3::new(low + at(i), at(j), at(k)));
+                let coordinate = |n: usize| r + 2.0 * r * n as f64;
+                out.push(Vector3::new(low + coordinate(i), coordinate(j), coordinate(k)));
             }
         }
     }
 }
 
-/// Two cubes in one surface: each keeps the mass of its own volume, 8 to 1. One of them vanished, and the
-/// rest was heavier.
+/// Two cubes in one surface each keep the mass of their own volume, 8 to 1.
 #[test]
 fn two_shells_keep_the_mass_of_their_own_volume() {
     let spec = PackingSpec::quench(Container::Surface(two_cubes()), 900, 3);
@@ -93,13 +94,13 @@ fn two_shells_keep_the_mass_of_their_own_volume() {
     }
     // Both are packed alike, and each sphere lies in its own body.
     let mean = |b: u32| {
-        let mine = packing
+        let inside = packing
             .radii
             .iter()
             .zip(&packing.bodies)
             .filter(|(_, k)| **k == b);
-        let mine: Vec<f64> = mine.map(|(r, _)| *r).collect();
-        mine.iter().sum::<f64>() / mine.len() as f64
+        let inside: Vec<f64> = inside.map(|(r, _)| *r).collect();
+        inside.iter().sum::<f64>() / inside.len() as f64
     };
     assert!(
         (mean(1) / mean(0) - 1.0).abs() < 0.04,
@@ -114,22 +115,22 @@ fn two_shells_keep_the_mass_of_their_own_volume() {
 
 #[test]
 fn cavities_belong_to_their_body_and_islands_in_them_are_bodies() {
-    let at = |x: f64| Vector3::repeat(x);
+    let diagonal = |x: f64| Vector3::repeat(x);
     let nested = surface(&[
-        (at(0.0), 3e-3, false),
-        (at(0.5e-3), 2e-3, true),
-        (at(1e-3), 1e-3, false),
+        (diagonal(0.0), 3e-3, false),
+        (diagonal(0.5e-3), 2e-3, true),
+        (diagonal(1e-3), 1e-3, false),
         (Vector3::new(4e-3, 0.0, 0.0), 1e-3, false),
     ]);
     let volumes: Vec<f64> = nested.bodies().iter().map(Surface::volume).collect();
     assert_eq!(volumes.len(), 3);
-    for (found, wanted) in volumes.iter().zip([19e-9, 1e-9, 1e-9]) {
-        assert_relative_eq!(*found, wanted, epsilon = 0.0, max_relative = 1e-12);
+    for (volume, wanted) in volumes.iter().zip([19e-9, 1e-9, 1e-9]) {
+        assert_relative_eq!(*volume, wanted, epsilon = 0.0, max_relative = 1e-12);
     }
-    // A point that no triangle has does not widen the body.
-    let (mut v, t) = cube(at(0.0), 1e-3, false);
-    v.push(at(1.0));
-    assert!(Surface::new(v, t).unwrap().bounds().1 == at(1e-3));
+    // A point without a triangle does not widen the body.
+    let (mut v, t) = cube(diagonal(0.0), 1e-3, false);
+    v.push(diagonal(1.0));
+    assert!(Surface::new(v, t).unwrap().bounds().1 == diagonal(1e-3));
 }
 
 #[test]
@@ -145,13 +146,14 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
     for (mass, share) in masses(&packing).iter().zip([64.0 / 112.0, 48.0 / 112.0]) {
         assert_abs_diff_eq!(mass / whole, share, epsilon = 1e-12);
     }
-    // The same spheres in two bodies of a surface: each has the mass of its own, in the order of the file.
-    let two = surface(&[
+    // The same spheres in two bodies of a surface: each body has its own mass, in the order of the file.
+    let two_shells = surface(&[
         (Vector3::zeros(), 0.8e-3, false),
         (Vector3::new(2e-3, 0.0, 0.0), 0.8e-3, false),
     ]);
     x.reverse();
-    let packing = Packing::from_spheres(&Container::Surface(two.clone()), &x, &[1e-4; 112], 4.3).unwrap();
+    let packing =
+        Packing::from_spheres(&Container::Surface(two_shells.clone()), &x, &[1e-4; 112], 4.3).unwrap();
     assert!(packing.positions == x && packing.bodies[0] == 1 && packing.bodies[111] == 0);
     let body = |k: usize| packing.parts().into_iter().find(|p| p.body == k).unwrap();
     let part = |body, spheres| Part {
@@ -159,11 +161,11 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
         spheres,
         volume: 0.8e-3f64.powi(3),
     };
-    for (found, wanted) in [(body(0), part(0, 64)), (body(1), part(1, 48))] {
-        assert!(found.spheres == wanted.spheres && (found.volume / wanted.volume - 1.0).abs() < 1e-6);
+    for (actual, wanted) in [(body(0), part(0, 64)), (body(1), part(1, 48))] {
+        assert!(actual.spheres == wanted.spheres && (actual.volume / wanted.volume - 1.0).abs() < 1e-6);
     }
     // A body without spheres would have no mass.
-    let refused = Packing::from_spheres(&Container::Surface(two), &x[48..], &[1e-4; 64], 4.0);
+    let refused = Packing::from_spheres(&Container::Surface(two_shells), &x[48..], &[1e-4; 64], 4.0);
     let message = refused.unwrap_err().to_string();
     assert!(
         message.starts_with("body 2 of the 2 within the surface")
@@ -172,8 +174,8 @@ fn islands_of_a_file_stay_with_the_mass_of_their_own_spheres() {
     );
 }
 
-/// At 1.5 bonds per sphere a third hangs on nothing: refused by number, or kept as grains, each with its
-/// own mass.
+/// At 1.5 bonds per sphere a third of the spheres is loose: they are refused with their number, or kept as
+/// grains with their own masses.
 #[test]
 fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
     let mut spec = PackingSpec::quench(boxed([2e-3; 3]), 400, 1);
@@ -203,14 +205,14 @@ fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
         let r = model.body().radii()[i];
         assert!((m / (DENSITY * 8e-9 * r.powi(3) / cubes) - 1.0).abs() < 1e-12);
     }
-    // A grain has no bond to take a weight from: it has that of its place.
+    // A grain has no bond with a weight, so it takes the weight at its place.
     let n = model.layout().dofs();
     let mut inertia = vec![0.0; n];
     let quarter = Uniform(0.25);
     model.lumped_inertia(&quarter, &mut inertia).unwrap();
     let sum: f64 = inertia[..n / 2].iter().sum();
     assert!((sum / (3.0 * 0.25 * DENSITY * 8e-9) - 1.0).abs() < 1e-12);
-    // No force on it, and a step that is that of the bonds.
+    // Grains have no force, and the critical step is that of the bonds.
     model.set_internal_weight(&Uniform(1.0)).unwrap();
     let q: Vec<f64> = (0..n).map(|k| 1e-9 * (k as f64).sin()).collect();
     let mut f = vec![0.0; n];
@@ -223,25 +225,26 @@ fn loose_spheres_are_refused_with_their_number_or_kept_as_grains() {
     assert!(model.critical_step(&inverse).unwrap().is_finite());
 }
 
-/// What a jammed packing leaves out is bounded and told: the rest is heavier by just that.
+/// The dropped spheres of a jammed packing are limited and reported, and the others are heavier by just this
+/// mass.
 #[test]
 fn dropped_spheres_are_told_with_the_mass_they_move() {
     let mut spec = PackingSpec::quench(Container::cylinder(8e-3, 1e-3).unwrap(), 1500, 2);
     spec.coordination = 5.7;
     spec.loose = Loose::Keep;
-    let all = spec.build().unwrap();
+    let complete = spec.build().unwrap();
     spec.loose = Loose::default();
     let packing = spec.build().unwrap();
     let r = &packing.report;
-    assert!(r.dropped > 3 && r.dropped + packing.radii.len() == 1500 && r.dropped == all.grains());
+    assert!(r.dropped > 3 && r.dropped + packing.radii.len() == 1500 && r.dropped == complete.grains());
     let cubes = |p: &Packing| p.radii.iter().map(|r| r.powi(3)).sum::<f64>();
-    assert!((r.dropped_share - (1.0 - cubes(&packing) / cubes(&all))).abs() < 1e-12);
-    let same = all
+    assert!((r.dropped_share - (1.0 - cubes(&packing) / cubes(&complete))).abs() < 1e-12);
+    let twin = complete
         .positions
         .iter()
         .position(|x| *x == packing.positions[0])
         .unwrap();
-    let heavier = packing.volumes()[0] / all.volumes()[same] - 1.0;
+    let heavier = packing.volumes()[0] / complete.volumes()[twin] - 1.0;
     assert!((heavier - r.dropped_share / (1.0 - r.dropped_share)).abs() < 1e-12);
     assert!((masses(&packing)[0] / (DENSITY * packing.volume) - 1.0).abs() < 1e-12);
     spec.loose = Loose::Drop {
@@ -250,7 +253,7 @@ fn dropped_spheres_are_told_with_the_mass_they_move() {
     assert!(matches!(spec.build(), Err(Error::LooseSpheres { .. })));
 }
 
-/// A cut from `low` up over the whole width at `x`.
+/// Returns a cut across the whole width at `x`, upwards from `low`.
 fn notch(x: f64, low: f64) -> impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool {
     move |a, b| {
         let t = (x - a.x) / (b.x - a.x);
@@ -258,14 +261,14 @@ fn notch(x: f64, low: f64) -> impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool {
     }
 }
 
-/// One seed in some leaves a sphere at the notch without a bond; it goes with the cut and takes its mass
-/// along.
+/// A hundred seeds of a notched bar leave no sphere without a bond. With some seeds the cut isolates a sphere
+/// at the notch, which is removed with its mass.
 #[test]
 fn a_hundred_seeds_of_a_notched_bar_have_no_sphere_without_a_bond() {
     let mut trimmed = 0;
     for seed in 0..100 {
         let mut spec = PackingSpec::quench(boxed([3e-3, 1e-3, 1e-3]), 240, seed);
-        // Few bonds, so that cuts show the case often.
+        // With few bonds cuts isolate spheres often.
         spec.coordination = 5.0;
         spec.loose = Loose::Drop { limit: 0.1 };
         let mut packing = spec.build().unwrap();
@@ -275,13 +278,13 @@ fn a_hundred_seeds_of_a_notched_bar_have_no_sphere_without_a_bond() {
         }
         let done = packing.report.cut;
         assert_eq!(packing.radii.len() + done.spheres, count);
-        let left: f64 = packing.volumes().iter().sum();
-        assert!((left + done.volume - volume).abs() < 1e-15 * count as f64 * volume);
+        let remaining: f64 = packing.volumes().iter().sum();
+        assert!((remaining + done.volume - volume).abs() < 1e-15 * count as f64 * volume);
         assert!((done.spheres == 0) == (done.volume == 0.0));
         trimmed += usize::from(done.spheres > 0);
         let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, DENSITY);
         let mass: f64 = model.unwrap().masses().iter().sum();
-        assert!((mass / (DENSITY * left) - 1.0).abs() < 1e-12, "seed {seed}");
+        assert!((mass / (DENSITY * remaining) - 1.0).abs() < 1e-12, "seed {seed}");
     }
     assert!(trimmed > 2, "{trimmed} seeds show the case at all");
 }
@@ -297,7 +300,7 @@ fn a_wide_notch_takes_its_spheres_and_a_whole_cut_leaves_two_parts() {
     assert_eq!(parts.len(), 2);
     let sum: f64 = parts.iter().map(|p| p.volume).sum::<f64>() + halves.report.cut.volume;
     assert_relative_eq!(sum, 9e-9, epsilon = 0.0, max_relative = 1e-12);
-    // A slot as wide as three spheres: what lies in it is gone, with its share of the mass.
+    // A slot as wide as three spheres removes the spheres within it, with their mass.
     let mut slot = packing.clone();
     let inside = |x: &Vector3<f64>| (x.x - 2e-3).abs() < 0.3e-3 && x.z > 0.7e-3;
     let expected: f64 = packing
@@ -356,10 +359,10 @@ fn bodies_that_cross_or_get_no_sphere_have_names() {
         (Vector3::zeros(), 2e-3, false),
         (Vector3::repeat(1e-3), 2e-3, false),
     ]);
-    let found = PackingSpec::quench(Container::Surface(crossing), 600, 1).build();
+    let result = PackingSpec::quench(Container::Surface(crossing), 600, 1).build();
     assert!(
-        matches!(found, Err(Error::CrossingBodies { first: 1, second: 2, point }) if point.iter().all(|x| *x > 1e-3 && *x < 2e-3)),
-        "{found:?}"
+        matches!(result, Err(Error::CrossingBodies { first: 1, second: 2, point }) if point.iter().all(|x| *x > 1e-3 && *x < 2e-3)),
+        "{result:?}"
     );
     let tiny = surface(&[
         (Vector3::zeros(), 2e-3, false),
@@ -375,7 +378,7 @@ fn bodies_that_cross_or_get_no_sphere_have_names() {
     );
 }
 
-/// Errors of bodies that are hardly wider than a sphere name the width, not the coordination number.
+/// Errors of bodies hardly wider than a sphere name the width, not the coordination number.
 #[test]
 fn bodies_of_one_or_two_spheres_across_name_their_width() {
     for (across, fits) in [(1.0, false), (1.6, false), (2.0, false), (3.2, true)] {
@@ -408,15 +411,15 @@ fn the_width_of_a_body_is_told_in_spheres() {
         .unwrap();
     let diameter = 2.0 * packing.radii.iter().sum::<f64>() / packing.radii.len() as f64;
     assert!((packing.report.across.unwrap() * diameter / 1e-3 - 1.0).abs() < 1e-12);
-    // A surface has no width of its own: the farthest centre from the wall says it.
-    let one = surface(&[(Vector3::zeros(), 2e-3, false)]);
-    let twin = PackingSpec::quench(Container::Surface(one), 900, 1)
+    // A surface has no given width: it follows from the centre farthest from the wall.
+    let single = surface(&[(Vector3::zeros(), 2e-3, false)]);
+    let twin = PackingSpec::quench(Container::Surface(single), 900, 1)
         .build()
         .unwrap();
     let boxed = PackingSpec::quench(boxed([2e-3; 3]), 900, 1).build().unwrap();
     let [a, b] = [&twin, &boxed].map(|p| p.report.across.unwrap());
     assert_relative_eq!(a, b, epsilon = 0.0, max_relative = 0.03);
-    // Interior spheres of a surface are those two mean diameters from the wall, as of a box.
+    // Interior spheres of a surface are at least two mean diameters away from the wall, as in a box.
     let mut degree = vec![0_u32; twin.radii.len()];
     twin.pairs.iter().flatten().for_each(|&i| degree[i as usize] += 1);
     let depth = 4.0 * twin.report.mean_radius;
@@ -431,7 +434,8 @@ fn the_width_of_a_body_is_told_in_spheres() {
     assert!(periodic.report.across.is_none());
 }
 
-/// The table behind the warning: needles are stiff in tension, soft in bending, and nu scatters.
+/// The table behind the warning of narrow bodies agrees with measurements and is monotone: needles are stiff
+/// in tension and soft in bending, and nu scatters.
 #[test]
 fn what_to_expect_of_narrow_bodies_is_monotone_and_measured() {
     let wide = narrow::expected(20.0);
@@ -449,11 +453,11 @@ fn what_to_expect_of_narrow_bodies_is_monotone_and_measured() {
             PackingSpec::new(container, count, seed).build().unwrap()
         })
         .collect();
-    let found = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
-    assert_abs_diff_eq!(found.young.mean / 74.9e9 / needle.young, 1.0, epsilon = 0.05);
+    let moduli = measure(&packings, BeamMaterial::SILICA, &bar).unwrap();
+    assert_abs_diff_eq!(moduli.young.mean / 74.9e9 / needle.young, 1.0, epsilon = 0.05);
     assert!(
-        (found.poisson.mean - needle.poisson).abs() < 2.0 * needle.poisson_spread,
-        "{found:?}"
+        (moduli.poisson.mean - needle.poisson).abs() < 2.0 * needle.poisson_spread,
+        "{moduli:?}"
     );
     let columns = |a: f64| {
         let e = narrow::expected(a);
@@ -468,8 +472,8 @@ fn what_to_expect_of_narrow_bodies_is_monotone_and_measured() {
     }
 }
 
-/// GOAL: beams of `200 MPa`; the bar's strength over theirs. EXPECTED: 4.1 by axial tension, 11.7 by the
-/// principal one (trials without scatter), and the ratio does not depend on the strength of the beams.
+/// GOAL: strength of beams of `200 MPa` over that of their bar. EXPECTED: 4.1 by axial tension, 11.7 by the
+/// principal stress (trials without scatter); the ratio does not depend on the strength of the beams.
 #[test]
 fn beams_are_four_times_as_strong_as_their_bar_by_axial_tension_and_twelve_times_by_rankine() {
     use dem_beam::strength::strength_test;

@@ -14,7 +14,7 @@ fn model() -> DemModel {
     DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap()
 }
 
-/// Deterministic noise in [-1, 1].
+/// Returns deterministic noise in [-1, 1].
 fn noise(i: usize) -> f64 {
     ((i as f64 * 12.9898).sin() * 43_758.545_3).fract()
 }
@@ -34,9 +34,9 @@ impl Weight<f64> for Falling {
     }
 }
 
-/// The sum over particles with their volumes is `Σ_i x_i ⊗ F_i`, with the forces `F_i` that hold each
-/// particle against its bonds: in equilibrium those of the boundary. Any state, small and finite rotations,
-/// with weights in the model.
+/// The stresses of the particles times their volumes sum to `Σ_i x_i ⊗ F_i`, with the forces `F_i` that hold
+/// each particle against its bonds (in equilibrium the boundary forces): in any state, with small and finite
+/// rotations, with and without weights in the model.
 #[test]
 fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
     for finite in [false, true] {
@@ -52,15 +52,15 @@ fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
         model.advance(&q, &mut f).unwrap();
         let mut held = Matrix3::zeros();
         for (i, x) in model.nodes().iter().enumerate() {
-            let at = |v: &[f64]| Vector3::new(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
-            let place = x.coords + if finite { at(&q) } else { Vector3::zeros() };
-            held -= place * at(&f).transpose();
+            let vector = |v: &[f64]| Vector3::new(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+            let place = x.coords + if finite { vector(&q) } else { Vector3::zeros() };
+            held -= place * vector(&f).transpose();
         }
         let held = SymmetricTensor::from_matrix(&held);
         let volumes = model.particles().unwrap().to_vec();
-        let check = |all: &[Recovered<f64>]| {
+        let check = |values: &[Recovered<f64>]| {
             let mut sum = [0.0; 6];
-            for (r, v) in all.iter().zip(&volumes) {
+            for (r, v) in values.iter().zip(&volumes) {
                 assert!(r.strain.is_none());
                 sum.iter_mut()
                     .zip(r.stress.0)
@@ -74,7 +74,7 @@ fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
         };
         check(&stresses(&model, &q));
         if !finite {
-            // The law has weights now, its stresses have none.
+            // The law has weights now, the stresses do not.
             model.set_internal_weight(&Falling).unwrap();
             check(&stresses(&model, &q));
         }
@@ -104,10 +104,10 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
     for (b, [i, j]) in bonds.iter().zip(model.links().unwrap().pairs()) {
         let d = model.nodes()[*j as usize] - model.nodes()[*i as usize];
         let along = f64::from(u8::from(d.x.abs() > 0.5e-3));
-        let found = (b.axial / pull, b.shear / pull);
+        let measured = (b.axial / pull, b.shear / pull);
         assert!(
-            (found.0 - along).abs() < 1e-6 && found.1 < 1e-6,
-            "{found:?}, along x: {along}"
+            (measured.0 - along).abs() < 1e-6 && measured.1 < 1e-6,
+            "{measured:?}, along x: {along}"
         );
         assert!((b.utilisation.unwrap() - 0.5 * along).abs() < 1e-7);
     }
@@ -116,12 +116,12 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
         .find(|i| model.nodes()[*i].coords.iter().all(|c| (1e-3..3e-3).contains(c)))
         .unwrap();
     let volume = model.particles().unwrap()[inner].measure;
-    let found = stresses(&model, &half)[inner].stress;
+    let measured = stresses(&model, &half)[inner].stress;
     assert!(
-        (found.0[0] / (pull * 1e-3 / volume) - 1.0).abs() < 1e-7,
-        "{found:?}"
+        (measured.0[0] / (pull * 1e-3 / volume) - 1.0).abs() < 1e-7,
+        "{measured:?}"
     );
-    assert!(found.0[1..].iter().all(|s| s.abs() < 1e-7 * found.0[0]));
+    assert!(measured.0[1..].iter().all(|s| s.abs() < 1e-7 * measured.0[0]));
     let (mut f, mut before) = (vec![0.0; 6 * n], vec![0.0; 6 * n]);
     model.advance(&twice, &mut f).unwrap();
     let step = arlequin_core::Evolution {
@@ -138,31 +138,32 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
         bonds.iter().all(|b| b.axial.abs() < 1e-7 * pull),
         "those along x are gone"
     );
-    assert!(stresses(&model, &twice)[inner].stress.von_mises() < 1e-7 * found.0[0]);
+    assert!(stresses(&model, &twice)[inner].stress.von_mises() < 1e-7 * measured.0[0]);
 }
 
-/// A bond's moment is shared where the spheres touch: the larger of two has the larger part.
+/// The moment of a bond is divided at the contact point of its spheres: the larger of two has the larger
+/// share.
 #[test]
 fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
     let mut cube = lattice(Lattice::Cubic, [6, 6, 6], 0.5e-3).unwrap();
     let mut xs: Vec<f64> = cube.positions.iter().map(|x| x.x).collect();
     xs.sort_by(f64::total_cmp);
     xs.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-    let here = |x: &Vector3<f64>, k: usize| x.iter().all(|c| (c - xs[k]).abs() < 1e-9);
-    let changed = cube.positions.iter().position(|x| here(x, 2)).unwrap();
-    let (small, other) = (cube.radii[changed], 1.4 * cube.radii[changed]);
-    cube.radii[changed] = other;
+    let lies_at = |x: &Vector3<f64>, k: usize| x.iter().all(|c| (c - xs[k]).abs() < 1e-9);
+    let changed = cube.positions.iter().position(|x| lies_at(x, 2)).unwrap();
+    let (small, larger) = (cube.radii[changed], 1.4 * cube.radii[changed]);
+    cube.radii[changed] = larger;
     let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
-    // Two inner spheres that are no neighbours, by the numbers of the model.
-    let [large, far] = [2, 4].map(|k| model.nodes().iter().position(|x| here(&x.coords, k)).unwrap());
+    // Two inner spheres that are no neighbours, by the model's numbers.
+    let [large, far] = [2, 4].map(|k| model.nodes().iter().position(|x| lies_at(&x.coords, k)).unwrap());
     let mut q = vec![0.0; 6 * model.nodes().len()];
     for (i, x) in model.nodes().iter().enumerate() {
         q[3 * i] = 1e-4 * x.x;
     }
-    let (found, volumes) = (stresses(&model, &q), model.particles().unwrap());
-    let moment = |i: usize| found[i].stress.0[0] * volumes[i].measure;
+    let (values, volumes) = (stresses(&model, &q), model.particles().unwrap());
+    let moment = |i: usize| values[i].stress.0[0] * volumes[i].measure;
     let ratio = moment(large) / moment(far);
-    let wanted = 2.0 * other / (other + small);
+    let wanted = 2.0 * larger / (larger + small);
     assert!((ratio / wanted - 1.0).abs() < 1e-6, "{ratio} for {wanted}");
 }
 
@@ -172,15 +173,16 @@ fn densities(model: &DemModel, q: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Sum of the densities over the volumes of the particles, each times a factor of its place \[J\].
+/// Returns the sum of the densities over the volumes of the particles, each times a factor of its place
+/// \[J\].
 fn total(model: &DemModel, densities: &[f64], factor: impl Fn(&Point3<f64>) -> f64) -> f64 {
     let volumes = model.particles().unwrap().iter();
-    let all = densities.iter().zip(volumes);
-    all.map(|(w, v)| w * v.measure * factor(&v.point)).sum()
+    let pairs = densities.iter().zip(volumes);
+    pairs.map(|(w, v)| w * v.measure * factor(&v.point)).sum()
 }
 
-/// Random states under both laws. Weights change the energy that the ledger counts, but not the density of
-/// the material.
+/// The energy density of particles sums to the strain energy in random states under both laws. Weights change
+/// the energy in the ledger, but not the density of the material.
 #[test]
 fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() {
     for finite in [false, true] {
@@ -207,7 +209,8 @@ fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() 
                     .zip(&weighted)
                     .all(|(a, b)| (a / b - 1.0).abs() < 2e-7)
             );
-            // The ledger weighs each bond with its mean, a frame offers the weights of the particles.
+            // The ledger weighs each bond with its mean weight; a frame has only the weights of the
+            // particles.
             let energy = model.internal_energy(&q);
             let near = total(&model, &weighted, |x| Falling.value(x)) / energy - 1.0;
             let without = total(&model, &weighted, |_| 1.0) / energy - 1.0;
@@ -216,7 +219,8 @@ fn energy_density_of_particles_sums_to_the_strain_energy_and_knows_no_weights() 
     }
 }
 
-/// A stretched cubic lattice: `E A ε² l/2` in each bond along x, one bond per cell.
+/// The energy density of a stretched cubic lattice is that of `E A ε² l/2` in each bond along x, one bond per
+/// cell; broken bonds have none.
 #[test]
 fn energy_density_of_a_stretched_lattice_is_that_of_its_bonds_and_broken_ones_hold_none() {
     let cube = lattice(Lattice::Cubic, [4, 4, 4], 0.5e-3).unwrap();

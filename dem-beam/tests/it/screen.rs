@@ -1,4 +1,4 @@
-//! The look at strengths in the force kernel against bonds compared one by one: the same breaks, to the bit.
+//! The screening of strengths in the force kernel finds the same breaks as comparing every bond, to the bit.
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::{Coupled, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
@@ -13,7 +13,7 @@ fn packing() -> Packing {
         .unwrap()
 }
 
-/// One, and zero on the left: bonds without weight break as well.
+/// Weight that rises from 0.01 on the left to one: lightly weighted bonds break as well.
 #[derive(Debug)]
 struct Part;
 
@@ -23,19 +23,19 @@ impl Weight<f64> for Part {
     }
 }
 
-/// Every break and the state at the end, as bits.
+/// Returns the number of breaks, and the bits of all breaks and of the final displacements.
 fn history(model: DemModel, steps: usize) -> (usize, Vec<u64>) {
     let log = model.break_log();
     let n = model.layout().dofs();
     let mut v = vec![0.0; n];
     for (i, x) in model.nodes().iter().enumerate() {
-        // Pulled, bent and twisted.
+        // The body is pulled, bent and twisted.
         v[3 * i] = 2.5e4 * (x.x - 2e-3) * (1.0 + 2e2 * x.y);
         v[3 * i + 1] = -1.2e4 * x.z * x.x / 4e-3;
         v[3 * i + 2] = 1.2e4 * x.y * x.x / 4e-3;
         v[n / 2 + 3 * i] = 1.2e4 * x.x / 4e-3;
     }
-    // The share of a body, alone on purpose.
+    // One side of an overlap, deliberately alone.
     let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Part)))
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)
@@ -90,7 +90,8 @@ fn marked_blocks_hold_every_bond_that_breaks() {
     }
 }
 
-/// Strengths next to round-off, and rotations far beyond what the squares of the linear law bear.
+/// Where round-off could hide a break, bonds are compared one by one: strengths next to round-off, and
+/// rotations far beyond the range of the linear law's squares.
 #[test]
 fn where_round_off_could_hide_a_break_bonds_are_compared_one_by_one() {
     let packing = packing();
@@ -106,7 +107,7 @@ fn where_round_off_could_hide_a_break_bonds_are_compared_one_by_one() {
             let n = model.layout().dofs();
             let mut q = vec![0.0; n];
             for (i, x) in model.nodes().iter().enumerate() {
-                // A rigid turn, which the linear law bears, and a little strain.
+                // A rigid rotation, which the linear law permits, and a little strain.
                 q[3 * i + 1] = -turn * x.z + 1e-3 * x.y * (x.x / 4e-3);
                 q[3 * i + 2] = turn * x.y;
                 q[n / 2 + 3 * i] = turn;

@@ -1,13 +1,14 @@
-//! Several shells in one surface, as files bring them: bodies that touch, cavities that touch the wall,
+//! Several shells in one surface, as files contain them: bodies that touch, cavities that touch the wall,
 //! crossings.
 
 use dem_beam::{Error, Surface};
 use nalgebra::Vector3;
 
-/// A surface of boxes, given by their lowest corner and edges (mm), each with triangles turned at will.
-fn boxes(all: &[([f64; 3], [f64; 3])]) -> Result<Surface, Error> {
+/// Returns a surface of boxes, given by their lowest corner and edges \[mm\]; each has triangles of arbitrary
+/// orientation.
+fn boxes(blocks: &[([f64; 3], [f64; 3])]) -> Result<Surface, Error> {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for (low, edges) in all {
+    for (low, edges) in blocks {
         let first = vertices.len() as u32;
         vertices.extend((0..8).map(|i| {
             Vector3::from_fn(|k, _| 1e-3 * (low[k] + if i >> k & 1 == 1 { edges[k] } else { 0.0 }))
@@ -35,16 +36,16 @@ fn volumes(surface: &Surface) -> Vec<f64> {
 fn a_body_that_stands_on_a_face_of_another_is_a_body_on_each_of_six_faces() {
     let cube = ([0.0; 3], [10.0; 3]);
     for axis in 0..3 {
-        for at in [-2.0, 10.0] {
+        for position in [-2.0, 10.0] {
             for [u, v] in [[4.0, 4.0], [0.0, 0.0], [4.0, 8.0], [3.3, 1.7]] {
                 let mut low = [0.0; 3];
-                (low[axis], low[(axis + 1) % 3], low[(axis + 2) % 3]) = (at, u, v);
+                (low[axis], low[(axis + 1) % 3], low[(axis + 2) % 3]) = (position, u, v);
                 for order in [[cube, (low, [2.0; 3])], [(low, [2.0; 3]), cube]] {
-                    let found = volumes(&boxes(&order).unwrap());
+                    let measured = volumes(&boxes(&order).unwrap());
                     let wanted = order.map(|b| b.1[0].powi(3));
-                    assert_eq!(found.len(), 2, "{low:?}");
-                    for (f, w) in found.iter().zip(wanted) {
-                        assert!((f / w - 1.0).abs() < 1e-12, "{low:?}: {found:?}");
+                    assert_eq!(measured.len(), 2, "{low:?}");
+                    for (f, w) in measured.iter().zip(wanted) {
+                        assert!((f / w - 1.0).abs() < 1e-12, "{low:?}: {measured:?}");
                     }
                 }
             }
@@ -55,10 +56,10 @@ fn a_body_that_stands_on_a_face_of_another_is_a_body_on_each_of_six_faces() {
 #[test]
 fn cavities_that_touch_the_wall_from_within_are_cavities() {
     for low in [[0.0, 4.0, 4.0], [8.0, 4.0, 4.0], [4.0, 0.0, 8.0], [8.0, 8.0, 8.0]] {
-        let found = volumes(&boxes(&[([0.0; 3], [10.0; 3]), (low, [2.0; 3])]).unwrap());
+        let measured = volumes(&boxes(&[([0.0; 3], [10.0; 3]), (low, [2.0; 3])]).unwrap());
         assert!(
-            found.len() == 1 && (found[0] / 992.0 - 1.0).abs() < 1e-12,
-            "{found:?}"
+            measured.len() == 1 && (measured[0] / 992.0 - 1.0).abs() < 1e-12,
+            "{measured:?}"
         );
     }
 }
@@ -66,17 +67,17 @@ fn cavities_that_touch_the_wall_from_within_are_cavities() {
 #[test]
 fn shells_that_cross_are_refused_with_a_point() {
     for low in [[9.0, 4.0, 4.0], [-1.0, -1.0, -1.0], [4.0, 4.0, 9.5]] {
-        let made = boxes(&[([0.0; 3], [10.0; 3]), (low, [2.0; 3])]);
+        let result = boxes(&[([0.0; 3], [10.0; 3]), (low, [2.0; 3])]);
         assert!(
             matches!(
-                made,
+                result,
                 Err(Error::CrossingBodies {
                     first: 1,
                     second: 2,
                     ..
                 })
             ),
-            "{low:?}: {made:?}"
+            "{low:?}: {result:?}"
         );
     }
 }

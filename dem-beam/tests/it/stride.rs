@@ -1,4 +1,4 @@
-//! Steps that the model makes itself: the bits of the core's steps, and the energies of its own sums.
+//! Steps that the model makes itself: the bits of the core's steps, and energies from the model's own sums.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::{
@@ -10,7 +10,7 @@ use dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
 use nalgebra::Point3;
 use std::sync::Arc;
 
-/// The same model without steps of its own.
+/// Wraps the model without its own stepping.
 struct Plain(DemModel);
 
 impl Model<f64> for Plain {
@@ -49,7 +49,7 @@ impl Model<f64> for Plain {
     }
 }
 
-/// From 1 to 0.2 along the body.
+/// Weight that falls from 1 to 0.2 along the body.
 #[derive(Debug)]
 struct Along;
 
@@ -59,14 +59,14 @@ impl Weight<f64> for Along {
     }
 }
 
-/// A body of two particles per cell; their number is not one of whole blocks.
+/// Returns a body of two particles per cell; their number is no multiple of the kernel's blocks.
 fn model(cells: usize, finite: bool) -> DemModel {
     let cube = lattice(Lattice::BodyCentred, [cells; 3], 1e-4).unwrap();
     let m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
     if finite { m.with_finite_rotations() } else { m }
 }
 
-/// A run with everything in motion and a face held, the ledger drawn every `interval` steps.
+/// Returns a run with everything in motion and one face held; the ledger is drawn every `interval` steps.
 fn run(model: DemModel, own: bool, interval: usize) -> Coupled<f64> {
     let n = model.layout().dofs();
     let size = |i: usize| if i < n / 2 { 1.0 } else { 2e3 };
@@ -100,33 +100,36 @@ fn run(model: DemModel, own: bool, interval: usize) -> Coupled<f64> {
 
 fn bits(run: &Coupled<f64>) -> Vec<u64> {
     let s = run.subdomains()[0].state();
-    let all = s.q.iter().chain(&s.v).chain(&s.a);
-    all.map(|x| x.to_bits()).collect()
+    let values = s.q.iter().chain(&s.v).chain(&s.a);
+    values.map(|x| x.to_bits()).collect()
 }
 
 #[test]
 fn steps_of_the_model_have_the_bits_of_the_core_on_any_number_of_threads() {
     for (cells, finite) in [(5, false), (5, true), (15, false), (15, true)] {
-        let of = |own: bool, threads: usize| {
+        let bits_with = |own_steps: bool, threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .unwrap();
             pool.install(|| {
-                let mut run = run(model(cells, finite), own, 7);
+                let mut run = run(model(cells, finite), own_steps, 7);
                 run.run(30, &mut Silent).unwrap();
                 let last = run.last_energy().unwrap().invariant;
                 (bits(&run), last)
             })
         };
-        let (plain, invariant) = of(false, 1);
-        let (one, own) = of(true, 1);
-        assert!(one == plain, "{cells} cells, finite {finite}");
-        assert!((own / invariant - 1.0).abs() < 1e-12, "{own:e} {invariant:e}");
+        let (plain, invariant) = bits_with(false, 1);
+        let (serial, serial_invariant) = bits_with(true, 1);
+        assert!(serial == plain, "{cells} cells, finite {finite}");
+        assert!(
+            (serial_invariant / invariant - 1.0).abs() < 1e-12,
+            "{serial_invariant:e} {invariant:e}"
+        );
         for threads in [2, 3] {
-            let (many, same) = of(true, threads);
+            let (many, many_invariant) = bits_with(true, threads);
             assert!(
-                many == one && same.to_bits() == own.to_bits(),
+                many == serial && many_invariant.to_bits() == serial_invariant.to_bits(),
                 "{cells} {finite} {threads}"
             );
         }
@@ -161,18 +164,18 @@ fn energies_on_the_way_are_those_of_the_plain_law() {
             }
             m.set_internal_weight(&Along).unwrap();
             let n = m.layout().dofs();
-            // Orientations come back to within some last digits: strains of that size are all that is left.
+            // Orientations return to within some last digits, and strains of this size remain.
             let (mut top, digits) = (0.0_f64, 10.0 * f64::EPSILON);
             for (u, turn) in [(1e-8, 1e-4), (1e-6, 0.3), (0.0, 0.0)] {
                 let size = |i: usize| if i < n / 2 { u } else { turn };
                 let q: Vec<f64> = (0..n).map(|i| (1.3 * i as f64).sin() * size(i)).collect();
                 let (mut f, mut g) = (vec![0.0; n], vec![0.0; n]);
-                let found = m.advance_with_energy(&q, &mut f).unwrap();
+                let energy = m.advance_with_energy(&q, &mut f).unwrap();
                 let plain = m.internal_energy(&q);
                 top = top.max(plain);
                 assert!(
-                    (found - plain).abs() <= 1e-12 * plain + digits * digits * top,
-                    "{finite} {found:e} {plain:e} {top:e}"
+                    (energy - plain).abs() <= 1e-12 * plain + digits * digits * top,
+                    "{finite} {energy:e} {plain:e} {top:e}"
                 );
                 m.advance(&q, &mut g).unwrap();
                 assert!(
@@ -185,7 +188,7 @@ fn energies_on_the_way_are_those_of_the_plain_law() {
     }
 }
 
-/// With breaks, each a sample whose energy is that of the bonds left.
+/// With breaks, the energy of each ledger sample is that of the remaining bonds.
 #[test]
 fn energies_on_the_way_leave_out_what_broke() {
     let spec = Fracture::new(Criterion::Axial, 2e7);
@@ -214,11 +217,11 @@ fn a_resumed_run_draws_the_same_ledger() {
         whole.run(20, &mut Silent).unwrap();
         let snapshot = whole.snapshot().unwrap();
         whole.run(22, &mut Silent).unwrap();
-        let mut rest = run(model(5, true), true, interval);
-        rest.restore(&snapshot).unwrap();
-        rest.run(22, &mut Silent).unwrap();
+        let mut resumed = run(model(5, true), true, interval);
+        resumed.restore(&snapshot).unwrap();
+        resumed.run(22, &mut Silent).unwrap();
         let last = |r: &Coupled<f64>| r.last_energy().unwrap().invariant.to_bits();
-        assert!(bits(&whole) == bits(&rest) && last(&whole) == last(&rest));
+        assert!(bits(&whole) == bits(&resumed) && last(&whole) == last(&resumed));
     }
 }
 

@@ -10,7 +10,7 @@ use dem_beam::{BeamMaterial, DemModel};
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::PI;
 
-/// 4 x 5 x 6 spheres of a cubic lattice: 120.
+/// Returns 4 x 5 x 6 spheres of a cubic lattice: 120.
 fn brick() -> DemModel {
     let packing = lattice(Lattice::Cubic, [4, 5, 6], 1e-3).unwrap();
     let model = DemModel::new("box", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
@@ -18,7 +18,7 @@ fn brick() -> DemModel {
     model.with_finite_rotations()
 }
 
-/// Velocities of a rigid body that spins about its centre of mass.
+/// Returns the velocities of a rigid body that spins about its centre of mass.
 fn spinning(model: &DemModel, spin: Vector3<f64>) -> Vec<f64> {
     let mass: f64 = model.masses().iter().sum();
     let nodes = || model.nodes().iter().zip(model.masses());
@@ -31,22 +31,22 @@ fn spinning(model: &DemModel, spin: Vector3<f64>) -> Vec<f64> {
     v
 }
 
-/// Spatial momenta about the origin: where particles are, with their own spin.
+/// Returns the momenta about the origin, with particles at their present places and their own spin.
 fn momenta(run: &Coupled<f64>) -> [Vector3<f64>; 2] {
     let s = &run.subdomains()[0];
     let (state, m, n) = (s.state(), s.inertia(), s.model().nodes().len());
-    let three = |x: &[f64], o: usize| Vector3::new(x[o], x[o + 1], x[o + 2]);
+    let vector = |x: &[f64], o: usize| Vector3::new(x[o], x[o + 1], x[o + 2]);
     let mut sum = [Vector3::zeros(); 2];
     for (i, x) in s.model().nodes().iter().enumerate() {
-        let p = three(&state.v, 3 * i) * m[3 * i];
-        let place = x.coords + three(&state.q, 3 * i);
+        let p = vector(&state.v, 3 * i) * m[3 * i];
+        let place = x.coords + vector(&state.q, 3 * i);
         sum[0] += p;
-        sum[1] += place.cross(&p) + three(&state.v, 3 * (n + i)) * m[3 * (n + i)];
+        sum[1] += place.cross(&p) + vector(&state.v, 3 * (n + i)) * m[3 * (n + i)];
     }
     sum
 }
 
-/// A free box that begins with a rigid spin (rad/s).
+/// Returns a run of a free box with an initial rigid spin \[rad/s\].
 fn free(spin: Vector3<f64>, step: f64) -> Coupled<f64> {
     let model = brick();
     let v = spinning(&model, spin);
@@ -61,9 +61,9 @@ fn free(spin: Vector3<f64>, step: f64) -> Coupled<f64> {
     Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(step), Some(guard)).unwrap()
 }
 
-/// The spin is about no principal axis, so that the axis wanders. A quarter of a turn per 13 000 steps: the
-/// balance of a law that is not linear is of second order in the angle of a step, `(w dt)^2/3` where a body
-/// begins to spin at once.
+/// A free box of 120 spheres tumbles ten turns and conserves momentum and energy. The spin is about no
+/// principal axis, so that the axis wanders, a quarter of a turn per 13 000 steps. The balance of a nonlinear
+/// law is of second order in the angle per step, `(w dt)^2/3` for a body that begins to spin at once.
 #[test]
 fn a_free_box_of_120_spheres_tumbles_ten_turns_and_keeps_momentum_and_energy() {
     let spin = Vector3::new(180.0, 400.0, 300.0);
@@ -86,12 +86,12 @@ fn a_free_box_of_120_spheres_tumbles_ten_turns_and_keeps_momentum_and_energy() {
         run.drift()
     );
     assert!(wander > 0.2, "it should tumble: {wander} rad");
-    // Quaternions stay unit ones: round-off of 570 000 products does not add up.
+    // Quaternions keep unit length: the round-off of 570 000 products does not add up.
     let memory = run.subdomains()[0].model().save().numbers;
     let norm = |x: &[f64]| (x[..4].iter().map(|q| q * q).sum::<f64>() - 1.0).abs();
     let worst = memory.chunks(7).map(norm).fold(0.0, f64::max);
     assert!(worst < 2e-15, "{worst:e}");
-    // The ledger has seen the same.
+    // The ledger reports the same.
     let body = &run.bodies()[0];
     assert_eq!((body.arms, &body.claim), (Arms::Current, &Claim::Both));
     assert!(
@@ -102,8 +102,8 @@ fn a_free_box_of_120_spheres_tumbles_ten_turns_and_keeps_momentum_and_energy() {
     assert!(run.watch().is_empty());
 }
 
-/// Strained by 1e-3 by its own spin: momentum does not depend on the step, the balance is of second order
-/// in it.
+/// In a box strained by 1e-3 by its own spin, angular momentum is conserved for any step, and energy to
+/// second order in the step.
 #[test]
 fn angular_momentum_is_kept_at_any_speed_and_energy_to_second_order() {
     let spin = Vector3::new(2e4, 5e4, -3e4);
@@ -121,7 +121,8 @@ fn angular_momentum_is_kept_at_any_speed_and_energy_to_second_order() {
     assert!(drift[0] < 1e-3 && (1.7..2.6).contains(&order), "{drift:?}");
 }
 
-/// A rigid turn by any rotation vector costs nothing, and a body that is given one goes on from there.
+/// A rigid rotation by any rotation vector costs no energy, and a body with this initial rotation goes on
+/// from there.
 #[test]
 fn initial_rotation_vectors_are_orientations() {
     let (spin, turn) = (Vector3::new(3e3, -1e3, 2e3), Vector3::new(1.5, -2.0, 0.8));
@@ -150,16 +151,17 @@ fn initial_rotation_vectors_are_orientations() {
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.5), None).unwrap();
     assert!(run.subdomains()[0].internal_energy() < 1e-20 * run.energy());
     run.run(2_000, &mut Silent).unwrap();
-    let (found, wanted) = (&run.subdomains()[0].state().v, turned(&straight.v));
+    let (computed, wanted) = (&run.subdomains()[0].state().v, turned(&straight.v));
     let top = wanted[..3 * n].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    let gap = found[..3 * n]
+    let gap = computed[..3 * n]
         .iter()
         .zip(&wanted)
         .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
     assert!(gap < 1e-9 * top, "{}", gap / top);
 }
 
-/// A record in the middle of a tumble goes on with the same bits, and one of another body is refused.
+/// A run resumed in the middle of a tumble goes on with the same bits, and a snapshot of another body is
+/// refused.
 #[test]
 fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
     let spin = Vector3::new(9e3, -4e3, 2e4);
@@ -176,12 +178,12 @@ fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
         "{}",
         whole.time() * spin.norm()
     );
-    let mut rest = free(spin, 0.8);
-    rest.restore(&saved).unwrap();
-    rest.run(6_000, &mut Silent).unwrap();
-    assert!(bits(&whole) == bits(&rest));
-    assert_eq!(whole.drift().to_bits(), rest.drift().to_bits());
-    assert_eq!(whole.bodies(), rest.bodies());
+    let mut resumed = free(spin, 0.8);
+    resumed.restore(&saved).unwrap();
+    resumed.run(6_000, &mut Silent).unwrap();
+    assert!(bits(&whole) == bits(&resumed));
+    assert_eq!(whole.drift().to_bits(), resumed.drift().to_bits());
+    assert_eq!(whole.bodies(), resumed.bodies());
     let mut wrong = saved;
     wrong.subdomains[0].model.numbers[0] += 0.5;
     let error = free(spin, 0.8).restore(&wrong).unwrap_err();
@@ -200,7 +202,7 @@ fn a_tumble_goes_on_from_a_snapshot_with_the_same_bits() {
     ));
 }
 
-/// The linear law balances about the positions at rest: what it keeps is the angular momentum about those.
+/// The linear law conserves the angular momentum about the positions at rest.
 #[test]
 fn the_linear_law_keeps_the_angular_momentum_about_positions_at_rest() {
     let packing = lattice(Lattice::Cubic, [4, 5, 6], 1e-3).unwrap();
@@ -232,7 +234,7 @@ fn the_linear_law_keeps_the_angular_momentum_about_positions_at_rest() {
     assert!(body.drift.iter().all(|d| *d < 1e-13), "{:?}", body.drift);
     let sample = free.last_energy().unwrap();
     assert!(sample.momentum_drift[1] <= body.drift[1] && sample.momentum_drift[1] > 0.0);
-    // Things that push from outside are named, the first of them; what only damps strains is not one of them.
+    // The first external action is named; damping of strains alone is not external.
     for (held, damped, wanted) in [
         (true, false, "supports of 'box'"),
         (false, true, "'mass-damping' of 'box'"),
@@ -242,7 +244,7 @@ fn the_linear_law_keeps_the_angular_momentum_about_positions_at_rest() {
     }
 }
 
-/// A load that names itself an effect without outside is found out by the ledger.
+/// A load that declares itself an effect without external action is detected by the ledger.
 #[test]
 fn a_momentum_that_changes_though_it_should_stay_is_told() {
     struct Thief;
@@ -278,13 +280,13 @@ fn a_momentum_that_changes_though_it_should_stay_is_told() {
     let mut run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.8), None).unwrap();
     assert!(run.warnings().is_empty());
     run.run(5_000, &mut Silent).unwrap();
-    let told: Vec<String> = run.warnings().iter().map(ToString::to_string).collect();
+    let reported: Vec<String> = run.warnings().iter().map(ToString::to_string).collect();
     assert!(
-        told.len() == 1 && told[0].starts_with("body 'box': its angular momentum has changed by"),
-        "{told:?}"
+        reported.len() == 1 && reported[0].starts_with("body 'box': its angular momentum has changed by"),
+        "{reported:?}"
     );
     // M t, as a share of the sum of moduli, which is no less than the modulus of the sum.
     let share = 1e-6 * run.time() / run.bodies()[0].angular.norm();
-    let told = run.bodies()[0].drift[1] / share;
-    assert!((0.5..=1.0 + 1e-6).contains(&told), "{told}");
+    let reported = run.bodies()[0].drift[1] / share;
+    assert!((0.5..=1.0 + 1e-6).contains(&reported), "{reported}");
 }

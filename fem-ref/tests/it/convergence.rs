@@ -17,20 +17,20 @@ use fem_ref::{Elastic, ElementKind, FemModel};
 const A: [f64; 3] = [1.0, -0.6, 0.8];
 const K: [f64; 3] = [1.9, 2.3, 1.4];
 
-/// `u_a = A_a sin(k·x + a)`: smooth and not zero on the border.
+/// Returns `u_a = A_a sin(k·x + a)`, which is smooth and does not vanish on the border.
 fn manufactured(x: &Point3<f64>) -> Vector3<f64> {
     let phase = Vector3::from(K).dot(&x.coords);
     Vector3::from_fn(|a, _| A[a] * (phase + a as f64).sin())
 }
 
-/// `b = −div σ = (λ + μ) k (k·w) + μ k² w` with `w_a = A_a sin(k·x + a)`.
+/// Returns `b = −div σ = (λ + μ) k (k·w) + μ k² w` with `w_a = A_a sin(k·x + a)`.
 fn body_force(x: &Point3<f64>, lambda: f64, mu: f64) -> Vector3<f64> {
     let (k, w) = (Vector3::from(K), manufactured(x));
     k * (k.dot(&w) * (lambda + mu)) + w * (mu * k.norm_squared())
 }
 
-/// L2 error of the finite element solution on the unit cube with `n` cells per side, inner nodes moved by
-/// `jitter`.
+/// Returns the L2 error of the finite element solution on the unit cube with `n` cells per side and inner
+/// nodes moved by `jitter`.
 fn l2_error(kind: ElementKind, n: usize, jitter: f64) -> f64 {
     let mut next = noise(n as u64);
     let mut moves = Vec::new();
@@ -101,8 +101,8 @@ fn manufactured_solution_converges_with_second_order() {
     }
 }
 
-/// Lowest axial frequencies \[Hz\]: inverse iteration on a block of vectors with the lumped mass,
-/// Rayleigh-Ritz at every turn.
+/// Returns the number of nodes and the lowest axial frequencies \[Hz\]: inverse iteration on a block of
+/// vectors with the lumped mass, Rayleigh-Ritz in every iteration.
 fn axial_frequencies(shape: &Cylinder<f64>, kind: ElementKind) -> (usize, [f64; 3]) {
     let mesh = generate::cylinder(kind, shape).unwrap();
     let clamped = mesh.group_nodes("x-min").unwrap();
@@ -110,7 +110,8 @@ fn axial_frequencies(shape: &Cylinder<f64>, kind: ElementKind) -> (usize, [f64; 
     let dofs = model.layout().dofs();
     let mut fixed = vec![false; dofs];
     clamped.iter().for_each(|n| fixed[3 * n..3 * n + 3].fill(true));
-    // Axial modes are symmetric in y and z; bending and torsion, which round-off would let in, are not.
+    // Axial modes are symmetric in y and z; bending and torsional modes, which round-off would admit, are
+    // not.
     for (n, p) in model.nodes().iter().enumerate() {
         fixed[3 * n + 1] |= p.y.abs() < 1e-9;
         fixed[3 * n + 2] |= p.z.abs() < 1e-9;

@@ -1,5 +1,4 @@
-//! Elements that are listed twice, nodes that share a place: what is one element, what is a slit, what is
-//! two pieces.
+//! Elements that are listed twice, and nodes that share a place: one element, a slit, or two pieces.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::nalgebra::Point3;
@@ -7,7 +6,7 @@ use arlequin_core::{Model, Uniform};
 use fem_ref::{ElementKind, Error, Facet, Mesh, generate, gmsh};
 use std::fmt::Write as _;
 
-/// Two bricks of one metre, written by Gmsh; lines of tetrahedra are `number 4 2 group entity nodes`.
+/// Returns two bricks of one metre, written by Gmsh; lines of tetrahedra are `number 4 2 group entity nodes`.
 fn bricks(format: &str) -> String {
     let path = format!(
         "{}/tests/corpus/bricks-1-{format}.msh",
@@ -16,14 +15,13 @@ fn bricks(format: &str) -> String {
     std::fs::read_to_string(path).unwrap()
 }
 
-/// The same nodes in another order that turns around the last one: the same tetrahedron, as little inverted
-/// as before.
+/// Returns the nodes of a tetrahedron in another order of the same orientation.
 fn turned(nodes: &[u64]) -> Vec<u64> {
     vec![nodes[1], nodes[2], nodes[0], nodes[3]]
 }
 
-/// Bricks in format 2.2, every tetrahedron of the volumes 1 and 2 followed by what `again` makes of its
-/// group, entity and nodes.
+/// Returns the bricks in format 2.2, with every tetrahedron of volumes 1 and 2 followed by the one that
+/// `again` makes of its group, entity and nodes.
 fn with_again(again: impl Fn([i64; 2], &[u64]) -> ([i64; 2], Vec<u64>)) -> String {
     let text = bricks("22-text");
     let (head, tail) = text.split_once("$Elements\n").unwrap();
@@ -73,8 +71,8 @@ fn an_element_listed_twice_in_another_order_of_its_nodes_is_refused_for_every_ki
     for (mesh, order) in cases {
         let count = mesh.element_count();
         for e in 0..count {
-            let again = order.iter().map(|k| mesh.element(e)[*k]);
-            let connectivity = mesh.connectivity().iter().copied().chain(again).collect();
+            let repeated = order.iter().map(|k| mesh.element(e)[*k]);
+            let connectivity = mesh.connectivity().iter().copied().chain(repeated).collect();
             let refused = Mesh::new(mesh.kind(), mesh.nodes().to_vec(), connectivity).unwrap_err();
             assert!(
                 matches!(refused, Error::RepeatedElement { first, second, .. } if first == e && second == count),
@@ -87,12 +85,13 @@ fn an_element_listed_twice_in_another_order_of_its_nodes_is_refused_for_every_ki
 #[test]
 fn elements_of_a_file_that_are_listed_twice_in_another_order_count_once() {
     let first: Mesh<f64> = gmsh::parse(bricks("22-text").as_bytes()).unwrap();
-    // In its own group again, in a second group, in a second group that turns it around, and without a group.
+    // Repeated in the same group, in a second group, in a second group with opposite orientation, and without
+    // a group.
     let cases: [(i64, bool); 4] = [(0, true), (77, false), (-77, false), (-1, true)];
-    for (group, told) in cases {
-        let text = with_again(|[own, entity], nodes| {
+    for (group, expected) in cases {
+        let text = with_again(|[group_tag, entity], nodes| {
             let group = match group {
-                0 => own,
+                0 => group_tag,
                 -1 => 0,
                 other => other,
             };
@@ -113,7 +112,7 @@ fn elements_of_a_file_that_are_listed_twice_in_another_order_count_once() {
             .notices()
             .iter()
             .any(|n| n.starts_with("48 of its elements are listed a second time"));
-        assert_eq!(notice, told, "group {group}: {:?}", mesh.notices());
+        assert_eq!(notice, expected, "group {group}: {:?}", mesh.notices());
         if group.abs() == 77 {
             assert_eq!(mesh.group("volume-77").unwrap().nodes.len(), mesh.nodes().len());
         }
@@ -130,25 +129,26 @@ fn elements_of_a_file_that_are_listed_twice_in_another_order_count_once() {
 
 #[test]
 fn elements_listed_twice_in_format_4_count_once_on_one_entity_and_are_refused_on_two() {
-    let file = |blocks: &str, count: usize, of: usize| {
+    let file = |blocks: &str, count: usize, block_count: usize| {
         format!(
             "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 5 1 5\n3 1 0 5\n1\n2\n3\n4\n5\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n\
-             $EndNodes\n$Elements\n{of} {count} 1 {count}\n{blocks}$EndElements\n"
+             $EndNodes\n$Elements\n{block_count} {count} 1 {count}\n{blocks}$EndElements\n"
         )
     };
-    let once: Mesh<f64> = gmsh::parse(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n", 2, 1).as_bytes()).unwrap();
-    let twice: Mesh<f64> =
+    let listed_once: Mesh<f64> =
+        gmsh::parse(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n", 2, 1).as_bytes()).unwrap();
+    let listed_twice: Mesh<f64> =
         gmsh::parse(file("3 1 4 4\n1 1 2 3 4\n2 2 5 3 4\n3 2 3 1 4\n4 4 3 5 2\n", 4, 1).as_bytes()).unwrap();
-    assert_eq!(once.connectivity(), twice.connectivity());
-    assert_eq!(once.regions(), twice.regions());
+    assert_eq!(listed_once.connectivity(), listed_twice.connectivity());
+    assert_eq!(listed_once.regions(), listed_twice.regions());
     assert!(
-        twice.notices()[0].starts_with("2 of its elements are listed a second time"),
+        listed_twice.notices()[0].starts_with("2 of its elements are listed a second time"),
         "{:?}",
-        twice.notices()
+        listed_twice.notices()
     );
-    let apart =
+    let two_entities =
         gmsh::parse::<f64>(file("3 1 4 2\n1 1 2 3 4\n2 2 5 3 4\n3 2 4 1\n3 2 3 1 4\n", 3, 2).as_bytes());
-    let text = apart.unwrap_err().to_string();
+    let text = two_entities.unwrap_err().to_string();
     assert!(
         text.contains("element 1 of entity 1 and element 3 of entity 2 have the same nodes"),
         "{text}"
@@ -177,7 +177,7 @@ fn a_face_of_a_surface_mesh_that_two_groups_list_in_another_order_bounds_the_bod
     assert_eq!(surface.groups["surface-6"].len(), 4);
 }
 
-/// The mesh whose elements that `own` picks have a node of their own in place of node `node`.
+/// Returns the mesh in which the elements selected by `own` have a copy of node `node`.
 fn with_own_node(mesh: &Mesh<f64>, node: u32, own: impl Fn(usize) -> bool) -> Result<Mesh<f64>, Error> {
     let mut nodes = mesh.nodes().to_vec();
     nodes.push(nodes[node as usize]);
@@ -198,7 +198,7 @@ fn one_element_with_a_node_of_its_own_is_no_slit() {
         let mut tried = 0;
         for e in 0..mesh.element_count() {
             for k in mesh.element(e) {
-                // With one face in the body, the element is the end of a slit along that face.
+                // If one of its faces lies in the body, the element is the end of a slit along this face.
                 let faces = (0..kind.faces().len() as u8).map(|face| Facet {
                     element: e as u32,
                     face,
@@ -252,7 +252,7 @@ fn two_tetrahedra_with_a_node_of_their_own_are_no_slit_and_half_of_those_around_
         }
     }
     assert!(pairs >= 20, "{pairs}");
-    // The smallest slit: one node of its own on a plane, and on a plane that meets another at a right angle.
+    // The smallest slit: one copied node on a plane, and on a plane that meets another at a right angle.
     for half in [|x: f64, _: f64| x > 2.0, |x: f64, y: f64| x > 2.0 || y > 2.0] {
         let above = |e: usize| {
             let corners = mesh.element(e).iter().map(|k| mesh.nodes()[*k as usize]);
@@ -265,7 +265,7 @@ fn two_tetrahedra_with_a_node_of_their_own_are_no_slit_and_half_of_those_around_
 
 #[test]
 fn a_mesh_in_two_pieces_that_touch_is_refused_with_what_the_pieces_are() {
-    // The second brick gets nodes of its own where it meets the first.
+    // The second brick gets its own nodes where it meets the first.
     let mesh: Mesh<f64> = gmsh::parse(bricks("22-text").as_bytes()).unwrap();
     let mut nodes = mesh.nodes().to_vec();
     let mut connectivity = mesh.connectivity().to_vec();

@@ -16,7 +16,7 @@ use proptest::prelude::*;
 
 const SOLIDS: [ElementKind; 2] = [ElementKind::Tet4, ElementKind::Hex8];
 
-/// Largest defects of `Σ N = 1`, `Σ N x_i = x`, `Σ ∇N = 0` and `Σ x_i ⊗ ∇N = I`.
+/// Returns the largest defect of `Σ N = 1`, `Σ N x_i = x`, `Σ ∇N = 0` and `Σ x_i ⊗ ∇N = I`.
 fn defect(field: &FemField<f64>, x: &Point3<f64>) -> f64 {
     let mut row = ShapeRow::default();
     field.shape_at(x, true, &mut row).unwrap();
@@ -57,7 +57,8 @@ proptest! {
         for s in samples.iter().step_by(7) {
             prop_assert!(defect(&field, &s.point) < 1e-11);
         }
-        // Flat cells of a warped hexahedron share its corners, not its curved faces; inside these cancel.
+        // Flat cells of a warped hexahedron share its corners, not its curved faces; inside the body the
+        // differences cancel.
         let volume: f64 = samples.iter().map(|s| s.measure).sum();
         let accuracy = if hex { 0.03 } else { 1e-13 };
         prop_assert!((volume / field.mesh().volume() - 1.0).abs() < accuracy);
@@ -103,13 +104,13 @@ fn the_hull_is_tolerant_and_the_outside_an_error() {
         let corner = Point3::new(1e-3, 1e-3, 1e-3);
         let field = FemField::new(generate::block(kind, Point3::origin(), corner, [2, 2, 2]).unwrap());
         let mut row = ShapeRow::default();
-        let at = |x: f64| Point3::new(x, 0.4e-3, 0.2e-3);
-        assert!(field.shape_at(&at(1e-3 + 2e-13), false, &mut row).is_ok());
-        let e = field.shape_at(&at(1e-3 + 2e-12), false, &mut row).unwrap_err();
+        let point = |x: f64| Point3::new(x, 0.4e-3, 0.2e-3);
+        assert!(field.shape_at(&point(1e-3 + 2e-13), false, &mut row).is_ok());
+        let e = field.shape_at(&point(1e-3 + 2e-12), false, &mut row).unwrap_err();
         assert!(matches!(e, Error::OutsideDomain { .. }));
         assert_eq!(
             field
-                .shape_at(&at(2e-3), false, &mut row)
+                .shape_at(&point(2e-3), false, &mut row)
                 .unwrap_err()
                 .to_string(),
             "point (2.000000e-3, 4.000000e-4, 2.000000e-4) m is outside the finite-element field; trim the mediator \
@@ -158,16 +159,16 @@ fn a_chain_in_any_order_is_a_field() {
     field
         .shape_at(&Point3::new(3.6, 0.0, 0.0), true, &mut row)
         .unwrap();
-    let mut found: Vec<(usize, f64)> = row
+    let mut entries: Vec<(usize, f64)> = row
         .nodes
         .iter()
         .copied()
         .zip(row.values.iter().copied())
         .collect();
-    found.sort_by_key(|f| f.0);
-    assert_eq!(found[0].0, 0);
-    assert_eq!(found[1].0, 3);
-    assert!((found[0].1 - 0.6).abs() < 1e-15 && (found[1].1 - 0.4).abs() < 1e-15);
+    entries.sort_by_key(|f| f.0);
+    assert_eq!(entries[0].0, 0);
+    assert_eq!(entries[1].0, 3);
+    assert!((entries[0].1 - 0.6).abs() < 1e-15 && (entries[1].1 - 0.4).abs() < 1e-15);
     assert!(
         field
             .shape_at(&Point3::new(3.6, 1e-3, 0.0), true, &mut row)

@@ -1,4 +1,4 @@
-//! One body in every format of Gmsh that is read, written by Gmsh itself: two bricks of one metre, soft and
+//! One body in every readable format of Gmsh, written by Gmsh itself: two bricks of one metre, soft and
 //! stiff.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
@@ -15,18 +15,19 @@ fn read(name: &str) -> Mesh<f64> {
     gmsh::load(path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
 }
 
-/// Names, numbers of nodes and of facets of all groups.
+/// Returns names, numbers of nodes and numbers of facets of all groups.
 fn groups(mesh: &Mesh<f64>) -> Vec<(String, usize, usize)> {
-    let all = mesh.groups().iter();
-    all.map(|(n, g)| (n.clone(), g.nodes.len(), g.facets.len()))
+    let pairs = mesh.groups().iter();
+    pairs
+        .map(|(n, g)| (n.clone(), g.nodes.len(), g.facets.len()))
         .collect()
 }
 
-/// Measure of every volume.
+/// Returns the measure of every volume.
 fn volumes(mesh: &Mesh<f64>) -> Vec<(String, f64)> {
-    let of = |k: usize| mesh.part(|e| mesh.regions()[e] as usize == k).unwrap().volume();
+    let volume_of = |k: usize| mesh.part(|e| mesh.regions()[e] as usize == k).unwrap().volume();
     let names = mesh.volumes().iter().enumerate();
-    names.map(|(k, n)| (n.clone(), of(k))).collect()
+    names.map(|(k, n)| (n.clone(), volume_of(k))).collect()
 }
 
 #[test]
@@ -73,7 +74,7 @@ fn elements_of_second_order_are_read_as_linear_with_a_notice() {
         notice.contains(&format!("{tets} elements of second order")) && notice.contains("90 nodes"),
         "{notice}"
     );
-    // The same corners and nothing else: the nodes in the middle are gone.
+    // Only the corners remain: the mid-side nodes are dropped.
     assert_eq!(linear.nodes().len(), quadratic.nodes().len());
     assert_eq!(linear.element_count(), tets);
     assert!(gmsh::load::<f64>(path("2-22-binary")).unwrap().notices()[0].contains("second order"));
@@ -132,15 +133,15 @@ fn broken_files_of_format_2_are_refused_by_section_and_number() {
     assert!(cut.contains("$Elements") || cut.contains("$Nodes"), "{cut}");
 }
 
-/// In tension of two materials in a row without lateral strain each has the stress `p = u/(Σ l_i/M_i)`, and
-/// the energy of the exact field is `½ Σ M_i ε_i² V_i`.
+/// Two materials in a row in tension without lateral strain have the stress `p = u/(Σ l_i/M_i)` each, and the
+/// energy of the exact field, `½ Σ M_i ε_i² V_i`.
 #[test]
 fn every_volume_has_its_own_material() {
     let mesh = read("1-41-binary");
     let materials = [(1.0, 0.2, 1.0), (3.0, 0.3, 5.0)].map(|(e, nu, rho)| Elastic::new(e, nu, rho).unwrap());
-    let of = mesh.regions().to_vec();
-    let each = Materials::of_elements(materials.to_vec(), of).unwrap();
-    let mut model = FemModel::new("bricks", mesh, each).unwrap();
+    let regions = mesh.regions().to_vec();
+    let per_element = Materials::of_elements(materials.to_vec(), regions).unwrap();
+    let mut model = FemModel::new("bricks", mesh, per_element).unwrap();
     let [soft, stiff] = materials.map(|m| m.p_wave_modulus());
     let strain = [1e-3 / soft, 1e-3 / stiff];
     let along = |x: f64| strain[0] * x.min(1.0) + strain[1] * (x - 1.0).max(0.0);
@@ -151,7 +152,7 @@ fn every_volume_has_its_own_material() {
         .collect();
     let energy = 0.5 * (soft * strain[0].powi(2) + stiff * strain[1].powi(2));
     assert!((model.internal_energy(&u) / energy - 1.0).abs() < 1e-12);
-    // The stress is the same on both sides: no force on nodes inside, along x.
+    // The stress is equal on both sides: inner nodes have no force along x.
     let mut f = vec![0.0; u.len()];
     model.add_internal_forces(&u, &mut f).unwrap();
     for (x, f) in model.nodes().iter().zip(f.as_chunks::<3>().0) {
@@ -201,8 +202,8 @@ fn halves_of_elements_fill_the_same_body_with_the_same_groups() {
                 "{name}"
             );
             if !group.facets.is_empty() {
-                // Two triangles of one edge have five nodes and nine with their halves: Euler's rule of a
-                // disc.
+                // The refined surface keeps its area within 2 %, and the group has exactly the nodes of its
+                // facets.
                 let area = |m: &Mesh<f64>| m.surface(name).unwrap().iter().map(|f| f.area()).sum::<f64>();
                 assert!((area(&fine) / area(&mesh) - 1.0).abs() < 0.02);
                 let of_facets: std::collections::BTreeSet<u32> = fine

@@ -9,7 +9,7 @@ use approx::assert_abs_diff_eq;
 use arlequin_core::nalgebra::Point3;
 use fem_ref::{ElementKind, Error, Mesh, gmsh};
 
-/// Two tetrahedra on a common face, "clamp" and "load" on two triangles, the volume named "body", a
+/// Two tetrahedra with a common face, "clamp" and "load" on two triangles, the volume named "body", a
 /// nameless point. Node tags are dense but not in order, as Gmsh writes them after a renumbering.
 const TETS: &str = r#"$MeshFormat
 4.1 0 8
@@ -91,7 +91,7 @@ fn ascii_tetrahedra_with_physical_groups() {
     check_tets(&gmsh::parse(windows.as_bytes()).unwrap());
 }
 
-/// The same mesh in binary, in either byte order.
+/// Returns the mesh of [`TETS`] in binary, in either byte order.
 fn binary(big: bool) -> Vec<u8> {
     let int = |v: i32| if big { v.to_be_bytes() } else { v.to_le_bytes() };
     let size = |v: u64| if big { v.to_be_bytes() } else { v.to_le_bytes() };
@@ -246,7 +246,7 @@ fn broken_and_unsupported_files() {
         ),
         "Gmsh mesh: 2 Tri3 and Qua4 elements bound no volume; mesh in three dimensions"
     );
-    // Checks of the mesh itself apply to imported ones too.
+    // Checks of the mesh itself apply to imported meshes too.
     let e = gmsh::parse::<f64>(TETS.replace("4 5 1 2 3\n", "4 1 5 2 3\n").as_bytes()).unwrap_err();
     assert!(matches!(e, Error::InvertedElement { .. }), "{e}");
     let e = gmsh::load::<f64>("no/such/file.msh").unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Surfaces of Gmsh files: of solids, and of surface meshes.
+//! Surfaces in Gmsh files: of solids, and of surface meshes.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use approx::assert_abs_diff_eq;
@@ -10,15 +10,15 @@ const NODES: &str = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 4\n3 1 
 fn read(name: &str, elements: &str) -> Result<Triangles, fem_ref::Error> {
     let path = std::env::temp_dir().join(format!("fem-ref-{}-{name}.msh", std::process::id()));
     std::fs::write(&path, format!("{NODES}$Elements\n{elements}$EndElements\n")).unwrap();
-    let found = load_surface(&path);
+    let loaded = load_surface(&path);
     std::fs::remove_file(&path).unwrap();
-    found
+    loaded
 }
 
-/// Enclosed volume by the divergence theorem.
+/// Returns the enclosed volume by the divergence theorem.
 fn volume(t: &Triangles) -> f64 {
-    let at = |i: u32| t.points[i as usize].coords;
-    let piece = |&[a, b, c]: &[u32; 3]| at(a).dot(&at(b).cross(&at(c))) / 6.0;
+    let position = |i: u32| t.points[i as usize].coords;
+    let piece = |&[a, b, c]: &[u32; 3]| position(a).dot(&position(b).cross(&position(c))) / 6.0;
     t.triangles.iter().map(piece).sum()
 }
 

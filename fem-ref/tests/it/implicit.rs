@@ -7,8 +7,8 @@ use arlequin_core::nalgebra::Vector3;
 use arlequin_core::{Coupled, OwnStep, Silent, Subdomain, TimeFunction, TimeStep, Weights};
 use fem_ref::{Elastic, FemModel, generate};
 
-/// A free bar that is accelerated as a whole, ever more: `v` is the integral of the load to round-off, `q`
-/// that of `v` by trapezia.
+/// Under a growing uniform load the implicit scheme integrates the velocity of a free bar to round-off, and
+/// its displacement by the trapezoidal rule.
 #[test]
 fn the_implicit_scheme_takes_its_loads_in_the_middle_of_a_step() {
     let (rate, end) = (3e-3_f64, 200.0_f64);
@@ -25,8 +25,8 @@ fn the_implicit_scheme_takes_its_loads_in_the_middle_of_a_step() {
         let v = rate * end * end / 2.0;
         let q = rate * (end.powi(3) / 6.0 + step * step * end / 12.0);
         let state = c.subdomains()[0].state();
-        for (name, found, exact) in [("v", &state.v, v), ("q", &state.q, q)] {
-            let worst = found.iter().fold(0.0_f64, |m, x| m.max((x / exact - 1.0).abs()));
+        for (name, values, exact) in [("v", &state.v, v), ("q", &state.q, q)] {
+            let worst = values.iter().fold(0.0_f64, |m, x| m.max((x / exact - 1.0).abs()));
             assert!(worst < 1e-12, "{name}, steps of {step}: {worst:e}");
         }
         assert!(c.drift() < 1e-12, "steps of {step}: {:e}", c.drift());

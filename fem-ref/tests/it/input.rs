@@ -1,4 +1,4 @@
-//! Bad input: each case has its own text.
+//! Bad input: each case has its own error text.
 #![allow(
     clippy::unwrap_used,
     clippy::float_cmp,
@@ -105,7 +105,7 @@ fn meshes_that_are_not_valid() {
 #[test]
 fn a_hexahedron_with_one_corner_pushed_through_is_inverted() {
     let mesh = generate::block(ElementKind::Hex8, Point3::origin(), p(1., 1., 1.), [1, 1, 1]).unwrap();
-    // All but the seventh corner keep a positive Jacobian.
+    // All corners but the seventh have a positive Jacobian.
     let e = mesh
         .mapped(|x| {
             if x.coords.sum() > 2.9 {
@@ -242,19 +242,19 @@ fn generators_refuse_nonsense() {
 
 #[test]
 fn holes_take_whole_elements_and_are_refused_elsewhere() {
-    let made = |kind, hole: [Point3<f64>; 2]| {
+    let with_hole = |kind, hole: [Point3<f64>; 2]| {
         generate::hollow_block(kind, p(0., 0., 0.), p(4., 4., 2.), [4, 4, 2], hole)
     };
-    // Closed on all sides but the top; open above and below; a cavity needs three layers.
+    // A pit that is open at the top, and a frame that is open above and below.
     for kind in [ElementKind::Hex8, ElementKind::Tet4] {
-        let pit = made(kind, [p(1., 1., 1.), p(3., 3., 9.)]).unwrap();
+        let pit = with_hole(kind, [p(1., 1., 1.), p(3., 3., 9.)]).unwrap();
         assert!((pit.volume() - 28.0).abs() < 1e-12 && pit.nodes().len() == 74);
-        let frame = made(kind, [p(1., 1., -1.), p(3., 3., 9.)]).unwrap();
+        let frame = with_hole(kind, [p(1., 1., -1.), p(3., 3., 9.)]).unwrap();
         assert!((frame.volume() - 24.0).abs() < 1e-12 && frame.nodes().len() == 72);
         let top = frame.surface("z-max").unwrap();
         assert!((top.iter().map(|f| f.area()).sum::<f64>() - 12.0).abs() < 1e-12);
     }
-    let refused = |hole| text(made(ElementKind::Hex8, hole));
+    let refused = |hole| text(with_hole(ElementKind::Hex8, hole));
     assert!(
         refused([p(1.5, 1., 0.), p(3., 3., 2.)])
             .contains("hole corner x = 1.5: must lie on a face between elements")
@@ -278,7 +278,8 @@ fn models_refuse_slanted_bars_and_wrong_lengths() {
     assert_eq!(e.to_string(), "displacements of model 'bar': expected 3, found 2");
 }
 
-/// Smallest over all corners of the Jacobian over the product of the three edges there: 1 for a cube.
+/// Returns the smallest ratio over all corners of the Jacobian to the product of the three edges: 1 for a
+/// cube.
 fn scaled_jacobian(mesh: &Mesh<f64>) -> f64 {
     let next = [
         [1, 3, 4],
@@ -292,9 +293,9 @@ fn scaled_jacobian(mesh: &Mesh<f64>) -> f64 {
     ];
     let mut worst: f64 = 1.0;
     for e in 0..mesh.element_count() {
-        let at = |k: usize| mesh.nodes()[mesh.element(e)[k] as usize];
+        let corner = |k: usize| mesh.nodes()[mesh.element(e)[k] as usize];
         for (k, n) in next.iter().enumerate() {
-            let d = n.map(|j: usize| (at(j) - at(k)).normalize());
+            let d = n.map(|j: usize| (corner(j) - corner(k)).normalize());
             worst = worst.min(d[0].cross(&d[1]).dot(&d[2]));
         }
     }

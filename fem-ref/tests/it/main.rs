@@ -1,4 +1,4 @@
-//! Tests of finite elements, in one program: one link instead of 12.
+//! Tests of finite elements, linked as one program instead of 12.
 
 mod common;
 mod convergence;

@@ -11,8 +11,9 @@ fn masses(model: &FemModel<f64>) -> Vec<f64> {
     m.into_iter().step_by(3).collect()
 }
 
-/// A hexahedron whose section grows from 1 to 3 m² along x: `∫ N dV` is 5/24 m³ at each of the four corners
-/// of the small end and 7/24 at those of the large one, not an eighth of the 2 m³ at each.
+/// The lumped masses of a hexahedron whose section grows from 1 to 3 m² along x are `∫ N dV`: 5/24 m³ at each
+/// of the four corners of the small end and 7/24 m³ at those of the large one, not an eighth of the 2 m³ at
+/// each.
 #[test]
 fn the_lumped_mass_of_a_wedge_shaped_hexahedron_is_the_integral_of_its_shape_functions() {
     let block = generate::block(

@@ -73,7 +73,7 @@ impl Weight<f64> for Wave {
     fn value(&self, x: &Point3<f64>) -> f64 {
         0.5 + 0.4 * (x.x + 2.0 * x.y).sin()
     }
-    // Any value per element will do here; the true mean is costly.
+    // An arbitrary value per element is enough; the true mean is costly.
     fn mean(&self, cell: &Cell<f64>) -> f64 {
         let [low, high] = cell.bounds();
         self.value(&center(&low, &high))
@@ -113,8 +113,8 @@ proptest! {
         let scale = -dot(&fu, &u);
         prop_assert!(scale > 0.0 && (uv - vu).abs() <= 1e-12 * scale);
         // A quadratic energy: its central difference is exact for any step.
-        let at = |s: f64| model.internal_energy(&u.iter().zip(&v).map(|(u, v)| u + s * v).collect::<Vec<_>>());
-        let slope = (at(0.5) - at(-0.5)) / 1.0;
+        let energy_at = |s: f64| model.internal_energy(&u.iter().zip(&v).map(|(u, v)| u + s * v).collect::<Vec<_>>());
+        let slope = (energy_at(0.5) - energy_at(-0.5)) / 1.0;
         prop_assert!((slope + uv).abs() <= 1e-11 * scale, "{slope} {uv}");
         let k = model.stiffness();
         prop_assert!(k.iter().all(|(v, (i, j))| k.get(j, i) == Some(v)));
@@ -123,7 +123,7 @@ proptest! {
 
 #[test]
 fn weights_enter_as_element_means() {
-    // One weight per half of a bar of two elements: stiffness and mass of each half follow it.
+    // One weight for each half of a bar of two elements: stiffness and mass of each half follow it.
     struct Step;
     impl Weight<f64> for Step {
         fn value(&self, x: &Point3<f64>) -> f64 {
@@ -190,9 +190,9 @@ fn forces_with(threads: usize, kind: ElementKind) -> (Vec<u64>, u64) {
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
     for kind in SOLIDS {
-        let (one, two) = (forces_with(1, kind), forces_with(2, kind));
-        assert!(one == two, "{kind:?}");
-        assert!(one == forces_with(3, kind), "{kind:?}");
+        let (serial, on_two) = (forces_with(1, kind), forces_with(2, kind));
+        assert!(serial == on_two, "{kind:?}");
+        assert!(serial == forces_with(3, kind), "{kind:?}");
     }
 }
 

@@ -25,7 +25,8 @@ impl Weight<f64> for Falling {
     }
 }
 
-/// Distorted meshes, turned, far from the origin, tiny and huge, with weights: constant stress at all nodes.
+/// Constant stress is recovered at all nodes of distorted meshes, rotated, far from the origin, tiny and
+/// huge, with weights.
 #[test]
 fn constant_stress_is_recovered_to_round_off_on_distorted_bodies_of_any_place_and_size() {
     let gradient = Matrix3::new(0.3, -0.1, 0.2, 0.5, 0.7, -0.4, 0.1, 0.2, -0.6) * 1e-3;
@@ -47,24 +48,24 @@ fn constant_stress_is_recovered_to_round_off_on_distorted_bodies_of_any_place_an
                 .iter()
                 .flat_map(|x| (gradient * x.coords).data.0[0])
                 .collect();
-            let all = recovered(&model, &q, &nodes);
-            // The last digits of displacements far from the origin are strains.
+            let all_stresses = recovered(&model, &q, &nodes);
+            // Far from the origin the last digits of displacements appear as strains.
             let limit = 1e-10 * (1.0 + shift);
-            for r in &all {
+            for r in &all_stresses {
                 let e = r.strain.unwrap();
-                let off = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - strain.0[c]).abs()));
-                assert!(off < limit * 1e-3, "{kind:?}, {size:e}, {shift}: {off:e}");
-                let off = (0..6).fold(0.0_f64, |m, c| m.max((r.stress.0[c] - stress.0[c]).abs()));
+                let error = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - strain.0[c]).abs()));
+                assert!(error < limit * 1e-3, "{kind:?}, {size:e}, {shift}: {error:e}");
+                let error = (0..6).fold(0.0_f64, |m, c| m.max((r.stress.0[c] - stress.0[c]).abs()));
                 assert!(
-                    off < limit * stress.von_mises(),
-                    "{kind:?}, {size:e}, {shift}: {off:e}"
+                    error < limit * stress.von_mises(),
+                    "{kind:?}, {size:e}, {shift}: {error:e}"
                 );
             }
-            // Some nodes alone have the same values, and so does the model weighted at its nodes.
-            let some = recovered(&model, &q, &nodes[3..5]);
-            assert_eq!(some, all[3..5]);
+            // A selection of nodes has the same values, and so has the model weighted at its nodes.
+            let selected = recovered(&model, &q, &nodes[3..5]);
+            assert_eq!(selected, all_stresses[3..5]);
             let wrapped = NodallyWeighted::new(Box::new(model));
-            assert_eq!(recovered(&wrapped, &q, &nodes), all);
+            assert_eq!(recovered(&wrapped, &q, &nodes), all_stresses);
         }
     }
 }
@@ -86,8 +87,8 @@ fn stresses_converge_with_second_order_but_at_the_surface_of_tetrahedra() {
             x.x * c,
         ))
     };
-    // Means of tetrahedra have errors of first order that cancel around inner nodes, and do not in the
-    // slopes of a patch.
+    // Means of tetrahedra have errors of first order that cancel around inner nodes, but not in the slopes of
+    // a patch.
     for (kind, surface) in [(ElementKind::Tet4, 0.9), (ElementKind::Hex8, 1.6)] {
         let error = |n: usize| {
             let (low, high) = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
@@ -95,9 +96,9 @@ fn stresses_converge_with_second_order_but_at_the_surface_of_tetrahedra() {
             let model = FemModel::new("cube", mesh, Elastic::new(1.0, 0.3, 1.0).unwrap()).unwrap();
             let q: Vec<f64> = model.nodes().iter().flat_map(|x| field(x).data.0[0]).collect();
             let nodes: Vec<usize> = (0..model.nodes().len()).collect();
-            let found = recovered(&model, &q, &nodes);
+            let stresses = recovered(&model, &q, &nodes);
             let mut largest = [0.0_f64; 2];
-            for (r, x) in found.iter().zip(model.nodes()) {
+            for (r, x) in stresses.iter().zip(model.nodes()) {
                 let (e, exact) = (r.strain.unwrap(), strain(x));
                 let off = (0..6).fold(0.0_f64, |m, c| m.max((e.0[c] - exact.0[c]).abs()));
                 let outer = x.iter().any(|c| *c < 1e-9 || *c > 1.0 - 1e-9);
@@ -160,8 +161,8 @@ fn bars_and_plates_one_element_thick_are_recovered_too() {
     );
 }
 
-/// What a surface node is told is of the elements around the nearest inner node, not of those around all
-/// that share an element with it.
+/// A surface node takes its stress from the elements around the nearest inner node, not from those around all
+/// inner nodes that share an element with it.
 #[test]
 fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
     let mesh = generate::block(
@@ -173,8 +174,12 @@ fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
     .unwrap();
     let model = FemModel::new("cube", mesh, Elastic::new(1.0, 0.3, 1.0).unwrap()).unwrap();
     let node = |x: f64, y: f64, z: f64| {
-        let at = Point3::new(x, y, z);
-        model.nodes().iter().position(|p| (p - at).norm() < 1e-9).unwrap()
+        let point = Point3::new(x, y, z);
+        model
+            .nodes()
+            .iter()
+            .position(|p| (p - point).norm() < 1e-9)
+            .unwrap()
     };
     let mut q: Vec<f64> = model
         .nodes()
@@ -183,7 +188,7 @@ fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
         .collect();
     let face = [node(3.0, 3.0, 0.0)];
     let before = recovered(&model, &q, &face);
-    // Around the inner node beside the nearest one, and not around that.
+    // A change around the second nearest inner node only.
     q[3 * node(1.0, 3.0, 1.0)] += 1.0;
     assert_eq!(recovered(&model, &q, &face), before);
     q[3 * node(2.0, 3.0, 1.0)] += 1.0;

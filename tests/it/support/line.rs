@@ -3,7 +3,7 @@
 use arlequin::core::Profile;
 use arlequin_studies::line::Line;
 
-/// Short.
+/// Returns a short bar and chain.
 pub(crate) fn short() -> Line {
     Line {
         coarse_elements: 20,

@@ -1,4 +1,4 @@
-//! The shared solid deck with failures turned into failed tests, and a large run with every effect.
+//! The shared deck of solids, whose failures fail the test, and a large run with every effect.
 
 use arlequin::core::effect::{Absorber, BodyForce};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -39,20 +39,20 @@ pub(crate) fn shaken<T: Real>(bodies: [Subdomain<T>; 2], seed: u64) -> Vec<Subdo
     deck::shaken(bodies, seed).unwrap()
 }
 
-/// A run with effects, large enough that the models split their work over threads.
+/// Returns a run with effects, large enough that the models divide their work among threads.
 pub(crate) fn busy(junction: Box<dyn Junction<f64>>) -> Coupled<f64> {
     stepping(junction, [OwnStep::Same; 2])
 }
 
-/// The same with own steps.
-pub(crate) fn stepping(junction: Box<dyn Junction<f64>>, own: [OwnStep<f64>; 2]) -> Coupled<f64> {
-    solved(junction, own, Solver::Auto)
+/// Like [`busy`], with own steps.
+pub(crate) fn stepping(junction: Box<dyn Junction<f64>>, own_steps: [OwnStep<f64>; 2]) -> Coupled<f64> {
+    solved(junction, own_steps, Solver::Auto)
 }
 
-/// The same with a choice of the solver.
+/// Like [`busy`], with own steps and a solver.
 pub(crate) fn solved(
     junction: Box<dyn Junction<f64>>,
-    own: [OwnStep<f64>; 2],
+    own_steps: [OwnStep<f64>; 2],
     solver: Solver<f64>,
 ) -> Coupled<f64> {
     let w = weights(Profile::Cubic, 0.01);
@@ -66,13 +66,14 @@ pub(crate) fn solved(
         block(ElementKind::Tet4, [2.0, 4.0], [20, 10, 10]),
         material(),
     );
-    let rest = Weights::complement_of(std::slice::from_ref(&w));
+    let complement = Weights::complement_of(std::slice::from_ref(&w));
     let space = mediator(ElementKind::Hex8, OVERLAP, [6, 6, 6]);
     let rate = Arc::new(|x: &Point3<f64>| 0.5 * (3.0 - x.x).clamp(0.0, 1.0));
-    let fine = Subdomain::fine(fine.unwrap(), rest).with_effect(Box::new(Absorber::new(space.clone(), rate)));
+    let fine =
+        Subdomain::fine(fine.unwrap(), complement).with_effect(Box::new(Absorber::new(space.clone(), rate)));
     let coarse = Subdomain::coarse(coarse.unwrap(), w)
         .with_effect(Box::new(BodyForce::new(Vector3::new(0.0, -0.1, 0.0)).unwrap()));
-    let bodies = shaken([coarse.with_step(own[0]), fine.with_step(own[1])], 17);
+    let bodies = shaken([coarse.with_step(own_steps[0]), fine.with_step(own_steps[1])], 17);
     let mut interface = spec(space, junction);
     interface.options.solver = solver;
     let guard = Guard {

@@ -1,9 +1,10 @@
-//! Feeds mutated files to a reader: no panic, no hang, bounded allocation. For the tests of crates that own
-//! readers.
+//! Feeds mutated files to a reader, for the tests of crates with readers: no panic, no hang, bounded
+//! allocation.
 //!
-//! Seeds are the files of a corpus folder; bytes, lines, tokens and numbers of them are changed, and pieces
-//! of one put into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs as long
-//! as that with new random numbers. What fails is shrunk by proptest and shown; it belongs into the corpus.
+//! Seeds are the files of a corpus folder. Mutations change bytes, lines, tokens and numbers, and insert
+//! parts of one file into another. Some hundred cases run in every test; `ARLEQUIN_FUZZ_SECONDS=3600` runs
+//! that long with new random numbers. proptest shrinks and prints a failing file, which belongs into the
+//! corpus.
 //!
 //! [`property_config`] is the configuration of every property test of the workspace.
 
@@ -19,9 +20,9 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Cases of an ordinary test, and of one round of a long one.
+/// Number of cases of an ordinary test, and of one round of a long one.
 const CASES: u32 = 2000;
-/// Time that no small file may take, on a busy machine.
+/// Time that no small file may take, even on a busy machine.
 const SLOW: Duration = Duration::from_secs(10);
 
 /// Numbers that break naive readers.
@@ -73,19 +74,19 @@ enum Mutation {
 
 fn mutation() -> impl Strategy<Value = Mutation> {
     use Mutation::*;
-    let at = any::<Index>;
+    let index = any::<Index>;
     prop_oneof![
-        3 => (at(), any::<u8>()).prop_map(|(i, b)| Byte(i, b)),
-        2 => (at(), any::<u8>()).prop_map(|(i, n)| Cut(i, n)),
-        1 => (at(), any::<u8>(), 1..8u8).prop_map(|(i, n, k)| Repeat(i, n, k)),
-        3 => at().prop_map(DropLine),
-        2 => (at(), at()).prop_map(|(i, j)| CopyLine(i, j)),
-        2 => (at(), at()).prop_map(|(i, j)| SwapLines(i, j)),
-        6 => (at(), at()).prop_map(|(i, n)| Number(i, n)),
-        2 => (at(), at(), any::<bool>()).prop_map(|(i, n, wide)| Binary(i, n, wide)),
-        3 => (at(), at()).prop_map(|(i, n)| Token(i, n)),
-        1 => (at(), at(), at()).prop_map(|(s, i, j)| Splice(s, i, j)),
-        1 => at().prop_map(Truncate),
+        3 => (index(), any::<u8>()).prop_map(|(i, b)| Byte(i, b)),
+        2 => (index(), any::<u8>()).prop_map(|(i, n)| Cut(i, n)),
+        1 => (index(), any::<u8>(), 1..8u8).prop_map(|(i, n, k)| Repeat(i, n, k)),
+        3 => index().prop_map(DropLine),
+        2 => (index(), index()).prop_map(|(i, j)| CopyLine(i, j)),
+        2 => (index(), index()).prop_map(|(i, j)| SwapLines(i, j)),
+        6 => (index(), index()).prop_map(|(i, n)| Number(i, n)),
+        2 => (index(), index(), any::<bool>()).prop_map(|(i, n, wide)| Binary(i, n, wide)),
+        3 => (index(), index()).prop_map(|(i, n)| Token(i, n)),
+        1 => (index(), index(), index()).prop_map(|(s, i, j)| Splice(s, i, j)),
+        1 => index().prop_map(Truncate),
     ]
 }
 
@@ -95,7 +96,7 @@ fn lines(text: &[u8]) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// Ranges of bytes that look like numbers.
+/// Returns the ranges of bytes that look like numbers.
 fn numbers(text: &[u8]) -> Vec<std::ops::Range<usize>> {
     let part = |b: &u8| b.is_ascii_digit() || b"+-.eE".contains(b);
     let (mut out, mut k) = (Vec::new(), 0);
@@ -138,10 +139,10 @@ impl Mutation {
                 l.swap(i.index(n), j.index(n));
             }),
             Self::Number(i, with) => {
-                let found = numbers(text);
-                if !found.is_empty() {
+                let ranges = numbers(text);
+                if !ranges.is_empty() {
                     let new = NUMBERS[with.index(NUMBERS.len())];
-                    text.splice(found[i.index(found.len())].clone(), new.bytes());
+                    text.splice(ranges[i.index(ranges.len())].clone(), new.bytes());
                 }
             }
             Self::Binary(i, with, wide) => {
@@ -156,10 +157,10 @@ impl Mutation {
                 text.splice(i..i, token.bytes());
             }
             Self::Splice(seed, i, j) => {
-                let other = &corpus.seeds[seed.index(corpus.seeds.len())];
-                if !other.is_empty() {
+                let donor = &corpus.seeds[seed.index(corpus.seeds.len())];
+                if !donor.is_empty() {
                     text.truncate(i.index(n));
-                    text.extend_from_slice(&other[j.index(other.len())..]);
+                    text.extend_from_slice(&donor[j.index(donor.len())..]);
                 }
             }
             Self::Truncate(i) => text.truncate(i.index(n)),
@@ -168,26 +169,26 @@ impl Mutation {
 }
 
 fn with_lines(text: &mut Vec<u8>, change: impl FnOnce(&mut Vec<Vec<u8>>)) {
-    let mut all = lines(text);
-    change(&mut all);
-    *text = all.concat();
+    let mut split = lines(text);
+    change(&mut split);
+    *text = split.concat();
 }
 
-/// What is mutated, and what a reader may allocate.
+/// Seeds to mutate, and the memory that a reader may allocate.
 #[derive(Debug)]
 pub struct Corpus {
-    /// Whole files.
+    /// Whole files to mutate.
     pub seeds: Vec<Vec<u8>>,
     /// Words of the format.
     pub tokens: &'static [&'static str],
-    /// Bytes that a reader may allocate in all, whatever the file.
+    /// Bytes that a reader may allocate in total for any file.
     pub floor: usize,
-    /// Bytes that it may allocate in all per byte of the file.
+    /// Bytes that a reader may allocate in addition per byte of the file.
     pub per_byte: usize,
 }
 
 impl Corpus {
-    /// All files of a folder, in the order of their names.
+    /// Returns all files of a folder with the given ending, sorted by name.
     pub fn read(folder: &str, ending: &str) -> Vec<Vec<u8>> {
         let mut paths: Vec<_> = std::fs::read_dir(folder)
             .unwrap_or_else(|e| panic!("{folder}: {e}"))
@@ -202,8 +203,8 @@ impl Corpus {
             .collect()
     }
 
-    /// Feeds mutants to a reader that says whether it accepted; `allocated` counts bytes since the start of
-    /// the process.
+    /// Feeds mutants to a reader, which returns whether it accepted them. `allocated` counts the bytes since
+    /// the start of the process.
     pub fn run(&self, name: &str, allocated: &dyn Fn() -> usize, reader: &dyn Fn(&[u8]) -> bool) {
         let seconds = std::env::var("ARLEQUIN_FUZZ_SECONDS").ok();
         let seconds = seconds.map(|s| {
@@ -213,7 +214,7 @@ impl Corpus {
         let (begin, counts) = (Instant::now(), [AtomicUsize::new(0), AtomicUsize::new(0)]);
         let worst = AtomicUsize::new(0);
         let dog = Watchdog::new();
-        let one = |bytes: &[u8]| {
+        let execute = |bytes: &[u8]| {
             dog.pat();
             let bound = self.floor + self.per_byte * bytes.len();
             let measure = || {
@@ -222,13 +223,13 @@ impl Corpus {
                 (accepted, start.elapsed(), allocated() - before)
             };
             let (accepted, mut took, mut used) = measure();
-            // Other tests of the process may have run meanwhile.
+            // Other tests of the process may have allocated meanwhile.
             for _ in 0..4 {
                 if used <= bound && took < SLOW {
                     break;
                 }
-                let again = measure();
-                (took, used) = (took.min(again.1), used.min(again.2));
+                let repeated = measure();
+                (took, used) = (took.min(repeated.1), used.min(repeated.2));
             }
             assert!(
                 used <= bound,
@@ -240,7 +241,7 @@ impl Corpus {
             counts[0].fetch_add(1, Ordering::Relaxed);
             counts[1].fetch_add(usize::from(accepted), Ordering::Relaxed);
         };
-        self.seeds.iter().for_each(|s| one(s));
+        self.seeds.iter().for_each(|s| execute(s));
         for round in 0u64.. {
             let mut seed = [0; 32];
             seed[..8].copy_from_slice(&round.to_le_bytes());
@@ -261,7 +262,7 @@ impl Corpus {
             let done = runner.run(&strategy, |(seed, mutations)| {
                 let mut text = self.seeds[seed.index(self.seeds.len())].clone();
                 mutations.iter().for_each(|m| m.apply(&mut text, self));
-                one(&text);
+                execute(&text);
                 Ok(())
             });
             done.unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -269,13 +270,16 @@ impl Corpus {
                 break;
             }
         }
-        let [all, accepted] = counts.map(AtomicUsize::into_inner);
-        assert!(accepted > 0, "{name}: not even one of {all} files was accepted");
+        let [executions, accepted] = counts.map(AtomicUsize::into_inner);
+        assert!(
+            accepted > 0,
+            "{name}: not even one of {executions} files was accepted"
+        );
         #[allow(clippy::print_stdout, reason = "the number of executions of a long run")]
         {
             let worst = worst.into_inner() as f64 / 10.0;
             println!(
-                "{name}: {all} executions, {accepted} accepted, at most {worst} % of the allocation bound, {:?}",
+                "{name}: {executions} executions, {accepted} accepted, at most {worst} % of the allocation bound, {:?}",
                 begin.elapsed()
             );
         }
@@ -291,7 +295,7 @@ impl Watchdog {
         let weak = std::sync::Arc::downgrade(&beat);
         std::thread::spawn(move || {
             let mut last = u64::MAX;
-            // A beat per minute is enough: a case takes milliseconds.
+            // One check per minute is enough, since a case takes milliseconds.
             while let Some(now) = weak.upgrade().map(|b| b.load(Ordering::Relaxed)) {
                 if now == last {
                     #[allow(clippy::print_stderr, reason = "the last word before the abort")]
@@ -312,8 +316,8 @@ impl Watchdog {
     }
 }
 
-/// What a test file of a reader begins with: `allocated()` counts the bytes that the whole process asked
-/// for, so that its tests hold `ALONE` one after the other.
+/// Declares the allocator of a test file for a reader: `allocated()` counts the bytes that the whole process
+/// has requested, so that the file's tests lock `ALONE` to run one after the other.
 #[macro_export]
 macro_rules! counted {
     () => {

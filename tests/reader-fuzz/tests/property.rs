@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The macro's name in pieces, so that this file holds no block without a configuration.
+/// The macro's name in two parts, so that this file holds no block without a configuration.
 const MACRO: &str = concat!("proptest", "!");
 
 fn draws() -> Vec<u64> {
@@ -20,7 +20,7 @@ fn draws() -> Vec<u64> {
     drawn.into_inner()
 }
 
-/// Prints what is drawn, for the test below, which runs it with other environments.
+/// Prints drawn numbers, for the test below, which runs this one with other environments.
 #[test]
 fn drawn_numbers() {
     println!("drawn {:?}", draws());
@@ -45,7 +45,7 @@ fn property_tests_draw_the_same_cases_each_time_and_others_for_another_seed() {
     assert_ne!(run(Some("8")), run(Some("7")));
 }
 
-/// All files of Rust below a folder but for what was built.
+/// Collects all Rust files below a folder except build output.
 fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("folder").flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -57,7 +57,7 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// Blocks and runners of a file that draw from a seed of their own.
+/// Returns the number of blocks and runners of a file that draw from their own seed.
 fn own_draws(text: &str) -> usize {
     let blocks = text.split(MACRO).skip(1);
     let configured = "#![proptest_config(";
@@ -85,7 +85,7 @@ fn every_property_test_has_the_configuration_with_a_fixed_seed() {
     let (mut files, mut blocks) = (Vec::new(), 0);
     sources(&root, &mut files);
     for path in files {
-        // What draws on purpose: this crate's runner, whose seed is fixed as well, and this file.
+        // Deliberate exceptions: this crate's runner, whose seed is fixed as well, and this file.
         if path.starts_with(root.join("tests/reader-fuzz")) {
             continue;
         }

@@ -1,8 +1,8 @@
-//! Bad effects: each is refused before a step is made, at its key.
+//! Wrong settings of effects are refused before the first step, at their key.
 
 use crate::common::{SMALL, arlequin, scratch, text};
 
-/// A few spheres and nothing else.
+/// A few spheres without effects.
 const GRAINS: &str = r#"
 [model.grains]
 kind = "dem"
@@ -24,16 +24,19 @@ fn refused(folder: &std::path::Path, scene: &str, effect: &str, expected: &str) 
         error.contains(expected),
         "'{effect}' should say '{expected}':\n{error}"
     );
-    // A run says the same, and nothing is packed for it, unless it is bonds that are missed.
+    // `run` gives the same error as `check` and packs nothing first, except when missing bonds are the error.
     let run = arlequin(&["-v", "run", text(&path), "--out", text(&folder.join("never"))]);
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&run.stderr).into_owned();
     let packs = expected == "crosses no bond";
     assert_eq!(
-        said.contains("packing of"),
+        stderr.contains("packing of"),
         packs,
-        "'{effect}' packs first: {said}"
+        "'{effect}' packs first: {stderr}"
     );
-    assert!(said.ends_with(&error), "{effect}: {error}, and by a run: {said}");
+    assert!(
+        stderr.ends_with(&error),
+        "{effect}: {error}, and by a run: {stderr}"
+    );
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Bad input: each case is refused before a step is made, with an error text of its own.
+//! Bad input: each case is refused before the first step with its own error text.
 
 use crate::common::{SMALL, arlequin, schemas, scratch, text};
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ impl Bench {
         }
     }
 
-    /// Error text of a scene. What its reader refuses by itself, the schema refuses as well.
+    /// Returns the error text of a scene. Asserts that the schema also refuses what the reader refuses.
     fn error(&self, scene: &str) -> String {
         let read = arlequin_scene::Scene::from_text(scene);
         if matches!(read, Err(arlequin_scene::Error::Syntax { .. })) {
@@ -55,7 +55,7 @@ impl Bench {
         error
     }
 
-    /// The small scene with replacements.
+    /// Returns the error text of the small scene with the given replacements.
     fn edited(&self, edits: &[(&str, &str)]) -> String {
         let mut scene = SMALL.to_owned();
         for (from, to) in edits {
@@ -150,7 +150,7 @@ fn what_was_probably_meant_is_asked() {
     std::fs::write(&path, SMALL).expect("scene");
     let error = bench.refused(&["check", text(&path), "--set", "model.rihgt.spacing=1.0"]);
     assert!(error.contains("did you mean 'right'?"), "{error}");
-    // Nothing near, nothing asked.
+    // No similar key exists, so the error suggests none.
     let error = bench.refused(&["check", text(&path), "--set", "time.colour=1.0"]);
     assert!(
         error.contains("unknown field `colour`") && !error.contains("did you mean"),
@@ -228,7 +228,7 @@ fn materials_and_meshes() {
 #[test]
 fn holes() {
     let bench = Bench::new("holes");
-    let with = |from: &str, to: &str| {
+    let holed = |from: &str, to: &str| {
         let hole = format!("high = [6.0, 1.0, 1.0], hole = {{ low = {from}, high = {to} }} }}");
         let mediator = ("weight = { profile = \"cubic\" }", MEDIATOR);
         bench.edited(&[("high = [6.0, 1.0, 1.0] }", &hole), mediator])
@@ -246,7 +246,7 @@ fn holes() {
         ),
         ("[8.0, 0.0, 0.0]", "[9.0, 1.0, 1.0]", "hole and box do not meet"),
     ] {
-        let error = with(from, to);
+        let error = holed(from, to);
         assert!(error.contains(expected), "{error}");
     }
     let hole = "high = [6.0, 1.0, 1.0], hole = { low = [1.0, 0.0, 0.0], high = [2.0, 1.0, 1.0] } }";
@@ -257,7 +257,7 @@ fn holes() {
 #[test]
 fn mesh_files() {
     let bench = Bench::new("mesh-files");
-    let with = |nodes: &[&str], corners: &str| {
+    let mesh_error = |nodes: &[&str], corners: &str| {
         std::fs::write(bench.folder.join("body.msh"), mesh(nodes, corners)).expect("mesh");
         bench.edited(&[
             (
@@ -268,15 +268,15 @@ fn mesh_files() {
             ("weight = { profile = \"cubic\" }", MEDIATOR),
         ])
     };
-    assert!(with(&CORNERS, "1 3 2 4").contains("inverted"));
-    let mut more = CORNERS.to_vec();
-    more.push("5 5 5");
-    let error = with(&more, "1 2 3 4");
+    assert!(mesh_error(&CORNERS, "1 3 2 4").contains("inverted"));
+    let mut extended = CORNERS.to_vec();
+    extended.push("5 5 5");
+    let error = mesh_error(&extended, "1 2 3 4");
     assert!(
         error.contains("belongs to no element and would have no mass"),
         "{error}"
     );
-    let error = with(&["0 0 0", "nan 0 0", "0 1 0", "0 0 1"], "1 2 3 4");
+    let error = mesh_error(&["0 0 0", "nan 0 0", "0 1 0", "0 0 1"], "1 2 3 4");
     assert!(error.contains("model.left.shape.file"), "{error}");
     let missing = bench.edited(&[
         (
@@ -286,34 +286,38 @@ fn mesh_files() {
         ("spacing = 1.0\n", "\n"),
     ]);
     assert!(missing.contains("none.msh' cannot be read"), "{missing}");
-    let both = bench.edited(&[(
+    let message = bench.edited(&[(
         "shape.box = { low = [0.0, 0.0, 0.0], high = [6.0, 1.0, 1.0] }",
         "shape.file = \"body.msh\"",
     )]);
-    assert!(both.contains("a mesh file brings its own spacing"), "{both}");
+    assert!(
+        message.contains("a mesh file brings its own spacing"),
+        "{message}"
+    );
 }
 
 #[test]
 fn interfaces() {
     let weight = "weight = { profile = \"cubic\" }";
-    let with = |extra: &str| format!("{weight}\n{extra}");
-    let away = with("mediator = { shape.box = { low = [20.0, 0.0, 0.0], high = [22.0, 1.0, 1.0] } }");
-    let over = with("mediator = { shape.box = { low = [4.0, 0.0, 0.0], high = [6.0, 2.0, 1.0] } }");
-    let nodes_out = with(
+    let with_keys = |extra: &str| format!("{weight}\n{extra}");
+    let distant = with_keys("mediator = { shape.box = { low = [20.0, 0.0, 0.0], high = [22.0, 1.0, 1.0] } }");
+    let overhanging =
+        with_keys("mediator = { shape.box = { low = [4.0, 0.0, 0.0], high = [6.0, 2.0, 1.0] } }");
+    let nodes_out = with_keys(
         "sampling = \"projection\"\nmediator = { shape.box = { low = [4.0, 0.0, 0.0], high = [6.0, 2.0, 1.0] } }",
     );
-    let lumped = with("lumped = true\njunction = { kind = \"h1-strain\" }");
-    let unknown = with("solver = \"multigrid\"");
-    let particles = with("sampling = \"particles\"");
-    let length = with("junction = { kind = \"l2\", length = 1.0 }");
-    let negative = with("junction = { kind = \"h1-strain\", length = -1.0 }");
-    let rate = with("absorber = { rate = 1.0, rate_factor = 0.2 }");
+    let lumped = with_keys("lumped = true\njunction = { kind = \"h1-strain\" }");
+    let unknown = with_keys("solver = \"multigrid\"");
+    let particles = with_keys("sampling = \"particles\"");
+    let length = with_keys("junction = { kind = \"l2\", length = 1.0 }");
+    let negative = with_keys("junction = { kind = \"h1-strain\", length = -1.0 }");
+    let rate = with_keys("absorber = { rate = 1.0, rate_factor = 0.2 }");
     cases(
         "interfaces",
         &[
             (
                 weight,
-                &away,
+                &distant,
                 &[
                     "interface 'joint'",
                     "is empty; place the mediator where both models are",
@@ -321,7 +325,7 @@ fn interfaces() {
             ),
             (
                 weight,
-                &over,
+                &overhanging,
                 &["lies outside model 'left'", "shrink the mediator"],
             ),
             (

@@ -1,4 +1,4 @@
-//! What a run refuses, `check` refuses too, in the same words, and before anything is packed.
+//! `check` refuses every scene that `run` refuses, with the same words and before anything is packed.
 
 use crate::common::{SMALL, arlequin, scratch, text};
 use arlequin_scene::{Scene, Source};
@@ -21,19 +21,23 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 end = 1e-7
 "#;
 
-/// The error of `check` and of `run`, which must be the same; no packing may have begun.
+/// Asserts that `check` and `run` give the same error at `key`, and that no packing has begun.
 fn refused(name: &str, scene: &str, key: &str, words: &str) {
     let folder = scratch(&format!("places-{name}"));
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
     let mut phases = Vec::new();
     let source = Source::new(&path, scene);
-    let made = Scene::from_source(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
-    let error = made.map(|_| ()).expect_err("refused");
-    let (found, said) = (error.place().0.unwrap_or_default().to_owned(), error.to_string());
-    assert!(found == key && said.contains(words), "{name}: {found}: {said}");
+    let prepared =
+        Scene::from_source(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
+    let error = prepared.map(|_| ()).expect_err("refused");
+    let (place, message) = (error.place().0.unwrap_or_default().to_owned(), error.to_string());
+    assert!(
+        place == key && message.contains(words),
+        "{name}: {place}: {message}"
+    );
     let packed = phases.iter().find(|p| p.starts_with("packing"));
-    assert_eq!(packed, None, "{name}: {said}");
+    assert_eq!(packed, None, "{name}: {message}");
     let [check, run] = ["check", "run"].map(|command| {
         let mut arguments = vec![command, text(&path)];
         let out = folder.join("out");
@@ -50,10 +54,10 @@ fn refused(name: &str, scene: &str, key: &str, words: &str) {
 
 #[test]
 fn places_in_no_model_are_refused_before_spheres_are_packed() {
-    let with = |more: &str| format!("{BESIDE}{more}");
-    let probe = |model: &str, at: &str| {
-        with(&format!(
-            "[probe.here]\nmodel = \"{model}\"\nat = {at}\ncomponent = \"x\"\n"
+    let extended = |addition: &str| format!("{BESIDE}{addition}");
+    let probe = |model: &str, position: &str| {
+        extended(&format!(
+            "[probe.here]\nmodel = \"{model}\"\nat = {position}\ncomponent = \"x\"\n"
         ))
     };
     let outside = "lies outside model 'grains'";
@@ -65,18 +69,18 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
     );
     let skin = probe("grains", "[4e-3, 1e-3, 1e-3]");
     refused("skin", &skin, "probe.here.at", "move the probe in by a diameter");
-    // In the box around the cylinder, and not in the cylinder.
+    // A corner of the box around the cylinder that lies outside of the cylinder.
     let corner = probe("tail", "[12e-3, 0.95e-3, 0.95e-3]");
     refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
     let box_of = "where.box = { low = [1.0, 1.0, 1.0], high = [2.0, 2.0, 2.0] }";
-    let support = with(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
+    let support = extended(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
     refused(
         "support",
         &support,
         "support[0].where",
         "holds no node of model 'tail'",
     );
-    let load = with(&format!(
+    let load = extended(&format!(
         "[[load]]\nmodel = \"tail\"\n{box_of}\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n"
     ));
     refused(
@@ -99,8 +103,8 @@ fn tractions_on_spheres_are_refused_before_they_are_packed() {
 
 #[test]
 fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
-    let dem = |more: &str| BESIDE.replacen("spacing = 0.4e-3", &format!("spacing = 0.4e-3\n{more}"), 1);
-    for (more, key, words) in [
+    let dem = |keys: &str| BESIDE.replacen("spacing = 0.4e-3", &format!("spacing = 0.4e-3\n{keys}"), 1);
+    for (keys, key, words) in [
         (
             "dem = { young = 265e9, radius_ratio = 5.0 }",
             "model.grains.dem.radius_ratio",
@@ -122,11 +126,11 @@ fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
         ("volume = \"a\"", "model.grains.volume", "is of a mesh file"),
         ("dem.radii = \"r\"", "model.grains.dem.radii", "in dem.file"),
     ] {
-        refused("beams", &dem(more), key, words);
+        refused("beams", &dem(keys), key, words);
     }
 }
 
-/// Issue 26, D.5: elements lock there, whatever their number.
+/// Issue 26, D.5: Poisson's ratios next to -1 and 0.5 are refused; elements lock there at any refinement.
 #[test]
 fn ratios_of_poisson_next_to_their_ends_are_refused() {
     for (nu, taken) in [
@@ -147,7 +151,7 @@ fn ratios_of_poisson_next_to_their_ends_are_refused() {
     }
 }
 
-/// Issue 26, D.8: `check` took what `run` then refused.
+/// Issue 26, D.8: a scene at rest whose body can move freely is refused by `check` as by `run`.
 #[test]
 fn scenes_at_rest_that_can_move_are_refused_by_check() {
     let bar = "[model.bar]\nkind = \"fem\"\ndivisions = [8, 2, 2]\n\
@@ -160,10 +164,10 @@ fn scenes_at_rest_that_can_move_are_refused_by_check() {
     refused("rest", bar, "static", words);
 }
 
-/// Issue 26, D.8: errors stand under keys that the scene has or could be given.
+/// Issue 26, D.8: an error names a key that the scene has or could have.
 #[test]
 fn errors_stand_under_keys_of_the_scene() {
-    // A step of its own that is too long, without time.step.
+    // The macro step is too long, given by `time.step.seconds`.
     let long = SMALL.replace("steps = 50", "steps = 50\nstep.seconds = 10.0");
     refused("seconds", &long, "time.step.seconds", "exceeds the critical step");
     let ratio = SMALL

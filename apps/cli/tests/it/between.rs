@@ -1,11 +1,11 @@
-//! Contact between two models, from scenes: ledger, comparison, watch, restart, refusals.
+//! Contact between two models of a scene: ledger, comparison, watchdog, restart, refusals.
 
 use crate::common::{arlequin, command, number, scene, scratch, succeed, summary, text};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// A cube of spheres above another one, falling, and a solid beside them.
+/// A cube of spheres that falls on another one, and a solid beside them.
 const TWO: &str = r#"
 [model.above]
 kind = "dem"
@@ -62,24 +62,25 @@ fn written(folder: &Path, scene: &str) -> std::path::PathBuf {
     path
 }
 
-/// The upper cube would make two steps where the lower one is to make shorter ones.
+/// The upper cube asks for two own steps, but contact makes it follow the shorter own steps of the lower
+/// cube: the plan says so. Without that conflict there is no warning.
 #[test]
 fn a_number_of_own_steps_that_contact_overrides_is_warned_of() {
     let folder = scratch("between-ratio");
-    let told = |steps: &str| {
+    let plan_with = |steps: &str| {
         let path = written(&folder, &format!("{TWO}{TOUCH}{steps}"));
         let plan = succeed(&["check", "--json", text(&path)]);
         let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
         (plan["models"].clone(), plan["warnings"].to_string())
     };
-    let (models, warnings) = told("[model.above.step]\nratio = 2\n[model.below.step]\nfraction = 0.2\n");
-    let made = models[0]["own_steps"].as_u64().expect("a count");
-    assert!(made > 2 && models[1]["own_steps"] == made, "{models}");
+    let (models, warnings) = plan_with("[model.above.step]\nratio = 2\n[model.below.step]\nfraction = 0.2\n");
+    let count = models[0]["own_steps"].as_u64().expect("a count");
+    assert!(count > 2 && models[1]["own_steps"] == count, "{models}");
     let wanted = format!(
-        "model 'above': makes {made} own steps in a step of the run, not step.ratio = 2: an effect between it and 'below'"
+        "model 'above': makes {count} own steps in a step of the run, not step.ratio = 2: an effect between it and 'below'"
     );
     assert!(warnings.contains(&wanted), "{warnings}");
-    let (_, warnings) = told("[model.above.step]\nratio = 2\n");
+    let (_, warnings) = plan_with("[model.above.step]\nratio = 2\n");
     assert!(!warnings.contains("step.ratio"), "{warnings}");
 }
 
@@ -102,8 +103,11 @@ fn bodies_that_touch_have_a_line_of_their_own() {
     assert_eq!(ledger.len(), 1);
     assert_eq!(ledger[0]["name"], "contact above-below");
     let start = number(&s, "/energy/initial");
-    let gone = number(&ledger[0], "/dissipated");
-    assert!(gone > 0.05 * start && gone < start, "{gone} of {start}");
+    let dissipated = number(&ledger[0], "/dissipated");
+    assert!(
+        dissipated > 0.05 * start && dissipated < start,
+        "{dissipated} of {start}"
+    );
     assert!(number(&ledger[0], "/share") > 0.0 && number(&ledger[0], "/facts/most contacts") > 3.0);
     assert!(number(&s, "/energy/ledger/contact above-below") < 0.0);
     let csv = std::fs::read_to_string(out.join("effects.csv")).expect("table");
@@ -126,8 +130,8 @@ fn the_comparison_and_the_watch_know_contact_between_models() {
         "{missing}"
     );
     let out = folder.join("out");
-    let off = "effect.0.enabled=false";
-    succeed(&["run", text(&path), "--out", text(&out), "--set", off]);
+    let disabled = "effect.0.enabled=false";
+    succeed(&["run", text(&path), "--out", text(&out), "--set", disabled]);
     let s = summary(&out);
     assert!(s["effect_ledger"].as_array().is_some_and(Vec::is_empty));
     assert!(
@@ -146,8 +150,8 @@ fn a_run_killed_in_mid_contact_resumes_with_the_same_bits() {
     let steps = "time.end=30e-6";
     succeed(&["run", text(&path), "--out", text(&whole), "--set", steps]);
     let torn = folder.join("torn");
-    let more = ["--set", steps, "--set", "output.checkpoint_every=400"];
-    let arguments = [&["run", text(&path), "--out", text(&torn)][..], &more].concat();
+    let settings = ["--set", steps, "--set", "output.checkpoint_every=400"];
+    let arguments = [&["run", text(&path), "--out", text(&torn)][..], &settings].concat();
     let mut child = command(&arguments)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -216,7 +220,7 @@ fn contact_between_models_is_refused_where_it_makes_no_sense() {
     }
 }
 
-/// The scene of `docs/effects.md`, shortened: the ball has hit, momentum went into the block.
+/// The scene of `docs/effects.md`, shortened: the ball hits the block and gives momentum to it.
 #[test]
 fn a_ball_of_spheres_hits_the_particles_of_a_coupled_block() {
     let out = scratch("between-ball").join("out");
@@ -231,7 +235,7 @@ fn a_ball_of_spheres_hits_the_particles_of_a_coupled_block() {
     ];
     succeed(&[&["run", text(&path), "--out", text(&out)][..], &quick].concat());
     let s = summary(&out);
-    // The ball turns by finite rotations, whose balance is of second order.
+    // The ball turns by finite rotations, whose energy balance is of second order in the step.
     assert!(number(&s, "/energy/h_drift_max") < 1e-6, "{}", s["energy"]);
     assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
     let ledger = s["effect_ledger"].as_array().expect("ledger");

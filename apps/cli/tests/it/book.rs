@@ -1,5 +1,5 @@
-//! The book: its reference is the schema's, its pages are there and point at what exists, and what it says
-//! runs does run.
+//! The book: its reference is that of the schema, its pages exist, its links lead somewhere, and its scenes
+//! and commands run.
 
 use crate::common::{schemas::verdict, scratch, succeed, text};
 use std::collections::BTreeSet;
@@ -13,7 +13,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// All pages below a folder.
+/// Returns all pages below a folder.
 fn pages(folder: &Path) -> Vec<PathBuf> {
     let mut out = Vec::new();
     for entry in std::fs::read_dir(folder).expect("folder").flatten() {
@@ -28,7 +28,7 @@ fn pages(folder: &Path) -> Vec<PathBuf> {
     out
 }
 
-/// Targets of the links and pictures of a page, but for addresses.
+/// Returns the targets of a page's links and pictures, except web addresses.
 fn links(page: &str) -> Vec<&str> {
     let targets = page.split("](").skip(1).filter_map(|t| t.split(')').next());
     targets
@@ -51,18 +51,18 @@ fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
     let root = docs().canonicalize().expect("docs");
     let contents = read(&root.join("SUMMARY.md"));
     let chapters: BTreeSet<PathBuf> = links(&contents).into_iter().map(|l| root.join(l)).collect();
-    let all: BTreeSet<PathBuf> = pages(&root)
+    let files: BTreeSet<PathBuf> = pages(&root)
         .into_iter()
         .filter(|p| !p.ends_with("SUMMARY.md"))
         .collect();
-    assert_eq!(chapters, all);
+    assert_eq!(chapters, files);
     let mut broken = Vec::new();
-    for page in &all {
+    for page in &files {
         let words = read(page);
         for link in links(&words) {
             let file = link.split('#').next().unwrap_or_default();
             let place = page.parent().expect("a folder").join(file);
-            // Only what lies in the book is there when it is read.
+            // A reader of the book has only the files within the book.
             let inside = place.canonicalize().is_ok_and(|p| p.starts_with(&root));
             if !inside {
                 broken.push(format!("{}: {link}", page.display()));
@@ -72,7 +72,7 @@ fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
     assert_eq!(broken, Vec::<String>::new());
 }
 
-/// Blocks of the kind `toml run` are whole scenes.
+/// Every block of the kind `toml run` is a whole scene and runs.
 #[test]
 fn every_scene_of_the_book_runs() {
     let folder = scratch("book");
@@ -101,14 +101,14 @@ fn every_scene_of_the_book_runs() {
     assert!(count >= 9, "{count} scenes");
 }
 
-/// Lines of a page's blocks of commands.
+/// Returns the lines of a page's command blocks.
 fn commands(page: &str) -> Vec<String> {
     let blocks = page.split("```").skip(1).step_by(2);
     let shell = blocks.filter_map(|b| b.strip_prefix("sh\n").or_else(|| b.strip_prefix('\n')));
     shell.flat_map(str::lines).map(|l| l.trim().to_owned()).collect()
 }
 
-/// Issue 26, G: a reader of any page has the command, or is told how to get it.
+/// Issue 26, G: every page with commands says how to get the program.
 #[test]
 fn pages_with_commands_say_where_the_command_comes_from() {
     for page in pages(&docs()) {
@@ -127,7 +127,7 @@ fn pages_with_commands_say_where_the_command_comes_from() {
     }
 }
 
-/// Issue 26, G: the tutorials' commands, as they are written, in the order of the book, in one folder.
+/// Issue 26, G: the tutorials' commands run as they are written, in the order of the book, in one folder.
 #[test]
 fn the_commands_of_the_tutorials_run() {
     let folder = scratch("tutorials");
@@ -143,7 +143,7 @@ fn the_commands_of_the_tutorials_run() {
                 continue;
             };
             let line = line.split('#').next().unwrap_or_default();
-            // The only quotes are around a value with spaces.
+            // Quotes surround only values that contain spaces.
             let mut words: Vec<String> = Vec::new();
             for (k, part) in line.split('"').enumerate() {
                 if k % 2 == 0 {
@@ -157,15 +157,15 @@ fn the_commands_of_the_tutorials_run() {
                 .current_dir(&folder)
                 .output()
                 .expect("runs");
-            let said = String::from_utf8_lossy(&done.stderr);
-            assert!(done.status.success(), "{page}: arlequin {line}: {said}");
+            let stderr = String::from_utf8_lossy(&done.stderr);
+            assert!(done.status.success(), "{page}: arlequin {line}: {stderr}");
             count += 1;
         }
     }
     assert!(count >= 14, "{count} commands");
 }
 
-/// Issue 26, G: section 4 of the first tutorial, applied to its scene as it says.
+/// Issue 26, G: the changes that section 4 of the first tutorial describes give a scene that runs.
 #[test]
 fn particles_around_the_hole_of_the_first_tutorial() {
     let folder = scratch("tutorial-zone");
@@ -180,19 +180,19 @@ fn particles_around_the_hole_of_the_first_tutorial() {
     let (body, probe) = tables.split_once("[probe.hole]").expect("a probe");
     let path = folder.join("plate/scene.toml");
     let scene = read(&path);
-    // One table in place of another: from its head to the next one.
-    let exchanged = |scene: &str, head: &str, with: &str| {
+    // Replaces one table of a scene, from its head to the next head.
+    let exchanged = |scene: &str, head: &str, replacement: &str| {
         let (before, after) = scene.split_once(head).expect(head);
         let end = after.find("\n[").expect("a further table");
-        format!("{before}{with}{}", &after[end..])
+        format!("{before}{replacement}{}", &after[end..])
     };
     let scene = exchanged(&scene, "[probe.hole]", &format!("[probe.hole]{probe}"));
     let scene = exchanged(&scene, "[model.plate]", body).replace("model = \"plate\"", "model = \"body\"");
     std::fs::write(&path, &scene).expect("writes");
-    // Larger spheres take seconds.
+    // Larger spheres keep the run within seconds.
     let larger = ["--set", "zone.hole.spacing=0.3e-3"];
     succeed(&[&["check", text(&path)], &larger[..]].concat());
-    // The probe as it was, on the body at the hole, is told to name the zone before anything is packed.
+    // The unchanged probe on the body lies in the zone: the error names the zone before anything is packed.
     let old = exchanged(
         &scene,
         "[probe.hole]",
@@ -200,10 +200,10 @@ fn particles_around_the_hole_of_the_first_tutorial() {
     );
     std::fs::write(&path, old).expect("writes");
     let done = crate::common::arlequin(&["check", text(&path)]);
-    let said = String::from_utf8_lossy(&done.stderr);
+    let stderr = String::from_utf8_lossy(&done.stderr);
     assert!(
-        !done.status.success() && said.contains("lies in zone 'hole'"),
-        "{said}"
+        !done.status.success() && stderr.contains("lies in zone 'hole'"),
+        "{stderr}"
     );
-    assert!(!said.contains("packing of"), "{said}");
+    assert!(!stderr.contains("packing of"), "{stderr}");
 }

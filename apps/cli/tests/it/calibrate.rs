@@ -1,4 +1,4 @@
-//! `arlequin calibrate`: numbers, refusals and what it says.
+//! `arlequin calibrate`: results, refusals and messages.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use crate::common::{arlequin, number, scratch, succeed};
@@ -8,7 +8,7 @@ fn json(arguments: &[&str]) -> Value {
     serde_json::from_str(&succeed(arguments)).unwrap()
 }
 
-/// What goes wrong, and the exit code.
+/// Returns the error text and the exit code of a command that fails.
 fn failure(arguments: &[&str]) -> (String, Option<i32>) {
     let out = arlequin(arguments);
     (
@@ -29,21 +29,21 @@ fn bulk_of_silica() {
         "--seeds",
         "2",
     ];
-    let found = json(&[&flags[..], &["--json"]].concat());
-    let young = number(&found, "/young/mean");
+    let report = json(&[&flags[..], &["--json"]].concat());
+    let young = number(&report, "/young/mean");
     assert!((young - 78e9).abs() < 6e9, "{young:e}");
-    assert!((number(&found, "/poisson/mean") - 0.175).abs() < 0.01);
-    assert!(number(&found, "/anisotropy/mean") < 0.06);
-    assert!((number(&found, "/packings/1/coordination_all") - 6.2).abs() < 0.01);
-    assert!(found.pointer("/packings/1/seed").and_then(Value::as_u64) == Some(2));
-    // The same by one thread, as a table.
+    assert!((number(&report, "/poisson/mean") - 0.175).abs() < 0.01);
+    assert!(number(&report, "/anisotropy/mean") < 0.06);
+    assert!((number(&report, "/packings/1/coordination_all") - 6.2).abs() < 0.01);
+    assert!(report.pointer("/packings/1/seed").and_then(Value::as_u64) == Some(2));
+    // One thread gives the same results, printed as a table.
     let table = succeed(&[&flags[..], &["--threads", "1"]].concat());
     assert!(table.contains(&format!("E          {young:.4e} Pa ±")), "{table}");
 }
 
 #[test]
 fn beams_for_a_target() {
-    let found = json(&[
+    let report = json(&[
         "calibrate",
         "--cylinder",
         "8e-3,1e-3",
@@ -59,9 +59,9 @@ fn beams_for_a_target() {
         "0.17",
         "--json",
     ]);
-    assert!((number(&found, "/target/reached/young/mean") / 72.5e9 - 1.0).abs() < 1e-4);
-    assert!((number(&found, "/target/reached/poisson/mean") - 0.17).abs() < 2e-4);
-    assert!((number(&found, "/target/beams/radius_ratio") - 0.71).abs() < 0.15);
+    assert!((number(&report, "/target/reached/young/mean") / 72.5e9 - 1.0).abs() < 1e-4);
+    assert!((number(&report, "/target/reached/poisson/mean") - 0.17).abs() < 2e-4);
+    assert!((number(&report, "/target/beams/radius_ratio") - 0.71).abs() < 0.15);
     let (text, code) = failure(&[
         "calibrate",
         "--periodic",
@@ -103,7 +103,7 @@ fn a_scene_gives_what_its_flags_would() {
     let scene = folder.join("bar.toml");
     std::fs::write(&scene, SCENE).unwrap();
     let scene = crate::common::text(&scene);
-    let found = json(&["calibrate", scene, "--young", "265e9", "--seeds", "1", "--json"]);
+    let report = json(&["calibrate", scene, "--young", "265e9", "--seeds", "1", "--json"]);
     let flags = [
         "--count",
         "1500",
@@ -114,7 +114,7 @@ fn a_scene_gives_what_its_flags_would() {
         "--json",
     ];
     let twin = json(&[&["calibrate", "--cylinder", "8e-3,1e-3"], &flags[..]].concat());
-    assert_eq!(found.pointer("/packings"), twin.pointer("/packings"));
+    assert_eq!(report.pointer("/packings"), twin.pointer("/packings"));
     let (text, code) = failure(&["calibrate", scene, "--model", "line"]);
     assert!(
         code == Some(2) && text.contains("only models of kind \"dem\" have beams"),
@@ -132,7 +132,7 @@ fn a_scene_gives_what_its_flags_would() {
 
 #[test]
 fn an_axial_wave_is_refused() {
-    // Five hundred spheres in a bar as long as it is thick: the middle is far stiffer than the ends.
+    // Five hundred spheres in a bar as long as it is wide: the middle is far stiffer than the ends.
     let out = arlequin(&[
         "calibrate",
         "--cylinder",
@@ -144,10 +144,13 @@ fn an_axial_wave_is_refused() {
         "--json",
     ]);
     assert_eq!(out.status.code(), Some(1));
-    let found: Value = serde_json::from_slice(&out.stdout).unwrap();
-    let why = found.pointer("/refused").and_then(Value::as_str).unwrap();
-    assert!(why.contains("the packing has an axial density wave"), "{why}");
-    assert!(number(&found, "/young_gauge/mean") / number(&found, "/young/mean") > 1.03);
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let reason = report.pointer("/refused").and_then(Value::as_str).unwrap();
+    assert!(
+        reason.contains("the packing has an axial density wave"),
+        "{reason}"
+    );
+    assert!(number(&report, "/young_gauge/mean") / number(&report, "/young/mean") > 1.03);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Effects from scenes: breakage in an overlap, the ledger, the comparison, dampings of solids.
+//! Effects in scenes: breakage in an overlap, the ledger, the comparison, damping of solids.
 
 use crate::common::{number, scene, scratch, succeed, summary, text};
 use std::path::Path;
@@ -52,12 +52,12 @@ where = "x-max"
 component = "x"
 "#;
 
-fn run(folder: &Path, scene: &str, more: &[&str]) -> serde_json::Value {
+fn run(folder: &Path, scene: &str, extra: &[&str]) -> serde_json::Value {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
     let out = folder.join("out");
     let mut arguments = vec!["run", text(&path), "--out", text(&out), "--force"];
-    arguments.extend(more);
+    arguments.extend(extra);
     succeed(&arguments);
     summary(&out)
 }
@@ -68,10 +68,10 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
     table.lines().skip(1).map(line).collect()
 }
 
-/// Hard cases of one run: bonds break inside the overlap until particles have none left, bonds break on its
-/// border, and fragments fly off. Outcome: the constraint holds, the balance closes, no effect creates
-/// energy. Particles that lost all bonds in the overlap stay tied by the multipliers with their reference
-/// weight.
+/// Breakage in an overlap keeps the energy balance. Three hard cases in one run: bonds break inside the
+/// overlap until particles have none left, bonds break on its border, and fragments fly off. The constraint
+/// holds, the balance closes and no effect creates energy. Particles without bonds in the overlap stay tied
+/// by multipliers with their reference weight.
 #[test]
 fn breakage_in_and_on_the_border_of_an_overlap_keeps_the_balance() {
     let folder = scratch("effects-overlap");
@@ -82,7 +82,7 @@ fn breakage_in_and_on_the_border_of_an_overlap_keeps_the_balance() {
     assert!(breaks.len() > 100, "{} broke", breaks.len());
     assert!(breaks.iter().all(|b| b[0] > 0.0 && b[5] > 0.0));
     let ledger = s["effect_ledger"].as_array().expect("ledger");
-    // Fracture, contact, and the absorber that comes with bonds that break.
+    // Fracture, contact, and the absorber that an overlap with breakable bonds gets.
     assert_eq!(ledger.len(), 3);
     let start = number(&s, "/energy/initial");
     for e in ledger {
@@ -112,11 +112,11 @@ fn the_same_bits_for_any_number_of_threads() {
 #[test]
 fn a_run_without_contact_or_finite_rotations_says_what_it_misses() {
     let folder = scratch("effects-watch");
-    let more = ["--set", "effect.1.enabled=false", "--set", "time.end=20e-6"];
+    let settings = ["--set", "effect.1.enabled=false", "--set", "time.end=20e-6"];
     let scene = LAYERED
         .replace("[-60.0, 10000.0]", "[60.0, -10000.0]")
         .replace("1e6, weibull", "1e5, weibull");
-    let s = run(&folder, &scene, &more);
+    let s = run(&folder, &scene, &settings);
     let warnings = s["warnings"].to_string();
     assert!(
         warnings.contains("unbonded particles overlap") && warnings.contains("switch contact on"),
@@ -133,9 +133,9 @@ fn the_comparison_names_change_cost_and_what_is_missing() {
     let json = succeed(&["effects", text(&path), "--json", "--repeat", "2"]);
     let c: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!(c["repeat"], 2);
-    let none = crate::common::arlequin(&["effects", text(&path), "--repeat", "0"]);
-    let said = String::from_utf8_lossy(&none.stderr).into_owned();
-    assert!(said.contains("--repeat"), "{said}");
+    let zero_repeats = crate::common::arlequin(&["effects", text(&path), "--repeat", "0"]);
+    let stderr = String::from_utf8_lossy(&zero_repeats.stderr).into_owned();
+    assert!(stderr.contains("--repeat"), "{stderr}");
     let effects = c["effects"].as_array().expect("effects");
     assert_eq!(effects.len(), 2);
     assert_eq!(effects[0]["effect"], "effect[0].fracture");
@@ -192,16 +192,16 @@ fn prestress_makes_the_initial_shape_an_equilibrium() {
     assert!(free > 1e-3 && held < 1e-12, "{free} {held}");
 }
 
-/// A crack that runs into the overlap is said with time and place, stands in the summary, and ends the run
-/// where wanted.
+/// A crack that reaches the overlap is warned of at once with time and place, stands in the summary, and ends
+/// the run if the scene asks for it.
 #[test]
 fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     let folder = scratch("effects-into-overlap");
     let path = folder.join("scene.toml");
     std::fs::write(&path, LAYERED).expect("scene");
-    let run = |name: &str, more: &[&str]| {
+    let run = |name: &str, extra: &[&str]| {
         let out = folder.join(name);
-        succeed(&[&["run", text(&path), "--out", text(&out)], more].concat());
+        succeed(&[&["run", text(&path), "--out", text(&out)], extra].concat());
         summary(&out)
     };
     let whole = run("whole", &[]);
@@ -209,35 +209,35 @@ fn a_crack_into_the_overlap_is_said_at_once_and_can_end_the_run_there() {
     let time = number(&whole, "/into_overlap/0/time");
     let x = number(&whole, "/into_overlap/0/place/0");
     assert!((3.6e-3..6.4e-3).contains(&x), "{x}");
-    let said = |s: &serde_json::Value| {
+    let crack_warnings = |s: &serde_json::Value| {
         let warnings = s["warnings"].as_array().expect("warnings").clone();
-        let of = |w: &&serde_json::Value| {
+        let is_crack_warning = |w: &&serde_json::Value| {
             w.as_str()
                 .is_some_and(|w| w.contains("a crack ran into an overlap at t"))
         };
-        warnings.iter().filter(of).count()
+        warnings.iter().filter(is_crack_warning).count()
     };
-    assert_eq!(said(&whole), 1);
+    assert_eq!(crack_warnings(&whole), 1);
     let key = "effect.0.fracture.stop_at_overlap=true";
     let ended = run("ended", &["--set", key]);
     assert_eq!(ended["status"], "stopped-at-overlap");
-    // Particles break in their own steps; the run ends with the step of the run in which they did.
+    // Particles break in their own steps; the run ends with the macro step that contains the break.
     let later = (number(&ended, "/time") - time) / number(&ended, "/dt");
     assert!((-1e-9..1.0).contains(&later), "{later} steps later");
-    assert!(folder.join("ended/fracture-grains.csv").exists() && said(&ended) == 1);
-    // Such a run can go on.
+    assert!(folder.join("ended/fracture-grains.csv").exists() && crack_warnings(&ended) == 1);
+    // A run that ended this way can be resumed.
     assert!(folder.join("ended/checkpoint.bin").exists());
 }
 
-/// Where breakage in the overlap cannot be right, the set-up says so; with the defaults it has nothing to
-/// say.
+/// Settings with which breakage in the overlap cannot be right are warned of by `check`; the default settings
+/// are not.
 #[test]
 fn an_overlap_in_which_breakage_cannot_be_right_is_warned_of_before_the_run() {
     let folder = scratch("effects-warned");
     let path = folder.join("scene.toml");
     std::fs::write(&path, LAYERED).expect("scene");
-    let warned = |more: &[&str], word: &str| {
-        let report = succeed(&[&["check", text(&path), "--json"], more].concat());
+    let warned = |extra: &[&str], word: &str| {
+        let report = succeed(&[&["check", text(&path), "--json"], extra].concat());
         let plan: serde_json::Value = serde_json::from_str(&report).expect("JSON");
         let warnings = plan["warnings"].as_array().expect("warnings").clone();
         warnings
@@ -261,7 +261,7 @@ fn an_overlap_in_which_breakage_cannot_be_right_is_warned_of_before_the_run() {
     }
 }
 
-/// The three scenes of `docs/effects.md`, shortened.
+/// The three scenes of `docs/effects.md`, shortened, close their energy balance.
 #[test]
 fn shipped_scenes_with_breakage_close_their_balance() {
     for (name, end) in [

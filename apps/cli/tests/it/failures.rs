@@ -1,11 +1,11 @@
-//! Runs that fail after their first step keep what they have.
+//! A run that fails after its first step keeps its results up to the failure.
 #![cfg(unix)]
 
 use crate::common::{SMALL, arlequin, command, number, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-/// A pull that is sound at first and then leaves all numbers behind.
+/// A scene whose load is moderate until t = 30 and then overflows all numbers.
 fn overloaded(folder: &Path) -> PathBuf {
     let path = folder.join("scene.toml");
     let pull = "force = [1e305, 0.0, 0.0]\ntime.table = [[0.0, 0.0], [30.0, 0.0], [30.001, 1.0]]";
@@ -18,7 +18,7 @@ fn overloaded(folder: &Path) -> PathBuf {
     path
 }
 
-fn said(out: &Output) -> String {
+fn stderr_of(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr)
         .replace(['\n', '│'], " ")
         .split_whitespace()
@@ -35,7 +35,7 @@ fn names(folder: &Path) -> Vec<String> {
     out
 }
 
-/// Rows of a table, without its head.
+/// Number of rows of a table without its head.
 fn rows(table: &Path) -> usize {
     std::fs::read_to_string(table).expect("table").lines().count() - 1
 }
@@ -46,7 +46,7 @@ fn a_run_that_diverges_keeps_everything_up_to_then() {
     let scene = overloaded(&folder);
     let out = folder.join("out");
     let run = arlequin(&["run", text(&scene), "--out", text(&out)]);
-    let words = said(&run);
+    let words = stderr_of(&run);
     assert_eq!(run.status.code(), Some(1), "{words}");
     assert!(
         words.contains("no longer finite") && !words.contains("NaN"),
@@ -65,7 +65,7 @@ fn a_run_that_diverges_keeps_everything_up_to_then() {
             .is_some_and(|e| e.contains("no longer finite")),
         "{s}"
     );
-    // Sound until t = 30.
+    // The load is moderate until t = 30.
     assert!(steps > 20 && steps < 400, "{steps}");
     assert!(rows(&out.join("probes.csv")) + 1 >= steps, "{steps}");
     assert!(rows(&out.join("energy.csv")) >= steps / 10 - 1);
@@ -96,7 +96,7 @@ fn a_run_that_fails_does_not_replace_earlier_results() {
     }
 }
 
-/// A shell in which files end at so many blocks of 512 bytes, as a full disk would have it.
+/// Runs the program in a shell that limits files to `blocks` blocks of 512 bytes, as on a full disk.
 fn limited(blocks: u32, arguments: &[&str]) -> Output {
     let program = command(arguments);
     let mut shell = std::process::Command::new("sh");
@@ -116,7 +116,7 @@ fn a_full_disk_keeps_everything_that_fits() {
     let scene = folder.join("scene.toml");
     std::fs::write(&scene, SMALL).expect("scene");
     let out = folder.join("out");
-    // The checkpoint grows with the tables it holds; everything else stays below the limit.
+    // The checkpoint grows with the tables it holds; all other files stay below the limit.
     let sets = [
         "time.steps=2000",
         "output.every=100",
@@ -126,7 +126,7 @@ fn a_full_disk_keeps_everything_that_fits() {
     let sets: Vec<&str> = sets.into_iter().flat_map(|s| ["--set", s]).collect();
     let arguments = [&["run", text(&scene), "--out", text(&out)], &sets[..]].concat();
     let run = limited(72, &arguments);
-    let words = said(&run);
+    let words = stderr_of(&run);
     assert_eq!(run.status.code(), Some(1), "{words}");
     assert!(
         words.contains("cannot write") && words.contains("steps before are kept in"),
@@ -137,10 +137,10 @@ fn a_full_disk_keeps_everything_that_fits() {
     let steps = number(&s, "/steps") as usize;
     assert!((100..1000).contains(&steps), "{steps}");
     assert_eq!(rows(&out.join("probes.csv")), steps + 1);
-    // The first step and every tenth.
+    // Rows of the first step and of every tenth step.
     assert_eq!(rows(&out.join("energy.csv")), steps / 10 + 1);
     assert!(out.join("results.pvd").exists());
-    // With space again it goes on from the last checkpoint that was whole.
+    // Without the limit the run goes on from the last complete checkpoint.
     succeed(&["resume", text(&out)]);
     assert_eq!(summary(&out)["steps"], 2000);
     assert_eq!(summary(&out)["status"], "complete");
@@ -154,7 +154,7 @@ fn where_nothing_fits_no_folder_is_left() {
     std::fs::write(&scene, SMALL).expect("scene");
     let out = folder.join("out");
     let run = limited(4, &["run", text(&scene), "--out", text(&out)]);
-    assert_eq!(run.status.code(), Some(1), "{}", said(&run));
+    assert_eq!(run.status.code(), Some(1), "{}", stderr_of(&run));
     assert_eq!(names(&folder), ["scene.toml"]);
 }
 
@@ -163,7 +163,7 @@ fn threads_are_bounded_by_the_machine() {
     let folder = scratch("threads-bound");
     let scene = folder.join("scene.toml");
     std::fs::write(&scene, SMALL).expect("scene");
-    let most = 4 * std::thread::available_parallelism().expect("cores").get();
+    let limit = 4 * std::thread::available_parallelism().expect("cores").get();
     for (flag, variable) in [
         (Some("100000"), None),
         (None, Some("100000")),
@@ -175,14 +175,15 @@ fn threads_are_bounded_by_the_machine() {
         let mut run = command(&arguments);
         run.envs(variable.map(|v| ("RAYON_NUM_THREADS", v)));
         let run = run.output().expect("runs");
-        let words = said(&run);
+        let words = stderr_of(&run);
         assert!(run.status.success(), "{words}");
-        assert!(words.contains(&format!("= 100000: {most} are used")), "{words}");
-        assert_eq!(summary(&out)["threads"].as_u64(), Some(most as u64));
+        assert!(words.contains(&format!("= 100000: {limit} are used")), "{words}");
+        assert_eq!(summary(&out)["threads"].as_u64(), Some(limit as u64));
     }
 }
 
-/// Four copies would write the same files.
+/// A program without MPI refuses to start as one of several ranks, since four copies would write the same
+/// files.
 #[test]
 #[cfg(not(feature = "mpi"))]
 fn a_program_without_mpi_refuses_to_be_one_of_several_ranks() {
@@ -199,21 +200,24 @@ fn a_program_without_mpi_refuses_to_be_one_of_several_ranks() {
     let first = launched("0", "4");
     assert_eq!(first.status.code(), Some(2));
     assert!(
-        said(&first).contains("ranks = 4: this program was built without MPI"),
+        stderr_of(&first).contains("ranks = 4: this program was built without MPI"),
         "{}",
-        said(&first)
+        stderr_of(&first)
     );
-    let other = launched("3", "4");
-    assert_eq!((other.status.code(), said(&other).as_str()), (Some(2), ""));
+    let last_rank = launched("3", "4");
+    assert_eq!(
+        (last_rank.status.code(), stderr_of(&last_rank).as_str()),
+        (Some(2), "")
+    );
     assert!(!out.exists());
-    // One rank is as good as none.
+    // One rank is accepted.
     assert!(launched("0", "1").status.success());
     let mut odd = command(&["run", text(&path), "--out", text(&out), "--wait", "0"]);
     let odd = odd.output().expect("runs");
     assert_eq!(odd.status.code(), Some(2));
     assert!(
-        said(&odd).contains("--wait = 0: must be above 0"),
+        stderr_of(&odd).contains("--wait = 0: must be above 0"),
         "{}",
-        said(&odd)
+        stderr_of(&odd)
     );
 }

@@ -1,4 +1,4 @@
-//! Particles in bodies from files, and particles from files.
+//! Particles that fill bodies from files, and particles read from files.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use crate::common::{arlequin, number, scratch, succeed, summary, text};
@@ -7,13 +7,13 @@ use std::path::Path;
 
 fn write_scene(folder: &Path, name: &str, body: &str) -> String {
     let path = folder.join(name);
-    let rest = "material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }\n\
+    let material = "material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }\n\
         [time]\nsteps = 4\n[output]\nevery = 4\nplots = false\n";
-    std::fs::write(&path, format!("[model.body]\nkind = \"dem\"\n{body}\n{rest}")).unwrap();
+    std::fs::write(&path, format!("[model.body]\nkind = \"dem\"\n{body}\n{material}")).unwrap();
     text(&path).to_owned()
 }
 
-/// Nodes and corner triangles of a box of edges `a`, outward.
+/// Nodes and outward triangles of a box with edges `a`.
 fn block(a: [f64; 3]) -> (Vec<[f64; 3]>, Vec<[usize; 3]>) {
     let corner = |i: usize| {
         [
@@ -54,7 +54,7 @@ fn stl(nodes: &[[f64; 3]], triangles: &[[usize; 3]]) -> String {
     out + "endsolid block\n"
 }
 
-/// A Gmsh surface mesh; the last two triangles are the physical surface `pulled`.
+/// Text of a Gmsh surface mesh; the last two triangles are the physical surface `pulled`.
 fn msh(nodes: &[[f64; 3]], triangles: &[[usize; 3]]) -> String {
     let mut out = String::from(
         "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n2 7 \"pulled\"\n$EndPhysicalNames\n\
@@ -65,12 +65,12 @@ fn msh(nodes: &[[f64; 3]], triangles: &[[usize; 3]]) -> String {
     for n in nodes {
         writeln!(out, "{:e} {:e} {:e}", n[0], n[1], n[2]).unwrap();
     }
-    let rest = triangles.len() - 2;
+    let second_count = triangles.len() - 2;
     writeln!(out, "$EndNodes\n$Elements\n2 {0} 1 {0}", triangles.len()).unwrap();
     for (k, t) in triangles.iter().enumerate() {
         if k == 0 {
-            writeln!(out, "2 1 2 {rest}").unwrap();
-        } else if k == rest {
+            writeln!(out, "2 1 2 {second_count}").unwrap();
+        } else if k == second_count {
             writeln!(out, "2 2 2 2").unwrap();
         }
         writeln!(out, "{} {} {} {}", k + 1, t[0] + 1, t[1] + 1, t[2] + 1).unwrap();
@@ -89,7 +89,7 @@ fn surfaces_in_files_are_filled() {
         let scene = write_scene(&folder, "scene.toml", &format!("shape.file = \"{file}\"\n{dem}"));
         succeed(&["check", &scene, "--json"]);
     }
-    // The physical surface of the mesh holds and is pulled.
+    // The physical surface of the mesh is first held and then pulled.
     let held = "[[support]]\nmodel = \"body\"\nwhere = \"pulled\"\n";
     let scene = write_scene(
         &folder,
@@ -131,11 +131,11 @@ fn a_written_frame_is_read_back() {
     let twin = folder.join("second");
     succeed(&["run", &second, "--out", text(&twin)]);
     assert!((nodes(&out) - nodes(&twin)).abs() < 0.5);
-    // z counts the retained spheres now, so a few bonds fewer: nearly the same body.
+    // z counts only the retained spheres here, so a few bonds are missing: nearly the same body.
     assert!((step(&twin) / step(&out) - 1.0).abs() < 0.02);
 }
 
-/// Issue 26, D.6: a late frame came back as a body that is whole and at rest.
+/// Issue 26, D.6: a late frame is refused as a packing, because its spheres have moved and bonds are broken.
 #[test]
 fn a_frame_whose_spheres_have_moved_is_refused() {
     let folder = scratch("fillings-late-frame");
@@ -159,19 +159,19 @@ fn a_frame_whose_spheres_have_moved_is_refused() {
     };
     assert!(read("0").status.success());
     let late = read("4");
-    let said = String::from_utf8_lossy(&late.stderr)
+    let stderr = String::from_utf8_lossy(&late.stderr)
         .replace(['\n', '│'], " ")
         .split_whitespace()
         .collect::<Vec<_>>()
         .join(" ");
-    assert_eq!(late.status.code(), Some(2), "{said}");
+    assert_eq!(late.status.code(), Some(2), "{stderr}");
     assert!(
-        said.contains("spheres have moved by up to") && said.contains("bonds are broken"),
-        "{said}"
+        stderr.contains("spheres have moved by up to") && stderr.contains("bonds are broken"),
+        "{stderr}"
     );
     assert!(
-        !said.contains(" 0 bonds are broken") && said.contains("arlequin resume"),
-        "{said}"
+        !stderr.contains(" 0 bonds are broken") && stderr.contains("arlequin resume"),
+        "{stderr}"
     );
 }
 

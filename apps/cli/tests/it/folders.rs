@@ -1,4 +1,4 @@
-//! What `--force` replaces, and what no flag does.
+//! Folders that `--force` replaces, and folders that no flag replaces.
 #![cfg(unix)]
 
 use crate::common::{SMALL, arlequin, command, scratch, succeed, summary, text, wait_for};
@@ -9,7 +9,7 @@ use std::process::Stdio;
 
 const MARK: &str = ".arlequin-results";
 
-/// A small scene in a folder of its own, which is made.
+/// Writes a small scene into a new folder and returns its path.
 fn small(folder: &Path) -> PathBuf {
     std::fs::create_dir_all(folder).expect("folder");
     let path = folder.join("small.toml");
@@ -22,7 +22,7 @@ fn put(path: &Path, text: &str) {
     std::fs::write(path, text).expect("file");
 }
 
-/// Everything below a folder with its content; links by where they lead.
+/// Returns every file below a folder with its content; the content of a link is its target.
 fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut out = BTreeMap::new();
     for entry in std::fs::read_dir(folder).expect("folder") {
@@ -32,8 +32,8 @@ fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             out.extend(tree(&path));
             out.insert(path, Vec::new());
         } else if kind.is_symlink() {
-            let to = std::fs::read_link(&path).expect("link");
-            out.insert(path, text(&to).as_bytes().to_vec());
+            let target = std::fs::read_link(&path).expect("link");
+            out.insert(path, text(&target).as_bytes().to_vec());
         } else {
             let bytes = std::fs::read(&path).expect("file");
             out.insert(path, bytes);
@@ -42,62 +42,66 @@ fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     out
 }
 
-/// Runs with `--force` in a folder; must be refused with these words and change nothing below `all`.
-fn refused(all: &Path, here: &Path, scene: &str, out: &str, words: &str) {
-    let before = tree(all);
+/// Runs with `--force` from the folder `directory`: asserts that the run is refused with `words` and that
+/// nothing below `root` changes.
+fn refused(root: &Path, directory: &Path, scene: &str, out: &str, words: &str) {
+    let before = tree(root);
     let run = command(&["run", scene, "--out", out, "--force"])
-        .current_dir(here)
-        .env("HOME", all.join("home"))
+        .current_dir(directory)
+        .env("HOME", root.join("home"))
         .output()
         .expect("runs");
-    let said = String::from_utf8_lossy(&run.stderr)
+    let stderr = String::from_utf8_lossy(&run.stderr)
         .replace(['\n', '│'], " ")
         .split_whitespace()
         .collect::<Vec<_>>()
         .join(" ");
-    assert_eq!(run.status.code(), Some(2), "--out {out}: {said}");
-    assert!(said.contains(words), "--out {out} should say '{words}': {said}");
-    assert!(tree(all) == before, "--out {out} changed something");
+    assert_eq!(run.status.code(), Some(2), "--out {out}: {stderr}");
+    assert!(
+        stderr.contains(words),
+        "--out {out} should say '{words}': {stderr}"
+    );
+    assert!(tree(root) == before, "--out {out} changed something");
 }
 
 #[test]
 fn force_never_replaces_what_no_run_wrote() {
-    let all = scratch("force-foreign");
-    let scene = small(&all.join("scenes"));
+    let root = scratch("force-foreign");
+    let scene = small(&root.join("scenes"));
     let scene = text(&scene);
-    // A folder of unrelated files, one that merely looks like results, a scene's own folder, a parent of it.
-    put(&all.join("thesis/chapter.txt"), "a year of work");
-    put(&all.join("looks/summary.json"), "{}");
-    put(&all.join("looks/vtu/left_00000000.vtu"), "someone else's");
-    std::fs::create_dir_all(all.join("home")).expect("home");
-    let go = |out: &str, words: &str| refused(&all, &all, scene, out, words);
+    // An unrelated folder, one that only looks like results, the folder of the scene, and a parent of it.
+    put(&root.join("thesis/chapter.txt"), "a year of work");
+    put(&root.join("looks/summary.json"), "{}");
+    put(&root.join("looks/vtu/left_00000000.vtu"), "someone else's");
+    std::fs::create_dir_all(root.join("home")).expect("home");
+    let assert_refused = |out: &str, words: &str| refused(&root, &root, scene, out, words);
     let unmarked = "does not bear the mark of results";
-    go("thesis", unmarked);
-    go("./looks/../thesis", unmarked);
-    go("looks", unmarked);
-    go("scenes", "is or holds");
-    go(text(&all), "is or holds");
-    go("home", "is or holds");
-    go("scenes/..", "must name a folder to create");
-    go("/", "must name a folder to create");
-    go(".", "must name a folder to create");
-    symlink(all.join("thesis"), all.join("link")).expect("link");
-    go("link", "is a symbolic link");
-    symlink(all.join("scenes"), all.join("also")).expect("link");
-    refused(&all, &all, "also/small.toml", "scenes", "is or holds");
-    // The working folder, by a path that does not end in a dot.
-    let here = all.join("thesis");
-    refused(&all, &here, scene, "../thesis", "is or holds");
+    assert_refused("thesis", unmarked);
+    assert_refused("./looks/../thesis", unmarked);
+    assert_refused("looks", unmarked);
+    assert_refused("scenes", "is or holds");
+    assert_refused(text(&root), "is or holds");
+    assert_refused("home", "is or holds");
+    assert_refused("scenes/..", "must name a folder to create");
+    assert_refused("/", "must name a folder to create");
+    assert_refused(".", "must name a folder to create");
+    symlink(root.join("thesis"), root.join("link")).expect("link");
+    assert_refused("link", "is a symbolic link");
+    symlink(root.join("scenes"), root.join("also")).expect("link");
+    refused(&root, &root, "also/small.toml", "scenes", "is or holds");
+    // The working folder, given by a path that does not end in a dot.
+    let directory = root.join("thesis");
+    refused(&root, &directory, scene, "../thesis", "is or holds");
 }
 
 #[test]
 fn force_never_replaces_results_that_hold_something_else() {
-    let all = scratch("force-mixed");
-    let scene = small(&all.join("scenes"));
-    succeed(&["run", text(&scene), "--out", text(&all.join("out"))]);
-    let out = all.join("out");
-    std::fs::create_dir_all(all.join("home")).expect("home");
-    let go = |words: &str| refused(&all, &all, text(&scene), "out", words);
+    let root = scratch("force-mixed");
+    let scene = small(&root.join("scenes"));
+    succeed(&["run", text(&scene), "--out", text(&root.join("out"))]);
+    let out = root.join("out");
+    std::fs::create_dir_all(root.join("home")).expect("home");
+    let assert_refused = |words: &str| refused(&root, &root, text(&scene), "out", words);
     for name in [
         "notes.txt",
         "vtu/mine_00000000.vtu",
@@ -106,7 +110,7 @@ fn force_never_replaces_results_that_hold_something_else() {
         "deep/er/still.csv",
     ] {
         put(&out.join(name), "mine");
-        go(&format!("holds '{}", &name[..4]));
+        assert_refused(&format!("holds '{}", &name[..4]));
         let top = out.join(name.split('/').next().expect("name"));
         if name.starts_with("deep") {
             std::fs::remove_dir_all(top).expect("removed");
@@ -115,10 +119,10 @@ fn force_never_replaces_results_that_hold_something_else() {
         }
     }
     std::fs::create_dir(out.join("empty")).expect("folder");
-    go("holds 'empty'");
+    assert_refused("holds 'empty'");
     std::fs::remove_dir(out.join("empty")).expect("removed");
     symlink(&scene, out.join("vtu/link_00000000.vtu")).expect("link");
-    go("holds 'vtu/link_00000000.vtu'");
+    assert_refused("holds 'vtu/link_00000000.vtu'");
     std::fs::remove_file(out.join("vtu/link_00000000.vtu")).expect("removed");
     // A file of the run that was edited since belongs to the user.
     let table = std::fs::read_to_string(out.join("probes.csv")).expect("table");
@@ -126,31 +130,31 @@ fn force_never_replaces_results_that_hold_something_else() {
         &out.join("probes.csv"),
         &format!("{table}# outlier, see page 7\n"),
     );
-    go("holds 'probes.csv'");
-    // Another digit in place of the last one: the length is the same.
+    assert_refused("holds 'probes.csv'");
+    // Another last digit: the length stays the same.
     let mut digit = table.trim_end().to_owned();
     let last = digit.pop().expect("a table");
     digit.push(if last == '7' { '8' } else { '7' });
     digit.push_str(&table[digit.len()..]);
     assert_eq!(digit.len(), table.len());
     put(&out.join("probes.csv"), &digit);
-    go("holds 'probes.csv'");
+    assert_refused("holds 'probes.csv'");
     put(&out.join("probes.csv"), &table);
-    // An input that lies among results.
+    // An input file that lies among the results.
     let inside = out.join("small.toml");
     std::fs::copy(&scene, &inside).expect("copy");
-    refused(&all, &all, text(&inside), "out", "is or holds");
+    refused(&root, &root, text(&inside), "out", "is or holds");
     std::fs::remove_file(&inside).expect("removed");
-    // A mark that was lost.
-    std::fs::rename(out.join(MARK), all.join("mark")).expect("renamed");
-    go("does not bear the mark");
-    std::fs::rename(all.join("mark"), out.join(MARK)).expect("renamed");
+    // The mark of the results is missing.
+    std::fs::rename(out.join(MARK), root.join("mark")).expect("renamed");
+    assert_refused("does not bear the mark");
+    std::fs::rename(root.join("mark"), out.join(MARK)).expect("renamed");
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
 }
 
 #[test]
 fn force_never_replaces_spheres_read_from_earlier_results() {
-    let all = scratch("force-inputs");
+    let root = scratch("force-inputs");
     let spheres = "\
 [model.grains]
 kind = \"dem\"
@@ -160,30 +164,30 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 [time]
 steps = 2
 ";
-    let scene = all.join("first.toml");
+    let scene = root.join("first.toml");
     put(&scene, spheres);
-    let out = all.join("out");
+    let out = root.join("out");
     succeed(&["run", text(&scene), "--out", text(&out)]);
     let second = spheres.replace(
         "count = 120, protocol = \"quench\"",
         "file = \"out/vtu/grains_00000000.vtu\", radii = \"radius [m]\"",
     );
-    put(&all.join("second.toml"), &second);
-    std::fs::create_dir_all(all.join("home")).expect("home");
-    refused(&all, &all, "second.toml", "out", "is or holds");
+    put(&root.join("second.toml"), &second);
+    std::fs::create_dir_all(root.join("home")).expect("home");
+    refused(&root, &root, "second.toml", "out", "is or holds");
     succeed(&[
         "run",
-        text(&all.join("second.toml")),
+        text(&root.join("second.toml")),
         "--out",
-        text(&all.join("other")),
+        text(&root.join("other")),
     ]);
 }
 
 #[test]
 fn earlier_results_stay_until_there_are_new_ones() {
-    let all = scratch("force-order");
-    let scene = small(&all);
-    let out = all.join("out");
+    let root = scratch("force-order");
+    let scene = small(&root);
+    let out = root.join("out");
     succeed(&["run", text(&scene), "--out", text(&out)]);
     let first = tree(&out);
     let force = |sets: &[&str]| {
@@ -191,12 +195,12 @@ fn earlier_results_stay_until_there_are_new_ones() {
         let sets: Vec<&str> = sets.iter().flat_map(|s| ["--set", s]).collect();
         arlequin(&[&fixed[..], &sets].concat())
     };
-    // It fails while it is set up.
+    // The new run fails during its set-up.
     assert_eq!(force(&["model.left.spacing=-1"]).status.code(), Some(2));
     assert_eq!(force(&["time.step={seconds=9.0}"]).status.code(), Some(2));
     assert!(tree(&out) == first);
-    assert_eq!(std::fs::read_dir(&all).expect("folder").count(), 2);
-    // It is killed on its way.
+    assert_eq!(std::fs::read_dir(&root).expect("folder").count(), 2);
+    // The new run is killed.
     let mut child = command(&[
         "run",
         text(&scene),
@@ -210,24 +214,25 @@ fn earlier_results_stay_until_there_are_new_ones() {
     .stderr(Stdio::null())
     .spawn()
     .expect("starts");
-    let left = all.join("out.unfinished/vtu/left_00000000.vtu");
-    wait_for(&left);
-    // Meanwhile nobody else writes there.
+    let vtu_file = root.join("out.unfinished/vtu/left_00000000.vtu");
+    wait_for(&vtu_file);
+    // Meanwhile no second run may write there.
     let second = force(&[]);
-    let said = String::from_utf8_lossy(&second.stderr);
-    assert!(said.contains("another run is writing to"), "{said}");
+    let stderr = String::from_utf8_lossy(&second.stderr);
+    assert!(stderr.contains("another run is writing to"), "{stderr}");
     child.kill().expect("kill");
     child.wait().expect("ends");
     assert!(tree(&out) == first);
-    // What it left is known by its name, and the next run clears it away, unless something else is in it.
-    put(&all.join("out.unfinished/thoughts.txt"), "mine");
+    // The next run recognises the unfinished folder by its name and removes it, unless it holds foreign
+    // files.
+    put(&root.join("out.unfinished/thoughts.txt"), "mine");
     let third = force(&[]);
     assert_eq!(third.status.code(), Some(2));
-    assert!(all.join("out.unfinished/thoughts.txt").exists() && tree(&out) == first);
-    std::fs::remove_file(all.join("out.unfinished/thoughts.txt")).expect("removed");
+    assert!(root.join("out.unfinished/thoughts.txt").exists() && tree(&out) == first);
+    std::fs::remove_file(root.join("out.unfinished/thoughts.txt")).expect("removed");
     assert!(force(&["time.steps=7"]).status.success());
     assert_eq!(summary(&out)["steps"], 7);
-    let mut names: Vec<_> = std::fs::read_dir(&all)
+    let mut names: Vec<_> = std::fs::read_dir(&root)
         .expect("folder")
         .map(|e| e.expect("entry").file_name())
         .collect();
@@ -237,27 +242,27 @@ fn earlier_results_stay_until_there_are_new_ones() {
 
 #[test]
 fn killed_between_two_renames_nothing_is_lost() {
-    let all = scratch("force-renames");
-    let scene = small(&all);
-    let out = all.join("out");
+    let root = scratch("force-renames");
+    let scene = small(&root);
+    let out = root.join("out");
     let run = ["run", text(&scene), "--out", text(&out)];
     succeed(&run);
-    // The earlier results were out of the way already, the new ones not yet there.
-    std::fs::rename(&out, all.join("out.replaced")).expect("renamed");
-    let said = arlequin(&run);
-    assert_eq!(said.status.code(), Some(2));
-    assert!(out.join("summary.json").exists() && !all.join("out.replaced").exists());
-    // New results were whole, and not yet in their place.
-    std::fs::rename(&out, all.join("out.unfinished")).expect("renamed");
+    // The earlier results were already moved away, the new ones not yet in place.
+    std::fs::rename(&out, root.join("out.replaced")).expect("renamed");
+    let outcome = arlequin(&run);
+    assert_eq!(outcome.status.code(), Some(2));
+    assert!(out.join("summary.json").exists() && !root.join("out.replaced").exists());
+    // The new results were complete, but not yet in place.
+    std::fs::rename(&out, root.join("out.unfinished")).expect("renamed");
     assert_eq!(arlequin(&run).status.code(), Some(2));
-    assert!(out.join("summary.json").exists() && !all.join("out.unfinished").exists());
+    assert!(out.join("summary.json").exists() && !root.join("out.unfinished").exists());
 }
 
 #[test]
 fn what_could_be_resumed_stays_until_a_forced_run_has_ended() {
-    let all = scratch("force-resumable");
-    let scene = small(&all);
-    let out = all.join("out");
+    let root = scratch("force-resumable");
+    let scene = small(&root);
+    let out = root.join("out");
     let mut child = command(&[
         "run",
         text(&scene),
@@ -272,51 +277,51 @@ fn what_could_be_resumed_stays_until_a_forced_run_has_ended() {
     .stderr(Stdio::null())
     .spawn()
     .expect("starts");
-    let checkpoint = all.join("out.unfinished/checkpoint.bin");
+    let checkpoint = root.join("out.unfinished/checkpoint.bin");
     wait_for(&checkpoint);
     child.kill().expect("kill");
     child.wait().expect("ends");
     let force = |set: &str| arlequin(&["run", text(&scene), "--out", text(&out), "--force", "--set", set]);
     assert_eq!(force("model.left.spacing=-1").status.code(), Some(2));
     assert!(checkpoint.exists());
-    // Fails in its first step: what was put aside comes back.
+    // The forced run fails in its first step: the folder that was put aside is restored.
     assert!(force("time.steps=4").status.success());
-    assert!(!checkpoint.exists() && !all.join("out.unfinished.replaced").exists());
+    assert!(!checkpoint.exists() && !root.join("out.unfinished.replaced").exists());
     assert_eq!(summary(&out)["steps"], 4);
 }
 
 #[test]
 fn sweeps_and_verify_write_into_folders_of_their_own_only() {
-    let all = scratch("force-sweep");
-    let scene = small(&all);
-    put(&all.join("mine/report.html"), "<p>mine</p>");
-    put(&all.join("mine/verify.json"), "[]");
-    put(&all.join("docs/validation.md"), "# My own page\n");
+    let root = scratch("force-sweep");
+    let scene = small(&root);
+    put(&root.join("mine/report.html"), "<p>mine</p>");
+    put(&root.join("mine/verify.json"), "[]");
+    put(&root.join("docs/validation.md"), "# My own page\n");
     let sweep = "scene = \"small.toml\"\n[axis.n]\nvalues = [3]\nset = [\"time.steps={}\"]\n";
-    put(&all.join("sweep.toml"), sweep);
-    let before = tree(&all);
-    let mine = all.join("mine");
+    put(&root.join("sweep.toml"), sweep);
+    let before = tree(&root);
+    let foreign = root.join("mine");
     let refused = |arguments: &[&str], words: &str| {
         let out = arlequin(arguments);
-        let said = String::from_utf8_lossy(&out.stderr).replace('\n', " ");
-        assert_eq!(out.status.code(), Some(2), "{said}");
-        assert!(said.contains(words), "{said}");
+        let stderr = String::from_utf8_lossy(&out.stderr).replace('\n', " ");
+        assert_eq!(out.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains(words), "{stderr}");
     };
     refused(
-        &["verify", "bauman", "--out", text(&mine)],
+        &["verify", "bauman", "--out", text(&foreign)],
         "does not bear the mark",
     );
     refused(
-        &["verify", "bauman", "--docs", text(&all.join("docs"))],
+        &["verify", "bauman", "--docs", text(&root.join("docs"))],
         "does not begin with '# Validation'",
     );
     refused(
-        &["sweep", text(&all.join("sweep.toml")), "--out", text(&mine)],
+        &["sweep", text(&root.join("sweep.toml")), "--out", text(&foreign)],
         "mark",
     );
     refused(
-        &["sweep", text(&all.join("sweep.toml")), "--out", text(&all)],
+        &["sweep", text(&root.join("sweep.toml")), "--out", text(&root)],
         "mark",
     );
-    assert!(tree(&all) == before && scene.exists());
+    assert!(tree(&root) == before && scene.exists());
 }

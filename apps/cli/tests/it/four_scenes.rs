@@ -1,5 +1,4 @@
-//! The section "Four scenes" of docs/effects.md says what these scenes do: its figures are measured again
-//! here.
+//! Measures again the figures that the section "Four scenes" of docs/effects.md states.
 
 use crate::common::{number, scene, scratch, succeed, summary, text};
 use serde_json::Value;
@@ -11,15 +10,15 @@ fn run(name: &str, out: &Path, sets: &[&str]) -> (PathBuf, Value) {
     let scene = scene(&format!("{name}.toml"));
     let folder = out.join(format!("{name}-{}", sets.len()));
     succeed(&[&arguments[..], &[text(&scene), "--out", text(&folder)]].concat());
-    let found = summary(&folder);
-    (folder, found)
+    let results = summary(&folder);
+    (folder, results)
 }
 
-/// The page as one line of words.
+/// Returns the page with all white space reduced to single blanks.
 fn page() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/effects.md");
-    let all = std::fs::read_to_string(path).expect("the page");
-    let from = all.split("## Four scenes").nth(1).expect("the section");
+    let page_text = std::fs::read_to_string(path).expect("the page");
+    let from = page_text.split("## Four scenes").nth(1).expect("the section");
     from.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
@@ -27,10 +26,10 @@ fn says(page: &str, words: &str) {
     assert!(page.contains(words), "docs/effects.md should say '{words}'");
 }
 
-/// Columns of a table whose heads contain a word.
+/// Returns the first column of a table whose head contains a word.
 fn column(folder: &Path, table: &str, head: &str) -> Vec<f64> {
-    let all = std::fs::read_to_string(folder.join(table)).expect("a table");
-    let mut lines = all.lines();
+    let table_text = std::fs::read_to_string(folder.join(table)).expect("a table");
+    let mut lines = table_text.lines();
     let heads = lines.next().expect("heads").split(',');
     let k = heads.clone().position(|h| h.contains(head)).expect(head);
     let cell = |l: &str| l.split(',').nth(k).and_then(|c| c.parse().ok());
@@ -41,13 +40,13 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |m, v| v.abs().max(m))
 }
 
-/// A figure of an effect of a model, or of two.
+/// Returns a figure of an effect on one model or between two.
 fn fact(s: &Value, name: &str, key: &str) -> f64 {
-    let all = s["effect_ledger"].as_array().expect("effects");
-    let of = all.iter().find(|e| e["name"] == name);
-    let of = of.unwrap_or_else(|| panic!("no {name}"));
-    let found = of["facts"][key].as_f64().or_else(|| of[key].as_f64());
-    found.unwrap_or_else(|| panic!("no {key} of {name}"))
+    let effects = s["effect_ledger"].as_array().expect("effects");
+    let effect = effects.iter().find(|e| e["name"] == name);
+    let effect = effect.unwrap_or_else(|| panic!("no {name}"));
+    let value = effect["facts"][key].as_f64().or_else(|| effect[key].as_f64());
+    value.unwrap_or_else(|| panic!("no {key} of {name}"))
 }
 
 fn drift(s: &Value) -> f64 {
@@ -78,12 +77,15 @@ fn ball_on_silica() {
     let (folder, s) = run("ball-impact", &out, &[]);
     let inside = column(&folder, "fracture-grains.csv", "in an overlap");
     let times = column(&folder, "fracture-grains.csv", "time");
-    let there = times.iter().zip(&inside).filter(|(_, i)| **i > 0.0);
-    let first = there.clone().map(|(t, _)| *t).fold(f64::INFINITY, f64::min);
+    let times_inside = times.iter().zip(&inside).filter(|(_, i)| **i > 0.0);
+    let first = times_inside
+        .clone()
+        .map(|(t, _)| *t)
+        .fold(f64::INFINITY, f64::min);
     let words = format!(
         "{} bonds break, {} of them in the overlap, the first of these after {:.2} microseconds",
         times.len(),
-        there.count(),
+        times_inside.count(),
         1e6 * first
     );
     says(&page(), &words);

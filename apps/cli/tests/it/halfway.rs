@@ -1,13 +1,11 @@
-//! Runs that are killed half way and go on: what is told at the end is told of the whole run; what changed
-//! is noticed.
+//! Runs that are killed half way and resumed: the report covers the whole run, and changed input is noticed.
 
 use crate::common::{SMALL, WAKING, arlequin, changed, number, succeed, summary, text, written};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 
-/// Runs a scene that writes one checkpoint about half way and kills it there; the output folder that can be
-/// resumed.
+/// Runs a scene that writes one checkpoint about half way, kills it there, and returns the folder to resume.
 fn killed_half_way(scene: &Path) -> PathBuf {
     let out = scene.with_file_name("killed");
     let checkpoint = out.with_extension("unfinished").join("checkpoint.bin");
@@ -30,27 +28,27 @@ fn killed_half_way(scene: &Path) -> PathBuf {
     panic!("always done before it could be killed");
 }
 
-/// What a run says at its end, whole and killed half way.
-fn both(scene: &Path) -> [serde_json::Value; 2] {
+/// Returns the summaries of an uninterrupted run and of one that was killed half way and resumed.
+fn whole_and_resumed(scene: &Path) -> [serde_json::Value; 2] {
     let whole = scene.with_file_name("whole");
     succeed(&["run", text(scene), "--out", text(&whole)]);
     let killed = killed_half_way(scene);
     succeed(&["resume", text(&killed)]);
-    let found = [whole, killed].map(|f| summary(&f));
-    assert!(number(&found[1], "/resumed_at_step") > 0.0 && found[0].get("resumed_at_step").is_none());
-    found
+    let summaries = [whole, killed].map(|f| summary(&f));
+    assert!(number(&summaries[1], "/resumed_at_step") > 0.0 && summaries[0].get("resumed_at_step").is_none());
+    summaries
 }
 
-/// Waves that die out: energy and velocity jumps (of a lumped constraint) are largest at the start, which a
-/// run that goes on from half way has not seen.
+/// A resumed run reports the energy and the largest velocity jump of the start, which precede its checkpoint.
+/// The waves die out, and the lumped constraint leaves jumps, so that both are largest at the start.
 #[test]
 fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
     let head = SMALL.split("[[support]]").next().expect("models");
     let head = head.replace("weight =", "lumped = true\nweight =");
-    let rest = "\n[[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [1.0, 0.3] }\n\
+    let motion = "\n[[initial]]\nvelocity.polynomial = { component = \"x\", along = \"x\", coefficients = [1.0, 0.3] }\n\
         [[effect]]\nmass_damping = { rate = 0.002 }\n\
         [time]\nsteps = 20000\n[output]\ncheckpoint_every = 10000\nplots = false\nevery = 20000\n";
-    let [whole, resumed] = both(&written("half-way", &format!("{head}{rest}")));
+    let [whole, resumed] = whole_and_resumed(&written("half-way", &format!("{head}{motion}")));
     for figure in [
         "/energy/initial",
         "/energy/final",
@@ -65,12 +63,13 @@ fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
         );
     }
     assert_eq!(whole["energy"]["ledger"], resumed["energy"]["ledger"]);
-    // It is the start that is remembered.
+    // The figures stem from the start: energy has fallen to less than a hundredth.
     assert!(number(&whole, "/energy/initial") > 100.0 * number(&whole, "/energy/final"));
     assert!(number(&whole, "/interface/0/max_constraint_residual") > 1e-6);
 }
 
-/// A pulse has passed the place that is looked at long before the checkpoint; the zone never wakes.
+/// A run that is resumed while its zone sleeps reports the highest strain, which occurred before the
+/// checkpoint. The zone never wakes.
 #[test]
 fn a_run_resumed_asleep_knows_the_highest_strain_of_before() {
     let scene = changed(
@@ -87,13 +86,13 @@ fn a_run_resumed_asleep_knows_the_highest_strain_of_before() {
             ("[output]", "[output]\ncheckpoint_every = 1500\nevery = 100000"),
         ],
     );
-    let [whole, resumed] = both(&written("half-asleep", &scene));
+    let [whole, resumed] = whole_and_resumed(&written("half-asleep", &scene));
     let peak = number(&whole, "/wake/value");
     assert!((peak / 1e-3 - 1.0).abs() < 0.1, "the pulse passed: {peak}");
     assert_eq!(whole["wake"], resumed["wake"]);
 }
 
-/// One tetrahedron that is held and pulled.
+/// One tetrahedron.
 const MESH: &str = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n\
     $Nodes\n1 4 1 4\n3 1 0 4\n1\n2\n3\n4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n$EndNodes\n\
     $Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 4\n$EndElements\n";
@@ -114,14 +113,14 @@ fn a_file_that_changed_since_the_checkpoint_is_noticed() {
         std::fs::write(&mesh, changed).expect("mesh");
         let out = arlequin(&["resume", text(&killed)]);
         assert_eq!(out.status.code(), Some(2), "{changed}");
-        let said = String::from_utf8_lossy(&out.stderr).replace(['\n', '│'], " ");
-        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        let stderr = String::from_utf8_lossy(&out.stderr).replace(['\n', '│'], " ");
+        let stderr = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(
-            said.contains("body.msh") && said.contains("has changed since the checkpoint was written"),
-            "{said}"
+            stderr.contains("body.msh") && stderr.contains("has changed since the checkpoint was written"),
+            "{stderr}"
         );
     };
-    // As long as before, and a blank more.
+    // A changed node with the same file length, and an added blank.
     refused(&MESH.replace("1 0 0", "2 0 0"));
     refused(&format!("{MESH} "));
     std::fs::write(&mesh, MESH).expect("mesh");

@@ -1,4 +1,4 @@
-//! `arlequin verify --hard`: names, figures and codes of the command.
+//! `arlequin verify --hard`: names, figures and exit codes.
 
 use crate::common::{arlequin, number, succeed};
 
@@ -6,13 +6,13 @@ use crate::common::{arlequin, number, succeed};
 fn one_hard_case_is_run_by_its_name() {
     let name = "a shock of one step";
     let text = succeed(&["verify", "--hard", "--json", name]);
-    let found: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let rows: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(
-        (found[0]["name"].as_str(), found[0]["pass"].as_bool()),
+        (rows[0]["name"].as_str(), rows[0]["pass"].as_bool()),
         (Some(name), Some(true))
     );
-    assert!(number(&found, "/0/our_figures/1/value") < 1e-11, "{found}");
-    assert!(number(&found, "/0/naive_figures/1/value") > 0.01, "{found}");
+    assert!(number(&rows, "/0/our_figures/1/value") < 1e-11, "{rows}");
+    assert!(number(&rows, "/0/naive_figures/1/value") > 0.01, "{rows}");
     let text = succeed(&["verify", "--hard", name]);
     assert!(text.contains("promise: the ledger closes to round-off"), "{text}");
     assert!(text.contains("1 of 1 promises kept"), "{text}");

@@ -1,4 +1,5 @@
-//! Mistyped numbers that ask for more than any machine has: a named error, no abort, no endless run.
+//! Mistyped numbers that ask for more than any machine has give a named error, without an abort or an endless
+//! run.
 
 use crate::common::{arlequin, scene, text};
 

@@ -1,4 +1,4 @@
-//! The library door of scenes against the command line.
+//! The library's results of a scene against those of the command line.
 
 use crate::common::{SMALL, WAKING, scene, scratch, succeed, text};
 use arlequin::core::Coupled;
@@ -6,7 +6,7 @@ use arlequin_scene::suggest::predict_as_given;
 use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Silent, resume};
 use std::ops::ControlFlow;
 
-/// The numbers of a table, as their bits.
+/// Returns the numbers of a table as their bits.
 fn bits(csv: &str) -> Vec<Vec<u64>> {
     let row = |l: &str| {
         l.split(',')
@@ -34,12 +34,12 @@ fn the_library_returns_the_probes_that_the_command_line_writes() {
         .expect("reads")
         .set("time.end", "3e-5")
         .expect("sets");
-    let found = read.prepare().expect("builds").run(&mut Silent).expect("runs");
-    assert_eq!(found.end, End::Complete);
-    assert!(found.folder.is_none() && found.summary().frames == 0);
+    let results = read.prepare().expect("builds").run(&mut Silent).expect("runs");
+    assert_eq!(results.end, End::Complete);
+    assert!(results.folder.is_none() && results.summary().frames == 0);
     for (name, table) in [
-        ("probes.csv", &found.recorded.probes),
-        ("energy.csv", &found.recorded.energy),
+        ("probes.csv", &results.recorded.probes),
+        ("energy.csv", &results.recorded.energy),
     ] {
         let csv = std::fs::read_to_string(out.join(name)).expect(name);
         let header = csv.lines().next().expect("a header");
@@ -53,13 +53,13 @@ fn the_library_returns_the_probes_that_the_command_line_writes() {
         let rows: Vec<Vec<u64>> = (0..table.times.len()).map(row).collect();
         assert_eq!(rows, bits(&csv), "{name}");
     }
-    let (_, values) = found.probe("struck-end").expect("the scene has it");
-    assert_eq!(values.last(), Some(&found.summary().probes["struck-end"].last));
-    let state = found.model("right").expect("a model").state();
+    let (_, values) = results.probe("struck-end").expect("the scene has it");
+    assert_eq!(values.last(), Some(&results.summary().probes["struck-end"].last));
+    let state = results.model("right").expect("a model").state();
     assert!(state.v.iter().any(|v| *v != 0.0));
 }
 
-/// Ends a run after so many steps.
+/// Observer that ends a run after this number of steps.
 struct Until(usize);
 
 impl Observer for Until {
@@ -73,7 +73,7 @@ impl Observer for Until {
     }
 }
 
-/// Ends a run when it has heard of so many steps.
+/// Observer that ends a run when it has been called this number of times.
 struct At(usize);
 
 impl Observer for At {
@@ -101,13 +101,13 @@ fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
         .run_into(folder, &mut Until(20))
         .expect("runs");
     assert_eq!((first.end, first.summary().steps), (End::Interrupted, 20));
-    let rest = resume(&target)
+    let resumed = resume(&target)
         .expect("a checkpoint")
         .run(&mut Silent)
         .expect("runs");
-    assert_eq!((rest.end, rest.summary().steps), (End::Complete, 50));
-    assert_eq!(rest.recorded.probes, whole.recorded.probes);
-    assert_eq!(rest.folder.as_deref(), Some(target.as_path()));
+    assert_eq!((resumed.end, resumed.summary().steps), (End::Complete, 50));
+    assert_eq!(resumed.recorded.probes, whole.recorded.probes);
+    assert_eq!(resumed.folder.as_deref(), Some(target.as_path()));
 }
 
 #[test]
@@ -131,14 +131,15 @@ fn a_run_that_its_observer_ends_goes_on_in_memory() {
     assert_eq!(part.end, End::Complete);
     assert_eq!(part.recorded.probes, whole.recorded.probes);
     assert_eq!(part.recorded.energy, whole.recorded.energy);
-    let told = part.resume().expect_err("all steps are made").to_string();
+    let message = part.resume().expect_err("all steps are made").to_string();
     assert!(
-        told.contains("all steps are made; prepare the scene with a later end"),
-        "{told}"
+        message.contains("all steps are made; prepare the scene with a later end"),
+        "{message}"
     );
 }
 
-/// A model that wakes on the way changes nothing of that, before it does and after.
+/// A run with a model that wakes can be interrupted before or after waking and goes on in memory with the
+/// same results.
 #[test]
 fn a_waking_run_goes_on_in_memory() {
     let scene = Scene::from_text(WAKING).expect("a scene");
@@ -172,15 +173,15 @@ fn changes_add_up_in_their_order() {
     let spec = set.spec();
     assert_eq!(spec.output.energy_every, 7);
     assert_eq!(spec.model["left"].spacing, Some(0.5));
-    let said = [
+    let expected = [
         "output.energy_every=3",
         "model.left.spacing=0.5",
         "output.energy_every=7",
     ];
-    assert_eq!(set.changes(), said);
+    assert_eq!(set.changes(), expected);
 }
 
-/// The overlap that predictions analyse has the profile and the junction of the scene.
+/// A prediction analyses the overlap with the profile and the junction of the scene.
 #[test]
 fn a_prediction_is_of_the_overlap_that_the_scene_has() {
     let bar = || Scene::read(scene("bar-1d.toml")).expect("reads");
@@ -190,18 +191,20 @@ fn a_prediction_is_of_the_overlap_that_the_scene_has() {
         predict_as_given(&set).expect("predicts").displacement
     };
     let profile = |name: &str| error(&[&format!("interface.joint.weight.profile={name}")]);
-    let all = ["linear", "cubic", "quintic"].map(profile);
-    let apart = |a: f64, b: f64| (a / b - 1.0).abs() > 1e-6;
+    let profiles = ["linear", "cubic", "quintic"].map(profile);
+    let differ = |a: f64, b: f64| (a / b - 1.0).abs() > 1e-6;
     assert!(
-        apart(all[0], all[1]) && apart(all[1], all[2]) && apart(all[2], all[0]),
-        "{all:?}"
+        differ(profiles[0], profiles[1])
+            && differ(profiles[1], profiles[2])
+            && differ(profiles[2], profiles[0]),
+        "{profiles:?}"
     );
-    // Without a length, an H1 junction takes a quarter of the mediator's spacing of 5 mm.
+    // Without a length, an H1 junction uses a quarter of the mediator's spacing of 5 mm.
     let kind = "interface.joint.junction.kind=h1-gradient";
     let lengths = [1.25e-3, 5e-3].map(|l| error(&[kind, &format!("interface.joint.junction.length={l}")]));
     let usual = error(&[kind]);
     assert!(
-        !apart(usual, lengths[0]) && apart(usual, lengths[1]),
+        !differ(usual, lengths[0]) && differ(usual, lengths[1]),
         "{usual} {lengths:?}"
     );
 }

@@ -1,4 +1,4 @@
-//! Scenes with a solver in another process: the chain in C that is shipped, beside our own.
+//! Scenes with a solver in another process: the shipped chain in C against our own chain.
 #![cfg(unix)]
 
 use crate::common::{arlequin, command, number, schemas::verdict, scratch, succeed, summary, text, wait_for};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// A bar that is pulled on its left, and a fine side of 61 masses from −20 on.
+/// A bar pulled at its left end, and a fine side of 61 masses from −20 on.
 const SCENE: &str = r#"
 [model.bar]
 kind = "fem"
@@ -56,14 +56,14 @@ const LINK: &str = "kind = \"link\"\ncommand = [\"./chain\"]\ntimeout = 60.0";
 const CHAIN: &str = "kind = \"chain\"\nshape.bar = { from = -20.0, to = 40.0, section = 1.0 }\nspacing = 1.0\nmaterial = { young = \
                      1.0, density = 1.0 }";
 
-/// A scene file whose fine model is this.
+/// Writes a scene file with the given fine model.
 fn write(folder: &Path, name: &str, fine: &str) -> PathBuf {
     let path = folder.join(name);
     std::fs::write(&path, SCENE.replace("FINE", fine)).expect("scene");
     path
 }
 
-/// The shipped chain in C, built into a folder.
+/// Builds the shipped chain in C in a folder.
 fn build_chain(folder: &Path) {
     let clients = Path::new(env!("CARGO_MANIFEST_DIR")).join("../link/clients/c");
     let built = Command::new("cc")
@@ -96,13 +96,13 @@ fn a_chain_behind_a_link_gives_the_probes_and_the_energies_of_ours() {
         succeed(&["run", text(&scene), "--out", text(&out)]);
         out
     });
-    let [there, here] = outs.each_ref().map(|o| table(o, "probes.csv"));
-    assert!(here.len() == there.len() && here.len() > 60, "{}", here.len());
-    for column in 1..here[0].len() {
-        let top = here.iter().fold(0.0_f64, |m, r| m.max(r[column].abs()));
-        let gap = here
+    let [remote, local] = outs.each_ref().map(|o| table(o, "probes.csv"));
+    assert!(local.len() == remote.len() && local.len() > 60, "{}", local.len());
+    for column in 1..local[0].len() {
+        let top = local.iter().fold(0.0_f64, |m, r| m.max(r[column].abs()));
+        let gap = local
             .iter()
-            .zip(&there)
+            .zip(&remote)
             .fold(0.0_f64, |m, (a, b)| m.max((a[column] - b[column]).abs()));
         assert!(
             top > 1e-3 && gap < 1e-12 * top,
@@ -123,17 +123,17 @@ fn check_starts_nothing_unless_it_is_told_to_and_then_tells_what_answered() {
         "careful.toml",
         "kind = \"link\"\ncommand = [\"touch\", \"a file\"]",
     );
-    let told = succeed(&["check", text(&careful)]);
+    let printed = succeed(&["check", text(&careful)]);
     assert!(
-        told.contains("starts touch 'a file'") && told.contains("--start"),
-        "{told}"
+        printed.contains("starts touch 'a file'") && printed.contains("--start"),
+        "{printed}"
     );
     assert!(!folder.join("a file").exists());
     let json: serde_json::Value =
         serde_json::from_str(&succeed(&["check", "--json", text(&careful)])).expect("JSON");
     assert_eq!(json[0]["does"], "starts touch 'a file'");
     let scene = write(&folder, "scene.toml", LINK);
-    let told = succeed(&["check", "--start", text(&scene)]);
+    let printed = succeed(&["check", "--start", text(&scene)]);
     for word in [
         "starts ./chain",
         "mass 6.000000e1 kg",
@@ -141,7 +141,7 @@ fn check_starts_nothing_unless_it_is_told_to_and_then_tells_what_answered() {
         "61 nodes",
         "critical step 1.0000e0 s",
     ] {
-        assert!(told.contains(word), "'{word}' is not in: {told}");
+        assert!(printed.contains(word), "'{word}' is not in: {printed}");
     }
 }
 
@@ -159,15 +159,15 @@ fn a_scene_waits_at_an_address_for_who_comes() {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .expect("starts");
-    // It looks for the run for five seconds.
+    // The chain tries to connect for five seconds.
     wait_for(&folder.join("socket"));
-    let other = Command::new(folder.join("chain"))
+    let peer = Command::new(folder.join("chain"))
         .arg(&socket)
         .status()
         .expect("the chain");
     let run = run.wait_with_output().expect("ends");
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    assert!(other.success());
+    assert!(peer.success());
     assert!(!folder.join("socket").exists(), "the socket is left");
 }
 
@@ -180,7 +180,7 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
                   0.01; done; kill -9 $!; exit 1";
     let fine = format!("kind = \"link\"\ntimeout = 60.0\ncommand = [\"sh\", \"-c\", \"{script}\"]");
     let scene = write(&folder, "scene.toml", &fine);
-    let more = [
+    let settings = [
         "--set",
         "time.end=100000.0",
         "--set",
@@ -189,7 +189,7 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
         "output.every=40000",
     ];
     let run = |out: &Path| {
-        let out = [&["run", text(&scene), "--out", text(out)], &more[..]].concat();
+        let out = [&["run", text(&scene), "--out", text(out)], &settings[..]].concat();
         arlequin(&out)
     };
     let out = folder.join("out");
@@ -217,9 +217,9 @@ fn a_solver_that_is_killed_ends_the_run_with_its_results_and_the_run_goes_on_in_
     }
 }
 
-/// Sends a signal to a run of this scene once `ready`; its error, after at most some seconds.
-fn signalled(signal: &str, scene: &Path, out: &Path, more: &[&str], ready: &dyn Fn() -> bool) -> String {
-    let arguments = [&["run", text(scene), "--out", text(out)], more].concat();
+/// Sends a signal to a run of this scene once `ready` holds; returns its error, after at most some seconds.
+fn signalled(signal: &str, scene: &Path, out: &Path, extra: &[&str], ready: &dyn Fn() -> bool) -> String {
+    let arguments = [&["run", text(scene), "--out", text(out)], extra].concat();
     let run = command(&arguments).stderr(std::process::Stdio::piped()).spawn();
     let run = run.expect("starts");
     while !ready() {
@@ -256,11 +256,11 @@ fn signals_end_a_run_that_waits_for_a_solver_to_start_and_what_it_started() {
         let error = signalled(signal, &scene, &out, &[], &|| number.exists());
         assert!(error.contains("a connection to unix:"), "{error}");
         let started = std::fs::read_to_string(&number).expect("number");
-        let left = Command::new("kill")
+        let kill_check = Command::new("kill")
             .args(["-0", started.trim()])
             .output()
             .expect("kill");
-        assert!(!left.status.success(), "what the run started is left");
+        assert!(!kill_check.status.success(), "what the run started is left");
         assert!(!out.exists());
     }
 }
@@ -273,12 +273,12 @@ fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
                   0.01; done; kill -STOP $!; wait";
     let fine = format!("kind = \"link\"\ntimeout = 600.0\ncommand = [\"sh\", \"-c\", \"{script}\"]");
     let scene = write(&folder, "scene.toml", &fine);
-    let more = [
+    let settings = [
         "time.end=100000.0",
         "output.checkpoint_every=200",
         "output.every=40000",
     ];
-    let more: Vec<&str> = more.iter().flat_map(|m| ["--set", m]).collect();
+    let settings: Vec<&str> = settings.iter().flat_map(|m| ["--set", m]).collect();
     let out = folder.join("out");
     let saved = || {
         let find = Command::new("find")
@@ -287,7 +287,7 @@ fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
             .output();
         !find.expect("find").stdout.is_empty()
     };
-    let error = signalled("-INT", &scene, &out, &more, &saved);
+    let error = signalled("-INT", &scene, &out, &settings, &saved);
     assert!(error.contains("was due"), "{error}");
     let resumed = arlequin(&["resume", text(&out)]);
     let error = String::from_utf8_lossy(&resumed.stderr);
@@ -295,7 +295,7 @@ fn signals_end_a_run_whose_solver_does_not_answer_and_it_goes_on_later() {
     assert_eq!(summary(&out)["status"], "complete");
 }
 
-/// Fine models, changes, and words of the error that they make.
+/// Fine models, changes to them, and words of the resulting error.
 const BAD: &[(&str, &str, &str)] = &[
     ("kind = \"link\"", "", "a link needs exactly one of command"),
     (

@@ -1,4 +1,4 @@
-//! Tests of the program, in one program: one link instead of 33.
+//! Tests of the program, linked as one program instead of 33.
 
 mod bad_effects;
 mod bad_input;

@@ -1,10 +1,10 @@
-//! Messages that name the cause, and come before anything is set up.
+//! Messages that name the cause of a mistake, before anything is set up.
 
 use crate::common::{SMALL, arlequin, number, scratch, succeed, summary, text};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-fn said(folder: &Path, scene: &str) -> String {
+fn messages_of(folder: &Path, scene: &str) -> String {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
     let out = arlequin(&["check", text(&path)]);
@@ -17,7 +17,7 @@ fn said(folder: &Path, scene: &str) -> String {
 }
 
 fn expect(folder: &Path, scene: &str, words: &[&str], not: &str) {
-    let message = said(folder, scene);
+    let message = messages_of(folder, scene);
     for w in words {
         assert!(message.contains(w), "'{w}' is missing in: {message}");
     }
@@ -53,7 +53,7 @@ fn a_probe_outside_is_told_where_its_model_is() {
         "from [4.0, 0.0, 0.0] to [10.0, 1.0, 1.0] m",
     ];
     expect(&folder, &scene, &words, "mediator");
-    // In the box around a cylinder, and not in the cylinder.
+    // A corner of the box around a cylinder that lies outside of the cylinder.
     let round = r#"
 [model.rod]
 kind = "fem"
@@ -75,7 +75,7 @@ component = "x"
     );
 }
 
-/// Words of `two-bodies.toml`, what a mistake makes of them, what is said of it.
+/// Words of `two-bodies.toml`, their replacement with a mistake, and words of the error.
 const MISTAKES: [(&str, &str, &str); 16] = [
     (
         "where = \"z-min\"",
@@ -155,18 +155,18 @@ const MISTAKES: [(&str, &str, &str); 16] = [
     ),
 ];
 
-/// A scene whose packing takes seconds, and one mistake at a time in a table that is read late.
+/// Each mistake in a table that is read late is found before the packing, which would take seconds.
 #[test]
 fn mistakes_in_the_file_are_found_before_any_set_up() {
     let folder = scratch("early");
     let scene = std::fs::read_to_string(crate::common::scene("two-bodies.toml")).expect("scene");
     std::fs::copy(crate::common::scene("ball.stl"), folder.join("ball.stl")).expect("copy");
-    // Dear on purpose: 40 times the spheres.
+    // A packing of 40 times the spheres makes a late error slow.
     let scene = scene.replace("spacing = 0.35e-3", "spacing = 0.1e-3");
     for (from, to, words) in MISTAKES {
         assert!(scene.contains(from), "{from}");
         let begin = Instant::now();
-        let message = said(&folder, &scene.replacen(from, to, 1));
+        let message = messages_of(&folder, &scene.replacen(from, to, 1));
         assert!(message.contains(words), "'{to}' should say '{words}': {message}");
         assert!(
             begin.elapsed() < Duration::from_secs(2),
@@ -191,23 +191,23 @@ steps = 1
     expect(&folder, scene, &["model.pebbles"], "'dem'");
 }
 
-/// A body at rest that was only moved aside stays at rest.
+/// A body at rest that is displaced rigidly stays at rest and raises no alarm.
 #[test]
 fn a_body_displaced_rigidly_is_no_false_alarm() {
     let folder = scratch("rigid");
     let bodies = SMALL.split("[[support]]").next().expect("models");
-    let rest = "[[initial]]\ndisplacement.uniform = [1e-3, -2e-3, 1e-3]\n[time]\nsteps = 300\n";
+    let motion = "[[initial]]\ndisplacement.uniform = [1e-3, -2e-3, 1e-3]\n[time]\nsteps = 300\n";
     let glass = bodies
         .replace("young = 1.0", "young = 72.5e9")
         .replace("density = 1.0", "density = 2200.0");
     for (k, scene) in [bodies, &glass].into_iter().enumerate() {
         let path = folder.join("scene.toml");
-        std::fs::write(&path, format!("{scene}{rest}")).expect("scene");
+        std::fs::write(&path, format!("{scene}{motion}")).expect("scene");
         let out = folder.join(format!("{k}"));
         succeed(&["run", text(&path), "--out", text(&out)]);
         let s = summary(&out);
         assert_eq!(s["status"], "complete");
-        // Round-off of what displacements of this size could hold, E V (q/h)².
+        // Round-off of the energy of displacements of this size, E V (q/h)².
         let young = if k == 0 { 1.0 } else { 72.5e9 };
         let bound = 16.0 * f64::EPSILON * young * 10.0 * (1e-3_f64 / 0.5).powi(2);
         let energy = number(&s, "/energy/final");
@@ -218,7 +218,7 @@ fn a_body_displaced_rigidly_is_no_false_alarm() {
 #[test]
 fn opposed_motions_in_an_overlap_are_named() {
     let folder = scratch("opposed");
-    let both = |second: &str| {
+    let two_motions = |second: &str| {
         let side = "where.box = { low = [4.0, 0.0, 0.0], high = [6.0, 0.0, 1.0] }\ncomponents = [\"y\"]\n";
         let motion = "motion = { amplitude = 1e-3, time.ramp = { duration = 5.0 } }\n";
         format!(
@@ -231,23 +231,23 @@ fn opposed_motions_in_an_overlap_are_named() {
     ];
     expect(
         &folder,
-        &both("motion = { amplitude = -1e-3, time.ramp = { duration = 5.0 } }\n"),
+        &two_motions("motion = { amplitude = -1e-3, time.ramp = { duration = 5.0 } }\n"),
         &words,
         "epsilon",
     );
     let words = ["that differ by 1.000e-3 m"];
-    expect(&folder, &both(""), &words, "epsilon");
-    // The same motion on both is what an overlap on a support needs.
+    expect(&folder, &two_motions(""), &words, "epsilon");
+    // Equal motions on both models are right for an overlap with a support.
     let path = folder.join("same.toml");
     std::fs::write(
         &path,
-        both("motion = { amplitude = 1e-3, time.ramp = { duration = 5.0 } }\n"),
+        two_motions("motion = { amplitude = 1e-3, time.ramp = { duration = 5.0 } }\n"),
     )
     .expect("scene");
     succeed(&["check", text(&path)]);
 }
 
-/// Issue 26, D.4: two motions that are the same, and grow without end, were opposed after 1e6 seconds.
+/// Issue 26, D.4: equal motions by formulas that grow without end are not reported as opposed.
 #[test]
 fn equal_motions_by_formulas_are_not_opposed() {
     let folder = scratch("equal-formulas");
@@ -256,15 +256,15 @@ fn equal_motions_by_formulas_are_not_opposed() {
     let motion = |size: &str, formula: &str| {
         format!("{side}motion = {{ amplitude = {size}, time.expression = \"{formula}\" }}\n")
     };
-    let both = |time: &str, first: &str, second: &str| {
+    let two_motions = |time: &str, first: &str, second: &str| {
         let scene = SMALL.replace("steps = 50", time);
         format!("{scene}\n[[support]]\nmodel = \"left\"\n{first}[[support]]\nmodel = \"right\"\n{second}")
     };
     let square = motion("1e-3", "(t/30e-1)^2");
     for time in ["steps = 50", "end = 5.0"] {
-        std::fs::write(&path, both(time, &square, &square)).expect("scene");
+        std::fs::write(&path, two_motions(time, &square, &square)).expect("scene");
         succeed(&["check", text(&path)]);
-        let opposed = both(time, &square, &motion("-1e-3", "(t/30e-1)^2"));
+        let opposed = two_motions(time, &square, &motion("-1e-3", "(t/30e-1)^2"));
         expect(
             &folder,
             &opposed,
@@ -272,11 +272,11 @@ fn equal_motions_by_formulas_are_not_opposed() {
             "epsilon",
         );
     }
-    // Two motions that part after the end of the run.
+    // Two motions that differ only after the end of the run.
     let later = motion("1e-3", "(t/30e-1)^2 + max(0, t - 6)");
-    std::fs::write(&path, both("end = 5.0", &square, &later)).expect("scene");
+    std::fs::write(&path, two_motions("end = 5.0", &square, &later)).expect("scene");
     succeed(&["check", text(&path)]);
-    let within = both("end = 7.0", &square, &later);
+    let within = two_motions("end = 7.0", &square, &later);
     expect(&folder, &within, &["are moved along y"], "epsilon");
 }
 
@@ -288,21 +288,21 @@ fn the_advised_mediator_spacing_knows_the_dimension() {
     let advised = |scene: &str| -> Option<f64> {
         std::fs::write(&path, scene).expect("scene");
         let plan = succeed(&["check", "--json", text(&path)]);
-        let at = plan.find("use h_B ≥ ")? + "use h_B ≥ ".len();
-        plan[at..].split(' ').next()?.parse().ok()
+        let start = plan.find("use h_B ≥ ")? + "use h_B ≥ ".len();
+        plan[start..].split(' ').next()?.parse().ok()
     };
     let block = SMALL
         .replace("high = [6.0, 1.0, 1.0]", "high = [6.0, 4.0, 4.0]")
         .replace("high = [10.0, 1.0, 1.0]", "high = [10.0, 4.0, 4.0]");
-    let with = |h: f64| {
+    let scene_with = |h: f64| {
         block.replace(
             "weight = { profile = \"cubic\" }",
             &format!("mediator = {{ spacing = {h:?} }}"),
         )
     };
-    // 9³ nodes over 4 x 4 x 2 m at 0.5 m of both against 3 x 5 x 5 coarse ones at 1 m: the cube root, not
-    // the ratio.
-    let h = advised(&with(0.5)).expect("an advice");
+    // 9³ nodes over 4 x 4 x 2 m at 0.5 m of both against 3 x 5 x 5 coarse ones at 1 m: the advice takes the
+    // cube root, not the ratio.
+    let h = advised(&scene_with(0.5)).expect("an advice");
     assert!((h / (0.5 * (405.0_f64 / 75.0).cbrt()) - 1.0).abs() < 1e-3, "{h}");
-    assert_eq!(advised(&with(1.0)), None);
+    assert_eq!(advised(&scene_with(1.0)), None);
 }

@@ -1,9 +1,9 @@
-//! `arlequin new`: every template runs as it is, and nothing is replaced.
+//! `arlequin new`: every template runs as written, and no file is replaced.
 
 use crate::common::{arlequin, number, schemas::verdict, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
 
-/// A template in a folder of its own, run, and where its results are.
+/// Writes a template into its own folder, runs it and returns the folder of the results.
 fn run(name: &str) -> PathBuf {
     let place = scratch(&format!("new-{name}")).join("case");
     succeed(&["new", "--template", name, text(&place)]);
@@ -15,7 +15,7 @@ fn run(name: &str) -> PathBuf {
     let out = place.join("results");
     succeed(&["run", text(&scene), "--out", text(&out)]);
     assert_eq!(summary(&out)["status"], "complete");
-    // Scenes at rest have none.
+    // Scenes at rest have no drift.
     if name != "plate" {
         assert!(number(&summary(&out), "/energy/h_drift_max") < 1e-9);
     }
@@ -25,8 +25,8 @@ fn run(name: &str) -> PathBuf {
 #[test]
 fn the_beam_conserves_energy_and_moves() {
     let s = summary(&run("beam"));
-    // The blow moves the end of a bar by ∫F dt/(ρ c A), with half the peak over 8 µs, until the clamp's
-    // answer is there.
+    // The blow moves the end of a bar by ∫F dt/(ρ c A), with a mean of half the peak over 8 µs, until the
+    // reflection from the clamp arrives.
     let bar = 1000.0 * 4e-6 / ((72.5e9_f64 * 2200.0).sqrt() * 1e-4);
     let largest = number(&s, "/probes/struck-end/min").abs();
     assert!((0.9..1.2).contains(&(largest / bar)), "{largest} {bar}");
@@ -54,7 +54,7 @@ fn the_ball_breaks_bonds() {
 fn the_plate_has_the_stress_of_howland_at_its_hole() {
     let s = summary(&run("plate"));
     let last = |probe: &str| number(&s, &format!("/probes/{probe}/last"));
-    // Howland: 3.14 for a width of five diameters.
+    // Howland's solution: 3.14 for a width of five diameters.
     assert!(
         (last("hole") / 100e6 / (2.512 / 0.8) - 1.0).abs() < 0.01,
         "{}",
@@ -66,8 +66,9 @@ fn the_plate_has_the_stress_of_howland_at_its_hole() {
 
 fn broken(out: &Path) -> f64 {
     let s = summary(out);
-    let all = s["effect_ledger"].as_array().expect("effects");
-    all.iter()
+    let effects = s["effect_ledger"].as_array().expect("effects");
+    effects
+        .iter()
         .filter_map(|e| e["facts"]["broken bonds"].as_f64())
         .sum()
 }
@@ -78,15 +79,15 @@ fn nothing_is_replaced_and_a_file_may_be_named() {
     let scene = folder.join("mine.toml");
     succeed(&["new", text(&scene)]);
     let before = std::fs::read(&scene).expect("scene");
-    let again = arlequin(&["new", "--template", "bend", text(&scene)]);
-    assert_eq!(again.status.code(), Some(2));
-    let error = String::from_utf8_lossy(&again.stderr).into_owned();
+    let repeated = arlequin(&["new", "--template", "bend", text(&scene)]);
+    assert_eq!(repeated.status.code(), Some(2));
+    let error = String::from_utf8_lossy(&repeated.stderr).into_owned();
     assert!(
         error.contains("is there already") && error.contains("mine.toml"),
         "{error}"
     );
     assert_eq!(std::fs::read(&scene).expect("scene"), before);
-    // A mesh that is in the way stops the scene beside it, too.
+    // An existing mesh file also keeps the scene beside it from being written.
     std::fs::write(folder.join("plate.msh"), "mine").expect("writes");
     assert_eq!(
         arlequin(&["new", "--template", "plate", text(&folder)])

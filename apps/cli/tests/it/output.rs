@@ -1,4 +1,4 @@
-//! Output files: VTU, atomic folders, determinism, interruption.
+//! Output files: VTU frames, atomic folders, determinism, interruption.
 
 use crate::common::{SMALL, arlequin, number, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
@@ -23,18 +23,18 @@ fn attribute<'a>(tag: &'a str, name: &str) -> &'a str {
     tag[start..].split('"').next().expect("closing quote")
 }
 
-/// Name, type, components and bytes of an array.
+/// Name, type, number of components and bytes of an array.
 type Array = (String, String, usize, Vec<u8>);
 
-/// Numbers of points and cells of a VTU file, and its arrays.
+/// Returns the numbers of points and cells of a VTU file, and its arrays.
 fn arrays(bytes: &[u8]) -> (usize, usize, Vec<Array>) {
     let mark = b"<AppendedData encoding=\"raw\">\n_";
-    let at = bytes
+    let start = bytes
         .windows(mark.len())
         .position(|w| w == mark)
         .expect("data section");
-    let head = std::str::from_utf8(&bytes[..at]).expect("text header");
-    let data = &bytes[at + mark.len()..];
+    let head = std::str::from_utf8(&bytes[..start]).expect("text header");
+    let data = &bytes[start + mark.len()..];
     let piece = head.lines().find(|l| l.contains("<Piece")).expect("piece");
     let count = |name| attribute(piece, name).parse().expect("count");
     let mut out = Vec::new();
@@ -163,15 +163,15 @@ fn same_bits_with_one_and_two_threads() {
         assert_eq!(number(&summary(&out), "/threads").to_string(), n);
         out
     });
-    let same = |file: &str| {
+    let assert_same_file = |file: &str| {
         let [a, b] = [0, 1].map(|k: usize| std::fs::read(outs[k].join(file)).expect("file"));
         assert!(a == b, "{file} differs");
     };
-    same("probes.csv");
-    same("energy.csv");
+    assert_same_file("probes.csv");
+    assert_same_file("energy.csv");
     let frames = entries(&outs[0].join("vtu"));
     assert!(frames.len() > 3);
-    frames.iter().for_each(|f| same(&format!("vtu/{f}")));
+    frames.iter().for_each(|f| assert_same_file(&format!("vtu/{f}")));
 }
 
 #[cfg(unix)]
@@ -206,10 +206,10 @@ fn ctrl_c_writes_what_there_is() {
     assert!(out.join("results.pvd").exists() && out.join("plots/energy.svg").exists());
 }
 
-/// Components of an array of a VTU file.
+/// Returns the components of an array of a VTU file.
 fn numbers(bytes: &[u8], wanted: &str) -> Vec<f64> {
-    let (_, _, all) = arrays(bytes);
-    let (.., block) = all.iter().find(|a| a.0 == wanted).expect("array");
+    let (_, _, blocks) = arrays(bytes);
+    let (.., block) = blocks.iter().find(|a| a.0 == wanted).expect("array");
     let eight = |b: &[u8]| f64::from_le_bytes(b.try_into().expect("eight bytes"));
     block.chunks_exact(8).map(eight).collect()
 }

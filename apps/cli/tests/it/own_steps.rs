@@ -1,4 +1,4 @@
-//! Own steps of models in scenes: what is chosen, what is said of it, what is refused.
+//! Own steps of models in scenes: choice, report and refusals.
 
 use crate::common::{SMALL, arlequin, scratch, succeed, summary, text};
 
@@ -54,18 +54,18 @@ fn tables_of_own_steps_that_make_no_sense_are_refused_by_their_key() {
     refused(&format!("{SMALL}\n{damped}{implicit}"), &words);
     // Both bars make two own steps of 0.5 s, which is too much for the fine one alone.
     let long = SMALL.replace("steps = 50", "steps = 50\nstep.seconds = 1.0");
-    let two = "[model.left.step]\nratio = 2\n[model.right.step]\nratio = 2\n";
+    let two_ratios = "[model.left.step]\nratio = 2\n[model.right.step]\nratio = 2\n";
     let words = [
         key,
         "exceeds the critical step",
         "'right', which makes 2 own steps",
         "at least",
     ];
-    refused(&format!("{long}\n{two}"), &words);
+    refused(&format!("{long}\n{two_ratios}"), &words);
 }
 
-/// Half of the coarse bar's critical step has room for two steps of the fine one, whose elements are a
-/// fifth as long; four are made if asked for, at the price of a jump that the report warns of.
+/// Half of the coarse bar's critical step has room for two own steps of the fine bar, whose elements are a
+/// fifth as long. With four own steps the displacement jump grows, and the report warns of it.
 #[test]
 fn own_steps_are_chosen_and_reported_and_change_little() {
     let folder = scratch("own-steps");
@@ -80,9 +80,9 @@ fn own_steps_are_chosen_and_reported_and_change_little() {
         succeed(&[&["run", text(&path), "--out", text(&out)], &sets[..]].concat());
         summary(&out)
     };
-    let one = run("one", &["model.left.step.ratio=1", "model.right.step.ratio=1"]);
+    let single = run("one", &["model.left.step.ratio=1", "model.right.step.ratio=1"]);
     let chosen = run("chosen", &[]);
-    // Who asks for short steps gets them in every model.
+    // `time.step.fraction` limits the own steps of every model.
     let short = run("short", &["time.step.fraction=0.05"]);
     for k in [0, 1] {
         let share = |key| short["models"][k][key].as_f64().expect("a number");
@@ -98,7 +98,7 @@ fn own_steps_are_chosen_and_reported_and_change_little() {
     let steps =
         |s: &serde_json::Value| [0, 1].map(|k| s["models"][k]["own_steps"].as_u64().expect("a count"));
     assert_eq!(
-        (steps(&one), steps(&chosen), steps(&implicit)),
+        (steps(&single), steps(&chosen), steps(&implicit)),
         ([1, 1], [1, 2], [1, 4])
     );
     let warned = |s: &serde_json::Value| {
@@ -106,25 +106,25 @@ fn own_steps_are_chosen_and_reported_and_change_little() {
             .to_string()
             .contains("own steps in a step of the run")
     };
-    assert!(warned(&implicit) && !warned(&one));
-    let said = implicit["warnings"].to_string();
+    assert!(warned(&implicit) && !warned(&single));
+    let warnings = implicit["warnings"].to_string();
     assert!(
-        said.contains("give 'right' fewer, or take shorter steps"),
-        "{said}"
+        warnings.contains("give 'right' fewer, or take shorter steps"),
+        "{warnings}"
     );
     let number =
         |s: &serde_json::Value, key: &str| s.pointer(key).and_then(|x| x.as_f64()).expect("a number");
-    let top = number(&one, "/probes/tip/max");
-    for (name, s, most) in [("chosen", &chosen, 0.1), ("implicit", &implicit, 0.25)] {
+    let top = number(&single, "/probes/tip/max");
+    for (name, s, limit) in [("chosen", &chosen, 0.1), ("implicit", &implicit, 0.25)] {
         assert!(number(s, "/energy/h_drift_max") < 1e-12, "{name}");
         let jump = number(s, "/interface/0/displacement_jump_share");
-        assert!(jump > 1e-12 && jump < most, "{name}: {jump:e}");
+        assert!(jump > 1e-12 && jump < limit, "{name}: {jump:e}");
         assert_eq!(warned(s), jump > 0.05, "{name}: {jump:e}");
         let change = number(s, "/probes/tip/max") / top - 1.0;
         assert!(change.abs() < 0.02, "{name}: {change}");
         let finest = number(s, "/models/1/own_dt") / number(s, "/models/1/critical_dt");
         assert!((finest - 0.9).abs() < 1e-9, "{name}: {finest}");
     }
-    assert!(number(&one, "/interface/0/displacement_jump_share") < 1e-12);
+    assert!(number(&single, "/interface/0/displacement_jump_share") < 1e-12);
     assert!(number(&chosen, "/models/0/own_dt") <= 0.5 * number(&chosen, "/models/0/critical_dt"));
 }

@@ -1,4 +1,4 @@
-//! What a packing became is told, and no mass moves without a word.
+//! The report of a packing: no mass moves without a message.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::float_cmp, reason = "counts are whole numbers")]
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// A cube of edge `a` at `low` as STL facets.
+/// Adds a cube of edge `a` at `low` as STL facets.
 fn cube(low: f64, a: f64, out: &mut String) {
     let corner = |i: usize| {
         [
@@ -41,20 +41,20 @@ fn stl(cubes: &[(f64, f64)]) -> String {
     out + "endsolid cubes\n"
 }
 
-fn write_scene(folder: &Path, body: &str, rest: &str) -> String {
+fn write_scene(folder: &Path, body: &str, options: &str) -> String {
     let path = folder.join("scene.toml");
     let head = format!(
         "[model.body]\nkind = \"dem\"\n{body}\nmaterial = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n"
     );
     let tail = "[time]\nsteps = 4\n[output]\nevery = 4\nplots = false\n";
-    std::fs::write(&path, format!("{head}{rest}{tail}")).unwrap();
+    std::fs::write(&path, format!("{head}{options}{tail}")).unwrap();
     text(&path).to_owned()
 }
 
 fn refused(scene: &str) -> String {
     let out = arlequin(&["check", scene]);
     assert_eq!(out.status.code(), Some(2));
-    // Words may be broken over lines of the terminal.
+    // The terminal output may break words over lines.
     let text = String::from_utf8_lossy(&out.stderr).into_owned();
     text.split_whitespace()
         .filter(|w| *w != "│")
@@ -73,19 +73,32 @@ fn two_cubes_in_one_stl_are_two_parts_with_the_mass_of_their_own_volume() {
     let plan: Value = serde_json::from_str(&succeed(&["check", &scene, "--json"])).unwrap();
     let out = folder.join("out");
     let table = succeed(&["run", &scene, "--out", text(&out)]);
-    for found in [&plan, &summary(&out)] {
-        let at = |key: &str| number(found, &format!("/models/0/packing/{key}"));
-        assert!(at("asked") == 900.0 && at("placed") == 900.0 && at("bodies") == 2.0);
-        assert!(at("parts/0/spheres") + at("parts/1/spheres") + at("dropped") == 900.0);
+    for report in [&plan, &summary(&out)] {
+        let packing_value = |key: &str| number(report, &format!("/models/0/packing/{key}"));
+        assert!(
+            packing_value("asked") == 900.0
+                && packing_value("placed") == 900.0
+                && packing_value("bodies") == 2.0
+        );
+        assert!(
+            packing_value("parts/0/spheres") + packing_value("parts/1/spheres") + packing_value("dropped")
+                == 900.0
+        );
         for (k, volume) in [(0, 8e-9), (1, 1e-9)] {
-            let mass = at(&format!("parts/{k}/mass"));
+            let mass = packing_value(&format!("parts/{k}/mass"));
             // Corners in a file have seven digits.
             assert!((mass / (2200.0 * volume) - 1.0).abs() < 1e-6, "{mass:e}");
         }
-        assert!((at("mass_ratio") - 1.0).abs() < 1e-12 && (at("mass") / (2200.0 * 9e-9) - 1.0).abs() < 1e-6);
-        assert!((at("coordination_all") - 6.2).abs() < 0.01 && at("coordination_retained") > 6.0);
-        assert!(at("coordination_interior") > 6.5);
-        assert!((at("void_fraction") - 0.38).abs() < 0.005 && at("across") < 7.0);
+        assert!(
+            (packing_value("mass_ratio") - 1.0).abs() < 1e-12
+                && (packing_value("mass") / (2200.0 * 9e-9) - 1.0).abs() < 1e-6
+        );
+        assert!(
+            (packing_value("coordination_all") - 6.2).abs() < 0.01
+                && packing_value("coordination_retained") > 6.0
+        );
+        assert!(packing_value("coordination_interior") > 6.5);
+        assert!((packing_value("void_fraction") - 0.38).abs() < 0.005 && packing_value("across") < 7.0);
     }
     assert!(table.contains("900 spheres asked, 900 placed"), "{table}");
     assert!(
@@ -97,27 +110,27 @@ fn two_cubes_in_one_stl_are_two_parts_with_the_mass_of_their_own_volume() {
 #[test]
 fn loose_spheres_need_a_word_and_contact() {
     let folder = scratch("packings-loose");
-    let dem = |more: &str| {
-        let list = format!("count = 400, protocol = \"quench\", coordination = 1.5{more}");
+    let dem = |keys: &str| {
+        let list = format!("count = 400, protocol = \"quench\", coordination = 1.5{keys}");
         format!("{BOX}\ndem = {{ {list} }}")
     };
-    let why = refused(&write_scene(&folder, &dem(""), ""));
+    let reason = refused(&write_scene(&folder, &dem(""), ""));
     assert!(
-        why.contains("of 400 spheres (") && why.contains("of the volume, above 2.00 %)"),
-        "{why}"
+        reason.contains("of 400 spheres (") && reason.contains("of the volume, above 2.00 %)"),
+        "{reason}"
     );
     let keep = dem(", loose = \"keep\"");
-    let why = refused(&write_scene(&folder, &keep, ""));
+    let reason = refused(&write_scene(&folder, &keep, ""));
     assert!(
-        why.contains("model.body.dem.loose = keep: loose grains need contact"),
-        "{why}"
+        reason.contains("model.body.dem.loose = keep: loose grains need contact"),
+        "{reason}"
     );
-    let off = "[[effect]]\ncontact = {}\nenabled = false\n";
-    assert!(refused(&write_scene(&folder, &keep, off)).contains("loose grains need contact"));
-    let on = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
-    let plan: Value = serde_json::from_str(&succeed(&["check", &on, "--json"])).unwrap();
+    let without_contact = "[[effect]]\ncontact = {}\nenabled = false\n";
+    assert!(refused(&write_scene(&folder, &keep, without_contact)).contains("loose grains need contact"));
+    let with_contact = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
+    let plan: Value = serde_json::from_str(&succeed(&["check", &with_contact, "--json"])).unwrap();
     assert!(number(&plan, "/models/0/nodes") == 400.0 && number(&plan, "/models/0/packing/grains") > 100.0);
-    let table = succeed(&["check", &on]);
+    let table = succeed(&["check", &with_contact]);
     assert!(
         table.contains("400 spheres asked, 400 placed, 0 dropped") && table.contains("loose grains"),
         "{table}"
@@ -162,28 +175,31 @@ fn islands_of_a_file_are_kept_and_a_shape_too_large_for_them_is_warned_of() {
 fn millimetres_and_single_spheres_are_named_as_what_they_are() {
     let folder = scratch("packings-units");
     std::fs::write(folder.join("mm.stl"), stl(&[(0.0, 2.0)])).unwrap();
-    let why = refused(&write_scene(
+    let reason = refused(&write_scene(
         &folder,
         "shape.file = \"mm.stl\"\nspacing = 0.2e-3",
         "",
     ));
     assert!(
-        why.contains("fill the shape of 2.000e0 by 2.000e0 by 2.000e0 m")
-            && why.contains("a file in millimetres"),
-        "{why}"
+        reason.contains("fill the shape of 2.000e0 by 2.000e0 by 2.000e0 m")
+            && reason.contains("a file in millimetres"),
+        "{reason}"
     );
     let rod = |radius: &str| {
         format!(
             "shape.cylinder = {{ from = [0.0, 0.0, 0.0], length = 4e-3, radius = {radius} }}\nspacing = 0.2e-3"
         )
     };
-    let why = refused(&write_scene(&folder, &rod("0.1e-3"), ""));
+    let reason = refused(&write_scene(&folder, &rod("0.1e-3"), ""));
     assert!(
-        why.contains("not one fits across") && why.contains("check that lengths are in m"),
-        "{why}"
+        reason.contains("not one fits across") && reason.contains("check that lengths are in m"),
+        "{reason}"
     );
-    let why = refused(&write_scene(&folder, &rod("0.2e-3"), ""));
-    assert!(why.contains("only 2.2 fit across; packings need three"), "{why}");
+    let reason = refused(&write_scene(&folder, &rod("0.2e-3"), ""));
+    assert!(
+        reason.contains("only 2.2 fit across; packings need three"),
+        "{reason}"
+    );
 }
 
 #[test]
@@ -206,7 +222,7 @@ fn a_needle_of_four_spheres_across_is_warned_of_with_what_to_expect() {
     assert!(!plan.contains("fit across the narrowest body"), "{plan}");
 }
 
-/// Seeds 0 and 16 left a sphere at the notch without a bond: refused for it.
+/// With seeds 0 and 16 a sphere at the notch has no bond; it is removed with the notch, and the run starts.
 #[test]
 fn the_shipped_notched_bar_takes_loose_spheres_with_its_notch() {
     let path = scene("notched-bar.toml");
@@ -214,13 +230,13 @@ fn the_shipped_notched_bar_takes_loose_spheres_with_its_notch() {
         let set = format!("model.bar.dem.seed={seed}");
         let plan: Value =
             serde_json::from_str(&succeed(&["check", text(&path), "--set", &set, "--json"])).unwrap();
-        let at = |key: &str| number(&plan, &format!("/models/0/packing/{key}"));
+        let packing_value = |key: &str| number(&plan, &format!("/models/0/packing/{key}"));
         assert!(
-            (at("notch/spheres") - spheres).abs() < 0.5 && at("notch/bonds") > 80.0,
+            (packing_value("notch/spheres") - spheres).abs() < 0.5 && packing_value("notch/bonds") > 80.0,
             "{seed}"
         );
         let whole = 2200.0 * 12e-3 * 16e-6;
-        assert!((at("mass") + at("notch/mass") - whole).abs() < 1e-12 * whole);
+        assert!((packing_value("mass") + packing_value("notch/mass") - whole).abs() < 1e-12 * whole);
     }
 }
 
@@ -245,14 +261,17 @@ fn strength_of_beams_over_that_of_their_bar() {
         "2.5e-4,2e-4",
         "--json",
     ];
-    let found: Value = serde_json::from_str(&succeed(&[&flags[..], &wanted].concat())).unwrap();
+    let report: Value = serde_json::from_str(&succeed(&[&flags[..], &wanted].concat())).unwrap();
     for k in 0..2 {
-        let at = |key: &str| number(&found, &format!("/strength/rows/{k}/{key}"));
-        assert!(at("ratio/mean") > 3.5 && at("ratio/mean") < 5.0, "{found}");
-        assert!((at("body/mean") * at("ratio/mean") / 200e6 - 1.0).abs() < 0.01);
-        assert!(at("first/mean") < 1.0 && at("broken/mean") > 0.0);
+        let strength_value = |key: &str| number(&report, &format!("/strength/rows/{k}/{key}"));
+        assert!(
+            strength_value("ratio/mean") > 3.5 && strength_value("ratio/mean") < 5.0,
+            "{report}"
+        );
+        assert!((strength_value("body/mean") * strength_value("ratio/mean") / 200e6 - 1.0).abs() < 0.01);
+        assert!(strength_value("first/mean") < 1.0 && strength_value("broken/mean") > 0.0);
     }
-    assert!(number(&found, "/strength/exponents/0/power").abs() < 1.0);
+    assert!(number(&report, "/strength/exponents/0/power").abs() < 1.0);
     for (flags, wanted) in [
         (&["--periodic", "--strength"][..], "strength is that of a bar"),
         (

@@ -1,9 +1,9 @@
-//! Every pair of model kinds from one scene, by one word: the interface algorithm is the same.
+//! One scene with every pair of model kinds, chosen by one word: the interface algorithm is the same.
 
 use crate::common::{arlequin, number, scene, scratch, succeed, summary, text};
 use std::path::Path;
 
-/// Coarser meshes and a mediator of tetrahedra where two continua meet: their cells are intersected, which
+/// Coarser meshes and a mediator of tetrahedra where two continua meet, since the intersection of their cells
 /// takes time.
 const CONTINUA: [&str; 4] = [
     "--set",
@@ -12,7 +12,7 @@ const CONTINUA: [&str; 4] = [
     "interface.middle.mediator.element=tet4",
 ];
 
-/// Header and rows of a table of results.
+/// Returns the header and the rows of a table of results.
 fn table(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
     let text = std::fs::read_to_string(path).expect("a table");
     let mut lines = text.lines();
@@ -29,8 +29,9 @@ fn table(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
     )
 }
 
-/// The interface ties nothing twice, does no work and lets no velocity jump; energy and momenta are kept.
-fn sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
+/// Asserts that no tie is redundant, the constraint does no work and leaves no velocity jump, and energy and
+/// momenta are conserved.
+fn assert_sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
     let line = &s["interface"][0];
     assert_eq!(line["rank"], line["multipliers"], "{kinds:?}");
     assert!(
@@ -39,12 +40,12 @@ fn sound(s: &serde_json::Value, out: &Path, kinds: [&str; 2]) {
     );
     assert!(number(s, "/energy/ledger/constraint").abs() < 1e-12 * number(s, "/energy/final"));
     assert!(number(s, "/interface/0/max_constraint_residual") < 1e-11);
-    momenta_stay(out, kinds);
+    assert_momenta_stay(out, kinds);
 }
 
-/// The blow of 100 N and 3 µs, `sin²` over time, leaves its impulse along the beam and nothing across; from
-/// its end on the linear and the angular momentum of the two models together stay what they are.
-fn momenta_stay(out: &Path, kinds: [&str; 2]) {
+/// Asserts that the blow (100 N, 3 µs, `sin²` over time) gives the two models its impulse along the beam and
+/// none across, and that their linear and angular momentum stay constant from its end on.
+fn assert_momenta_stay(out: &Path, kinds: [&str; 2]) {
     let (header, rows) = table(&out.join("energy.csv"));
     let first = header
         .iter()
@@ -78,8 +79,8 @@ fn momenta_stay(out: &Path, kinds: [&str; 2]) {
     assert!(across < 1e-12 * impulse, "{kinds:?}: {across} kg m/s across");
 }
 
-/// Velocity at the two probes: peak before the overlap, largest value there after the pulse has passed,
-/// peak behind.
+/// Returns three velocities: the peak before the overlap, the largest value there after the pulse has passed,
+/// and the peak behind the overlap.
 fn pulse(kinds: [&str; 2]) -> [f64; 3] {
     let folder = scratch(&format!("pair-{}-{}", kinds[0], kinds[1]));
     let out = folder.join("out");
@@ -108,19 +109,19 @@ fn pulse(kinds: [&str; 2]) -> [f64; 3] {
         (s["models"][0]["kind"].as_str(), s["models"][1]["kind"].as_str()),
         (Some(kinds[0]), Some(kinds[1]))
     );
-    sound(&s, &out, kinds);
+    assert_sound(&s, &out, kinds);
     let (header, rows) = table(&out.join("probes.csv"));
     let column = |name: &str| header.iter().position(|h| h.starts_with(name)).expect("probe");
     let (before, behind) = (column("before-overlap"), column("behind-overlap"));
-    let mut found = [0.0f64; 3];
+    let mut peaks = [0.0f64; 3];
     for row in rows {
-        found[0] = found[0].max(row[before]);
-        found[2] = found[2].max(row[behind]);
+        peaks[0] = peaks[0].max(row[before]);
+        peaks[2] = peaks[2].max(row[behind]);
         if row[0] > 4.6e-6 {
-            found[1] = found[1].max(row[before].abs());
+            peaks[1] = peaks[1].max(row[before].abs());
         }
     }
-    found
+    peaks
 }
 
 #[test]
@@ -133,12 +134,12 @@ fn any_pair_by_one_word() {
         (["cnem", "dem"], 0.04),
         (["cnem", "cnem"], 0.04),
     ] {
-        let [incident, back, through] = pulse(kinds);
-        // A radial oscillation of 1.3 % follows the pulse in one undivided body, too.
+        let [incident, reflection, through] = pulse(kinds);
+        // A radial oscillation of 1.3 % follows the pulse in one undivided body as well.
         assert!(
-            back < reflected * incident,
+            reflection < reflected * incident,
             "{kinds:?}: {:.4} of the amplitude comes back",
-            back / incident
+            reflection / incident
         );
         assert!(
             (through / incident - 1.0).abs() < 0.05,
@@ -150,19 +151,19 @@ fn any_pair_by_one_word() {
 
 #[test]
 fn particles_as_the_coarse_model() {
-    // Five particles across: their packing is stiffer than what follows, an impedance jump of its own.
+    // With five particles across, the packing is stiffer than the body behind it: a jump of the impedance.
     for fine in ["dem", "fem", "cnem"] {
-        let [incident, back, through] = pulse(["dem", fine]);
+        let [incident, reflection, through] = pulse(["dem", fine]);
         assert!(
-            back < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
+            reflection < 0.1 * incident && (through / incident - 1.0).abs() < 0.1,
             "dem | {fine}: {:.4} of the amplitude comes back, {:.4} goes through",
-            back / incident,
+            reflection / incident,
             through / incident
         );
     }
 }
 
-/// The beam of the scene, shorter, and a mediator that both hulls of particle centres leave room for.
+/// The beam of the scene, shorter, with a mediator that both hulls of particle centres have room for.
 const SHORT: &str = r#"
 [model.left]
 kind = "LEFT"
@@ -201,11 +202,12 @@ energy_every = 2
 plots = false
 "#;
 
-/// The field of natural neighbours between the particles, on either side or on both: cells in place of
-/// points.
+/// The field of natural neighbours between the particles on either side or on both: cells replace points as
+/// samples.
 #[test]
 fn natural_neighbours_between_particles_on_either_side() {
-    // Both as natural neighbours where both are particles: points of one are not points of the other.
+    // Both sides use natural neighbours where both are particles, since points of one are not points of the
+    // other.
     for kinds in [
         ["dem", "fem"],
         ["dem", "cnem"],
@@ -225,28 +227,28 @@ fn natural_neighbours_between_particles_on_either_side() {
             }
         }
         succeed(&arguments);
-        sound(&summary(&out), &out, kinds);
+        assert_sound(&summary(&out), &out, kinds);
     }
 }
 
 #[test]
 fn gradient_junctions_on_particles() {
     let path = scene("dem-fem-beam.toml");
-    let check = |more: &[&str]| {
+    let check = |settings: &[&str]| {
         let mut arguments = vec!["check", "--json", text(&path)];
         arguments.extend(["--set", "model.right.dem.protocol=quench"]);
-        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        settings.iter().for_each(|m| arguments.extend(["--set", m]));
         let out = arlequin(&arguments);
         let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
         (plan, String::from_utf8_lossy(&out.stderr).into_owned())
     };
-    let condition = |more: &[&str]| {
-        let (plan, message) = check(more);
-        let plan = plan.unwrap_or_else(|| panic!("{more:?}: {message}"));
+    let condition = |settings: &[&str]| {
+        let (plan, message) = check(settings);
+        let plan = plan.unwrap_or_else(|| panic!("{settings:?}: {message}"));
         number(&plan, "/interface/0/condition")
     };
-    // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator drawn into their
-    // hull.
+    // Gradients fitted to the bonded neighbours, and natural neighbours with a mediator that lies within
+    // their hull.
     let h1 = "interface.middle.junction.kind=h1-gradient";
     let natural = [
         "model.right.dem.field=natural",
@@ -254,12 +256,12 @@ fn gradient_junctions_on_particles() {
     ];
     let values = condition(&[]);
     let [fitted, neighbours] = [&[][..], &natural[..]].map(|fields| {
-        let all: Vec<&str> = [h1].into_iter().chain(fields.iter().copied()).collect();
-        let found = condition(&all);
-        assert!(found > 1.0 && found < 1e4, "{fields:?}: {found:e}");
-        found
+        let sets: Vec<&str> = [h1].into_iter().chain(fields.iter().copied()).collect();
+        let kappa = condition(&sets);
+        assert!(kappa > 1.0 && kappa < 1e4, "{fields:?}: {kappa:e}");
+        kappa
     });
-    // Three operators: neither the junction nor the field is passed over.
+    // The three operators differ: neither the junction nor the field is ignored.
     for (a, b) in [(values, fitted), (fitted, neighbours), (neighbours, values)] {
         assert!((a / b).ln().abs() > 0.2, "{a:e} {b:e}");
     }

@@ -1,9 +1,9 @@
-//! Warnings of what is possible and hardly meant; none where nothing is odd.
+//! Warnings of settings that are possible but hardly meant; no warning where nothing is odd.
 
 use crate::common::{SMALL, scene, scratch, succeed, summary, text};
 use std::path::Path;
 
-/// Two overlapping blocks of glass in SI units, three coarse elements in the overlap.
+/// Two overlapping blocks of glass in SI units, with three coarse elements in the overlap.
 const GLASS: &str = r#"
 [model.left]
 kind = "fem"
@@ -41,18 +41,21 @@ end = 30e-6
 fn warnings(folder: &Path, scene: &str, sets: &[&str]) -> Vec<String> {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
-    of_file(&path, sets)
+    file_warnings(&path, sets)
 }
 
-fn of_file(path: &Path, sets: &[&str]) -> Vec<String> {
+fn file_warnings(path: &Path, sets: &[&str]) -> Vec<String> {
     let sets: Vec<&str> = sets.iter().flat_map(|s| ["--set", s]).collect();
     let plan = succeed(&[&["check", "--json", text(path)], &sets[..]].concat());
     let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
-    let all = plan["warnings"].as_array().expect("warnings");
-    all.iter().map(|w| w.as_str().expect("text").to_owned()).collect()
+    let entries = plan["warnings"].as_array().expect("warnings");
+    entries
+        .iter()
+        .map(|w| w.as_str().expect("text").to_owned())
+        .collect()
 }
 
-/// Issue 26, D.5: what a kind does not read is not taken without a word.
+/// Issue 26, D.5: a material constant that the model kind does not read is warned of.
 #[test]
 fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
     let folder = scratch("unread");
@@ -63,32 +66,33 @@ fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
         )
     };
     let unlike = |material: &str, dem: &str| {
-        let all = warnings(&folder, &grains(material, dem), &[]);
-        all.into_iter().find(|w| w.contains("its beams make a packing"))
+        let texts = warnings(&folder, &grains(material, dem), &[]);
+        texts.into_iter().find(|w| w.contains("its beams make a packing"))
     };
-    let said = unlike("young = 75e9, poisson = 0.3", "").expect("a warning");
+    let warning = unlike("young = 75e9, poisson = 0.3", "").expect("a warning");
     assert!(
-        said.contains("nu = 0.174, and material.poisson = 0.3 is that of estimates only"),
-        "{said}"
+        warning.contains("nu = 0.174, and material.poisson = 0.3 is that of estimates only"),
+        "{warning}"
     );
-    let said = unlike("young = 75e9, poisson = 0.17", ", young = 75e9").expect("a warning");
+    let warning = unlike("young = 75e9, poisson = 0.17", ", young = 75e9").expect("a warning");
     assert!(
-        said.contains("E = 2.062e10 Pa") && said.contains("material.young = 7.5e10 Pa"),
-        "{said}"
+        warning.contains("E = 2.062e10 Pa") && warning.contains("material.young = 7.5e10 Pa"),
+        "{warning}"
     );
     assert_eq!(unlike("young = 75e9, poisson = 0.17", ""), None);
     assert_eq!(unlike("young = 75e9", ""), None);
     let line = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 1.0, section = 1e-4 }\ndivisions = [10]\n\
                 material = { young = 75e9, poisson = 0.3, density = 2200.0 }\n[time]\nsteps = 1\n";
-    let all = warnings(&folder, line, &[]);
+    let texts = warnings(&folder, line, &[]);
     assert!(
-        all.iter()
+        texts
+            .iter()
             .any(|w| w.contains("material.poisson = 0.3 does not enter")),
-        "{all:?}"
+        "{texts:?}"
     );
 }
 
-/// Settings that make the scene odd, and a part of each warning they give.
+/// Settings that make the scene odd, and a part of each resulting warning.
 type Case = (&'static [&'static str], &'static [&'static str]);
 
 const ODD: [Case; 20] = [
@@ -210,24 +214,24 @@ const ODD: [Case; 20] = [
     ),
 ];
 
-/// One odd number gives one warning, with that number in it.
+/// Each odd number gives one warning that contains the number.
 #[test]
 fn each_odd_number_is_named() {
     let folder = scratch("odd");
     assert_eq!(warnings(&folder, GLASS, &[]), [""; 0]);
     for (sets, wanted) in ODD {
-        let found = warnings(&folder, GLASS, sets);
-        assert_eq!(found.len(), wanted.len(), "{sets:?}: {found:#?}");
-        for (f, w) in found.iter().zip(wanted) {
-            assert!(f.contains(w), "{sets:?}: '{w}' is missing in {found:#?}");
+        let texts = warnings(&folder, GLASS, sets);
+        assert_eq!(texts.len(), wanted.len(), "{sets:?}: {texts:#?}");
+        for (f, w) in texts.iter().zip(wanted) {
+            assert!(f.contains(w), "{sets:?}: '{w}' is missing in {texts:#?}");
         }
     }
 }
 
 #[test]
 fn a_support_of_both_models_in_their_overlap_is_as_it_should_be() {
-    let both = "support=[{model='left', where='y-min', components=['y']}, {model='right', where='y-min', components=['y']}]";
-    assert_eq!(warnings(&scratch("both-held"), GLASS, &[both]), [""; 0]);
+    let support = "support=[{model='left', where='y-min', components=['y']}, {model='right', where='y-min', components=['y']}]";
+    assert_eq!(warnings(&scratch("both-held"), GLASS, &[support]), [""; 0]);
 }
 
 #[test]
@@ -240,12 +244,12 @@ fn models_that_overlap_without_an_interface_are_named() {
     let alone = alone
         .replace("role = \"coarse\"\n", "")
         .replace("role = \"fine\"\n", "");
-    let found = warnings(&folder, &alone, &[]);
-    assert_eq!(found.len(), 1, "{found:#?}");
+    let texts = warnings(&folder, &alone, &[]);
+    assert_eq!(texts.len(), 1, "{texts:#?}");
     // 30 of 60 mm of the fine model lie in the coarse one.
     assert!(
-        found[0].contains("models 'left' and 'right' overlap (50.0 % of one lies in the other)"),
-        "{found:#?}"
+        texts[0].contains("models 'left' and 'right' overlap (50.0 % of one lies in the other)"),
+        "{texts:#?}"
     );
     // Bodies that only touch do not overlap.
     let touching = ["model.right.shape.box={low=[70e-3, 0.0, 0.0], high=[100e-3, 10e-3, 10e-3]}"];
@@ -267,8 +271,9 @@ fracture = { criterion = "rankine", strength = 200e6 }
 end = 5e-6
 "#;
     let odd = |sets: &[&str]| -> Vec<String> {
-        let all = warnings(&folder, bar, sets);
-        all.into_iter()
+        let texts = warnings(&folder, bar, sets);
+        texts
+            .into_iter()
             .filter(|w| w.contains("effect[0].fracture: strength"))
             .collect()
     };
@@ -284,12 +289,15 @@ end = 5e-6
             "strength = 1e-6 is 1.00e-6 J/m², far below",
         ),
     ] {
-        let found = odd(&[set]);
-        assert!(found.len() == 1 && found[0].contains(words), "{set}: {found:#?}");
+        let odd_texts = odd(&[set]);
+        assert!(
+            odd_texts.len() == 1 && odd_texts[0].contains(words),
+            "{set}: {odd_texts:#?}"
+        );
     }
 }
 
-/// Two tetrahedra on one face, in two volumes: physical groups, or none.
+/// A mesh of two tetrahedra with a common face in two volumes, with or without physical groups.
 fn two_volumes(physical: [&str; 2]) -> String {
     let volume = |tag: u32, group: &str| format!("{tag} 0 0 0 1 1 1 {group} 0\n");
     format!(
@@ -320,19 +328,19 @@ steps = 2
     ] {
         std::fs::write(folder.join("body.msh"), two_volumes(physical)).expect("mesh");
         for kind in ["fem", "cnem"] {
-            let found = warnings(&folder, scene, &[&format!("model.body.kind={kind}")]);
+            let texts = warnings(&folder, scene, &[&format!("model.body.kind={kind}")]);
             match words {
-                None => assert_eq!(found, [""; 0]),
+                None => assert_eq!(texts, [""; 0]),
                 Some(w) => assert!(
-                    found.len() == 1 && found[0].contains(w),
-                    "{physical:?} {kind}: {found:#?}"
+                    texts.len() == 1 && texts[0].contains(w),
+                    "{physical:?} {kind}: {texts:#?}"
                 ),
             }
         }
     }
 }
 
-/// A run says at once what its motion shows, and its summary says the same, once.
+/// A run warns at once of an implausible motion, and its summary holds the same warnings, each once.
 #[test]
 fn a_run_says_the_same_and_what_its_motion_shows() {
     let folder = scratch("odd-run");
@@ -341,42 +349,43 @@ fn a_run_says_the_same_and_what_its_motion_shows() {
     let out = folder.join("out");
     let pull = "load.0={model='right', where='x-max', force=[1e11, 0.0, 0.0], time={table=[[0.0, 0.0], [5e-6, 0.0], [6e-6, 1.0]]}}";
     let run = crate::common::arlequin(&["run", text(&path), "--out", text(&out), "--set", pull]);
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    assert!(run.status.success(), "{said}");
-    let all = summary(&out)["warnings"].clone();
-    let all: Vec<&str> = all
+    let stderr = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(run.status.success(), "{stderr}");
+    let texts = summary(&out)["warnings"].clone();
+    let texts: Vec<&str> = texts
         .as_array()
         .expect("list")
         .iter()
         .filter_map(|w| w.as_str())
         .collect();
-    assert!(all[0].contains("load[0]: a force of 1.000e11 N"), "{all:#?}");
-    let moving: Vec<_> = all
+    assert!(texts[0].contains("load[0]: a force of 1.000e11 N"), "{texts:#?}");
+    let moving: Vec<_> = texts
         .iter()
         .filter(|w| w.contains("moves at") || w.contains("displacements differ"))
         .collect();
-    assert!(!moving.is_empty() && moving.len() <= 4, "{all:#?}");
-    assert!(all.iter().all(|w| said.matches(w).count() == 1), "{said}");
+    assert!(!moving.is_empty() && moving.len() <= 4, "{texts:#?}");
+    assert!(texts.iter().all(|w| stderr.matches(w).count() == 1), "{stderr}");
 }
 
-/// A scene in units of its own is judged by its ratios alone.
+/// A scene with dimensionless units is judged by its ratios alone.
 #[test]
 fn dimensionless_scenes_are_not_held_against_solids() {
     let folder = scratch("unit");
-    let found = warnings(&folder, SMALL, &[]);
-    // Its overlap is two coarse elements wide, which is odd in any units.
+    let texts = warnings(&folder, SMALL, &[]);
+    // The overlap is two coarse elements wide, which is odd in any units.
     assert!(
-        found.len() == 1 && found[0].contains("is 2.0 elements of 'left'"),
-        "{found:#?}"
+        texts.len() == 1 && texts[0].contains("is 2.0 elements of 'left'"),
+        "{texts:#?}"
     );
-    let found = warnings(&folder, SMALL, &["load.0.force=[1e30, 0.0, 0.0]"]);
+    let texts = warnings(&folder, SMALL, &["load.0.force=[1e30, 0.0, 0.0]"]);
     assert!(
-        found.iter().any(|w| w.contains("a force of 1.000e30 N")),
-        "{found:#?}"
+        texts.iter().any(|w| w.contains("a force of 1.000e30 N")),
+        "{texts:#?}"
     );
 }
 
-/// Packings are coarser here than shipped; overlaps, materials, loads and times are those of the scenes.
+/// No shipped scene is warned of. Packings are coarser here than shipped; overlaps, materials, loads and
+/// times are those of the scenes.
 #[test]
 fn no_shipped_scene_is_called_odd() {
     let shipped: [(&str, &[&str]); 17] = [
@@ -443,8 +452,8 @@ fn no_shipped_scene_is_called_odd() {
         "volumes",
     ];
     for (name, sets) in shipped {
-        let found = of_file(&scene(name), sets);
-        let odd: Vec<_> = found
+        let texts = file_warnings(&scene(name), sets);
+        let odd: Vec<_> = texts
             .iter()
             .filter(|w| odd.iter().any(|o| w.contains(o)))
             .collect();

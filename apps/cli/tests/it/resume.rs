@@ -1,4 +1,5 @@
-//! Checkpoints: a run that was killed, interrupted or torn goes on with the same bits, or says why it cannot.
+//! Checkpoints: a run that was killed, interrupted or damaged goes on with the same bits, or the error says
+//! why it cannot.
 
 use crate::common::{SMALL, arlequin, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ fn start(scene: &Path, out: &Path, extra: &[&str]) -> Child {
         .expect("starts")
 }
 
-fn again(out: &Path) -> Child {
+fn start_resume(out: &Path) -> Child {
     crate::common::command(&["resume", text(out)])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -33,7 +34,7 @@ fn again(out: &Path) -> Child {
         .expect("starts")
 }
 
-/// Everything that a run computed: tables, frames and their index.
+/// Returns all computed files of a run: tables, frames and their index.
 fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files: Vec<PathBuf> = ["probes.csv", "energy.csv", "results.pvd"]
         .map(|n| folder.join(n))
@@ -59,7 +60,7 @@ fn assert_same(a: &Path, b: &Path) {
     }
 }
 
-/// The whole run, without any checkpoint.
+/// Runs the whole scene without any checkpoint and returns its folder.
 fn reference(folder: &Path, scene: &Path) -> PathBuf {
     let out = folder.join("whole");
     succeed(&["run", text(scene), "--out", text(&out), "--set", STEPS]);
@@ -70,9 +71,15 @@ fn reference(folder: &Path, scene: &Path) -> PathBuf {
     out
 }
 
-/// Kills a run at random moments, at most so often, and resumes it until it is done; how often it was
-/// killed. The run that is begun again shares one stream of random numbers, `state`.
-fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: impl Fn() -> Child) -> usize {
+/// Kills a run at random moments, at most `most` times, and resumes it until it is complete; returns the
+/// number of kills. `state` is the generator of random numbers, which successive runs share.
+fn kill_until_done(
+    out: &Path,
+    pause: u64,
+    max_kills: usize,
+    state: &mut u64,
+    start: impl Fn() -> Child,
+) -> usize {
     let unfinished = out.with_extension("unfinished");
     let mut child = start();
     let mut kills = 0;
@@ -81,19 +88,19 @@ fn kill_until_done(out: &Path, pause: u64, most: usize, state: &mut u64, start: 
         *state ^= *state >> 7;
         *state ^= *state << 17;
         std::thread::sleep(Duration::from_millis(pause + *state % (3 * pause)));
-        if kills == most || child.try_wait().expect("waits").is_some() {
+        if kills == max_kills || child.try_wait().expect("waits").is_some() {
             break;
         }
         child.kill().expect("kill");
         child.wait().expect("ends");
         kills += 1;
         if !unfinished.exists() && out.join("summary.json").exists() {
-            // Killed after the last write, before it could say so.
+            // The run was killed after its last write, before it could report its end.
             assert_eq!(summary(out)["status"], "complete");
             return kills;
         }
         let resumable = unfinished.join("checkpoint.bin").exists();
-        child = if resumable { again(out) } else { start() };
+        child = if resumable { start_resume(out) } else { start() };
     }
     assert!(child.wait().expect("ends").success());
     assert_eq!(summary(out)["status"], "complete");
@@ -111,7 +118,7 @@ fn killed_fifty_times_at_random_it_goes_on_with_the_same_bits() {
     let whole = reference(&folder, &scene);
     let out = folder.join("killed-run");
     let (mut kills, mut state, mut rounds) = (0, MOMENTS, 0);
-    // A fast machine ends a run before it was killed often enough: then another one is begun.
+    // A fast machine completes a run before enough kills: then another run starts.
     while kills < 50 {
         let _ = std::fs::remove_dir_all(&out);
         let begin = || start(&scene, &out, &[]);
@@ -165,8 +172,8 @@ fn broken_bonds_and_contacts_go_on_with_the_same_bits() {
     let [whole, out] = ["whole", "killed-run"].map(|n| folder.join(n));
     let fixed = ["run", text(&scene), "--out"];
     succeed(&[&fixed[..], &[text(&whole)], &sets].concat());
-    let every = ["--set", "output.checkpoint_every=20"];
-    let arguments = [&fixed[..], &[text(&out)], &sets, &every].concat();
+    let interval = ["--set", "output.checkpoint_every=20"];
+    let arguments = [&fixed[..], &[text(&out)], &sets, &interval].concat();
     let begin = || {
         let mut c = crate::common::command(&arguments);
         c.stdout(Stdio::null())
@@ -187,7 +194,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     let scene = small(&folder);
     let whole = reference(&folder, &scene);
     let out = folder.join("stopped");
-    // No checkpoints by count: the interruption writes one.
+    // No checkpoints by step count: only the interruption writes one.
     let body = std::fs::read_to_string(&scene).expect("scene");
     std::fs::write(&scene, body.replace("checkpoint_every = 200\n", "")).expect("scene");
     let mut child = start(&scene, &out, &[]);
@@ -215,7 +222,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     assert!(message.contains("has a run that has ended"), "{message}");
 }
 
-/// A killed run of which only the checkpoint matters.
+/// Kills a run of which only the checkpoint matters; returns its folder and the unfinished one.
 fn torn(folder: &Path) -> (PathBuf, PathBuf) {
     let scene = small(folder);
     let out = folder.join("out");
@@ -247,12 +254,12 @@ fn checkpoints_that_do_not_fit_are_refused() {
     let folder = scratch("torn");
     let (out, checkpoint) = torn(&folder);
     let whole = std::fs::read(&checkpoint).expect("checkpoint");
-    // What would replace a folder says so before the first step.
+    // A resumed run that would replace a folder is refused before its first step.
     std::fs::create_dir(&out).expect("folder");
     let message = refusal(&["resume", text(&out)]);
     assert!(message.contains("move that away"), "{message}");
     std::fs::remove_dir(&out).expect("folder");
-    // A new run must not destroy what can be resumed.
+    // A new run must not destroy a run that can be resumed.
     let message = refusal(&["run", text(&folder.join("small.toml")), "--out", text(&out)]);
     assert!(
         message.contains("holds an unfinished run; go on with 'arlequin resume"),

@@ -1,4 +1,4 @@
-//! The shipped scenes, shortened, and what their summaries say.
+//! The shipped scenes, shortened, and the figures of their summaries.
 
 use crate::common::{arlequin, number, scene, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn quickstart() {
     let folder = run("quickstart", &["time.end=40e-6"]);
     let s = check_common(&folder);
     assert_eq!(s["effects"][0], "right/blow");
-    // Nothing but the blow does work.
+    // Only the blow does work.
     let energy = number(&s, "/energy/final");
     assert!((number(&s, "/energy/ledger/right~1blow") / energy - 1.0).abs() < 0.02);
     assert!(number(&s, "/probes/struck-end/min") < -3e-6);
@@ -70,10 +70,10 @@ fn quickstart() {
 fn bar_1d() {
     let s = check_common(&run("bar-1d", &[]));
     assert_eq!(s["models"][1]["kind"], "chain");
-    // The pulse arrives behind the overlap with its height, and little comes back.
+    // The pulse passes the overlap with its height, and little is reflected.
     assert!((number(&s, "/probes/behind/max") / 1e-6 - 1.0).abs() < 0.01);
     assert!(number(&s, "/probes/before/last").abs() < 0.01e-6);
-    // A long pulse hardly meets the absorber, which takes some 3e-4 of it.
+    // The absorber takes some 3e-4 of a long pulse's energy.
     let absorbed = -number(&s, "/energy/ledger/chain~1absorber") / number(&s, "/energy/initial");
     assert!(absorbed > 1e-4 && absorbed < 1e-3, "{absorbed:e}");
 }
@@ -83,12 +83,12 @@ fn cantilever() {
     let s = check_common(&run("cantilever", &["time.end=1e-3"]));
     assert_eq!(s["steps"], 1000);
     assert!((number(&s, "/energy/initial") / 1506.5 - 1.0).abs() < 1e-3);
-    // The published test asks for the total energy, which oscillates a little about the invariant.
+    // The published test uses the total energy, which oscillates a little about the invariant.
     assert!((number(&s, "/energy/final") / number(&s, "/energy/initial") - 1.0).abs() < 5e-3);
 }
 
-/// Fewer and larger spheres: the frame of elements around them, its mediator, and a ball that breaks bonds
-/// and leaves.
+/// The plate impact with fewer and larger spheres: the frame of elements around them, its mediator, and a
+/// ball that breaks bonds and leaves.
 #[test]
 fn plate_impact() {
     let coarser = [
@@ -106,8 +106,8 @@ fn plate_impact() {
     }
     let facts = |line: &str, fact: &str| {
         let lines = s["effect_ledger"].as_array().expect("lines");
-        let of = lines.iter().find(|l| l["name"] == line).expect(line);
-        of["facts"][fact].as_f64().expect(fact)
+        let entry = lines.iter().find(|l| l["name"] == line).expect(line);
+        entry["facts"][fact].as_f64().expect(fact)
     };
     assert!(
         facts("grains/ball", "velocity z [m/s]") > 4.0,
@@ -124,7 +124,7 @@ fn struck_block() {
     assert_eq!(s["models"].as_array().map(Vec::len), Some(2));
     assert!(number(&s, "/energy/h_drift_max") < 1e-11);
     assert!(number(&s, "/interface/0/max_constraint_residual") < 1e-12);
-    // The zone's beams make its packing as stiff as the body in its place.
+    // The beams of the zone make its packing as stiff as the body that it replaces.
     let like = |what: &str| number(&s, &format!("/models/1/packing/likeness/{what}"));
     assert!((like("stiffness") - 1.0).abs() < 1e-12 && (0.7..1.4).contains(&like("beams")));
     assert!(like("uneven") < 0.15, "{}", like("uneven"));
@@ -178,15 +178,15 @@ fn check_prints_the_plan_and_writes_nothing() {
 
 #[test]
 fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tied() {
-    let check = |name: &str, more: &[&str]| {
+    let check = |name: &str, settings: &[&str]| {
         let path = scene(name);
         let mut arguments = vec!["check", "--json", text(&path)];
-        more.iter().for_each(|m| arguments.extend(["--set", m]));
+        settings.iter().for_each(|m| arguments.extend(["--set", m]));
         let out = arlequin(&arguments);
         let plan: Option<serde_json::Value> = serde_json::from_slice(&out.stdout).ok();
         (plan, String::from_utf8_lossy(&out.stderr).into_owned())
     };
-    // A slab that begins where only the clamped part is.
+    // The overlap begins where only the clamped part lies.
     let wide = [
         "interface.middle.overlap.slab.coarse=[0.05, 0, 0]",
         "interface.middle.mediator.shape={ box = { low = [0.1016, 0, 0], high = [0.1524, 25.4e-3, 12.7e-3] } }",
@@ -197,12 +197,12 @@ fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tie
         "{message}"
     );
     assert!(message.contains("not to 1 within 1e-6"), "{message}");
-    // A deliberate study says so.
+    // `partition=unchecked` allows a deliberate study.
     let free = [wide[0], wide[1], "interface.middle.partition=unchecked"];
     let (plan, message) = check("cantilever.toml", &free);
     let plan = plan.unwrap_or_else(|| panic!("{message}"));
     assert_eq!(plan["interface"][0]["partition_checked"], false);
-    // A mediator over a quarter of the overlap.
+    // The mediator covers a quarter of the overlap.
     let quarter = [
         "interface.middle.mediator.shape={ box = { low = [0.1016, 0, 0], high = [0.1143, 25.4e-3, 12.7e-3] } }",
     ];
@@ -211,8 +211,8 @@ fn overlaps_that_one_model_does_not_fill_are_refused_and_reports_say_what_is_tie
         plan.is_none() && message.contains("of the overlap lies outside the mediator"),
         "{message}"
     );
-    // As shipped: initial displacements are made to agree, and a square mediator ties nearly all particles
-    // of a circle.
+    // As shipped: initial displacements are projected to agree, and a square mediator ties nearly all
+    // particles of a circle.
     let (plan, message) = check("cantilever.toml", &[]);
     let plan = plan.unwrap_or_else(|| panic!("{message}"));
     assert!((number(&plan, "/interface/0/initial_jump") - 7.938e-6).abs() < 1e-8);
@@ -228,12 +228,12 @@ fn masses_of_natural_elements_are_a_choice_of_the_scene() {
     let path = scene("beam-cnem.toml");
     let step = |inertia: &str| {
         let set = format!("model.left.cnem.inertia={inertia}");
-        let made = succeed(&["check", "--json", text(&path), "--set", &set]);
-        let plan: serde_json::Value = serde_json::from_str(&made).expect("JSON");
+        let printed = succeed(&["check", "--json", text(&path), "--set", &set]);
+        let plan: serde_json::Value = serde_json::from_str(&printed).expect("JSON");
         number(&plan, "/models/0/critical_dt")
     };
     let ratio = step("centroids") / step("cells");
-    // A node beyond the weight's floor keeps a share of its neighbours' mass: the step of a coupled model
-    // grows.
+    // A node whose weight is at its floor takes a share of its neighbours' mass, so the critical step of the
+    // coupled model grows.
     assert!((1.2..1.3).contains(&ratio), "{ratio}");
 }

@@ -1,15 +1,15 @@
-//! What the program tells of itself: schemas, completions, man pages.
+//! The program's descriptions of itself: schemas, completions, man pages.
 
 use crate::common::{SMALL, changed, schemas::verdict, scratch, succeed, text};
 use std::path::{Path, PathBuf};
 
 fn shipped(folder: &str) -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder);
-    let all = std::fs::read_dir(&folder).expect("folder").flatten();
-    let mut all: Vec<PathBuf> = all.map(|e| e.path()).collect();
-    all.retain(|p| p.extension().is_some_and(|e| e == "toml"));
-    assert!(!all.is_empty());
-    all
+    let paths = std::fs::read_dir(&folder).expect("folder").flatten();
+    let mut paths: Vec<PathBuf> = paths.map(|e| e.path()).collect();
+    paths.retain(|p| p.extension().is_some_and(|e| e == "toml"));
+    assert!(!paths.is_empty());
+    paths
 }
 
 #[test]
@@ -73,11 +73,11 @@ fn the_schema_refuses_what_it_can_tell_to_be_wrong() {
     assert_eq!(verdict("sweep", &sweep), Some(false));
 }
 
-/// Descriptions are what editors show.
+/// Every key of the schema has a description, which editors show.
 #[test]
 fn every_key_of_the_schema_has_a_description() {
-    fn bare(at: &serde_json::Value, path: &str, out: &mut Vec<String>) {
-        let Some(object) = at.as_object() else { return };
+    fn bare(node: &serde_json::Value, path: &str, out: &mut Vec<String>) {
+        let Some(object) = node.as_object() else { return };
         for (key, value) in object
             .get("properties")
             .and_then(|p| p.as_object())

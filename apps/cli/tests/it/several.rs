@@ -1,4 +1,4 @@
-//! Scenes beyond the shipped ones: one model alone, a fine zone between two coarse ones, cylinders.
+//! Scenes that differ from the shipped ones: one model alone, a fine zone between two coarse ones, cylinders.
 
 use crate::common::{SMALL, number, scratch, succeed, summary, text};
 
@@ -11,7 +11,7 @@ fn run(name: &str, scene: &str) -> serde_json::Value {
     summary(&out)
 }
 
-/// Axial frequencies `(2k + 1) c/(4 L)` of a clamped bar, read from a probe.
+/// A clamped bar has the axial frequencies `(2k + 1) c/(4 L)`, read from a probe.
 #[test]
 fn frequencies_of_a_bar() {
     let s = run(
@@ -39,16 +39,19 @@ component = "x"
 "#,
     );
     for (k, expected) in [0.25, 0.75, 1.25].into_iter().enumerate().take(2) {
-        let found = number(&s, &format!("/probes/tip/frequencies/{k}"));
-        assert!((found / expected - 1.0).abs() < 2e-3, "{found} for {expected}");
+        let frequency = number(&s, &format!("/probes/tip/frequencies/{k}"));
+        assert!(
+            (frequency / expected - 1.0).abs() < 2e-3,
+            "{frequency} for {expected}"
+        );
     }
-    // The static deflection is one; the bar oscillates between zero and twice that.
+    // The static deflection is one; the bar oscillates between zero and two.
     assert!((number(&s, "/probes/tip/mean") - 1.0).abs() < 0.01);
     assert!(s["interface"].as_array().is_some_and(Vec::is_empty));
     assert_eq!(s["effects"][0], "bar/load-1");
 }
 
-/// Everything moves at one speed: the fine zone in the middle and both coarse sides stay together.
+/// A fine zone between two coarse sides: all models move at one velocity and stay together.
 #[test]
 fn fine_zone_between_coarse_sides() {
     let head = SMALL.split("[[support]]").next().expect("models");
@@ -93,7 +96,7 @@ component = "y"
     }
 }
 
-/// One coarse model between two fine ones, several drives and every optional key at once.
+/// A coarse model between two fine ones, with several drives and every optional key.
 #[test]
 fn coarse_model_between_fine_ones() {
     let scene = format!(
@@ -136,7 +139,8 @@ body_force.acceleration = [0.0, 0.0, -1e-4]
     assert!(number(&s, "/energy/ledger/right~1mass-damping") < 0.0);
 }
 
-/// A twisted cylinder on meshes with unlike cross-sections; the patch-exact weight and the strain junction.
+/// A twisted cylinder of meshes with different cross-sections keeps its balance with the patch-exact weight
+/// and the strain junction.
 #[test]
 fn twisted_cylinder() {
     let s = run(

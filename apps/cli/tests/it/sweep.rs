@@ -1,4 +1,4 @@
-//! `arlequin sweep` and `arlequin suggest` on scenes of milliseconds.
+//! `arlequin sweep` and `arlequin suggest` on scenes that take milliseconds.
 #![allow(clippy::unwrap_used, reason = "a test may stop at what it did not expect")]
 
 use crate::common::sweeps::{SWEEP, folder};
@@ -10,13 +10,13 @@ fn read(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// Every tag is closed in turn: what a browser needs to show the page as it was meant.
+/// Asserts that every tag is closed in turn, which a browser needs to show the page as meant.
 fn assert_well_formed(html: &str) {
     let mut open: Vec<String> = Vec::new();
-    let mut rest = html.strip_prefix("<!DOCTYPE html>").unwrap();
-    while let Some(start) = rest.find('<') {
-        let end = start + rest[start..].find('>').unwrap();
-        let tag = &rest[start + 1..end];
+    let mut tail = html.strip_prefix("<!DOCTYPE html>").unwrap();
+    while let Some(start) = tail.find('<') {
+        let end = start + tail[start..].find('>').unwrap();
+        let tag = &tail[start + 1..end];
         let name: String = tag
             .trim_start_matches('/')
             .chars()
@@ -28,7 +28,7 @@ fn assert_well_formed(html: &str) {
         } else if !tag.ends_with('/') {
             open.push(name);
         }
-        rest = &rest[end + 1..];
+        tail = &tail[end + 1..];
     }
     assert!(open.is_empty(), "{open:?} stay open");
 }
@@ -39,8 +39,8 @@ fn a_sweep_runs_reports_and_resumes() {
     let out = path.join("out");
     let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let said = succeed(&arguments);
-    assert!(said.contains("6 made, 0 taken from before"), "{said}");
+    let printed = succeed(&arguments);
+    assert!(printed.contains("6 made, 0 taken from before"), "{printed}");
     let s = read(&out.join("sweep.json"));
     assert_eq!(s["status"], "complete");
     let runs = s["runs"].as_array().unwrap();
@@ -67,7 +67,7 @@ fn a_sweep_runs_reports_and_resumes() {
         assert!(r["peak_bytes"].as_u64().is_none_or(|b| b > 1_000_000));
         assert!(number(r, "/reflected_energy/joint") < 1e-2);
     }
-    // Second order in the element length; the reference has no error.
+    // The error is of second order in the element length; the reference has none.
     let error = |k: usize| number(&runs[k], "/errors/displacement");
     assert_eq!(error(0).to_bits(), 0);
     for (fine, coarse) in [(1, 2), (3, 4), (4, 5)] {
@@ -86,19 +86,19 @@ fn a_sweep_runs_reports_and_resumes() {
         page.contains("Chain &lt;and&gt; bar") && page.matches("<svg").count() == 6,
         "three pictures, each for broad and for narrow screens"
     );
-    // Again: nothing is left to do, and nothing changes.
-    let said = succeed(&arguments);
-    assert!(said.contains("0 made, 6 taken from before"), "{said}");
-    let again = read(&out.join("sweep.json"));
-    assert_eq!(again["runs"][4]["seconds"], runs[4]["seconds"]);
-    // A changed scene makes its runs, and only those, anew.
+    // A second sweep makes no run and changes nothing.
+    let printed = succeed(&arguments);
+    assert!(printed.contains("0 made, 6 taken from before"), "{printed}");
+    let repeated = read(&out.join("sweep.json"));
+    assert_eq!(repeated["runs"][4]["seconds"], runs[4]["seconds"]);
+    // A changed scene repeats its own runs and no others.
     let scene = path.join("coupled.toml");
     let changed = std::fs::read_to_string(&scene)
         .unwrap()
         .replace("\"cubic\"", "\"quintic\"");
     std::fs::write(&scene, changed).unwrap();
-    let said = succeed(&arguments);
-    assert!(said.contains("3 made, 3 taken from before"), "{said}");
+    let printed = succeed(&arguments);
+    assert!(printed.contains("3 made, 3 taken from before"), "{printed}");
 }
 
 #[test]
@@ -106,8 +106,8 @@ fn one_failure_does_not_end_a_sweep() {
     let sweep = SWEEP.replace("[[0.05, 1.2], ", "[[-1.0, 1.2], ");
     let path = folder("sweep-failing", &sweep);
     let out = path.join("out");
-    let said = arlequin(&["sweep", text(&path.join("sweep.toml")), "--out", text(&out)]);
-    assert_eq!(said.status.code(), Some(1));
+    let outcome = arlequin(&["sweep", text(&path.join("sweep.toml")), "--out", text(&out)]);
+    assert_eq!(outcome.status.code(), Some(1));
     let s = read(&out.join("sweep.json"));
     assert_eq!(s["status"], "failed");
     assert_eq!(s["runs"][3]["status"], "failed");
@@ -199,9 +199,9 @@ fn mistakes_in_a_sweep_are_named_before_anything_runs() {
         assert_ne!(sweep, SWEEP);
         let path = folder(&format!("sweep-bad-{k}"), &sweep);
         let out = path.join("out");
-        let said = arlequin(&["sweep", text(&path.join("sweep.toml")), "--out", text(&out)]);
-        let error = String::from_utf8_lossy(&said.stderr);
-        assert_eq!(said.status.code(), Some(2), "{to}: {error}");
+        let outcome = arlequin(&["sweep", text(&path.join("sweep.toml")), "--out", text(&out)]);
+        let error = String::from_utf8_lossy(&outcome.stderr);
+        assert_eq!(outcome.status.code(), Some(2), "{to}: {error}");
         assert!(error.contains(word), "{to}: {error}");
         assert!(!out.exists(), "{to}: nothing may be written");
     }
@@ -225,7 +225,7 @@ fn suggest_predicts_what_a_run_shows_and_writes_a_scene() {
         "--json",
     ]);
     let s: Value = serde_json::from_str(&json).unwrap();
-    // The scene as it is is the run h = 0.1 of the sweep.
+    // The given scene is the run h = 0.1 of the sweep.
     let ratio = number(&s, "/given/errors/velocity") / number(&measured, "/runs/4/errors/velocity");
     assert!((0.8..1.25).contains(&ratio), "predicted over measured {ratio}");
     assert!(number(&s, "/proposed/errors/velocity") <= 0.1);
@@ -233,7 +233,7 @@ fn suggest_predicts_what_a_run_shows_and_writes_a_scene() {
     assert!(written.contains("# A chain and a bar.") && written.contains("# to be varied"));
     assert_ne!(written, std::fs::read_to_string(&scene).unwrap());
     succeed(&["check", text(&better)]);
-    // Held against the fine model everywhere, the written scene keeps what was promised.
+    // Against the fine model everywhere, the written scene keeps the promised error.
     let sweep = "scene = \"better.toml\"\nreference = { run = \"f\" }\n[run.f]\nscene = \"alone.toml\"\n";
     std::fs::write(path.join("check.toml"), sweep).unwrap();
     let json = succeed(&[
@@ -244,8 +244,8 @@ fn suggest_predicts_what_a_run_shows_and_writes_a_scene() {
         "--json",
     ]);
     let c: Value = serde_json::from_str(&json).unwrap();
-    let kept = number(&c, "/runs/1/errors/velocity");
-    assert!(kept < 0.12, "promised 0.1, measured {kept}");
+    let error_found = number(&c, "/runs/1/errors/velocity");
+    assert!(error_found < 0.12, "promised 0.1, measured {error_found}");
 }
 
 #[test]
@@ -265,16 +265,16 @@ fn wishes_that_make_no_sense_are_named() {
         (&["suggest", text(&alone), "--error", "5%"], "interface"),
     ];
     for (arguments, word) in cases {
-        let said = arlequin(arguments);
-        let error = String::from_utf8_lossy(&said.stderr);
-        assert_eq!(said.status.code(), Some(2), "{arguments:?}: {error}");
+        let outcome = arlequin(arguments);
+        let error = String::from_utf8_lossy(&outcome.stderr);
+        assert_eq!(outcome.status.code(), Some(2), "{arguments:?}: {error}");
         assert!(error.contains(word), "{arguments:?}: {error}");
     }
 }
 
 #[test]
 fn scalars_and_predictions_stand_beside_errors() {
-    let more = r#"
+    let measures = r#"
         [measure.peak]
         pointer = "/probes/far/max"
         factor = 1e3
@@ -283,7 +283,7 @@ fn scalars_and_predictions_stand_beside_errors() {
         [measure.bonds]
         fact = "broken bonds"
     "#;
-    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + more;
+    let sweep = SWEEP.replace("hook =", "suggest = true\nhook =") + measures;
     let path = folder("sweep-scalars", &sweep);
     let out = path.join("out");
     let arguments = ["sweep", text(&path.join("sweep.toml")), "--out", text(&out)].map(str::to_owned);
@@ -293,7 +293,7 @@ fn scalars_and_predictions_stand_beside_errors() {
     assert_eq!(s["units"]["peak"], "mm");
     let runs = s["runs"].as_array().unwrap();
     for (k, r) in runs.iter().enumerate() {
-        // The pulse of 1 mm runs one way.
+        // The pulse of 1 mm runs in one direction.
         let [value, deviation] = ["value", "deviation"].map(|n| number(r, &format!("/measures/peak/{n}")));
         assert!((0.5..1.1).contains(&value), "{r}");
         let expected = value / number(&runs[0], "/measures/peak/value") - 1.0;
@@ -326,7 +326,7 @@ fn scalars_and_predictions_stand_beside_errors() {
     let csv = std::fs::read_to_string(out.join("sweep.csv")).unwrap();
     let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
     assert!(columns.iter().all(|c| *c == columns[0]), "{columns:?}");
-    // The page of several sweeps has both tables.
+    // The page of several sweeps holds both tables.
     let docs = path.join("docs.md");
     succeed(&[
         "sweep-docs",
@@ -343,7 +343,7 @@ fn scalars_and_predictions_stand_beside_errors() {
     );
 }
 
-/// Ctrl-C reaches the sweep and its run; what was finished stays, the same command goes on.
+/// Ctrl-C ends the sweep and its current run; finished runs stay, and the same command goes on from there.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
@@ -358,7 +358,7 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
         .process_group(0)
         .spawn()
         .unwrap();
-    // The three runs of one model are over in no time, the coupled ones take a second each.
+    // The three runs of one model take no time; each coupled run takes a second.
     let begun = |label: &str| {
         let folders = std::fs::read_dir(out.join("runs"))
             .into_iter()
@@ -394,17 +394,18 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
             .to_string()
             .contains("3 of 6 runs are still to be made")
     );
-    let kept = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
-    let said = succeed(&arguments);
-    assert!(said.contains("3 made, 3 taken from before"), "{said}");
+    let finished_before =
+        ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    let printed = succeed(&arguments);
+    assert!(printed.contains("3 made, 3 taken from before"), "{printed}");
     assert_eq!(read(&out.join("sweep.json"))["status"], "complete");
-    let again = ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
-    assert!(kept == again, "finished runs are not touched");
+    let finished_after =
+        ["all-fine", "all-coarse=0.1", "all-coarse=0.2"].map(|l| std::fs::read(finished(l)).unwrap());
+    assert!(finished_before == finished_after, "finished runs are not touched");
 }
 
-/// Amplitudes that an overlap reflects grow with the square of the frequency, the lag of a lattice with its
-/// cube: at twice the frequency an error is four to eight times as large, and needs a finer mesh to stay
-/// what it was.
+/// At twice the frequency the predicted error is four to eight times as large and asks for a finer mesh:
+/// reflections from an overlap grow with the square of the frequency, the lag of a lattice with its cube.
 #[test]
 fn the_frequency_that_is_asked_for_decides_the_error() {
     let path = folder("suggest-frequency", SWEEP);

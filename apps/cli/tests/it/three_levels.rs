@@ -1,4 +1,4 @@
-//! Three levels in a row: a model that is fine beside one and coarse beside another.
+//! Three levels in a row: the middle model is fine beside one neighbour and coarse beside the other.
 
 use crate::common::{number, scene, scratch, succeed, summary, text};
 
@@ -6,7 +6,7 @@ use crate::common::{number, scene, scratch, succeed, summary, text};
 fn three_levels_with_overlaps_that_touch_are_one_system() {
     let out = scratch("three-levels").join("out");
     let path = scene("three-levels.toml");
-    let said = succeed(&[
+    let printed = succeed(&[
         "run",
         text(&path),
         "--out",
@@ -15,8 +15,8 @@ fn three_levels_with_overlaps_that_touch_are_one_system() {
         "model.near.dem.protocol=quench",
     ]);
     assert!(
-        said.contains("together with 'east'") && said.contains("together with 'west'"),
-        "{said}"
+        printed.contains("together with 'east'") && printed.contains("together with 'west'"),
+        "{printed}"
     );
     let s = summary(&out);
     assert!(number(&s, "/energy/h_drift_max") < 1e-12, "{}", s["energy"]);

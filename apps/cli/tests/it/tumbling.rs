@@ -1,11 +1,12 @@
-//! Bodies that turn: angular momentum in the ledger of a scene, any angle, and the hand-over of orientations.
+//! Bodies that turn: angular momentum in the ledger of a scene, probes of large angles, and the hand-over of
+//! orientations.
 #![allow(clippy::unwrap_used, reason = "a test fails where it cannot go on")]
 
 use crate::common::{WAKING, changed, number, succeed, summary, text, written};
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// A free box of 120 spheres that spins about no principal axis; units in which waves run at about 1.
+/// A free box of 120 spheres that spins about no principal axis; waves run at a speed of about 1.
 const BOX: &str = r#"
 [model.box]
 kind = "dem"
@@ -23,7 +24,7 @@ end = 700.0
 plots = false
 "#;
 
-/// Two boxes of elements that overlap; what `{}` says acts on them.
+/// Two overlapping boxes of elements; the text in place of `{}` acts on them.
 const PAIR: &str = r#"
 [model.left]
 kind = "fem"
@@ -54,20 +55,20 @@ end = 40.0
 plots = false
 "#;
 
-fn run(name: &str, scene: &str, more: &[&str]) -> (PathBuf, String, Value) {
+fn run(name: &str, scene: &str, extra: &[&str]) -> (PathBuf, String, Value) {
     let path = written(name, scene);
     let out = path.with_file_name("out");
     let mut arguments = vec!["run", text(&path), "--out", text(&out)];
-    arguments.extend(more);
-    let said = succeed(&arguments);
+    arguments.extend(extra);
+    let printed = succeed(&arguments);
     let s = summary(&out);
-    (out, said, s)
+    (out, printed, s)
 }
 
 #[test]
 fn a_scene_turns_by_any_angle_and_its_summary_shows_the_angular_momentum() {
-    let (out, said, s) = run("tumbling", BOX, &[]);
-    // Two and a half turns: beyond where rotation vectors end.
+    let (out, printed, s) = run("tumbling", BOX, &[]);
+    // Two and a half turns: more than a rotation vector can hold.
     assert!(0.025 * number(&s, "/time") > 5.0 * std::f64::consts::PI);
     let m = &s["momentum"][0];
     let line = |m: &Value| ["models", "arms", "keeps", "because"].map(|k| m[k].clone());
@@ -77,12 +78,12 @@ fn a_scene_turns_by_any_angle_and_its_summary_shows_the_angular_momentum() {
         assert!(number(m, &format!("/{drift}")) < 1e-10, "{m}");
     }
     assert!(number(&s, "/energy/h_drift_max") < 1e-4);
-    // L = M (b² + c²)/12 w for a brick: spheres of a packing come close.
+    // L = M (b² + c²)/12 w for a brick; spheres of a packing come close to it.
     let [lx, ly] = [0, 1].map(|c| number(m, &format!("/angular/{c}")));
     let about = |w: f64, b: f64, c: f64| 120.0 * (b * b + c * c) / 12.0 * w;
     assert!((lx / about(0.012, 5.0, 6.0) - 1.0).abs() < 0.15, "{lx}");
     assert!((ly / about(0.02, 4.0, 6.0) - 1.0).abs() < 0.15, "{ly}");
-    assert!(said.contains("momentum   box"), "{said}");
+    assert!(printed.contains("momentum   box"), "{printed}");
     let table = std::fs::read_to_string(out.join("energy.csv")).unwrap();
     let mut lines = table.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -105,7 +106,7 @@ fn a_scene_turns_by_any_angle_and_its_summary_shows_the_angular_momentum() {
     );
 }
 
-/// By 2 rad about z: a displacement across the arm would read sin 2 = 0.91.
+/// A probe of rotation reads 2 rad about z, where a displacement across the arm would read sin 2 = 0.91.
 #[test]
 fn a_probe_reads_the_angle_of_a_body_that_turns_far() {
     let scene = BOX
@@ -117,7 +118,7 @@ fn a_probe_reads_the_angle_of_a_body_that_turns_far() {
     assert!((turn / (0.02 * time) - 1.0).abs() < 0.02, "{turn} after {time}");
 }
 
-/// What is exactly kept depends on the laws; what is not is named with its reason.
+/// The ledger names which momenta the laws conserve exactly, and for the others the reason.
 #[test]
 fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
     let (_, _, s) = run("momentum-free", PAIR, &[]);
@@ -127,13 +128,13 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
     let drifts = ["/linear_drift", "/angular_drift"].map(|p| number(m, p));
     assert!(drifts.iter().all(|d| *d < 1e-12), "{drifts:?}");
     let held = format!("{PAIR}\n[[support]]\nmodel = \"left\"\nwhere = \"x-min\"\n");
-    let (_, said, s) = run("momentum-held", &held, &[]);
+    let (_, printed, s) = run("momentum-held", &held, &[]);
     let m = &s["momentum"][0];
     assert_eq!(m["keeps"], "neither");
     assert_eq!(m["because"], "supports of 'left'");
-    assert!(m["linear_drift"].is_null() && said.contains("no claim about either: supports of 'left'"));
-    // Elements do not turn, these spheres do: no angular momentum is kept exactly, and the run says that it
-    // has changed.
+    assert!(m["linear_drift"].is_null() && printed.contains("no claim about either: supports of 'left'"));
+    // Elements have no rotations and these spheres have: angular momentum is not conserved exactly, and the
+    // run warns of its change.
     let mixed = PAIR
         .replace(
             "role = \"fine\"\n",
@@ -156,10 +157,10 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
         let (_, _, s) = run(name, scene, &[]);
         let m = &s["momentum"][0];
         assert_eq!((&m["arms"], &m["keeps"]), (&"present".into(), &"linear".into()));
-        let why = m["because"].as_str().unwrap();
+        let reason = m["because"].as_str().unwrap();
         assert!(
-            why.contains("the law of 'left' balances about the positions at rest, the law of 'right'"),
-            "{why}"
+            reason.contains("the law of 'left' balances about the positions at rest, the law of 'right'"),
+            "{reason}"
         );
         let [p, l] = ["/linear_drift", "/angular_drift"].map(|p| number(m, p));
         assert!(p < 1e-11 && (l > 1e-2) == turns, "{p:e} {l:e}");
@@ -168,8 +169,8 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
     }
 }
 
-/// A sleeping scene hands a body that tumbles beside it over with its orientation, not with the spin it
-/// added up.
+/// A tumbling body beside a sleeping zone keeps its orientation and angular momentum when the zone wakes. Its
+/// integrated spin would not give the orientation.
 #[test]
 fn a_body_that_tumbles_keeps_its_orientation_when_another_wakes() {
     let stick = r#"
@@ -191,8 +192,8 @@ spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
         ("end = 26.0", "end = 30.0"),
     ];
     let scene = &(changed(WAKING, &later) + stick);
-    let (_, said, s) = run("wake-stick", scene, &[]);
-    assert!(said.contains("'right' woke at t ="), "{said}");
+    let (_, printed, s) = run("wake-stick", scene, &[]);
+    assert!(printed.contains("'right' woke at t ="), "{printed}");
     assert!(
         number(&s, "/wake/time") > 15.0,
         "it should have turned by two radians"
@@ -208,8 +209,9 @@ spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
     assert!(number(stick, "/angular_drift") < 1e-11, "{stick}");
 }
 
-/// Multipliers act where the material was, and yet keep the angular momentum of two models that turn: what
-/// they hold together has no jump. Not so with a junction of strains, which is told.
+/// Two models that turn keep their common angular momentum across an interface, although multipliers act at
+/// the reference positions, because the tied displacements have no jump. A junction of strains does not keep
+/// it, and the report says so.
 #[test]
 fn two_models_that_turn_keep_their_angular_momentum_across_an_interface() {
     let grains = "dem = { count = 400, protocol = \"quench\", finite_rotations = true }\n";

@@ -33,7 +33,7 @@ fn list_and_wrong_name() {
 #[test]
 fn rows_as_json_and_pictures() {
     let folder = scratch("verify").join("out");
-    let made = succeed(&[
+    let printed = succeed(&[
         "verify",
         "bauman",
         "reflection",
@@ -42,7 +42,7 @@ fn rows_as_json_and_pictures() {
         "--out",
         text(&folder),
     ]);
-    let rows: serde_json::Value = serde_json::from_str(&made).expect("an array of rows");
+    let rows: serde_json::Value = serde_json::from_str(&printed).expect("an array of rows");
     let rows = rows.as_array().expect("an array");
     assert_eq!(rows.len(), 15 + 9 + 6);
     for row in rows {
@@ -66,7 +66,7 @@ fn rows_as_json_and_pictures() {
 #[test]
 fn quick_subset_is_green_and_makes_a_page() {
     let folder = scratch("verify-docs");
-    // The checks that take longest are tests of their own.
+    // The checks that take longest have their own tests.
     let cases = [
         "verify",
         "--quick",

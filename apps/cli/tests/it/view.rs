@@ -1,12 +1,12 @@
-//! `arlequin view`: the page holds what the frames say, and no more than asked for; what it cannot show it
-//! says.
+//! `arlequin view`: the page holds the content of the frames within the asked size, and names what it leaves
+//! out.
 
 use crate::common::{SMALL, arlequin, changed, scratch, succeed, text, written};
 use serde_json::Value;
 use std::path::Path;
 
-/// What a page tells of its data.
-fn about(page: &Path) -> Value {
+/// Returns the data block of a page.
+fn page_data(page: &Path) -> Value {
     let text = std::fs::read_to_string(page).expect("the page");
     let start = text.find("application/json\">").expect("data") + 18;
     let end = start + text[start..].find("</script>").expect("an end");
@@ -21,10 +21,13 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     );
     let out = scene.with_file_name("out");
     succeed(&["run", text(&scene), "--out", text(&out)]);
-    let said = succeed(&["view", text(&out)]);
-    assert!(said.contains("written") && !said.contains("notice"), "{said}");
+    let printed = succeed(&["view", text(&out)]);
+    assert!(
+        printed.contains("written") && !printed.contains("notice"),
+        "{printed}"
+    );
     let page = out.join("view.html");
-    let data = about(&page);
+    let data = page_data(&page);
     assert_eq!(data["times"].as_array().map(Vec::len), Some(6));
     let parts = data["parts"].as_array().expect("parts");
     let names: Vec<&str> = parts.iter().filter_map(|p| p["name"].as_str()).collect();
@@ -33,15 +36,16 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     assert_eq!(parts[0]["places"][1], 3 * 28);
     assert_eq!(parts[0]["faces"][1], 6 * 31);
     let field = |part: usize, name: &str| {
-        let all = parts[part]["fields"].as_array().expect("fields");
-        all.iter()
+        let entries = parts[part]["fields"].as_array().expect("fields");
+        entries
+            .iter()
             .find(|f| f["name"] == name)
             .cloned()
             .unwrap_or_default()
     };
     let moved = field(1, "displacement");
     assert_eq!((&moved["frames"], &moved["components"]), (&6.into(), &3.into()));
-    // What never changes is kept once: here three numbers for 28 nodes.
+    // Values that never change are stored once: here three numbers for 28 nodes.
     assert_eq!(field(0, "alpha")["values"][1], 28);
     let energy = crate::common::summary(&out);
     let tip = crate::common::number(&energy, "/probes/tip/max").abs();
@@ -54,7 +58,7 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     for outside in ["src=\"", "href=\"http", "@import", "fetch("] {
         assert!(!text_of_page.contains(outside), "{outside}");
     }
-    // The page is one of the results: it is written again, and a new run takes its place.
+    // The page belongs to the results: it can be written again, and a new run replaces it.
     succeed(&["view", text(&out)]);
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
     assert!(!page.exists());
@@ -79,8 +83,8 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
         assert!(svg.contains("grains/"), "{plot}");
     }
     let page = out.join("small.html");
-    let said = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
-    let data = about(&page);
+    let printed = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
+    let data = page_data(&page);
     let part = |name: &str| {
         data["parts"]
             .as_array()
@@ -88,13 +92,13 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
     };
     let grains = part("grains").expect("the particles");
     let shown = grains["radii"][1].as_u64().expect("a number");
-    let all = crate::common::summary(&out)["models"][1]["nodes"]
+    let total = crate::common::summary(&out)["models"][1]["nodes"]
         .as_u64()
         .expect("a number");
-    assert!(shown < all && shown > all / 10, "{shown} of {all}");
+    assert!(shown < total && shown > total / 10, "{shown} of {total}");
     assert!(
-        said.contains("20 of") && said.contains("particles are shown"),
-        "{said}"
+        printed.contains("20 of") && printed.contains("particles are shown"),
+        "{printed}"
     );
     assert_eq!(data["times"].as_array().map(Vec::len), Some(20));
     assert!(data["notices"].as_array().is_some_and(|n| !n.is_empty()));

@@ -1,22 +1,22 @@
-//! Models that sleep: when they wake, what is handed over, and what is refused.
+//! Models that sleep: the moment of waking, the state that is handed over, and refusals.
 #![allow(clippy::unwrap_used, reason = "a test fails where it cannot go on")]
 
 use crate::common::{WAKING, arlequin, number, scene, scratch, succeed, summary, text, written};
 use std::path::{Path, PathBuf};
 
-fn run(path: &Path, more: &[&str]) -> (PathBuf, String) {
+fn run(path: &Path, extra: &[&str]) -> (PathBuf, String) {
     let out = path.with_file_name("out");
     let mut arguments = vec!["run", text(path), "--out", text(&out), "--force"];
-    arguments.extend(more);
-    let said = succeed(&arguments);
-    (out, said)
+    arguments.extend(extra);
+    let printed = succeed(&arguments);
+    (out, printed)
 }
 
 fn vector(value: &serde_json::Value, pointer: &str) -> [f64; 3] {
     [0, 1, 2].map(|k| number(value, &format!("{pointer}/{k}")))
 }
 
-/// `|after − before| / |before|` of the linear momentum.
+/// Returns `|after − before| / |before|` of the linear momentum.
 fn momentum_gap(s: &serde_json::Value) -> f64 {
     let [before, after] = ["before", "after"].map(|w| vector(s, &format!("/wake/momentum_{w}/linear")));
     let size = before.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -25,19 +25,19 @@ fn momentum_gap(s: &serde_json::Value) -> f64 {
     gap / size
 }
 
-/// Time at which `share` of the height of a pulse `sin²(π t/d)` passes `x` at speed `c`.
+/// Returns the time at which `share` of the height of a pulse `sin²(π t/d)` passes `x` at speed `c`.
 fn arrival(x: f64, c: f64, share: f64, d: f64) -> f64 {
     assert!(share > 0.0 && share < 1.0);
     x / c + d / std::f64::consts::PI * share.sqrt().asin()
 }
 
-/// The zone wakes as theory has it; the pulse goes on as if nothing had happened.
+/// The zone wakes when theory has the pulse arrive, and the pulse goes on behind it with its height.
 #[test]
 fn wakes_as_the_pulse_arrives() {
     let path = written("wake-arrival", WAKING);
-    let (out, said) = run(&path, &[]);
+    let (out, printed) = run(&path, &[]);
     let s = summary(&out);
-    assert!(said.contains("'right' woke at t ="), "{said}");
+    assert!(printed.contains("'right' woke at t ="), "{printed}");
     let [time, x] = [number(&s, "/wake/time"), number(&s, "/wake/place/0")];
     let value = number(&s, "/wake/value");
     assert!((5e-4..7e-4).contains(&value), "{value}");
@@ -52,7 +52,7 @@ fn wakes_as_the_pulse_arrives() {
     assert!((number(&s, "/energy/initial") / number(&s, "/wake/energy_after") - 1.0).abs() < 1e-12);
     assert!(number(&s, "/energy/h_drift_max") < 1e-11);
     assert!(number(&s, "/time") >= 26.0 && number(&s, "/time") < 26.0 + number(&s, "/dt"));
-    // Height 1e-3 of the traction over the impedance 1, and its maximum at the time it should be there.
+    // The height is 1e-3, the traction over the impedance 1, and the maximum comes at the expected time.
     assert!((number(&s, "/probes/behind/min") / -1e-3 - 1.0).abs() < 0.05);
     let asleep = summary(&out.join("asleep"));
     assert_eq!(asleep["status"], "woken");
@@ -72,7 +72,7 @@ fn wakes_as_the_pulse_arrives() {
     assert!((first / time - 1.0).abs() < 1e-12, "time goes on from {first}");
 }
 
-/// Loads after the waking see the true time: a run that wakes early and one that never sleeps agree.
+/// Loads after the waking use the time of the run: a run that wakes early agrees with one that never sleeps.
 #[test]
 fn waking_early_changes_little() {
     let path = written("wake-early", WAKING);
@@ -113,9 +113,9 @@ fn stress_is_a_criterion_too() {
 #[test]
 fn sleeps_to_the_end() {
     let path = written("wake-never", WAKING);
-    let (out, said) = run(&path, &["--set", "wake.criterion.strain=1.0"]);
+    let (out, printed) = run(&path, &["--set", "wake.criterion.strain=1.0"]);
     let s = summary(&out);
-    assert!(said.contains("was asleep to the end"), "{said}");
+    assert!(printed.contains("was asleep to the end"), "{printed}");
     assert_eq!(s["status"], "complete");
     assert_eq!(s["wake"]["woken"], false);
     assert!(s["wake"]["time"].is_null());
@@ -123,8 +123,8 @@ fn sleeps_to_the_end() {
     assert!(number(&s, "/time") >= 26.0 && !out.join("asleep").exists());
 }
 
-/// The shipped scene: spheres wake, take momentum and most of the energy over, and break at the clamp; same
-/// bits for any number of threads.
+/// The shipped scene: spheres wake, take over momentum and most of the energy, and break at the clamp, with
+/// the same bits for any number of threads.
 #[test]
 fn spheres_wake() {
     let path = scene("waking-bar.toml");
@@ -161,16 +161,16 @@ fn spheres_wake() {
     assert!(tables[0] == tables[1], "threads change the results");
 }
 
-/// Natural elements carry the sleeping zone as finite ones do.
+/// Natural elements carry the sleeping zone as finite elements do.
 #[test]
 fn natural_elements_carry_too() {
     let scene = WAKING
         .replacen("kind = \"fem\"", "kind = \"cnem\"", 1)
         .replace("end = 26.0", "end = 16.0")
         .replace("poisson = 0.0", "poisson = 0.1");
-    let (out, said) = run(&written("wake-cnem", &scene), &[]);
+    let (out, printed) = run(&written("wake-cnem", &scene), &[]);
     let s = summary(&out);
-    assert!(said.contains("'right' woke at t ="), "{said}");
+    assert!(printed.contains("'right' woke at t ="), "{printed}");
     assert_eq!(s["models"][0]["kind"], "cnem");
     let value = number(&s, "/wake/value");
     let expected = arrival(number(&s, "/wake/place/0"), 1.0, value / 1e-3, 10.0);
@@ -194,7 +194,7 @@ fn check_shows_both_parts() {
     assert!(number(&plan, "/asleep/dt") > number(&plan, "/dt"));
 }
 
-/// Each is refused before a step is made, at its key, with the way out.
+/// Each mistake is refused before the first step, at its key, with the remedy.
 #[test]
 fn bad_input_is_named() {
     let cases: [(&str, &str, &str); 15] = [
@@ -288,7 +288,7 @@ fn effects_that_cannot_be_handed_over() {
     assert!(error.contains("support.0.model=block"), "{error}");
 }
 
-/// Everything that a run computed, asleep and awake.
+/// Returns all computed files of a run, asleep and awake.
 fn results(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut files = Vec::new();
     for part in ["", "asleep"] {
@@ -319,19 +319,19 @@ fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
     let killed = path.with_file_name("killed");
     let unfinished = path.with_file_name("killed.unfinished");
     let begin = ["run", text(&path), "--out", text(&killed)];
-    let every = ["--set", "output.checkpoint_every=40"];
+    let interval = ["--set", "output.checkpoint_every=40"];
     let start = |arguments: &[&str]| {
         let mut c = crate::common::command(arguments);
         let c = c.stdout(std::process::Stdio::null());
         c.spawn().unwrap()
     };
-    // Resumed while it sleeps, and while it is awake.
+    // The run is resumed once while it sleeps and once while it is awake.
     let (mut seen, mut state) = ([0; 2], 88_172_645_463_325_252_u64);
-    let mut child = start(&[&begin[..], &every].concat());
+    let mut child = start(&[&begin[..], &interval].concat());
     let checkpoint = unfinished.join("checkpoint.bin");
     let written = || std::fs::metadata(&checkpoint).and_then(|m| m.modified()).ok();
     for _ in 0..25 {
-        // Somewhere behind the next checkpoint.
+        // Some steps after the next checkpoint.
         let before = written();
         while written() == before && child.try_wait().unwrap().is_none() {
             std::thread::sleep(std::time::Duration::from_millis(1));
@@ -346,7 +346,7 @@ fn killed_asleep_and_awake_it_goes_on_with_the_same_bits() {
         child.kill().unwrap();
         child.wait().unwrap();
         if !unfinished.exists() {
-            // Killed after the last write.
+            // The run was killed after its last write.
             break;
         }
         seen[usize::from(unfinished.join("asleep").exists())] += 1;

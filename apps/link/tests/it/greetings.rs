@@ -1,4 +1,4 @@
-//! What the other side says of itself is not what it should be: an error that names it, in time.
+//! A wrong greeting of the external solver gives an error that names the fault, in time.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -9,17 +9,18 @@ use arlequin_link::{Description, Fields, Listener, Remote, Shape};
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
 
-/// The error of a run that a stranger answers with these bytes when greeted, and how long it took.
+/// Returns the error of a run whose greeting a wrong solver answers with these bytes, and the time until
+/// then.
 fn greeted_with(answer: Vec<u8>, closes: bool) -> (String, Duration) {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || {
+    let peer = std::thread::spawn(move || {
         let mut stream = connect(&address);
         let mut hello = [0; HEADER];
         stream.read_exact(&mut hello).unwrap();
         let _ = stream.write_all(&answer);
         if !closes {
-            // Until the run has had enough.
+            // Reads until the run closes the connection.
             let _ = stream.read_to_end(&mut Vec::new());
         }
     });
@@ -29,11 +30,11 @@ fn greeted_with(answer: Vec<u8>, closes: bool) -> (String, Duration) {
         .to_string();
     let took = begin.elapsed();
     drop(listener);
-    other.join().unwrap();
+    peer.join().unwrap();
     (error, took)
 }
 
-/// A description with its payload changed, and the length in its header with it.
+/// Returns a description with a changed payload and the matching length in its header.
 fn changed(d: &Description, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut payload = bytes_of(d).split_off(HEADER);
     change(&mut payload);
@@ -42,10 +43,10 @@ fn changed(d: &Description, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     [Header { kind, length }.bytes().to_vec(), payload].concat()
 }
 
-/// A name, what a stranger answers, and words of the error.
+/// Name of a case, the answer of the solver, and words of the error.
 type Case = (&'static str, Vec<u8>, &'static [&'static str]);
 
-/// Answers that are no message of this protocol, or another one than is due.
+/// Answers that are no message of this protocol, or not the expected one.
 fn other_messages() -> Vec<Case> {
     let good = description();
     let mut other_version = bytes_of(&good);
@@ -80,10 +81,10 @@ fn other_messages() -> Vec<Case> {
     ]
 }
 
-/// Descriptions that make no sense.
+/// Descriptions of models that cannot exist.
 fn other_descriptions() -> Vec<Case> {
     let good = description();
-    let with = |change: &dyn Fn(&mut Description)| {
+    let described = |change: &dyn Fn(&mut Description)| {
         let mut d = good.clone();
         change(&mut d);
         bytes_of(&d)
@@ -114,22 +115,22 @@ fn other_descriptions() -> Vec<Case> {
         ("shape", changed(&good, |b| b[14] = 9), &["the shape is 9"]),
         (
             "position",
-            with(&|d| d.nodes[3].y = f64::NAN),
+            described(&|d| d.nodes[3].y = f64::NAN),
             &["positions: entry 10 is NaN"],
         ),
         (
             "mass",
-            with(&|d| d.inertia[4] = -1.0),
+            described(&|d| d.inertia[4] = -1.0),
             &["inertia of unknown 4 is -1e0"],
         ),
         (
             "infinite mass",
-            with(&|d| d.inertia[4] = f64::INFINITY),
+            described(&|d| d.inertia[4] = f64::INFINITY),
             &["inertia: entry 4 is inf"],
         ),
         (
             "step",
-            with(&|d| d.critical_step = f64::NAN),
+            described(&|d| d.critical_step = f64::NAN),
             &["critical step is NaN"],
         ),
         (
@@ -139,17 +140,17 @@ fn other_descriptions() -> Vec<Case> {
         ),
         (
             "offers",
-            with(&|d| d.offers = Fields(1)),
+            described(&|d| d.offers = Fields(1)),
             &["velocities or displacements are not offered"],
         ),
         (
             "element",
-            with(&|d| d.shape = lines_to(BONDS as u32 + 1)),
+            described(&|d| d.shape = lines_to(BONDS as u32 + 1)),
             &["names node 61 of 61"],
         ),
         (
             "section",
-            with(&|d| d.shape = section(f64::NAN)),
+            described(&|d| d.shape = section(f64::NAN)),
             &["the cross-section is NaN"],
         ),
     ]
@@ -174,10 +175,10 @@ fn lines_to(node: u32) -> Shape {
     shape
 }
 
-fn section(of: f64) -> Shape {
+fn section(value: f64) -> Shape {
     let mut shape = chain_shape();
     if let Shape::Mesh { section, .. } = &mut shape {
-        *section = of;
+        *section = value;
     }
     shape
 }
@@ -201,7 +202,7 @@ fn a_stranger_that_is_silent_or_leaves_in_the_midst_of_a_message_is_named() {
 fn who_says_that_he_is_still_at_it_may_take_longer() {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || {
+    let peer = std::thread::spawn(move || {
         let mut stream = connect(&address);
         for _ in 0..5 {
             std::thread::sleep(Duration::from_millis(300));
@@ -215,5 +216,5 @@ fn who_says_that_he_is_still_at_it_may_take_longer() {
     let solver = Remote::accept("fine", &listener, hasty()).unwrap();
     assert_eq!(solver.nodes().len(), BONDS + 1);
     drop(solver);
-    other.join().unwrap();
+    peer.join().unwrap();
 }

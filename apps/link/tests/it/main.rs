@@ -1,4 +1,4 @@
-//! Tests of links, in one program: one link instead of 6.
+//! Tests of links, linked as one program instead of 6.
 
 mod clients;
 mod equal;

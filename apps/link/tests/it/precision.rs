@@ -1,4 +1,4 @@
-//! A solver that computes in single precision is none with another mass.
+//! A solver in single precision is not mistaken for one with wrong masses.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -7,14 +7,14 @@ use arlequin::core::{OwnStep, Participant, Silent};
 use arlequin::prelude::*;
 use arlequin_link::{Listener, Remote, serve};
 
-/// Masses and springs of one, with velocity Verlet in numbers of 32 bits.
+/// Chain of unit masses and springs with velocity Verlet in 32-bit numbers.
 struct Single {
     nodes: Vec<Point3<f64>>,
     shares: Vec<f32>,
     inertia: Vec<f32>,
     q: Vec<f32>,
     v: Vec<f32>,
-    /// What an impulse does, in units of what it must.
+    /// Ratio of the velocity change that an impulse causes to the correct one.
     answer: f32,
     time: f64,
 }
@@ -104,34 +104,34 @@ impl Participant<f64> for Single {
 fn behind_a_link(mut solver: Single) -> (Remote, std::thread::JoinHandle<bool>) {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || serve(&address, &mut solver, &chain_shape()).is_ok());
-    (Remote::accept("single", &listener, patient()).unwrap(), other)
+    let peer = std::thread::spawn(move || serve(&address, &mut solver, &chain_shape()).is_ok());
+    (Remote::accept("single", &listener, patient()).unwrap(), peer)
 }
 
 #[test]
 fn a_chain_in_single_precision_runs_and_is_ours_to_its_digits() {
-    let (solver, other) = behind_a_link(single(0.0, 1.0));
-    let own = OwnStep::Same;
-    let mut theirs = coupled_in(Some(Box::new(solver)), own, chain().fine_field(), Vec::new()).unwrap();
-    let mut ours = coupled_in(None, own, chain().fine_field(), moving()).unwrap();
-    for run in [&mut theirs, &mut ours] {
+    let (solver, peer) = behind_a_link(single(0.0, 1.0));
+    let own_step = OwnStep::Same;
+    let mut remote = coupled_in(Some(Box::new(solver)), own_step, chain().fine_field(), Vec::new()).unwrap();
+    let mut local = coupled_in(None, own_step, chain().fine_field(), moving()).unwrap();
+    for run in [&mut remote, &mut local] {
         run.run(500, &mut Silent).unwrap();
     }
-    let gap = crate::support::gap(&theirs, &ours);
+    let gap = crate::support::gap(&remote, &local);
     assert!(gap < 1e-4 && gap > 1e-9, "{gap:e}");
-    drop(theirs);
-    assert!(other.join().unwrap());
+    drop(remote);
+    assert!(peer.join().unwrap());
 }
 
-/// Impulses that round-off may hide tell nothing of the mass, and are no reason to refuse it; the first
-/// that does is looked at.
+/// Impulses that round-off may hide show nothing of the mass and are accepted; the first impulse that is
+/// large enough is checked.
 #[test]
 fn faint_impulses_on_a_fast_solver_are_let_pass_and_strong_ones_with_another_mass_are_not() {
     for (answer, refused) in [(1.0, false), (1.00002, true), (0.5, true)] {
-        let (mut solver, other) = behind_a_link(single(1e3, answer));
+        let (mut solver, peer) = behind_a_link(single(1e3, answer));
         let mut mass = vec![0.0; BONDS + 1];
         solver.weigh(&Weights::uncoupled(), &mut mass).unwrap();
-        let kick = |by: f64| mass.iter().map(|m| m * by).collect::<Vec<_>>();
+        let kick = |speed: f64| mass.iter().map(|m| m * speed).collect::<Vec<_>>();
         // A unit in the last place of the velocity is 6e-5.
         for faint in [1e-6, 1e-5, 1e-4] {
             solver.kick(&kick(faint)).unwrap();
@@ -142,6 +142,6 @@ fn faint_impulses_on_a_fast_solver_are_let_pass_and_strong_ones_with_another_mas
             assert!(text.contains("let it tell the mass that it moves"), "{text}");
         }
         drop(solver);
-        other.join().unwrap();
+        peer.join().unwrap();
     }
 }

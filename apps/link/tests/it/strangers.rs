@@ -1,5 +1,5 @@
-//! The other side goes wrong in a run, or stays behind: an error that names it, in time, and nothing left
-//! behind.
+//! An external solver that fails during a run gives an error that names the fault, in time, and leaves no
+//! process or file behind.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
@@ -19,16 +19,16 @@ use std::time::{Duration, Instant};
 fn a_solver_is_sent_no_more_than_it_takes() {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || {
+    let peer = std::thread::spawn(move || {
         let mut stream = connect(&address);
         let little = Description {
             limit: 100,
             ..description()
         };
         stream.write_all(&bytes_of(&little)).unwrap();
-        let mut heard = Vec::new();
-        let _ = stream.read_to_end(&mut heard);
-        heard.len()
+        let mut received = Vec::new();
+        let _ = stream.read_to_end(&mut received);
+        received.len()
     });
     let mut solver = Remote::accept("fine", &listener, hasty()).unwrap();
     let error = solver.kick(&vec![0.0; BONDS + 1]).unwrap_err().to_string();
@@ -38,10 +38,10 @@ fn a_solver_is_sent_no_more_than_it_takes() {
         "{error}"
     );
     drop(solver);
-    assert!(other.join().unwrap() < 100, "the greeting alone");
+    assert!(peer.join().unwrap() < 100, "the greeting alone");
 }
 
-/// What goes wrong with a solver in the course of a run.
+/// Faults of a solver in the course of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     NotANumber,
@@ -137,11 +137,11 @@ fn faulty(fault: Fault) -> Faulty {
     }
 }
 
-/// A run with a faulty solver in a thread of its own: the error, and the steps that were made before.
+/// Runs with a faulty solver in another thread; returns the error and the number of steps made before.
 fn run_with(fault: Fault) -> (String, usize) {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || serve(&address, &mut faulty(fault), &chain_shape()).is_ok());
+    let peer = std::thread::spawn(move || serve(&address, &mut faulty(fault), &chain_shape()).is_ok());
     let solver = Remote::accept("fine", &listener, hasty()).unwrap();
     let begin = Instant::now();
     let out = match coupled(Some(Box::new(solver)), OwnStep::Ratio(2)) {
@@ -154,14 +154,14 @@ fn run_with(fault: Fault) -> (String, usize) {
         }
     };
     assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
-    let orderly = other.join().unwrap();
+    let orderly = peer.join().unwrap();
     assert!(!orderly, "the other side hears that the run is gone");
     out
 }
 
 #[test]
 fn a_solver_that_goes_wrong_in_a_run_ends_it_with_a_reason_and_leaves_the_results() {
-    // Two own steps in a step of the run.
+    // Two own steps in a macro step.
     let cases = [
         (Fault::NotANumber, 2, "velocities: entry 7 is NaN"),
         (Fault::Hangs, 2, "'state' was due within 0.7 s"),
@@ -180,10 +180,10 @@ fn a_solver_that_goes_wrong_in_a_run_ends_it_with_a_reason_and_leaves_the_result
         ),
     ];
     for (fault, steps, word) in cases {
-        let (error, made) = run_with(fault);
+        let (error, steps_made) = run_with(fault);
         assert!(error.contains(word), "{fault:?}: {error}");
         assert!(error.contains("'fine'"), "{fault:?}: {error}");
-        assert_eq!(made, steps, "{fault:?}: {error}");
+        assert_eq!(steps_made, steps, "{fault:?}: {error}");
     }
 }
 
@@ -226,7 +226,7 @@ fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
         "{error}"
     );
     assert_eq!(run.steps(), 2);
-    // It leaves while nothing is asked of it: then it does not read any more.
+    // The solver leaves between two requests; it does not read any more.
     let mut solver = Remote::start(
         "fine",
         &other_side("strangers::a_chain_that_leaves_soon"),
@@ -267,7 +267,7 @@ fn a_process_that_ends_too_early_is_named_with_the_way_it_ended() {
 fn nothing_that_a_command_started_is_left() {
     let folder = std::env::temp_dir().join(format!("arlequin-link-left-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    // It does not connect, starts another process and takes no notice of being asked to leave.
+    // The command does not connect, starts another process and ignores the request to end.
     let script = "trap '' TERM; sleep 100 & echo $! > other; echo $$ > own; while true; do sleep 1; done";
     let command = ["sh", "-c", script].map(String::from);
     let begin = Instant::now();
@@ -276,41 +276,41 @@ fn nothing_that_a_command_started_is_left() {
         .to_string();
     assert!(error.contains("a connection to unix:"), "{error}");
     assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
-    gone(&folder, &["own", "other"]);
-    // It ends by itself, and leaves a process of its own.
+    assert_ended(&folder, &["own", "other"]);
+    // The command ends by itself and leaves a child process.
     let command = ["sh", "-c", "sleep 100 & echo $! > other; exit 5"].map(String::from);
     let error = Remote::start("fine", &command, &folder, hasty()).unwrap_err();
     assert!(
         error.to_string().contains("exit status: 5 before it connected"),
         "{error}"
     );
-    gone(&folder, &["other"]);
+    assert_ended(&folder, &["other"]);
     std::fs::remove_dir_all(&folder).unwrap();
-    let left = std::fs::read_dir(std::env::temp_dir())
+    let entries = std::fs::read_dir(std::env::temp_dir())
         .unwrap()
         .filter_map(|f| f.ok());
-    let mine = format!("arlequin-{}-", std::process::id());
-    let sockets: Vec<_> = left
-        .filter(|f| f.file_name().to_string_lossy().starts_with(&mine))
+    let prefix = format!("arlequin-{}-", std::process::id());
+    let sockets: Vec<_> = entries
+        .filter(|f| f.file_name().to_string_lossy().starts_with(&prefix))
         .filter(|f| f.path().join("link").exists())
         .collect();
-    // Other tests of this process may have one at the moment.
+    // Other tests of this process may have a socket at the same time.
     assert!(sockets.len() <= 8, "{sockets:?}");
 }
 
-/// No process is left whose number stands in one of these files.
+/// Asserts that no process with a number in one of these files is left.
 #[cfg(target_os = "linux")]
-fn gone(folder: &std::path::Path, files: &[&str]) {
+fn assert_ended(folder: &std::path::Path, files: &[&str]) {
     for file in files {
         let number = std::fs::read_to_string(folder.join(file)).unwrap();
         let state = || std::fs::read_to_string(format!("/proc/{}/stat", number.trim())).unwrap_or_default();
-        // One that init has yet to reap does nothing any more; one that was killed takes a moment to notice.
-        let left = || Some(state()).filter(|s| !s.is_empty() && !s.contains(") Z "));
+        // A zombie is as good as ended; a killed process takes a moment to disappear.
+        let remaining = || Some(state()).filter(|s| !s.is_empty() && !s.contains(") Z "));
         let until = Instant::now() + Duration::from_secs(2);
-        while left().is_some() && Instant::now() < until {
+        while remaining().is_some() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(5));
         }
-        assert_eq!(left(), None, "{file} {number} is still there");
+        assert_eq!(remaining(), None, "{file} {number} is still there");
     }
 }
 
@@ -318,7 +318,7 @@ fn gone(folder: &std::path::Path, files: &[&str]) {
 fn positions_beside_the_overlap_are_refused_as_those_of_a_model_are() {
     let listener = Listener::private().unwrap();
     let address = listener.address().clone();
-    let other = std::thread::spawn(move || {
+    let peer = std::thread::spawn(move || {
         let far = Chain::new("chain", 5000.0, 1.0, BONDS, 1.0, 1.0).unwrap();
         let mut solver = Verlet::new(Box::new(far), vec![0.0; BONDS + 1], vec![0.0; BONDS + 1]).unwrap();
         serve(&address, &mut solver, &chain_shape()).unwrap();
@@ -327,7 +327,7 @@ fn positions_beside_the_overlap_are_refused_as_those_of_a_model_are() {
     let field = FemField::on_line(solver.nodes().to_vec(), 1.0).unwrap();
     let error = crate::support::coupled_in(Some(Box::new(solver)), OwnStep::Same, Arc::new(field), moving())
         .unwrap_err();
-    other.join().unwrap();
+    peer.join().unwrap();
     let error = error.to_string();
     assert!(
         error.contains("let both models fill the whole overlap"),

@@ -1,4 +1,4 @@
-//! Cracks of finite and natural elements in a scene: the slit of a mesh file, and the key `crack`.
+//! Cracks of finite and natural elements in a scene: a slit in a mesh file, and the key `crack`.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin_scene::{Error, Results, Scene, Silent};
@@ -6,12 +6,13 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-/// A plate of 0.1 by 0.3 m with an edge crack of 0.04 m at y = 0, in plane strain, pulled at both ends.
+/// Width \[m\] of a plate of 0.1 by 0.3 m with an edge crack of 0.04 m at y = 0, in plane strain, pulled at
+/// both ends.
 const WIDTH: f64 = 0.1;
 const CRACK: f64 = 0.04;
 const PULL: f64 = 1e6;
 
-/// The probe of the energy that the crack releases, the opening of its mouth, and the plate around them.
+/// Returns the scene of the plate with probes of the released energy and of the opening of the crack mouth.
 fn plate(model: &str) -> String {
     let mut text = format!(
         "[model.plate]\nmaterial = {{ young = 70e9, poisson = 0.3, density = 2700.0 }}\n{model}\n\
@@ -43,10 +44,10 @@ fn pulled() -> String {
     load(0.15) + &load(-0.15)
 }
 
-/// The same plate as hexahedra of 4 mm in a Gmsh file, with a slit or a surface inside that is named `cut`.
+/// Writes the plate as hexahedra of 4 mm to a Gmsh file, with a slit or with an inner surface named `cut`.
 fn file(slit: bool) -> String {
     let (nx, ny) = (26, 76);
-    let at = |i: usize, j: usize, k: usize| 1 + (i * ny + j) * 2 + k;
+    let node_number = |i: usize, j: usize, k: usize| 1 + (i * ny + j) * 2 + k;
     let middle = ny / 2 - 1;
     let upper = |i: usize, k: usize| 1 + nx * ny * 2 + 2 * i + k;
     let front = 10;
@@ -62,7 +63,7 @@ fn file(slit: bool) -> String {
     for (i, j, k) in (0..nx).flat_map(|i| (0..ny).flat_map(move |j| (0..2).map(move |k| (i, j, k)))) {
         nodes.push(format!(
             "{} {:e} {:e} {:e}",
-            at(i, j, k),
+            node_number(i, j, k),
             x(i),
             y(j),
             0.004 * k as f64
@@ -79,7 +80,7 @@ fn file(slit: bool) -> String {
             if slit && i < front {
                 upper(i, k)
             } else {
-                at(i, middle, k)
+                node_number(i, middle, k)
             }
         };
         lines.push(format!(
@@ -93,7 +94,7 @@ fn file(slit: bool) -> String {
     for (i, j) in (0..nx - 1).flat_map(|i| (0..ny - 1).map(move |j| (i, j))) {
         let corner = |a: usize, b: usize, k: usize| match slit && j == middle && b == 0 && i + a < front {
             true => upper(i + a, k),
-            false => at(i + a, j + b, k),
+            false => node_number(i + a, j + b, k),
         };
         let ring = |k| {
             format!(
@@ -137,7 +138,7 @@ fn released(text: &str) -> f64 {
     *run(text).probe("j").expect("probe").1.last().expect("a row")
 }
 
-/// `J = K² (1 − ν²)/E`, `K = σ √(π a) F(a/W)` of Tada, Paris and Irwin, within 0.5 %.
+/// Returns `J = K² (1 − ν²)/E`, `K = σ √(π a) F(a/W)` of Tada, Paris and Irwin, within 0.5 %.
 fn handbook() -> f64 {
     let angle = PI * CRACK / (2.0 * WIDTH);
     let root = (angle.tan() / angle).sqrt();
@@ -146,43 +147,47 @@ fn handbook() -> f64 {
     k * k * (1.0 - 0.09) / 70e9
 }
 
-/// A slit of a file, a box and a named inner surface that are cut open: one body, for finite and for
-/// natural elements.
+/// A slit in the file, a crack opened by a box and one opened by a named inner surface release the same
+/// energy in the finite-element body, and nearly the same in the one of natural elements.
 #[test]
 fn a_slit_and_the_key_crack_make_the_same_crack_in_finite_and_natural_elements() {
-    for (kind, allowed, same) in [("fem", 0.08, 1e-9), ("cnem", 0.15, 1e-2)] {
+    for (kind, allowed, tolerance) in [("fem", 0.08, 1e-9), ("cnem", 0.15, 1e-2)] {
         let files = [
             format!("shape.file = '{}'", file(true)),
             format!("shape.file = '{}'\n{KEY}", file(false)),
             format!("shape.file = '{}'\ncrack = [\"cut\"]", file(false)),
         ];
-        let found = files.map(|f| released(&(plate(&format!("kind = \"{kind}\"\n{f}")) + &pulled())));
-        println!("{kind}: {found:.4?} of {:.4}", handbook());
-        for j in found {
+        let values = files.map(|f| released(&(plate(&format!("kind = \"{kind}\"\n{f}")) + &pulled())));
+        println!("{kind}: {values:.4?} of {:.4}", handbook());
+        for j in values {
             assert!((j / handbook() - 1.0).abs() < allowed, "{kind}: {j}");
-            assert!((j / found[0] - 1.0).abs() < same, "{kind}: {found:?}");
+            assert!((j / values[0] - 1.0).abs() < tolerance, "{kind}: {values:?}");
         }
     }
 }
 
-/// Pressure on both lips does what the pull on the ends does, by superposition; on one lip, named by the
-/// file, half of the force acts.
+/// Pressure on both lips releases the same energy as the pull on the ends, by superposition; on one lip,
+/// named in the file, half of the force acts.
 #[test]
 fn lips_of_natural_elements_take_pressure() {
-    // J of natural elements takes the pressure on the lips by the sums of cells beside the front: 4.4 %
+    // With natural elements J includes the pressure on the lips by sums over cells beside the front: 4.4 %
     // more here.
-    for (kind, most) in [("fem", 2e-3), ("cnem", 0.06)] {
+    for (kind, limit) in [("fem", 2e-3), ("cnem", 0.06)] {
         let model = format!("kind = \"{kind}\"\nshape.file = '{}'", file(true));
         let pull = released(&(plate(&model) + &pulled()));
         let pressure = |place: &str| {
             format!("[[load]]\nmodel = \"plate\"\nwhere{place}\npressure = {PULL}\ntime = \"step\"\n")
         };
-        let both = released(&(plate(&model) + &pressure(".box = { low = [-9, 0, -9], high = [9, 0, 9] }")));
-        println!("{kind}: pulled {pull}, pressed {both}");
-        assert!((both / pull - 1.0).abs() < most, "{kind}: {both} for {pull}");
+        let pressed =
+            released(&(plate(&model) + &pressure(".box = { low = [-9, 0, -9], high = [9, 0, 9] }")));
+        println!("{kind}: pulled {pull}, pressed {pressed}");
+        assert!(
+            (pressed / pull - 1.0).abs() < limit,
+            "{kind}: {pressed} for {pull}"
+        );
         let probe = "[probe.force]\nof = \"load-1\"\nquantity = \"force\"\ncomponent = \"y\"\n";
-        let one = run(&(plate(&model) + &pressure(" = \"cut\"") + probe));
-        let force = *one.probe("force").expect("a probe").1.last().expect("a row");
+        let one_lip = run(&(plate(&model) + &pressure(" = \"cut\"") + probe));
+        let force = *one_lip.probe("force").expect("a probe").1.last().expect("a row");
         // The upper lip is pushed upwards.
         assert!(
             (force / (PULL * CRACK * 0.004) - 1.0).abs() < 1e-9,
@@ -235,7 +240,7 @@ fn cracks_that_cut_nothing_or_everything_are_refused_by_name() {
     }
 }
 
-/// Two boxes in one file that share no node: both are named.
+/// Two boxes in one file that share no node are refused; the error names both.
 #[test]
 fn a_mesh_in_two_pieces_is_told_with_what_they_are() {
     let mut text = String::from(
@@ -259,7 +264,7 @@ fn a_mesh_in_two_pieces_is_told_with_what_they_are() {
             k + 4
         );
     }
-    // The third tetrahedron shares no node with the others, the second lies apart.
+    // The third tetrahedron shares no node with the others; the second lies apart.
     text +=
         "$EndNodes\n$Elements\n3\n1 4 2 1 1 1 2 3 4\n2 4 2 2 2 5 6 7 8\n3 4 2 2 2 9 10 11 12\n$EndElements\n";
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("pieces.msh");
@@ -270,7 +275,7 @@ fn a_mesh_in_two_pieces_is_told_with_what_they_are() {
         path.display()
     );
     let prepared = Scene::from_text(scene).and_then(|s| s.prepare()).expect("built");
-    let found = prepared
+    let message = prepared
         .warnings()
         .iter()
         .find(|w| w.contains("pieces"))
@@ -281,6 +286,6 @@ fn a_mesh_in_two_pieces_is_told_with_what_they_are() {
         "of 'pin'",
         "take a model of each",
     ] {
-        assert!(found.contains(words), "{found}");
+        assert!(message.contains(words), "{message}");
     }
 }

@@ -1,5 +1,5 @@
-//! Zones of particles at the surface of a body: at its end, along an edge, in a corner. Little or nothing
-//! holds them there but the rest of the body on the other side, and they must yield as elements would.
+//! Zones of particles at the surface of a body: at its end, along an edge, in a corner. Only the rest of the
+//! body on their other side holds them, and they must be as compliant as elements.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
@@ -10,10 +10,10 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Folders made so far.
+/// Number of folders made so far.
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 
-/// A block of elements of one unit of length, how it lies, and the zone in it, in units of length.
+/// A block of elements with cells of unit size, its orientation, and the zone in it, in units of length.
 #[derive(Clone, Copy)]
 struct Case {
     cells: [usize; 3],
@@ -21,9 +21,9 @@ struct Case {
     overlap: f64,
     /// Mean diameter of the spheres.
     diameter: f64,
-    /// Turned about a skew axis by this [rad].
+    /// Angle \[rad\] by which the block is turned about a skew axis.
     turn: f64,
-    /// Where the block begins \[m\].
+    /// Origin of the block \[m\] on each axis.
     shift: f64,
     /// Unit of length \[m\].
     unit: f64,
@@ -31,15 +31,15 @@ struct Case {
 
 #[derive(Clone, Copy)]
 enum Zone {
-    /// So far from the end.
+    /// All within this distance of the end.
     End(f64),
-    /// Around the last edge along z.
+    /// A cylinder of this radius around the last edge along z.
     Edge(f64),
-    /// Around the last corner.
+    /// A ball of this radius around the last corner.
     Corner(f64),
-    /// Around the middle of the end.
+    /// A ball of this radius around the middle of the end.
     Surface(f64),
-    /// Around the middle of the block.
+    /// A ball of this radius around the middle of the block.
     Inside(f64),
 }
 
@@ -59,12 +59,12 @@ impl Case {
         Rotation3::new(Vector3::new(1.0, 1.0, 1.0).normalize() * self.turn)
     }
 
-    /// A place of the block \[m\].
+    /// Returns a place of the block \[m\].
     fn place(&self, x: [f64; 3]) -> Vector3<f64> {
         self.turned() * Vector3::from(x) * self.unit + Vector3::repeat(self.shift)
     }
 
-    /// The block as a mesh of hexahedra.
+    /// Returns the block as a Gmsh mesh of hexahedra.
     fn mesh(&self) -> String {
         let [nx, ny, nz] = self.cells;
         let node = |i: usize, j: usize, k: usize| 1 + i + (nx + 1) * (j + (ny + 1) * k);
@@ -72,7 +72,7 @@ impl Case {
             "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n2 1 \"root\"\n2 2 \"end\"\n3 3 \"all\"\n$EndPhysicalNames\n",
         );
         writeln!(out, "$Nodes\n{}", (nx + 1) * (ny + 1) * (nz + 1)).unwrap();
-        for (k, j, i) in all([nz + 1, ny + 1, nx + 1]) {
+        for (k, j, i) in index_triples([nz + 1, ny + 1, nx + 1]) {
             let x = self.place([i as f64, j as f64, k as f64]);
             writeln!(out, "{} {:?} {:?} {:?}", node(i, j, k), x.x, x.y, x.z).unwrap();
         }
@@ -85,11 +85,11 @@ impl Case {
             ]
         };
         let mut elements: Vec<(u8, u8, Vec<usize>)> = Vec::new();
-        for (i, j, k) in all([1, ny, nz]) {
+        for (i, j, k) in index_triples([1, ny, nz]) {
             elements.push((3, 1, face(i, j, k).to_vec()));
             elements.push((3, 2, face(nx, j, k).to_vec()));
         }
-        for (i, j, k) in all([nx, ny, nz]) {
+        for (i, j, k) in index_triples([nx, ny, nz]) {
             let [a, b, c, d] = face(i, j, k);
             elements.push((5, 3, vec![a, a + 1, b + 1, b, d, d + 1, c + 1, c]));
         }
@@ -101,25 +101,25 @@ impl Case {
         out + "$EndElements\n"
     }
 
-    /// Displacement of the end along the block over the unit of length, under a pull that is alike in all
-    /// units; of the models named, and what beams the zone has.
+    /// Returns the end displacement of each probed model along the block, over the unit of length, under the
+    /// same stress in any units; and the likeness of the zone's packing to the body.
     fn pulled(&self, kind: &str, probed: &[&str]) -> (Vec<f64>, Option<Likeness>) {
         let u = self.unit;
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("end-zones");
-        let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-        let folder = folder.join(own);
+        let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let folder = folder.join(unique);
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join("block.msh"), self.mesh()).unwrap();
         let [x, y, z] = self.cells.map(|n| n as f64);
-        let at = |x: [f64; 3]| self.place(x).as_slice().to_vec();
+        let placed = |x: [f64; 3]| self.place(x).as_slice().to_vec();
         let ball = |centre: [f64; 3], r: f64| {
-            format!("ball = {{ centre = {:?}, radius = {:?} }}", at(centre), u * r)
+            format!("ball = {{ centre = {:?}, radius = {:?} }}", placed(centre), u * r)
         };
         let shape = match self.zone {
             Zone::End(d) => format!("near = {{ group = \"end\", distance = {:?} }}", u * d),
             Zone::Edge(r) => {
                 let axis = self.turned() * Vector3::z();
-                let (point, axis) = (at([x, y, 0.0]), axis.as_slice());
+                let (point, axis) = (placed([x, y, 0.0]), axis.as_slice());
                 format!(
                     "cylinder = {{ point = {point:?}, axis = {axis:?}, radius = {:?} }}",
                     u * r
@@ -157,10 +157,14 @@ impl Case {
             .models
             .iter()
             .find_map(|m| m.packing.as_ref()?.likeness);
-        // What hangs on few spheres is said to.
+        // A packing of few spheres across is warned of.
         let few = beams.and_then(|b| b.across).is_some_and(|n| n < 10.0);
-        let said = |w: &String| w.contains("spheres across: its free end may move");
-        assert_eq!(ready.built().warnings.iter().any(said), few, "{beams:?}");
+        let is_width_warning = |w: &String| w.contains("spheres across: its free end may move");
+        assert_eq!(
+            ready.built().warnings.iter().any(is_width_warning),
+            few,
+            "{beams:?}"
+        );
         let results = ready.run(&mut Silent).unwrap();
         std::fs::remove_dir_all(folder).unwrap();
         let last = |name: String| *results.probe(&name).unwrap().1.last().unwrap();
@@ -174,22 +178,22 @@ impl Case {
             .0
     }
 
-    /// How far displacements are from those of `alone`, with spheres in the zone, and how many of them are
-    /// across its border.
-    fn off(&self, seed: u64, probed: &[&str], alone: &[f64]) -> (Vec<f64>, Option<f64>) {
+    /// Returns the relative differences of the displacements from those of `alone` with spheres in the zone,
+    /// and the number of spheres across the zone's border.
+    fn deviations(&self, seed: u64, probed: &[&str], alone: &[f64]) -> (Vec<f64>, Option<f64>) {
         let kind = format!(
             "kind = \"dem\"\nspacing = {:?}\ndem.seed = {seed}",
             self.diameter * self.unit
         );
         let (moved, beams) = self.pulled(&kind, probed);
-        let off: Vec<f64> = moved.iter().zip(alone).map(|(u, v)| u / v - 1.0).collect();
-        println!("{:?} seed {seed}: off by {off:.4?}, {beams:?}", self.cells);
-        (off, beams.and_then(|b| b.across))
+        let deviations: Vec<f64> = moved.iter().zip(alone).map(|(u, v)| u / v - 1.0).collect();
+        println!("{:?} seed {seed}: off by {deviations:.4?}, {beams:?}", self.cells);
+        (deviations, beams.and_then(|b| b.across))
     }
 }
 
-/// All triples of numbers below some.
-fn all(below: [usize; 3]) -> impl Iterator<Item = (usize, usize, usize)> {
+/// Returns all index triples below the given ones, the last index fastest.
+fn index_triples(below: [usize; 3]) -> impl Iterator<Item = (usize, usize, usize)> {
     let [a, b, c] = below;
     (0..a * b * c).map(move |n| (n / (b * c), n / c % b, n % c))
 }
@@ -204,13 +208,17 @@ fn issue_015_a_bar_that_ends_in_particles_is_as_stiff_as_elements_however_it_lie
         ..BAR
     };
     for (case, seed) in [(BAR, 1), (far, 2)] {
-        let (off, across) = case.off(seed, &["tip"], &alone);
+        let (deviations, across) = case.deviations(seed, &["tip"], &alone);
         assert!((across.unwrap() / 12.5 - 1.0).abs() < 0.02, "{across:?}");
-        assert!(off[0].abs() < 0.02, "turned by {}: {off:?}", case.turn);
+        assert!(
+            deviations[0].abs() < 0.02,
+            "turned by {}: {deviations:?}",
+            case.turn
+        );
     }
 }
 
-/// Eight spheres across, a warning in [`Case::pulled`].
+/// Eight spheres across, of which [`Case::pulled`] expects a warning.
 const COARSE: Case = Case {
     cells: [12, 6, 6],
     zone: Zone::End(5.0),
@@ -222,9 +230,9 @@ const COARSE: Case = Case {
 #[test]
 fn an_end_of_few_spheres_is_warned_of() {
     let alone = COARSE.of_elements(&["tip"]);
-    let (off, across) = COARSE.off(1, &["tip"], &alone);
+    let (deviations, across) = COARSE.deviations(1, &["tip"], &alone);
     assert!((across.unwrap() / 8.0 - 1.0).abs() < 0.02, "{across:?}");
-    assert!(off[0].abs() < 0.07, "{off:?}");
+    assert!(deviations[0].abs() < 0.07, "{deviations:?}");
 }
 
 const EDGE: Case = Case {
@@ -261,12 +269,12 @@ fn a_block_whose_edge_or_corner_is_particles_is_as_stiff_as_elements() {
     for case in [EDGE, CORNER] {
         let probed = ["body", "tip"];
         let alone = case.of_elements(&probed);
-        let (off, _) = case.off(1, &probed, &alone);
-        assert!(off.iter().all(|o| o.abs() < 0.03), "{off:?}");
+        let (deviations, _) = case.deviations(1, &probed, &alone);
+        assert!(deviations.iter().all(|o| o.abs() < 0.03), "{deviations:?}");
     }
 }
 
-/// Minutes.
+/// Takes minutes.
 #[test]
 #[ignore = "the table of zones at the surface of decision 0041"]
 fn blocks_with_many_zones() {
@@ -282,7 +290,7 @@ fn blocks_with_many_zones() {
         let alone = case.of_elements(probed);
         println!("{name}");
         for seed in [1, 2, 3] {
-            case.off(seed, probed, &alone);
+            case.deviations(seed, probed, &alone);
         }
     }
 }

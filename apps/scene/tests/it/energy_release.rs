@@ -1,5 +1,5 @@
-//! The energy that a crack releases: a plate with an edge crack against the handbook, the change of its own
-//! energy, and itself.
+//! The energy that a crack releases: a plate with an edge crack against the handbook, against the change of
+//! its own energy, and between domains.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin_scene::{Results, Scene, Silent};
@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-/// Width of the plate along x \[m\]; it is three times as high.
+/// Width of the plate along x \[m\]; its height is three times as large.
 const WIDTH: f64 = 0.1;
 /// Thickness \[m\].
 const THICK: f64 = 0.02;
@@ -28,14 +28,14 @@ struct Plate {
     tetrahedra: bool,
 }
 
-/// Places from zero to an end, growing from a first step by a tenth each.
+/// Returns coordinates from zero to an end with steps that grow by a tenth each.
 fn growing(first: f64, end: f64) -> Vec<f64> {
     let mut out = vec![0.0];
     let (mut x, mut h) = (0.0, first);
     while x + 1.5 * h < end {
         x += h;
         out.push(x);
-        // Even around the front, where the domains are.
+        // The steps stay even around the front, where the domains lie.
         if x > 0.4 * WIDTH * 0.4 {
             h *= 1.2;
         }
@@ -46,23 +46,23 @@ fn growing(first: f64, end: f64) -> Vec<f64> {
 
 impl Plate {
     fn lines(&self) -> [Vec<f64>; 3] {
-        let back = growing(self.fine, self.crack);
+        let behind = growing(self.fine, self.crack);
         let ahead = growing(self.fine, WIDTH - self.crack);
-        let up = growing(self.fine, 1.5 * WIDTH);
+        let upwards = growing(self.fine, 1.5 * WIDTH);
         let mirrored = |v: &[f64], about: f64| v.iter().rev().map(|x| about - x).collect::<Vec<f64>>();
-        let mut x = mirrored(&back, self.crack);
+        let mut x = mirrored(&behind, self.crack);
         x.extend(ahead[1..].iter().map(|x| self.crack + x));
-        let mut y = mirrored(&up, 0.0);
-        y.extend(&up[1..]);
+        let mut y = mirrored(&upwards, 0.0);
+        y.extend(&upwards[1..]);
         let z = (0..=self.layers).map(|k| THICK * k as f64 / self.layers as f64);
         [x, y, z.collect()]
     }
 
-    /// The mesh in units of `scale` metres.
+    /// Writes the mesh in units of `scale` metres and returns its path.
     fn write(&self, name: &str, scale: f64) -> PathBuf {
         let [x, y, z] = self.lines();
         let [nx, ny, nz] = [x.len(), y.len(), z.len()];
-        let at = |i: usize, j: usize, k: usize| (i * ny + j) * nz + k;
+        let node_index = |i: usize, j: usize, k: usize| (i * ny + j) * nz + k;
         let middle = ny / 2;
         let front = x
             .iter()
@@ -77,7 +77,7 @@ impl Plate {
         };
         for (i, x) in x.iter().enumerate() {
             for (j, y) in y.iter().enumerate() {
-                (0..nz).for_each(|k| node(at(i, j, k), [*x, *y, z[k]]));
+                (0..nz).for_each(|k| node(node_index(i, j, k), [*x, *y, z[k]]));
             }
         }
         for (i, x) in x[..front].iter().enumerate() {
@@ -92,7 +92,7 @@ impl Plate {
                 1 + if lip {
                     upper(i + a, k + c)
                 } else {
-                    at(i + a, j + b, k + c)
+                    node_index(i + a, j + b, k + c)
                 }
             };
             if self.tetrahedra {
@@ -127,7 +127,7 @@ impl Plate {
     }
 }
 
-/// Faces of the plate at y = `low` to `high`.
+/// Returns the box that selects the plate's nodes between y = `low` and `high`.
 fn across(low: f64, high: f64, scale: f64) -> String {
     format!(
         "{{ box = [[-1.0, {}, -1.0], [1.0, {}, 1.0]] }}",
@@ -136,7 +136,8 @@ fn across(low: f64, high: f64, scale: f64) -> String {
     )
 }
 
-/// The plate in plane strain, pulled or under pressure in the crack, in a world of other lengths.
+/// Returns the scene of the plate in plane strain with the given loads; all lengths are multiplied by
+/// `world`.
 fn scene(plate: &Plate, name: &str, load: &str, world: f64) -> String {
     let file = plate.write(name, 1e-3);
     let (half, e) = (1.5 * WIDTH * world, 1e-6 * world);
@@ -146,7 +147,7 @@ fn scene(plate: &Plate, name: &str, load: &str, world: f64) -> String {
         file.display().to_string(),
         1e-3 * world
     );
-    // Plane strain, and one place held in its plane.
+    // All nodes are held in z for plane strain, and two places hold the rigid motions in the plane.
     let far = WIDTH * world;
     for (from, to, axes) in [
         ([-9.0, -9.0, -e], [9.0, 9.0, 9.0], "\"z\""),
@@ -161,7 +162,7 @@ fn scene(plate: &Plate, name: &str, load: &str, world: f64) -> String {
     text + load
 }
 
-/// Pulled at both ends.
+/// Returns the loads that pull both ends.
 fn pulled(world: f64) -> String {
     let half = 1.5 * WIDTH;
     let force = PULL * WIDTH * THICK * world * world;
@@ -186,7 +187,7 @@ fn probe(name: &str, front: [f64; 3], direction: [f64; 3], radii: [f64; 2], ends
     )
 }
 
-/// Three domains, small to large.
+/// Inner and outer radii \[m\] of three domains, small to large.
 const DOMAINS: [[f64; 2]; 3] = [[4e-3, 8e-3], [8e-3, 12e-3], [5e-3, 16e-3]];
 
 fn domains(crack: f64, world: f64) -> String {
@@ -213,7 +214,7 @@ fn read(results: &Results, name: &str) -> f64 {
     *results.probe(name).expect("probe").1.last().expect("a row")
 }
 
-/// `J = K² (1 − ν²)/E`, `K = σ √(π a) F(a/W)` of Tada, Paris and Irwin, within 0.5 %.
+/// Returns `J = K² (1 − ν²)/E`, `K = σ √(π a) F(a/W)` of Tada, Paris and Irwin, within 0.5 %.
 fn handbook(crack: f64) -> f64 {
     let angle = PI * crack / (2.0 * WIDTH);
     let root = (angle.tan() / angle).sqrt();
@@ -224,14 +225,14 @@ fn handbook(crack: f64) -> f64 {
 
 const STATIC: &str = "[static]\nsteps = 1\n";
 
-/// Errors fall with the size of the elements, as those of the energy at a crack do; what they go to is the
-/// handbook's.
+/// The released energy converges to the handbook's with the element size in every domain, in first order as
+/// the energy at a crack does.
 #[test]
 fn an_edge_crack_releases_the_energy_of_the_handbook_whatever_the_domain() {
     let crack = 0.04;
     let exact = handbook(crack);
     for (tetrahedra, allowed) in [(false, 0.02), (true, 0.04)] {
-        let of = |fine: f64| {
+        let release = |fine: f64| {
             let plate = Plate {
                 crack,
                 fine,
@@ -242,7 +243,7 @@ fn an_edge_crack_releases_the_energy_of_the_handbook_whatever_the_domain() {
             let results = run(&(text + &domains(crack, 1.0) + STATIC));
             [0, 1, 2].map(|k| read(&results, &format!("j{k}")))
         };
-        let [coarse, fine] = [2e-3, 1e-3].map(of);
+        let [coarse, fine] = [2e-3, 1e-3].map(release);
         println!("tetrahedra {tetrahedra}: {coarse:.4?}, {fine:.4?} of {exact:.4}");
         for k in 0..3 {
             let [first, last] = [coarse[k] / exact - 1.0, fine[k] / exact - 1.0];
@@ -257,10 +258,11 @@ fn an_edge_crack_releases_the_energy_of_the_handbook_whatever_the_domain() {
     }
 }
 
-/// `J = ∂U/∂a` per thickness under given forces, from the energies of plates whose cracks differ by a tenth.
+/// The probe agrees with `J = ∂U/∂a` per thickness under given forces, from the energies of plates whose
+/// cracks differ in length by a tenth.
 #[test]
 fn the_energy_of_the_plate_changes_by_what_the_probe_tells() {
-    let at = |crack: f64| {
+    let with_crack = |crack: f64| {
         let plate = Plate {
             crack,
             fine: 2e-3,
@@ -271,16 +273,16 @@ fn the_energy_of_the_plate_changes_by_what_the_probe_tells() {
         let results = run(&(text + &domains(crack, 1.0) + STATIC));
         (read(&results, "j1"), results.summary().load_steps[0].energy)
     };
-    let [low, middle, high] = [0.038, 0.04, 0.042].map(at);
-    // Simpson's rule of what is released between.
+    let [low, middle, high] = [0.038, 0.04, 0.042].map(with_crack);
+    // Simpson's rule over the released energies between the two lengths.
     let mean = (low.0 + 4.0 * middle.0 + high.0) / 6.0;
     let change = (high.1 - low.1) / (0.004 * THICK);
     println!("{mean} J/m2, by energies {change}");
     assert!((mean / change - 1.0).abs() < 0.005, "{mean}, {change}");
 }
 
-/// Lengths in millimetres, and pressure on the faces of the crack in place of the pull on the ends: by
-/// superposition the same.
+/// A plate in millimetres releases the same energy, and so does pressure on the crack faces in place of the
+/// pull on the ends, by superposition.
 #[test]
 fn cracks_of_other_sizes_and_under_pressure_release_the_same() {
     let plate = Plate {
@@ -289,18 +291,18 @@ fn cracks_of_other_sizes_and_under_pressure_release_the_same() {
         layers: 1,
         tetrahedra: true,
     };
-    let of = |name: &str, load: &str, world: f64| {
+    let release = |name: &str, load: &str, world: f64| {
         let text = scene(&plate, name, load, world) + &domains(plate.crack, world) + STATIC;
         let results = run(&text);
         [0, 1, 2].map(|k| read(&results, &format!("j{k}")))
     };
-    let metres = of("sent-metres", &pulled(1.0), 1.0);
-    let millimetres = of("sent-millimetres", &pulled(1e-3), 1e-3);
+    let metres = release("sent-metres", &pulled(1.0), 1.0);
+    let millimetres = release("sent-millimetres", &pulled(1e-3), 1e-3);
     let pressure = format!(
         "[[load]]\nmodel = \"plate\"\nwhere = {}\npressure = {PULL}\ntime = \"step\"\n",
         across(-1e-9, 1e-9, 1.0)
     );
-    let opened = of("sent-pressure", &pressure, 1.0);
+    let opened = release("sent-pressure", &pressure, 1.0);
     println!("{metres:?}, pressure {opened:?}");
     for k in 0..3 {
         assert!(
@@ -311,7 +313,7 @@ fn cracks_of_other_sizes_and_under_pressure_release_the_same() {
     }
 }
 
-/// Every part of the front of a plate in plane strain releases the same.
+/// Each part of the front of a plate in plane strain releases the same energy per length.
 #[test]
 fn a_part_of_the_front_within_the_body_releases_what_the_whole_does() {
     let plate = Plate {
@@ -334,8 +336,8 @@ fn a_part_of_the_front_within_the_body_releases_what_the_whole_does() {
     assert!((inner / whole - 1.0).abs() < 1e-3 && (outer / whole - 1.0).abs() < 1e-3);
 }
 
-/// Under a blow on its ends inertia has a part in the balance around the front: domains tell the same at
-/// every instant.
+/// Under a blow on the ends, where inertia enters the balance around the front, domains agree at every
+/// instant.
 #[test]
 fn domains_agree_while_waves_pass_through_them() {
     let plate = Plate {
@@ -348,18 +350,19 @@ fn domains_agree_while_waves_pass_through_them() {
     let results = run(&(text + "[time]\nend = 60e-6\n[output]\nprobe_every = 4\n"));
     let j = [0, 1, 2].map(|k| results.probe(&format!("j{k}")).expect("probe").1.to_vec());
     let top = j[0].iter().fold(0.0_f64, |m, j| m.max(*j));
-    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / top;
+    let difference =
+        |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / top;
     println!(
         "up to {top} J/m2, apart by {} and {} of that",
-        apart(&j[0], &j[1]),
-        apart(&j[0], &j[2])
+        difference(&j[0], &j[1]),
+        difference(&j[0], &j[2])
     );
     println!("{:.3?}", j[0].iter().step_by(10).collect::<Vec<_>>());
     assert!(top > handbook(plate.crack));
-    assert!(apart(&j[0], &j[1]) < 0.02 && apart(&j[0], &j[2]) < 0.02);
+    assert!(difference(&j[0], &j[1]) < 0.02 && difference(&j[0], &j[2]) < 0.02);
 }
 
-/// A block with a notch one element wide, of any kind.
+/// Returns a block of any kind with a notch one element wide.
 fn notched(kind: &str, front: &str) -> String {
     format!(
         "[model.block]\nkind = \"{kind}\"\ndivisions = [16, 15, 2]\n\
@@ -374,35 +377,36 @@ fn notched(kind: &str, front: &str) -> String {
 const FRONT: &str = "quantity = \"energy-release\"\ncrack = { front = [[0.06, 0.075, 0.0], [0.06, 0.075, 0.02]], \
                      direction = [1.0, 0.0, 0.0], radii = [0.02, 0.05] }";
 
-/// Elements are too stiff, natural ones too soft: they come together.
+/// The energies released at a notch of finite elements (too stiff) and of natural elements (too soft) nearly
+/// agree.
 #[test]
 fn notches_of_finite_and_of_natural_elements_release_about_the_same() {
-    let apart = ["[16, 15, 2]", "[32, 30, 2]"].map(|divisions| {
-        let of = |kind: &str| notched(kind, FRONT).replace("[16, 15, 2]", divisions) + STATIC;
-        let [fem, cnem] = ["fem", "cnem"].map(|kind| read(&run(&of(kind)), "j"));
+    let gaps = ["[16, 15, 2]", "[32, 30, 2]"].map(|divisions| {
+        let text = |kind: &str| notched(kind, FRONT).replace("[16, 15, 2]", divisions) + STATIC;
+        let [fem, cnem] = ["fem", "cnem"].map(|kind| read(&run(&text(kind)), "j"));
         println!("{fem} and {cnem} J/m2");
         cnem / fem - 1.0
     });
     assert!(
-        apart[1] > 0.0 && apart[1] < 0.65 * apart[0] && apart[1] < 0.1,
-        "{apart:?}"
+        gaps[1] > 0.0 && gaps[1] < 0.65 * gaps[0] && gaps[1] < 0.1,
+        "{gaps:?}"
     );
 }
 
 fn refused(text: &str, place: &str, words: &str) {
-    let made = Scene::from_text(text.to_owned()).and_then(|s| s.prepare().map(|_| ()));
-    let error = made.expect_err(&format!("taken: {text}"));
+    let prepared = Scene::from_text(text.to_owned()).and_then(|s| s.prepare().map(|_| ()));
+    let error = prepared.expect_err(&format!("taken: {text}"));
     assert_eq!(error.place().0, Some(place), "{error}");
     assert!(error.to_string().contains(words), "{error}");
 }
 
 #[test]
 fn cracks_that_make_no_sense_are_refused_by_name() {
-    let with = |from: &str, to: &str| {
+    let edited = |from: &str, to: &str| {
         assert!(FRONT.contains(from), "{from}");
         notched("fem", &FRONT.replace(from, to)) + STATIC
     };
-    let at = "probe.j.crack";
+    let place = "probe.j.crack";
     let wrong = [
         (
             "[0.02, 0.05]",
@@ -444,28 +448,28 @@ fn cracks_that_make_no_sense_are_refused_by_name() {
         ),
     ];
     for (from, to, words) in wrong {
-        refused(&with(from, to), at, words);
+        refused(&edited(from, to), place, words);
     }
     let [front, far] = [
         "[[0.06, 0.075, 0.0], [0.06, 0.075, 0.02]]",
         "[[0.1, 0.11, 0.0], [0.1, 0.11, 0.02]]",
     ];
-    let solid = with(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
-    refused(&solid, at, "no surface of a crack within this distance");
-    let more = |more: &str| notched("fem", &format!("{FRONT}\n{more}")) + STATIC;
-    refused(&more("component = \"x\""), "probe.j.component", "remove it");
+    let solid = edited(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
+    refused(&solid, place, "no surface of a crack within this distance");
+    let extended = |extended: &str| notched("fem", &format!("{FRONT}\n{extended}")) + STATIC;
+    refused(&extended("component = \"x\""), "probe.j.component", "remove it");
     refused(
-        &more("where = \"x-min\""),
+        &extended("where = \"x-min\""),
         "probe.j",
         "exactly one of at, where, of, crack",
     );
     let bare = notched("fem", "quantity = \"energy-release\"\nwhere = \"x-min\"") + STATIC;
     refused(&bare, "probe.j.quantity", "is that of a crack");
     let stressed = notched("fem", FRONT) + "[[effect]]\nprestress = {}\n[time]\nsteps = 1\n";
-    refused(&stressed, at, "effect[0].prestress");
+    refused(&stressed, place, "effect[0].prestress");
 }
 
-/// Two boxes with an overlap, the crack near it; the fine one of particles or elements.
+/// A crack near the overlap of two boxes, or in a model of particles, is refused.
 #[test]
 fn cracks_in_an_overlap_and_among_particles_are_refused() {
     let text = |model: &str, fine: &str, x: f64| {
@@ -498,7 +502,8 @@ fn cracks_in_an_overlap_and_among_particles_are_refused() {
     );
 }
 
-/// A part of the front need not end at nodes: in plane strain it releases what the whole does.
+/// Parts of the front that end between nodes release the same energy per length as the whole front, in plane
+/// strain.
 #[test]
 fn parts_of_the_front_that_end_between_nodes_release_the_same() {
     let plate = Plate {
@@ -521,8 +526,7 @@ fn parts_of_the_front_that_end_between_nodes_release_the_same() {
     assert!((inner / whole - 1.0).abs() < 0.01 && (short / whole - 1.0).abs() < 0.01);
 }
 
-/// Where a slit goes on ahead of the front, the front is not there, or the direction points back along the
-/// faces.
+/// A front within the slit, and a direction that points back along its faces, are refused.
 #[test]
 fn fronts_within_a_slit_and_directions_along_its_faces_are_refused() {
     let plate = Plate {
@@ -534,13 +538,14 @@ fn fronts_within_a_slit_and_directions_along_its_faces_are_refused() {
     for (x, along) in [(0.04, -1.0), (0.034, 1.0), (0.03, 1.0)] {
         let front = probe("j", [x, 0.0, 0.0], [along, 0.0, 0.0], [4e-3, 8e-3], [0.0, THICK]);
         let text = scene(&plate, "sent-within", &pulled(1.0), 1.0) + &front + STATIC;
-        let made = Scene::from_text(text).and_then(|s| s.prepare().map(|_| ()));
-        let error = made.expect_err("refused");
+        let prepared = Scene::from_text(text).and_then(|s| s.prepare().map(|_| ()));
+        let error = prepared.expect_err("refused");
         assert_eq!(error.place().0, Some("probe.j.crack"), "{error}");
     }
 }
 
-/// A body cut in half along its crack: supports ahead of the front, whose forces are none of a load.
+/// A body cut in half along its crack releases half of the energy, with supports ahead of the front whose
+/// forces do not count as loads.
 #[test]
 fn half_a_body_releases_half() {
     let (crack, thick) = (0.04, 0.004);

@@ -1,4 +1,5 @@
-//! A plate with a hole whose surroundings are particles: far away it must be as if all were finite elements.
+//! A plate with a hole whose surroundings are particles must have the far field of a plate of finite elements
+//! alone.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
@@ -12,11 +13,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Load \[Pa\].
 const LOAD: f64 = 100e6;
-/// Half thickness of the plate \[mm\], with the mean diameter of its spheres \[mm\].
+/// Thickness factor of the plate and mean diameter of its spheres \[mm\].
 const CASE: (f64, f64) = (3.0, 0.6);
-/// The same with spheres small enough for the far field: at least seven across.
+/// Like [`CASE`], with at least seven spheres across, which is enough for the far field.
 const FINE: (f64, f64) = (5.0, 0.6);
-/// Where stresses and displacements are compared \[mm\].
+/// Places at which stresses and displacements are compared \[mm\].
 const PLACES: [[f64; 2]; 7] = [
     [50.0, 12.0],
     [35.0, 5.0],
@@ -27,10 +28,10 @@ const PLACES: [[f64; 2]; 7] = [
     [20.0, 0.0],
 ];
 
-/// Files written so far.
+/// Number of files written so far.
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 
-/// The tutorial's plate, `thick` times as thick.
+/// Writes the mesh of the tutorial's plate, `thick` times as thick, and returns its path.
 fn mesh(thick: f64) -> PathBuf {
     let from = concat!(env!("CARGO_MANIFEST_DIR"), "/../cli/templates/plate.msh");
     let text = std::fs::read_to_string(from).unwrap();
@@ -47,15 +48,15 @@ fn mesh(thick: f64) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("far-field");
     std::fs::create_dir_all(&folder).unwrap();
     let file = folder.join(format!("plate-{thick}.msh"));
-    let own = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-    let aside = folder.join(format!("{own}.msh"));
+    let unique = format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let aside = folder.join(format!("{unique}.msh"));
     std::fs::write(&aside, out).unwrap();
     std::fs::rename(&aside, &file).unwrap();
     file
 }
 
-/// Stresses over the load and displacements over that of the end, at all places; and what the packing is
-/// like.
+/// Returns the stresses over the load and the displacements over that of the end at all places, and the
+/// likeness of the packing.
 fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
     let file = mesh(thick);
     let mut text = format!(
@@ -74,9 +75,9 @@ fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
     let z = 0.5e-3 * thick;
     for (k, [x, y]) in PLACES.iter().enumerate() {
         for c in ["x", "y"] {
-            let at = format!("model = \"body\"\nat = [{:?}, {:?}, {z:?}]\n", 1e-3 * x, 1e-3 * y);
-            text += &format!("[probe.s{c}{k}]\n{at}quantity = \"stress\"\ncomponent = \"{c}{c}\"\n");
-            text += &format!("[probe.u{c}{k}]\n{at}component = \"{c}\"\n");
+            let place_keys = format!("model = \"body\"\nat = [{:?}, {:?}, {z:?}]\n", 1e-3 * x, 1e-3 * y);
+            text += &format!("[probe.s{c}{k}]\n{place_keys}quantity = \"stress\"\ncomponent = \"{c}{c}\"\n");
+            text += &format!("[probe.u{c}{k}]\n{place_keys}component = \"{c}\"\n");
         }
     }
     let scene = Scene::from_source(Source::new(file.with_extension("toml"), &text))
@@ -89,24 +90,25 @@ fn solved(thick: f64, zone: &str) -> (Vec<f64>, Vec<f64>, Option<Likeness>) {
         .find_map(|m| m.packing.as_ref()?.likeness);
     let results = ready.run(&mut Silent).unwrap();
     let last = |name: &str| *results.probe(name).unwrap().1.last().unwrap();
-    let all = |what: &str, unit: f64| {
-        let each = (0..PLACES.len()).flat_map(|k| ["x", "y"].map(|c| last(&format!("{what}{c}{k}")) / unit));
-        each.collect::<Vec<f64>>()
+    let column = |what: &str, unit: f64| {
+        let values =
+            (0..PLACES.len()).flat_map(|k| ["x", "y"].map(|c| last(&format!("{what}{c}{k}")) / unit));
+        values.collect::<Vec<f64>>()
     };
-    (all("s", LOAD), all("u", last("end")), likeness)
+    (column("s", LOAD), column("u", last("end")), likeness)
 }
 
-/// Mass of all models with their weights \[kg\].
+/// Returns the weighted mass of all models \[kg\].
 fn mass(built: &Built) -> f64 {
-    let all = built.run.subdomains().iter().map(|s| {
+    let masses = built.run.subdomains().iter().map(|s| {
         let moved = s.model().layout().translations();
         s.inertia()[..moved].iter().sum::<f64>() / 3.0
     });
-    all.sum()
+    masses.sum()
 }
 
-/// Mass of the particles between two radii around the hole \[mm\], weights left out, over that of the plate
-/// there.
+/// Returns the unweighted mass of the particles between two radii around the hole \[mm\], over that of the
+/// plate there.
 fn ring(built: &Built, thick: f64, low: f64, high: f64) -> f64 {
     let hole = built
         .run
@@ -117,23 +119,24 @@ fn ring(built: &Built, thick: f64, low: f64, high: f64) -> f64 {
     let model = hole.model();
     let mut inertia = vec![0.0; model.layout().dofs()];
     model.lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
-    let there = |k: &usize| (1e-3 * low..1e-3 * high).contains(&model.nodes()[*k].coords.xy().norm());
-    let found: f64 = (0..model.nodes().len())
-        .filter(there)
+    let in_ring = |k: &usize| (1e-3 * low..1e-3 * high).contains(&model.nodes()[*k].coords.xy().norm());
+    let mass_in_ring: f64 = (0..model.nodes().len())
+        .filter(in_ring)
         .map(|k| inertia[3 * k])
         .sum();
     let volume = 0.25e-9 * std::f64::consts::PI * (high * high - low * low) * thick;
-    found / (7800.0 * volume)
+    mass_in_ring / (7800.0 * volume)
 }
 
-/// A scene that was not run yet.
+/// Builds a scene without running it.
 fn built(text: &str) -> Built {
     let file = mesh(CASE.0).with_extension("toml");
     let scene = Scene::from_source(Source::new(file, text)).unwrap();
     arlequin_scene::setup::build(scene.spec(), scene.folder()).unwrap()
 }
 
-/// Weights add up to one, and what is cut at the border has the body's mass: in all, and across the overlap.
+/// The weighted masses of body and zone add up to the body's, in all and across the overlap, where spheres
+/// are cut at the border.
 #[test]
 fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
     let (thick, diameter) = CASE;
@@ -144,9 +147,9 @@ fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
     );
     let end = "[time]\nsteps = 1\n[output]\nplots = false\n";
     let alone = mass(&built(&format!("{body}{end}")));
-    let with = built(&format!("{body}{}\n{end}", particles(diameter, 1)));
-    let whole = mass(&with) / alone - 1.0;
-    let rings = [[7.0, 8.5], [8.5, 10.0]].map(|[low, high]| ring(&with, thick, low, high) - 1.0);
+    let zoned = built(&format!("{body}{}\n{end}", particles(diameter, 1)));
+    let whole = mass(&zoned) / alone - 1.0;
+    let rings = [[7.0, 8.5], [8.5, 10.0]].map(|[low, high]| ring(&zoned, thick, low, high) - 1.0);
     println!("all {whole:.5}, rings {rings:.4?}");
     assert!(whole.abs() < 5e-3, "mass off by {whole}");
     assert!(
@@ -155,12 +158,12 @@ fn mass_of_a_body_with_a_zone_is_right_in_all_and_across_the_overlap() {
     );
 }
 
-/// Largest difference of two lists.
-fn apart(a: &[f64], b: &[f64]) -> f64 {
+/// Returns the largest difference of two lists.
+fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// The plate's zone of particles of a mean diameter \[mm\].
+/// Returns the keys of the plate's zone of particles of a mean diameter \[mm\].
 fn particles(diameter: f64, seed: u64) -> String {
     format!(
         "[zone.hole]\nkind = \"dem\"\nspacing = {:?}\ndem.seed = {seed}\noverlap.width = 4e-3\n\
@@ -174,16 +177,19 @@ fn far_from_a_hole_in_particles_a_plate_is_within_one_per_cent_of_finite_element
     let (thick, diameter) = FINE;
     let alone = solved(thick, "");
     for seed in [1, 2] {
-        let found = solved(thick, &particles(diameter, seed));
-        let (stress, displacement) = (apart(&found.0, &alone.0), apart(&found.1, &alone.1));
-        let like = found.2.unwrap();
+        let zoned = solved(thick, &particles(diameter, seed));
+        let (stress, displacement) = (
+            largest_difference(&zoned.0, &alone.0),
+            largest_difference(&zoned.1, &alone.1),
+        );
+        let like = zoned.2.unwrap();
         println!("seed {seed}: stress {stress:.4}, displacement {displacement:.4}, {like:?}");
         assert!(stress < 0.01, "stress off by {stress} of the load, {like:?}");
         assert!(
             displacement < 0.01,
             "displacement off by {displacement} of the end's, {like:?}"
         );
-        // What beams can do, they did.
+        // The beams were adapted as far as they can be.
         assert!(
             like.uneven < 0.12 && (like.stiffness - 1.0).abs() < 1e-12,
             "{like:?}"
@@ -191,7 +197,7 @@ fn far_from_a_hole_in_particles_a_plate_is_within_one_per_cent_of_finite_element
     }
 }
 
-/// Half a minute to minutes.
+/// Takes half a minute to minutes.
 #[test]
 #[ignore = "the table of decision 0041"]
 fn far_field_of_many_packings() {
@@ -206,11 +212,14 @@ fn far_field_of_many_packings() {
     ] {
         let alone = solved(thick, "");
         for seed in [1, 2, 3] {
-            let found = solved(thick, &particles(diameter, seed));
-            let (stress, displacement) = (apart(&found.0, &alone.0), apart(&found.1, &alone.1));
+            let zoned = solved(thick, &particles(diameter, seed));
+            let (stress, displacement) = (
+                largest_difference(&zoned.0, &alone.0),
+                largest_difference(&zoned.1, &alone.1),
+            );
             println!(
                 "{thick} {diameter} {seed}: {stress:.4} {displacement:.4} {:?}",
-                found.2
+                zoned.2
             );
         }
     }

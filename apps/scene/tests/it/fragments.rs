@@ -1,4 +1,4 @@
-//! What broke and what is left: modes, energies, pieces with their masses and velocities.
+//! Breaks and fragments: modes, energies, pieces with their masses and velocities.
 #![allow(clippy::float_cmp, reason = "instants in a table are the same bits")]
 
 use arlequin_scene::output::{Frames, Pictures};
@@ -6,7 +6,7 @@ use arlequin_scene::spec::OutputField;
 use arlequin_scene::{RunFolder, Scene, Silent};
 use std::path::PathBuf;
 
-/// A notched bar that is drawn out until it parts.
+/// A notched bar that is stretched until it parts.
 const BAR: &str = r#"
 [model.bar]
 kind = "dem"
@@ -40,11 +40,11 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fragments");
     let _ = std::fs::remove_dir_all(&folder);
     let scene = Scene::from_text(BAR).expect("a scene");
-    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("a table");
 
@@ -78,14 +78,14 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
     for t in &times {
         let now = || pieces.iter().filter(|p| number(p, 0) == *t);
         let sum = |column: usize| now().map(|p| number(p, 4) * number(p, column)).sum::<f64>();
-        let all: f64 = now().map(|p| number(p, 4)).sum();
-        assert!((all / mass - 1.0).abs() < 1e-10, "{all:e} of {mass:e} kg");
+        let total: f64 = now().map(|p| number(p, 4)).sum();
+        assert!((total / mass - 1.0).abs() < 1e-10, "{total:e} of {mass:e} kg");
         let particles: f64 = now().map(|p| number(p, 3)).sum();
         assert_eq!(
             particles as usize,
             results.run.subdomains()[0].model().nodes().len()
         );
-        // Nothing acts from outside.
+        // No force acts from outside.
         let first = pieces[0..1]
             .iter()
             .map(|p| number(p, 4) * number(p, 8))
@@ -95,25 +95,25 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
             (sum(8) - first).abs() < 1e-10 * size && (sum(9)).abs() < 1e-10 * size,
             "{t:e}"
         );
-        // Places are those of the instant: the centre of all pieces goes on as it began.
+        // Places are those of the instant: the centre of all pieces moves on uniformly.
         for (c, start) in start.iter().enumerate() {
-            let gone = sum(5 + c) - start;
+            let shift = sum(5 + c) - start;
             let wanted = if c == 0 { first * t } else { 0.0 };
             assert!(
-                (gone - wanted).abs() < 1e-12 * 8e-3 * mass,
-                "{c} at {t:e}: {gone:e}, not {wanted:e}"
+                (shift - wanted).abs() < 1e-12 * 8e-3 * mass,
+                "{c} at {t:e}: {shift:e}, not {wanted:e}"
             );
         }
-        // What hangs on nothing is one row, not a piece of its own each.
+        // All particles without bonds are one row, not a piece each.
         assert!(now().all(|p| number(p, 2) == 0.0 || number(p, 3) >= 2.0));
         assert!(now().filter(|p| number(p, 2) == 0.0).count() <= 1);
     }
     let last = *times.last().expect("instants");
-    let left: Vec<&Vec<String>> = pieces.iter().filter(|p| number(p, 0) == last).collect();
+    let last_pieces: Vec<&Vec<String>> = pieces.iter().filter(|p| number(p, 0) == last).collect();
     let first: Vec<&Vec<String>> = pieces.iter().filter(|p| number(p, 0) == 0.0).collect();
     assert_eq!(first.len(), 1, "one body at the start");
-    let heavy: Vec<_> = left.iter().filter(|p| number(p, 2) > 0.0).collect();
-    assert!(heavy.len() >= 2, "{left:?}");
+    let heavy: Vec<_> = last_pieces.iter().filter(|p| number(p, 2) > 0.0).collect();
+    assert!(heavy.len() >= 2, "{last_pieces:?}");
     assert!(
         heavy.windows(2).all(|w| number(w[0], 4) >= number(w[1], 4)),
         "heaviest first"
@@ -121,7 +121,7 @@ fn breaks_tell_their_mode_and_pieces_keep_mass_and_momentum() {
     assert_eq!(results.recorded.fragments.len(), pieces.len());
 }
 
-/// A run that is stopped and goes on has the same tables as one that was not.
+/// A run that is stopped and resumed has the same tables as an uninterrupted one.
 #[test]
 fn modes_and_pieces_survive_a_checkpoint() {
     struct Half;
@@ -147,11 +147,11 @@ fn modes_and_pieces_survive_a_checkpoint() {
     };
     let begin = |name: &str, observer: &mut dyn arlequin_scene::Observer| {
         let scene = Scene::from_text(BAR).expect("a scene");
-        let into = RunFolder::new(&scene, Some(&folder.join(name)), true).expect("a folder");
+        let run_folder = RunFolder::new(&scene, Some(&folder.join(name)), true).expect("a folder");
         scene
             .prepare()
             .expect("built")
-            .run_into(into, observer)
+            .run_into(run_folder, observer)
             .expect("runs");
     };
     begin("whole", &mut Silent);
@@ -164,8 +164,8 @@ fn modes_and_pieces_survive_a_checkpoint() {
     );
 }
 
-/// What the frames show of the energy of particles is what the ledger counts, under both laws, after bonds
-/// broke.
+/// The energy densities of particles in the frames sum to the internal energy of the ledger, under both laws,
+/// after bonds broke.
 #[test]
 fn energy_densities_in_frames_sum_to_the_internal_energy_of_the_ledger() {
     for law in ["false", "true"] {

@@ -1,5 +1,5 @@
-//! Obstacles and bodies that enter what they cannot touch: said the moment it happens, once per pair, on any
-//! number of ranks.
+//! Obstacles and bodies that enter what they do not act on are warned of when it happens, once per pair, on
+//! any number of ranks.
 
 use arlequin::dem_beam::fracture::locked;
 use arlequin_scene::{Observer, Results, Scene};
@@ -8,14 +8,14 @@ use std::time::Duration;
 
 const SOLID: &str = "material = { young = 70e9, poisson = 0.2, density = 2200.0 }";
 
-/// Elements of 1 mm, their top at z = 0.
+/// Returns a model of elements of 1 mm.
 fn elements(name: &str, low: [f64; 3], high: [f64; 3]) -> String {
     format!(
         "[model.{name}]\nkind = \"fem\"\nshape.box = {{ low = {low:?}, high = {high:?} }}\nspacing = 1e-3\n{SOLID}\n"
     )
 }
 
-/// Spheres of 0.5 mm.
+/// Returns a model of spheres of 0.5 mm.
 fn spheres(name: &str, low: [f64; 3], high: [f64; 3]) -> String {
     format!(
         "[model.{name}]\nkind = \"dem\"\nshape.box = {{ low = {low:?}, high = {high:?} }}\nspacing = 0.5e-3\n\
@@ -27,7 +27,7 @@ fn block() -> String {
     elements("block", [0.0, 0.0, -4e-3], [4e-3, 4e-3, 0.0])
 }
 
-/// A driven obstacle that acts on the particles of one model.
+/// Returns a driven obstacle that acts on the particles of one model.
 fn obstacle(model: &str, shape: &str, velocity: f64) -> String {
     format!(
         "[[effect]]\nmodels = [\"{model}\"]\n[effect.obstacle]\nname = \"tool\"\nshape.{shape}\n\
@@ -43,14 +43,14 @@ fn end(seconds: f64) -> String {
     format!("[time]\nend = {seconds:e}\n[output]\nplots = false\nenergy_every = 10\n")
 }
 
-/// Warnings with the times at which they were said.
+/// Observer that records warnings with their times.
 #[derive(Default)]
-struct Said {
+struct LineRecorder {
     now: f64,
     lines: Vec<(f64, String)>,
 }
 
-impl Observer for Said {
+impl Observer for LineRecorder {
     fn warning(&mut self, text: &str) {
         if text.contains("is inside the") {
             self.lines.push((self.now, text.to_owned()));
@@ -63,24 +63,26 @@ impl Observer for Said {
     }
 }
 
-fn run(text: &str) -> (Said, Results) {
-    let mut said = Said::default();
+fn run(text: &str) -> (LineRecorder, Results) {
+    let mut recorder = LineRecorder::default();
     let scene = Scene::from_text(text).unwrap_or_else(|e| panic!("{e}\n{text}"));
     let results = scene.prepare().unwrap_or_else(|e| panic!("{e}\n{text}"));
-    let results = results.run(&mut said).unwrap_or_else(|e| panic!("{e}\n{text}"));
-    let kept = results
+    let results = results
+        .run(&mut recorder)
+        .unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let recorded = results
         .summary()
         .warnings
         .iter()
         .filter(|w| w.contains("is inside the"));
     assert!(
-        kept.eq(said.lines.iter().map(|l| &l.1)),
+        recorded.eq(recorder.lines.iter().map(|l| &l.1)),
         "the summary has what was said"
     );
-    (said, results)
+    (recorder, results)
 }
 
-/// The number in front of some words.
+/// Returns the number in front of some words.
 fn number_before(text: &str, words: &str) -> f64 {
     let head = &text[..text.find(words).expect(words)];
     head.rsplit(' ')
@@ -89,14 +91,15 @@ fn number_before(text: &str, words: &str) -> f64 {
         .expect("a number")
 }
 
-/// The one line of a run; it must come once something is `depth` deep, at the time `due`, and say so.
-fn assert_told(text: &str, opening: &str, due: f64, speed: f64) {
-    let (said, _) = run(text);
-    let [(time, line)] = &said.lines[..] else {
-        panic!("{:?}\n{text}", said.lines);
+/// Asserts that the run warns exactly once, at the time `due` or shortly after, and that the warning states a
+/// small depth.
+fn assert_one_line(text: &str, opening: &str, due: f64, speed: f64) {
+    let (recorder, _) = run(text);
+    let [(time, line)] = &recorder.lines[..] else {
+        panic!("{:?}\n{text}", recorder.lines);
     };
     assert!(line.starts_with(opening), "{line}");
-    // Deeper by 5 % of a spacing than touching, and seen within a quarter of one.
+    // The limit is 5 % of a spacing deeper than touching, and it is detected within a quarter of a spacing.
     let tolerance = 0.05e-3;
     let late = (time - due) * speed;
     assert!(
@@ -111,9 +114,9 @@ fn assert_told(text: &str, opening: &str, due: f64, speed: f64) {
 fn a_ball_beside_the_particles_that_enters_the_elements_is_told_at_once() {
     let ball = "sphere = { centre = [2.2e-3, 1.7e-3, 1.5e-3], radius = 0.4e-3 }";
     let grains = spheres("grains", [6e-3, 0.0, 0.0], [8e-3, 2e-3, 2e-3]);
-    // Smaller than an element: no node ever lies in it.
+    // The ball is smaller than an element: no node ever lies in it.
     let text = block() + &grains + &obstacle("grains", ball, -100.0) + &end(14e-6);
-    assert_told(
+    assert_one_line(
         &text,
         "obstacle 'tool' is inside the elements of model 'block'",
         11e-6,
@@ -123,14 +126,14 @@ fn a_ball_beside_the_particles_that_enters_the_elements_is_told_at_once() {
 
 #[test]
 fn rollers_and_planes_that_enter_elements_are_told_at_once() {
-    // The plane comes from above; it would meet the particles later.
+    // The plane comes from above and would meet the particles later.
     let grains = spheres("grains", [6e-3, 0.0, -3e-3], [8e-3, 2e-3, -1e-3]);
     for shape in [
         "cylinder = { point = [0.0, 2.3e-3, 1.5e-3], axis = [1.0, 0.0, 0.0], radius = 0.5e-3 }",
         "plane = { point = [0.0, 0.0, 1.0e-3], normal = [0.0, 0.0, -1.0] }",
     ] {
         let text = block() + &grains + &obstacle("grains", shape, -100.0) + &end(13e-6);
-        assert_told(
+        assert_one_line(
             &text,
             "obstacle 'tool' is inside the elements of model 'block'",
             10e-6,
@@ -144,22 +147,22 @@ fn bodies_that_fly_into_elements_are_told_at_once() {
     let above = ([1e-3, 1e-3, 1e-3], [3e-3, 3e-3, 3e-3]);
     let fly = moving("flyer", -100.0);
     let text = block() + &spheres("flyer", above.0, above.1) + &fly + &end(14e-6);
-    assert_told(
+    assert_one_line(
         &text,
         "model 'flyer' is inside the elements of model 'block'",
         10e-6,
         100.0,
     );
     let text = block() + &elements("flyer", above.0, above.1) + &fly + &end(14e-6);
-    assert_told(
+    assert_one_line(
         &text,
         "model 'block' is inside the elements of model 'flyer'",
         10e-6,
         100.0,
     );
-    // Natural elements.
+    // The flyer consists of natural elements.
     let natural = elements("flyer", above.0, above.1).replace("fem", "cnem");
-    assert_told(
+    assert_one_line(
         &(block() + &natural + &fly + &end(14e-6)),
         "model 'block' is inside the elements of model 'flyer'",
         10e-6,
@@ -167,13 +170,13 @@ fn bodies_that_fly_into_elements_are_told_at_once() {
     );
 }
 
-/// Through a plate of one element and out on the other side: the run is complete, and says what happened.
+/// A body that passes through a plate of one element and leaves it again is reported, and the run completes.
 #[test]
 fn a_body_that_passes_through_a_thin_plate_at_high_speed_is_not_missed() {
     let plate = elements("plate", [0.0, 0.0, -1e-3], [4e-3, 4e-3, 0.0]);
     let flyer = spheres("flyer", [1e-3, 1e-3, 1e-3], [3e-3, 3e-3, 3e-3]);
     let text = plate + &flyer + &moving("flyer", -500.0) + &end(12e-6);
-    assert_told(
+    assert_one_line(
         &text,
         "model 'flyer' is inside the elements of model 'plate'",
         2e-6,
@@ -186,9 +189,9 @@ fn particles_without_contact_are_told_the_moment_they_enter_each_other_and_conta
     let below = spheres("below", [0.0, 0.0, -2e-3], [2e-3, 2e-3, 0.0]);
     let above = spheres("above", [0.0, 0.0, 0.5e-3], [2e-3, 2e-3, 2.5e-3]);
     let text = below + &above + &moving("above", -100.0) + &end(8e-6);
-    let (said, _) = run(&text);
-    let [(time, line)] = &said.lines[..] else {
-        panic!("{:?}", said.lines);
+    let (recorder, _) = run(&text);
+    let [(time, line)] = &recorder.lines[..] else {
+        panic!("{:?}", recorder.lines);
     };
     assert!(
         line.starts_with("model 'above' is inside the particles of model 'below'"),
@@ -208,16 +211,16 @@ fn particles_without_contact_are_told_the_moment_they_enter_each_other_and_conta
 #[test]
 fn an_obstacle_is_told_of_particles_that_it_does_not_act_on() {
     let target = spheres("target", [0.0, 0.0, -2e-3], [2e-3, 2e-3, 0.0]);
-    let other = spheres("other", [6e-3, 0.0, -2e-3], [8e-3, 2e-3, 0.0]);
+    let second = spheres("other", [6e-3, 0.0, -2e-3], [8e-3, 2e-3, 0.0]);
     let ball = "sphere = { centre = [1e-3, 1e-3, 1.5e-3], radius = 1e-3 }";
-    let text = target + &other + &obstacle("other", ball, -100.0) + &end(9e-6);
-    assert_told(
+    let text = target + &second + &obstacle("other", ball, -100.0) + &end(9e-6);
+    assert_one_line(
         &text,
         "obstacle 'tool' is inside the particles of model 'target'",
         5e-6,
         100.0,
     );
-    // Where it acts, contact stops it from being a matter of this watch.
+    // Where the obstacle acts, contact prevents the intrusion.
     assert!(
         run(&text.replace("models = [\"other\"]", "models = [\"other\", \"target\"]"))
             .0
@@ -226,7 +229,7 @@ fn an_obstacle_is_told_of_particles_that_it_does_not_act_on() {
     );
 }
 
-/// Faces that touch and vibrate, and an obstacle that stays on its particles.
+/// Faces that touch and vibrate, and an obstacle that stays on its particles, give no warning.
 #[test]
 fn bodies_that_touch_and_stay_are_not_told() {
     let beside = elements("beside", [4e-3, 0.0, -4e-3], [8e-3, 4e-3, 0.0]);
@@ -235,12 +238,12 @@ fn bodies_that_touch_and_stay_are_not_told() {
                  coefficients = [0.0, 100.0] }\n";
     let plane = "plane = { point = [0.0, 0.0, 2e-3], normal = [0.0, 0.0, -1.0] }";
     let text = block() + &beside + &on_top + shake + &obstacle("grains", plane, 0.0) + &end(10e-6);
-    let (said, results) = run(&text);
-    assert!(said.lines.is_empty(), "{:?}", said.lines);
+    let (recorder, results) = run(&text);
+    assert!(recorder.lines.is_empty(), "{:?}", recorder.lines);
     assert!(results.summary().steps > 20);
 }
 
-/// Overlapping models of one body are not inside each other.
+/// Overlapping models of one body give no warning.
 #[test]
 fn an_overlap_of_coupled_models_is_not_told() {
     let fine = spheres("grains", [0.0, 0.0, -2e-3], [4e-3, 4e-3, 2e-3])
@@ -289,22 +292,22 @@ fn a_body_that_starts_inside_an_obstacle_is_refused_at_its_key() {
     );
 }
 
-/// Two ranks, with the particles in parts, say what one says.
+/// Two ranks, with the particles partitioned, print the same warnings as one rank.
 #[test]
 fn ranks_tell_what_one_rank_tells() {
     let flyer = spheres("flyer", [1e-3, 1e-3, 1e-3], [3e-3, 3e-3, 3e-3]).replace("0.5e-3", "0.15e-3");
     let text = block() + &flyer + &moving("flyer", -100.0) + &end(12e-6);
     let (alone, _) = run(&text);
     assert_eq!(alone.lines.len(), 1, "{:?}", alone.lines);
-    let all = arlequin_mpi::threads::run(2, 1, Duration::from_secs(120), |c| {
-        let mut said = Said::default();
+    let per_rank = arlequin_mpi::threads::run(2, 1, Duration::from_secs(120), |c| {
+        let mut recorder = LineRecorder::default();
         let scene = Scene::from_text(&text)?.on_ranks(c)?;
-        let results = scene.prepare()?.run(&mut said)?;
+        let results = scene.prepare()?.run(&mut recorder)?;
         let parts = results.run.subdomains().iter().filter(|s| s.portion().is_some());
         assert!(parts.count() > 0, "something is in parts");
-        Ok::<_, arlequin_scene::Error>(said.lines)
+        Ok::<_, arlequin_scene::Error>(recorder.lines)
     });
-    let lines: Vec<_> = all
+    let lines: Vec<_> = per_rank
         .into_iter()
         .map(|r| r.expect("no rank is lost").expect("runs"))
         .collect();
@@ -312,7 +315,8 @@ fn ranks_tell_what_one_rank_tells() {
     assert!(lines[1].is_empty(), "the first rank speaks");
 }
 
-/// Obstacles of shipped scenes stay where they act; cracks that run into overlaps are printed.
+/// Shipped scenes give no warning of intrusions. Obstacles stay where they act; cracks that run into overlaps
+/// are printed.
 #[test]
 #[ignore = "shipped scenes in full: half a minute"]
 #[allow(clippy::print_stdout, reason = "it prints what cracks did")]
@@ -328,8 +332,8 @@ fn shipped_scenes_enter_nothing_that_they_cannot_touch() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes");
         let path = folder.join(format!("{name}.toml"));
         let scene = Scene::read(&path).expect("a shipped scene");
-        let mut said = Said::default();
-        let results = scene.prepare().expect("built").run(&mut said).expect("runs");
+        let mut recorder = LineRecorder::default();
+        let results = scene.prepare().expect("built").run(&mut recorder).expect("runs");
         for crack in &results.summary().into_overlap {
             println!("{name}: {} bonds; {crack}", crack.bonds);
         }
@@ -343,6 +347,6 @@ fn shipped_scenes_enter_nothing_that_they_cannot_touch() {
                 first.map(|e| e.time)
             );
         }
-        assert!(said.lines.is_empty(), "{name}: {:?}", said.lines);
+        assert!(recorder.lines.is_empty(), "{name}: {:?}", recorder.lines);
     }
 }

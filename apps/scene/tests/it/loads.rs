@@ -1,15 +1,15 @@
-//! Loads and supports on a body with zones: what acts is what is asked for, whatever fills the zones.
+//! Loads and supports on a body with zones: the acting force is the requested one for any kind of zone.
 
 use arlequin_scene::{Error, Results, Scene, Silent};
 
 const SOLID: &str = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
 
-/// A bar from 0 to 6 m, 5 m wide, with a zone in the middle of the end face that the overlap parts from its
-/// edges.
-fn bar(body: &str, zone: &str, rest: &str) -> String {
+/// Returns a bar from 0 to 6 m, 5 m wide, with a zone in the middle of the end face; the overlap separates
+/// the zone from the edges.
+fn bar(body: &str, zone: &str, tail: &str) -> String {
     format!(
         "[body]\n{body}\nspacing = 1.0\n{SOLID}\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [6.0, 5.0, 5.0] }}\n\
-         [zone.tip]\n{zone}\nshape.box = {{ low = [5.1, 2.1, 2.1], high = [99.0, 2.9, 2.9] }}\noverlap.width = 0.95\n{rest}"
+         [zone.tip]\n{zone}\nshape.box = {{ low = [5.1, 2.1, 2.1], high = [99.0, 2.9, 2.9] }}\noverlap.width = 0.95\n{tail}"
     )
 }
 
@@ -20,24 +20,28 @@ const ZONES: [&str; 3] = [
     "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"",
 ];
 
-fn probes(of: &str) -> String {
+fn probes(subject: &str) -> String {
     let mut out = String::new();
     for (kind, axis) in [("force", "x"), ("moment", "x")]
         .iter()
         .flat_map(|(k, _)| ["x", "y", "z"].map(|a| (*k, a)))
     {
         out += &format!(
-            "[probe.{of}-{kind}-{axis}]\nof = \"{of}\"\nquantity = \"{kind}\"\ncomponent = \"{axis}\"\nabout = [0.0, 0.0, 0.0]\n"
+            "[probe.{subject}-{kind}-{axis}]\nof = \"{subject}\"\nquantity = \"{kind}\"\ncomponent = \"{axis}\"\nabout = [0.0, 0.0, 0.0]\n"
         );
     }
     out
 }
 
-/// Force and moment about the origin of what bears a name, at a load step.
-fn exerted(results: &Results, of: &str, step: usize) -> [f64; 6] {
-    let one =
-        |kind: &str, axis: &str| results.probe(&format!("{of}-{kind}-{axis}")).expect("a probe").1[step];
-    let [x, y, z] = ["x", "y", "z"].map(|a| [one("force", a), one("moment", a)]);
+/// Returns force and moment about the origin of the named load or support at a load step.
+fn exerted(results: &Results, subject: &str, step: usize) -> [f64; 6] {
+    let value = |kind: &str, axis: &str| {
+        results
+            .probe(&format!("{subject}-{kind}-{axis}"))
+            .expect("a probe")
+            .1[step]
+    };
+    let [x, y, z] = ["x", "y", "z"].map(|a| [value("force", a), value("moment", a)]);
     [x[0], y[0], z[0], x[1], y[1], z[1]]
 }
 
@@ -54,19 +58,19 @@ fn refused(text: &str) -> Error {
     built.err().unwrap_or_else(|| panic!("taken: {text}"))
 }
 
-/// Force `f` at a point and a moment, about the origin.
-fn wrench(at: [f64; 3], f: [f64; 3], moment: [f64; 3]) -> [f64; 6] {
-    let [x, y, z] = at;
+/// Returns the force `f` at a point and a moment, both about the origin.
+fn wrench(place: [f64; 3], f: [f64; 3], moment: [f64; 3]) -> [f64; 6] {
+    let [x, y, z] = place;
     let arm = [y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0]];
     let m = [0, 1, 2].map(|c| arm[c] + moment[c]);
     [f[0], f[1], f[2], m[0], m[1], m[2]]
 }
 
-/// Keys of a load, a point \[m\], and the force \[N\] and moment \[N m\] about it that are asked for.
+/// Keys of a load, a point \[m\], and the requested force \[N\] and moment \[N m\] about the point.
 type Asked = (&'static str, [f64; 3], [f64; 3], [f64; 3]);
 
-/// What loads on the end face say, and force and moment they then have: on all of it, and on a box that
-/// cuts through zone and overlap.
+/// Loads on the end face with their force and moment: on the whole face, and on a box that cuts through zone
+/// and overlap.
 const LOADS: [Asked; 5] = [
     (
         "where = \"x-max\"\nforce = [0.02, 0.01, -0.03]",
@@ -100,7 +104,7 @@ const LOADS: [Asked; 5] = [
     ),
 ];
 
-/// Every load of [`LOADS`] in a load step of its own.
+/// Returns every load of [`LOADS`], each in its own load step.
 fn loads() -> String {
     let mut out = String::from("[[support]]\nname = \"bed\"\nmodel = \"body\"\nwhere = \"x-min\"\n");
     for (k, (words, ..)) in LOADS.iter().enumerate() {
@@ -124,15 +128,15 @@ fn loads_on_a_body_are_what_is_asked_for_whatever_its_zones_are() {
             }
             let results = run(&bar(body, zone, &loads()));
             let mut worst: f64 = 0.0;
-            for (k, (words, at, force, moment)) in LOADS.iter().enumerate() {
-                let asked = wrench(*at, *force, *moment);
+            for (k, (words, place, force, moment)) in LOADS.iter().enumerate() {
+                let asked = wrench(*place, *force, *moment);
                 let size = asked.iter().fold(0.0_f64, |s, x| s.max(x.abs()));
-                let [acts, held] = ["push", "bed"].map(|of| exerted(&results, of, k));
+                let [acts, held] = ["push", "bed"].map(|subject| exerted(&results, subject, k));
                 for c in 0..6 {
-                    let off = (acts[c] - asked[c]).abs().max((held[c] + asked[c]).abs()) / size;
-                    worst = worst.max(off);
+                    let error = (acts[c] - asked[c]).abs().max((held[c] + asked[c]).abs()) / size;
+                    worst = worst.max(error);
                     assert!(
-                        off < 1e-10,
+                        error < 1e-10,
                         "{body}, {zone}, {words}: {acts:?} and {held:?} for {asked:?}"
                     );
                 }
@@ -145,14 +149,14 @@ fn loads_on_a_body_are_what_is_asked_for_whatever_its_zones_are() {
 #[test]
 fn a_support_on_a_body_holds_its_zones_and_gravity_pulls_them() {
     for zone in ZONES {
-        let rest = "[[support]]\nname = \"bed\"\nmodel = \"body\"\nwhere = \"x-max\"\n\
+        let tail = "[[support]]\nname = \"bed\"\nmodel = \"body\"\nwhere = \"x-max\"\n\
                     [[effect]]\nmodels = [\"body\"]\nbody_force.acceleration = [0.01, 0.02, -0.03]\n";
-        let rest = rest.to_owned() + &probes("bed") + &probes("body-force") + "[static]\nsteps = 1\n";
-        let text = bar(FEM, zone, &rest);
+        let tail = tail.to_owned() + &probes("bed") + &probes("body-force") + "[static]\nsteps = 1\n";
+        let text = bar(FEM, zone, &tail);
         let results = run(&text);
-        // Spheres share their mass by number, not by place: some more or less of it is in the overlap.
+        // Spheres share their mass by number, not by place, so that the mass in the overlap varies a little.
         let (mass, near) = (1.5 * 6.0 * 25.0, if zone == ZONES[2] { 0.02 } else { 1e-10 });
-        let [held, pulled] = ["bed", "body-force"].map(|of| exerted(&results, of, 0));
+        let [held, pulled] = ["bed", "body-force"].map(|subject| exerted(&results, subject, 0));
         for (c, g) in [0.01, 0.02, -0.03].into_iter().enumerate() {
             assert!((pulled[c] / (mass * g) - 1.0).abs() < near, "{zone}: {pulled:?}");
             assert!((held[c] / pulled[c] + 1.0).abs() < 1e-10, "{zone}: {held:?}");
@@ -177,13 +181,13 @@ fn a_support_on_a_body_holds_its_zones_and_gravity_pulls_them() {
 
 #[test]
 fn a_zone_has_a_support_of_its_own_where_it_is_given_one() {
-    let rest = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
+    let tail = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
                 [[support]]\nmodel = \"body\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
                 [[support]]\nmodel = \"body\"\nwhere = \"x-min\"\n[static]\nsteps = 1\n";
-    let text = bar(FEM, ZONES[0], rest);
-    let own = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n";
+    let text = bar(FEM, ZONES[0], tail);
+    let zone_support = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n";
     let probe = "[probe.end]\nmodel = \"tip\"\nwhere = \"x-max\"\ncomponent = \"x\"\n";
-    for text in [text.clone(), text.replace(own, "")] {
+    for text in [text.clone(), text.replace(zone_support, "")] {
         let end = run(&(text + probe)).probe("end").expect("a probe").1[0];
         assert!((end - 1e-3).abs() < 1e-15, "{end:e}");
     }
@@ -208,7 +212,7 @@ fn what_would_act_twice_or_not_at_all_is_refused() {
     );
 }
 
-/// In the explicit form a load is of one model; what an overlap takes of it is told.
+/// A load of the explicit form acts on one model; a warning states the share that is lost in the overlap.
 #[test]
 fn what_an_overlap_takes_of_a_load_on_one_model_is_told() {
     let models = format!(
@@ -219,27 +223,30 @@ fn what_an_overlap_takes_of_a_load_on_one_model_is_told() {
          [interface.joint]\ncoarse = \"left\"\nfine = \"right\"\nweight.profile = \"linear\"\n\
          overlap.slab = {{ coarse = [3.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }}\n[time]\nsteps = 1\n"
     );
-    let told = |loads: &str| {
+    let load_warnings = |loads: &str| {
         let scene = Scene::from_text(format!("{models}{loads}")).expect("a scene");
         let built = arlequin_scene::setup::build(scene.spec(), scene.folder()).expect("built");
-        let said = built.warnings.into_iter().filter(|w| w.starts_with("load["));
-        said.collect::<Vec<_>>()
+        let texts = built.warnings.into_iter().filter(|w| w.starts_with("load["));
+        texts.collect::<Vec<_>>()
     };
     let load = |model: &str, what: &str| {
         format!("[[load]]\nmodel = \"{model}\"\nwhere = \"z-max\"\n{what}\ntime = \"step\"\n")
     };
-    // A quarter of the surface of `left` is lost: half of it lies in the overlap, where the weight is a
-    // half in the mean.
+    // A quarter of the load on `left` is lost: half of the surface lies in the overlap, where the mean weight
+    // is a half.
     for what in ["traction = [0.0, 0.0, 1e-3]", "pressure = 1e-3"] {
-        let said = told(&load("left", what));
-        assert!(said.len() == 1 && said[0].contains("25.0 % is lost"), "{said:?}");
+        let texts = load_warnings(&load("left", what));
+        assert!(
+            texts.len() == 1 && texts[0].contains("25.0 % is lost"),
+            "{texts:?}"
+        );
         assert_eq!(
-            told(&(load("left", what) + &load("right", what))),
+            load_warnings(&(load("left", what) + &load("right", what))),
             Vec::<String>::new()
         );
     }
-    // A moment acts by the squares of levers: along x, an eighth more is lost than the mean of the weights
+    // A moment acts by the squares of the lever arms: along x an eighth more is lost than by the mean weights
     // on half of the face.
-    let said = told(&load("left", "torque = [0.0, 1.0, 0.0]"));
-    assert!(said.len() == 1 && said[0].contains("N m act"), "{said:?}");
+    let texts = load_warnings(&load("left", "torque = [0.0, 1.0, 0.0]"));
+    assert!(texts.len() == 1 && texts[0].contains("N m act"), "{texts:?}");
 }

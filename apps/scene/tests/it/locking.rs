@@ -20,8 +20,8 @@ const KINDS: [(&str, &str); 3] = [
     ("natural elements", "cnem"),
 ];
 
-/// A quarter of the ring as a Gmsh file, with the surface `inner`; every element parted into `parts` along
-/// the radius and around.
+/// Writes a quarter of the ring as a Gmsh file with the surface `inner` and returns its path; every element
+/// is divided into `parts` along the radius and around.
 fn ring(kind: &str, parts: usize) -> PathBuf {
     let between = |r: &[f64]| -> Vec<f64> {
         (0..parts)
@@ -32,7 +32,7 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
     radii.push(RADII[5]);
     let around = AROUND * parts;
     let (nr, nt) = (radii.len(), around + 1);
-    let at = |i: usize, j: usize, k: usize| 1 + (i * nt + j) * 2 + k;
+    let node_number = |i: usize, j: usize, k: usize| 1 + (i * nt + j) * 2 + k;
     let mut text = String::from(
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n2 7 \"inner\"\n$EndPhysicalNames\n$Nodes\n",
     );
@@ -44,7 +44,7 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
                 let _ = writeln!(
                     text,
                     "{} {:e} {:e} {k}",
-                    at(i, j, k),
+                    node_number(i, j, k),
                     r * angle.cos(),
                     r * angle.sin()
                 );
@@ -53,14 +53,26 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
     }
     let mut lines = Vec::new();
     for j in 0..around {
-        let [a, b, c, d] = [at(0, j, 0), at(0, j, 1), at(0, j + 1, 1), at(0, j + 1, 0)];
+        let [a, b, c, d] = [
+            node_number(0, j, 0),
+            node_number(0, j, 1),
+            node_number(0, j + 1, 1),
+            node_number(0, j + 1, 0),
+        ];
         match kind {
             "hexahedra" => lines.push(format!("3 2 7 1 {a} {b} {c} {d}")),
             _ => lines.extend([format!("2 2 7 1 {a} {b} {c}"), format!("2 2 7 1 {a} {c} {d}")]),
         }
     }
     for (i, j) in (0..nr - 1).flat_map(|i| (0..around).map(move |j| (i, j))) {
-        let ring = |k| [at(i, j, k), at(i + 1, j, k), at(i + 1, j + 1, k), at(i, j + 1, k)];
+        let ring = |k| {
+            [
+                node_number(i, j, k),
+                node_number(i + 1, j, k),
+                node_number(i + 1, j + 1, k),
+                node_number(i, j + 1, k),
+            ]
+        };
         if kind == "hexahedra" {
             let corners: Vec<String> = [ring(0), ring(1)].concat().iter().map(usize::to_string).collect();
             lines.push(format!("5 2 1 1 {}", corners.join(" ")));
@@ -68,10 +80,10 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
         }
         for path in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
             let mut step = [0; 3];
-            let mut tet = vec![at(i, j, 0)];
+            let mut tet = vec![node_number(i, j, 0)];
             for axis in path {
                 step[axis] = 1;
-                tet.push(at(i + step[0], j + step[1], step[2]));
+                tet.push(node_number(i + step[0], j + step[1], step[2]));
             }
             if [[0, 2, 1], [2, 1, 0], [1, 0, 2]].contains(&path) {
                 tet.swap(2, 3);
@@ -89,8 +101,8 @@ fn ring(kind: &str, parts: usize) -> PathBuf {
     path
 }
 
-/// How much too stiff the ring is, by the mean displacement of its inner face, how far the hoop stress
-/// there is from Lamé's, both relative, and what the scene warns of.
+/// Returns the relative excess stiffness of the ring by the mean displacement of its inner face, the relative
+/// error of the hoop stress there against Lamé's, and the warnings of the scene.
 fn measured(kind: (&str, &str), poisson: f64, parts: usize) -> (f64, f64, Vec<String>) {
     let file = ring(kind.0, parts).display().to_string();
     let plane = |axis: &str, low: &str, high: &str| {
@@ -123,7 +135,8 @@ fn measured(kind: (&str, &str), poisson: f64, parts: usize) -> (f64, f64, Vec<St
     (exact / u - 1.0, last("hoop") / hoop - 1.0, warnings)
 }
 
-/// The numbers in per cent that a warning of locking states: how much too stiff, and the error of the stress.
+/// Returns the numbers in per cent that a warning of locking states: excess stiffness, and error of the
+/// stress.
 fn stated(warnings: &[String], kind: &str, poisson: f64) -> Option<[f64; 2]> {
     let start = format!("{kind} lock at a Poisson's ratio of {poisson}");
     let text = warnings.iter().find(|w| w.contains(&start))?;
@@ -156,7 +169,8 @@ fn locking_is_warned_of_with_the_number_that_the_kind_has_at_that_ratio() {
             let right = match stated(&warnings, kind.0, poisson) {
                 None => !locks,
                 Some([percent, error]) => {
-                    let near = |told: f64, share: f64| (told - 100.0 * share.abs()).abs() < 0.6;
+                    let near =
+                        |stated_percent: f64, share: f64| (stated_percent - 100.0 * share.abs()).abs() < 0.6;
                     locks && near(percent, stiffer) && near(error, stress)
                 }
             };
@@ -171,7 +185,8 @@ fn locking_is_warned_of_with_the_number_that_the_kind_has_at_that_ratio() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// With 5, 10 and 20 elements through the wall: what docs/scene.md says of stresses at surfaces.
+/// The stress errors at the curved loaded face with 5, 10 and 20 elements through the wall are those that
+/// docs/scene.md states.
 #[test]
 fn stresses_at_a_curved_loaded_face_are_off_by_what_the_docs_say() {
     for (kind, last) in KINDS.into_iter().zip([0.0..0.002, 0.04..0.06, 0.0..0.045]) {

@@ -1,4 +1,4 @@
-//! Tests of scenes, in one program: one link instead of 20.
+//! Tests of scenes, linked as one program instead of 20.
 
 mod cracks;
 mod end_zones;

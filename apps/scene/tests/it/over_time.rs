@@ -1,4 +1,5 @@
-//! Loads, motions and speeds as expressions and tables, and what of a run can be read while it goes on.
+//! Loads, motions and velocities as expressions and tables, and files of a run that can be read while it goes
+//! on.
 #![allow(clippy::float_cmp, reason = "the same load gives the same bits")]
 
 use arlequin::core::Coupled;
@@ -28,8 +29,8 @@ fn motions_by_expression_table_and_speed_go_where_they_should() {
         let results = moved(motion);
         let (times, values) = results.probe("hand").expect("probe");
         for (t, x) in times.iter().zip(values) {
-            let off = (x - wanted(*t)).abs();
-            assert!(off < 1e-13, "{motion}: at {t:e} s {x:e}, off by {off:e}");
+            let error = (x - wanted(*t)).abs();
+            assert!(error < 1e-13, "{motion}: at {t:e} s {x:e}, off by {error:e}");
         }
     };
     follows(
@@ -53,7 +54,8 @@ fn motions_by_expression_table_and_speed_go_where_they_should() {
     );
 }
 
-/// A motion of which the speed has a kink, a jump or many periods: its speed is that, without noise.
+/// The velocity of a motion is its time derivative without noise, also if it has a kink, a jump or many
+/// periods.
 #[test]
 fn speeds_by_expression_are_smooth_in_time() {
     let wave = 2.0 * std::f64::consts::PI * 1e6;
@@ -76,18 +78,18 @@ fn speeds_by_expression_are_smooth_in_time() {
             .zip(values)
             .filter(|(t, _)| (**t - 1e-4).abs() > 2.0 * dt)
         {
-            // Central differences of the displacement: off by (ω Δt)²/6.
-            let off = if text.starts_with("sin") {
+            // Central differences of the displacement are off by (ω Δt)²/6.
+            let allowed = if text.starts_with("sin") {
                 (wave * dt).powi(2) / 6.0
             } else {
                 1e-9
             };
-            assert!((v - wanted(*t)).abs() < 1.1 * off, "{text} at {t:e} s: {v:e}");
+            assert!((v - wanted(*t)).abs() < 1.1 * allowed, "{text} at {t:e} s: {v:e}");
         }
     }
 }
 
-/// The same load as a table, as a file and as an expression gives the same bits.
+/// A load given as a table, as a file and as an expression gives the same bits.
 #[test]
 fn loads_from_files_are_those_of_tables() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("over-time-files");
@@ -113,7 +115,7 @@ fn loads_from_files_are_those_of_tables() {
     let table = run("table.toml", "{ table = [[0.0, 0.0], [1e-4, 0.5], [2e-4, 1.0]] }");
     let file = run("file.toml", "{ file = \"load.csv\" }");
     assert_eq!(table.recorded.probes.columns, file.recorded.probes.columns);
-    // Spreadsheets put a mark before the first row, which has numbers here.
+    // Spreadsheets put a byte-order mark before the first row, which holds numbers here.
     std::fs::write(folder.join("marked.csv"), "\u{feff}0,0\n1e-4,0.5\n2e-4,1\n").expect("written");
     let marked = run("marked.toml", "{ file = \"marked.csv\" }");
     assert_eq!(table.recorded.probes.columns, marked.recorded.probes.columns);
@@ -147,21 +149,39 @@ fn functions_of_time_that_make_no_sense_are_refused() {
         }
     };
     let of_file = "{ amplitude = 1.0, time = { file = \"bad.csv\" } }";
-    let at = "support[0].motion.time.file";
-    refused("a.toml", "0,0\n1,2,3\n", of_file, at, "line 2: needs two numbers");
-    refused("b.toml", "0,0\n0,1\n", of_file, at, "line 2: times must rise");
+    let place = "support[0].motion.time.file";
+    refused(
+        "a.toml",
+        "0,0\n1,2,3\n",
+        of_file,
+        place,
+        "line 2: needs two numbers",
+    );
+    refused("b.toml", "0,0\n0,1\n", of_file, place, "line 2: times must rise");
     refused(
         "c.toml",
         "0,0\n1,x\n",
         of_file,
-        at,
+        place,
         "line 2: is no row of finite numbers",
     );
-    refused("d.toml", "t,x\n", of_file, at, "has no row of numbers");
-    // A first row that is meant as numbers is no headline.
-    refused("k.toml", "-1e-3,x\n0,0\n1,1\n", of_file, at, "line 1: is no row");
-    refused("l.toml", "t0,1.5\n0,0\n1,1\n", of_file, at, "line 1: is no row");
-    refused("e.toml", "0,inf\n", of_file, at, "line 1");
+    refused("d.toml", "t,x\n", of_file, place, "has no row of numbers");
+    // A first row that is meant as numbers is not taken for a header.
+    refused(
+        "k.toml",
+        "-1e-3,x\n0,0\n1,1\n",
+        of_file,
+        place,
+        "line 1: is no row",
+    );
+    refused(
+        "l.toml",
+        "t0,1.5\n0,0\n1,1\n",
+        of_file,
+        place,
+        "line 1: is no row",
+    );
+    refused("e.toml", "0,inf\n", of_file, place, "line 1");
     refused(
         "f.toml",
         "",
@@ -207,7 +227,7 @@ fn functions_of_time_that_make_no_sense_are_refused() {
     );
 }
 
-/// Looks into the folder of a run while it goes on.
+/// Observer that looks into the folder of a run while it goes on.
 struct Peeping<'a> {
     folder: &'a Path,
     looks: usize,
@@ -218,7 +238,7 @@ impl Observer for Peeping<'_> {
         if run.steps() == 37 {
             let read = |name: &str| std::fs::read_to_string(self.folder.join(name)).expect("a file");
             let (probes, energy) = (read("probes.csv"), read("energy.csv"));
-            // Frames come every ten steps, and rows with them at the latest.
+            // Frames come every ten steps, and rows are written with them at the latest.
             assert!((1 + 31..=1 + 38).contains(&probes.lines().count()), "{probes}");
             assert!(energy.lines().count() > 3);
             let width = probes.lines().next().expect("a headline").split(',').count();
@@ -248,7 +268,7 @@ fn a_run_can_be_read_while_it_goes_on() {
     );
     let scene = Scene::from_text(text).expect("a scene");
     let out = folder.join("out");
-    let into = RunFolder::new(&scene, Some(&out), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&out), true).expect("a folder");
     let mut peeping = Peeping {
         folder: &folder.join("out.unfinished"),
         looks: 0,
@@ -256,7 +276,7 @@ fn a_run_can_be_read_while_it_goes_on() {
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut peeping)
+        .run_into(run_folder, &mut peeping)
         .expect("runs");
     assert_eq!(peeping.looks, 1);
     let table = std::fs::read_to_string(out.join("probes.csv")).expect("a table");

@@ -1,4 +1,4 @@
-//! How many bonds break in an overlap against a run of particles alone, over seeds: what stands in
+//! Number of bonds that break in an overlap against a run of particles alone, over seeds: the figures of
 //! docs/hard-cases.md, docs/effects.md and decision 22. Takes minutes:
 //!
 //! `cargo test --release -p arlequin-scene --test it -- overlap_breaks --ignored --nocapture`
@@ -8,10 +8,10 @@ use arlequin::dem_beam::fracture::locked;
 use arlequin_scene::{Scene, Silent};
 use std::path::Path;
 
-/// Seeds of the packings; strengths have the same.
+/// Number of seeds, each for a packing and its strengths.
 const SEEDS: u64 = 8;
 
-/// The scene with a ball of another mass \[kg\] and another seed.
+/// Returns the scene with another mass of the ball \[kg\] and another seed.
 fn seeded(mass: f64, seed: u64) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/ball-on-block.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
@@ -26,7 +26,7 @@ fn seeded(mass: f64, seed: u64) -> Scene {
     Scene::from_text(&text).expect("a scene")
 }
 
-/// The same with particles in place of the elements.
+/// Like [`seeded`], with particles in place of the elements.
 fn alone(mass: f64, seed: u64) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/ball-on-block.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
@@ -45,7 +45,8 @@ fn alone(mass: f64, seed: u64) -> Scene {
     Scene::from_text(&text).expect("a scene")
 }
 
-/// Bonds that broke where the overlap of the shipped scene lies, 2 to 4 mm below the surface.
+/// Returns the number of broken bonds in the place of the shipped scene's overlap, 2 to 4 mm below the
+/// surface.
 fn broken(scene: &Scene) -> f64 {
     let results = scene.prepare().expect("built").run(&mut Silent).expect("runs");
     let logs = results.breaks.iter().flatten();
@@ -54,7 +55,7 @@ fn broken(scene: &Scene) -> f64 {
         .sum()
 }
 
-/// Mean, standard deviation of a run, standard error of the mean.
+/// Returns mean, standard deviation of a run, and standard error of the mean.
 fn statistics(counts: &[f64]) -> [f64; 3] {
     let n = counts.len() as f64;
     let mean = counts.iter().sum::<f64>() / n;
@@ -70,21 +71,21 @@ fn broken_bonds_in_the_overlap_against_particles_alone() {
             (1..=SEEDS).map(|seed| broken(&make(mass, seed))).collect()
         };
         let [coupled, reference] = [runs(seeded), runs(alone)];
-        let [with, without] = [statistics(&coupled), statistics(&reference)];
-        let error = with[2].hypot(without[2]);
+        let [with_overlap, without_overlap] = [statistics(&coupled), statistics(&reference)];
+        let error = with_overlap[2].hypot(without_overlap[2]);
         println!(
             "ball of {mass:e} kg, {SEEDS} seeds: coupled {coupled:?}\n  alone {reference:?}\n  {:.0} (deviation {:.0}) against {:.0} \
              (deviation {:.0}): {:+.0} % with a standard error of {:.0} %, {:.1} standard errors",
-            with[0],
-            with[1],
-            without[0],
-            without[1],
-            100.0 * (with[0] / without[0] - 1.0),
-            100.0 * error / without[0],
-            (with[0] - without[0]) / error
+            with_overlap[0],
+            with_overlap[1],
+            without_overlap[0],
+            without_overlap[1],
+            100.0 * (with_overlap[0] / without_overlap[0] - 1.0),
+            100.0 * error / without_overlap[0],
+            (with_overlap[0] - without_overlap[0]) / error
         );
-        // What is claimed: of the same order, no more.
-        let ratio = with[0] / without[0];
+        // The documents claim the same order of magnitude, no more.
+        let ratio = with_overlap[0] / without_overlap[0];
         assert!((0.5..2.0).contains(&ratio), "{ratio}");
     }
 }

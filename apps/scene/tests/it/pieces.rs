@@ -1,5 +1,5 @@
-//! Frames in pieces: those of all ranks together are the frame that one rank writes, bit for bit, whatever
-//! became of earlier ones.
+//! Frames in pieces: the pieces of all ranks together are the frame that one rank writes, bit for bit, also
+//! over earlier pieces in the folder.
 #![allow(clippy::print_stdout, reason = "a test says what it could not run")]
 
 use arlequin::core::Coupled;
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 const WAIT: Duration = Duration::from_secs(60);
 
-/// Spheres that are torn apart and struck by a ball, tied to elements (two units: in parts on two ranks,
+/// Spheres that are torn apart and struck by a ball, tied to elements (two units: partitioned on two ranks,
 /// whole on more), and natural elements beside them.
 const BODIES: &str = r#"
 [model.bar]
@@ -85,38 +85,41 @@ fn scene(pieces: bool) -> Scene {
 }
 
 fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
-    let into = RunFolder::new(scene, Some(folder), true)?;
-    scene.prepare()?.run_into(into, observer)
+    let run_folder = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(run_folder, observer)
 }
 
-/// Results of one rank, which no pieces were asked of, and how many frames there are.
-fn alone() -> (&'static Path, usize) {
+/// Returns the folder of a run of one rank without pieces, and its number of frames.
+fn single_rank_run() -> (&'static Path, usize) {
     static ONE: OnceLock<(PathBuf, usize)> = OnceLock::new();
-    let made = || {
+    let make_run = || {
         let folder = scratch("one").join("out");
         let done = run(&scene(false), &folder, &mut Silent).expect("runs");
         (folder, done.summary().frames)
     };
-    let (folder, frames) = ONE.get_or_init(made);
+    let (folder, frames) = ONE.get_or_init(make_run);
     (folder, *frames)
 }
 
 fn on_ranks(ranks: usize, folder: &Path) -> Vec<Result<Results>> {
     let scene = scene(true);
-    let all = threads::run(ranks, 1, WAIT, |c| {
+    let per_rank = threads::run(ranks, 1, WAIT, |c| {
         run(&scene.clone().on_ranks(c)?, folder, &mut Silent)
     });
-    all.into_iter().map(|r| r.expect("no rank is lost")).collect()
+    per_rank
+        .into_iter()
+        .map(|r| r.expect("no rank is lost"))
+        .collect()
 }
 
-/// The value of a key of XML.
+/// Returns the value of an XML attribute.
 fn word<'a>(line: &'a str, key: &str) -> &'a str {
     let start = line.find(&format!("{key}=\"")).expect("a key") + key.len() + 2;
-    let rest = &line[start..];
-    &rest[..rest.find('"').expect("an end")]
+    let tail = &line[start..];
+    &tail[..tail.find('"').expect("an end")]
 }
 
-/// Arrays of a VTU file by section and name: kind, components, bytes.
+/// Arrays of a VTU file by section and name: type, components, bytes.
 type Arrays = BTreeMap<String, (String, usize, Vec<u8>)>;
 
 fn arrays(path: &Path) -> Arrays {
@@ -128,15 +131,16 @@ fn arrays(path: &Path) -> Arrays {
     let mut out = Arrays::new();
     for line in text.lines().map(str::trim) {
         if line.starts_with("<DataArray") {
-            let at = start + word(line, "offset").parse::<usize>().expect("a number");
-            let size = u64::from_le_bytes(bytes[at..at + 8].try_into().expect("8 bytes")) as usize;
+            let data_start = start + word(line, "offset").parse::<usize>().expect("a number");
+            let size =
+                u64::from_le_bytes(bytes[data_start..data_start + 8].try_into().expect("8 bytes")) as usize;
             let components = word(line, "NumberOfComponents").parse().expect("a number");
-            let of = (
+            let array = (
                 word(line, "type").to_owned(),
                 components,
-                bytes[at + 8..at + 8 + size].to_vec(),
+                bytes[data_start + 8..data_start + 8 + size].to_vec(),
             );
-            out.insert(format!("{section}/{}", word(line, "Name")), of);
+            out.insert(format!("{section}/{}", word(line, "Name")), array);
         } else if let Some(name) = line.strip_prefix('<') {
             let end = name.find([' ', '>']).expect("an end");
             section = name[..end].to_owned();
@@ -145,49 +149,51 @@ fn arrays(path: &Path) -> Arrays {
     out
 }
 
-fn integers(of: &Arrays, name: &str) -> Vec<usize> {
-    let (kind, _, bytes) = of
+fn integers(frame: &Arrays, name: &str) -> Vec<usize> {
+    let (kind, _, bytes) = frame
         .get(name)
-        .unwrap_or_else(|| panic!("{name} in {:?}", of.keys()));
+        .unwrap_or_else(|| panic!("{name} in {:?}", frame.keys()));
     assert_eq!(kind, "Int64");
-    let one = |b: &[u8; 8]| usize::try_from(i64::from_le_bytes(*b)).expect("a number");
-    bytes.as_chunks().0.iter().map(one).collect()
+    let to_number = |b: &[u8; 8]| usize::try_from(i64::from_le_bytes(*b)).expect("a number");
+    bytes.as_chunks().0.iter().map(to_number).collect()
 }
 
-/// The frame that pieces make, with every ghost equal to what it stands for, and how many ghosts there are.
-fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
+/// Returns the frame that the pieces make, and the number of ghosts. Asserts that every ghost equals its
+/// owned node.
+fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
     let text = std::fs::read_to_string(parallel).expect("a file");
     let lines = || text.lines().map(str::trim);
     let files = lines()
         .filter(|l| l.starts_with("<Piece"))
         .map(|l| word(l, "Source"));
-    let all: Vec<Arrays> = files.map(|f| arrays(&parallel.with_file_name(f))).collect();
-    assert_eq!(all.len(), pieces);
-    // What it says of arrays is what pieces have.
-    let told = lines().filter(|l| l.starts_with("<PDataArray"));
-    let mut told: Vec<_> = told.map(|l| (word(l, "Name"), word(l, "type"))).collect();
-    told.sort_unstable();
+    let piece_arrays: Vec<Arrays> = files.map(|f| arrays(&parallel.with_file_name(f))).collect();
+    assert_eq!(piece_arrays.len(), pieces);
+    // The parallel file declares the arrays that the pieces have.
+    let declared = lines().filter(|l| l.starts_with("<PDataArray"));
+    let mut declared: Vec<_> = declared.map(|l| (word(l, "Name"), word(l, "type"))).collect();
+    declared.sort_unstable();
     let name = |k: &'_ str| k.split_once('/').expect("a section").1.to_owned();
-    for piece in &all {
-        let has = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
-        let mut has: Vec<_> = has.map(|(k, a)| (name(k), a.0.clone())).collect();
-        has.sort_unstable();
+    for piece in &piece_arrays {
+        let present = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
+        let mut present: Vec<_> = present.map(|(k, a)| (name(k), a.0.clone())).collect();
+        present.sort_unstable();
         assert!(
-            has.iter()
+            present
+                .iter()
                 .map(|h| (h.0.as_str(), h.1.as_str()))
-                .eq(told.iter().copied()),
-            "{has:?} {told:?}"
+                .eq(declared.iter().copied()),
+            "{present:?} {declared:?}"
         );
     }
-    let numbers: Vec<_> = all
+    let numbers: Vec<_> = piece_arrays
         .iter()
         .map(|p| integers(p, "PointData/GlobalPointIds"))
         .collect();
-    let cells: Vec<_> = all
+    let cells: Vec<_> = piece_arrays
         .iter()
         .map(|p| integers(p, "CellData/GlobalCellIds"))
         .collect();
-    let ghosts: Vec<_> = all
+    let ghosts: Vec<_> = piece_arrays
         .iter()
         .map(|p| p["PointData/vtkGhostType"].2.clone())
         .collect();
@@ -196,45 +202,48 @@ fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
         cells.iter().map(Vec::len).sum(),
     ];
     let mut out = Arrays::new();
-    for (key, (kind, width, _)) in &all[0] {
+    for (key, (kind, width, _)) in &piece_arrays[0] {
         let (section, name) = key.split_once('/').expect("a section");
         if ["GlobalPointIds", "GlobalCellIds", "vtkGhostType"].contains(&name) {
             continue;
         }
         let of_cells = ["CellData", "Cells"].contains(&section);
-        let corners = all.iter().map(|p| p["Cells/types"].2.len()).sum::<usize>();
+        let corners = piece_arrays
+            .iter()
+            .map(|p| p["Cells/types"].2.len())
+            .sum::<usize>();
         let bytes = width * if kind == "UInt8" { 1 } else { 8 };
         let width = match name {
-            "connectivity" => all.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
+            "connectivity" => piece_arrays.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
             _ => bytes,
         };
         let count = counts[usize::from(of_cells)];
         let mut whole: Vec<Option<&[u8]>> = vec![None; count];
         let mut mapped = Vec::new();
-        for (k, piece) in all.iter().enumerate() {
-            let mut own = piece[key].2.clone();
+        for (k, piece) in piece_arrays.iter().enumerate() {
+            let mut values_of_piece = piece[key].2.clone();
             if name == "connectivity" {
                 let corners = integers(piece, key).into_iter().map(|c| numbers[k][c] as i64);
-                own = corners.flat_map(i64::to_le_bytes).collect();
+                values_of_piece = corners.flat_map(i64::to_le_bytes).collect();
             }
-            mapped.push(own);
+            mapped.push(values_of_piece);
         }
-        for (k, own) in mapped.iter().enumerate() {
+        for (k, values_of_piece) in mapped.iter().enumerate() {
             let list = if of_cells { &cells[k] } else { &numbers[k] };
-            assert_eq!(own.len(), width * list.len(), "{key}");
-            for (at, n) in list.iter().enumerate() {
+            assert_eq!(values_of_piece.len(), width * list.len(), "{key}");
+            for (index, n) in list.iter().enumerate() {
                 let place = &mut whole[*n];
-                if of_cells || ghosts[k][at] == 0 {
+                if of_cells || ghosts[k][index] == 0 {
                     assert!(place.is_none(), "{key} of {n} twice");
-                    *place = Some(&own[width * at..width * (at + 1)]);
+                    *place = Some(&values_of_piece[width * index..width * (index + 1)]);
                 }
             }
         }
-        for (k, own) in mapped.iter().enumerate().filter(|_| !of_cells) {
-            for (at, n) in numbers[k].iter().enumerate() {
+        for (k, values_of_piece) in mapped.iter().enumerate().filter(|_| !of_cells) {
+            for (index, n) in numbers[k].iter().enumerate() {
                 assert_eq!(
                     whole[*n].expect("there"),
-                    &own[width * at..width * (at + 1)],
+                    &values_of_piece[width * index..width * (index + 1)],
                     "{key} of ghost {n}"
                 );
             }
@@ -245,30 +254,36 @@ fn together(parallel: &Path, pieces: usize) -> (Arrays, usize) {
             .copied()
             .collect();
         if name == "offsets" {
-            let each = values.len() / 8;
-            let per = all.iter().map(|p| p["Cells/connectivity"].2.len()).sum::<usize>() / 8 / each.max(1);
-            values = (1..=each)
-                .flat_map(|k| ((k * per) as i64).to_le_bytes())
+            let offset_count = values.len() / 8;
+            let corners_per_cell = piece_arrays
+                .iter()
+                .map(|p| p["Cells/connectivity"].2.len())
+                .sum::<usize>()
+                / 8
+                / offset_count.max(1);
+            values = (1..=offset_count)
+                .flat_map(|k| ((k * corners_per_cell) as i64).to_le_bytes())
                 .collect();
         }
-        out.insert(key.clone(), (kind.clone(), all[0][key].1, values));
+        out.insert(key.clone(), (kind.clone(), piece_arrays[0][key].1, values));
     }
     (out, ghosts.iter().flatten().filter(|g| **g == 1).count())
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let all = std::fs::read_dir(folder).expect("a folder").flatten();
-    let mut all: Vec<String> = all
+    let entries = std::fs::read_dir(folder).expect("a folder").flatten();
+    let mut entries: Vec<String> = entries
         .map(|f| f.file_name().into_string().expect("a name"))
         .collect();
-    all.sort();
-    all
+    entries.sort();
+    entries
 }
 
-/// Compares results in pieces with those of one rank; `pieces` of every frame of a step that is in pieces.
-fn assert_same(one: &Path, other: &Path, pieces: &dyn Fn(&str, usize) -> usize) {
+/// Asserts that results in pieces equal those of one rank; `pieces` returns the number of pieces of a model's
+/// frame at a step.
+fn assert_same(single: &Path, parallel: &Path, pieces: &dyn Fn(&str, usize) -> usize) {
     let index = |f: &Path| std::fs::read_to_string(f.join("results.pvd")).expect("an index");
-    assert_eq!(index(one), index(other).replace(".pvtu", ".vtu"));
+    assert_eq!(index(single), index(parallel).replace(".pvtu", ".vtu"));
     for table in [
         "probes.csv",
         "energy.csv",
@@ -276,11 +291,11 @@ fn assert_same(one: &Path, other: &Path, pieces: &dyn Fn(&str, usize) -> usize) 
         "breaks.csv",
         "effects.csv",
     ] {
-        let of = |f: &Path| std::fs::read(f.join(table)).expect(table);
-        assert!(of(one) == of(other), "{table}");
+        let read_table = |f: &Path| std::fs::read(f.join(table)).expect(table);
+        assert!(read_table(single) == read_table(parallel), "{table}");
     }
     let mut wanted = Vec::new();
-    for file in index(other)
+    for file in index(parallel)
         .lines()
         .filter(|l| l.contains("<DataSet"))
         .map(|l| word(l, "file"))
@@ -288,49 +303,50 @@ fn assert_same(one: &Path, other: &Path, pieces: &dyn Fn(&str, usize) -> usize) 
         let file = file.strip_prefix("vtu/").expect("in its folder");
         wanted.push(file.to_owned());
         let Some(stem) = file.strip_suffix(".pvtu") else {
-            let [a, b] = [one, other].map(|f| std::fs::read(f.join("vtu").join(file)).expect("a frame"));
+            let [a, b] =
+                [single, parallel].map(|f| std::fs::read(f.join("vtu").join(file)).expect("a frame"));
             assert!(a == b, "{file}");
             continue;
         };
         let (name, step) = stem.rsplit_once('_').expect("a step");
         let count = pieces(name, step.parse().expect("a number"));
         wanted.extend((0..count).map(|r| format!("{stem}_{r}.vtu")));
-        let (found, ghosts) = together(&other.join("vtu").join(file), count);
-        let whole = arrays(&one.join(format!("vtu/{stem}.vtu")));
+        let (joined, ghosts) = join_pieces(&parallel.join("vtu").join(file), count);
+        let whole = arrays(&single.join(format!("vtu/{stem}.vtu")));
         assert!(
-            found.keys().eq(whole.keys()),
+            joined.keys().eq(whole.keys()),
             "{file}: {:?} {:?}",
-            found.keys(),
+            joined.keys(),
             whole.keys()
         );
-        found
+        joined
             .iter()
             .for_each(|(k, a)| assert!(*a == whole[k], "{file}: {k}"));
         assert!(ghosts > 10, "{file}: {ghosts}");
     }
     wanted.sort();
-    assert_eq!(names(&other.join("vtu")), wanted);
+    assert_eq!(names(&parallel.join("vtu")), wanted);
 }
 
 #[test]
 fn pieces_of_all_ranks_are_the_frame_of_one() {
     let folder = scratch("same");
-    let (one, frames) = alone();
-    let fragments = std::fs::read_to_string(one.join("fragments.csv")).expect("a table");
+    let (single, frames) = single_rank_run();
+    let fragments = std::fs::read_to_string(single.join("fragments.csv")).expect("a table");
     assert!(fragments.lines().count() > 2 * frames, "{fragments}");
-    let frame = arrays(&one.join("vtu/bar_00000000.vtu"));
+    let frame = arrays(&single.join("vtu/bar_00000000.vtu"));
     for name in ["radius [m]", "stress [Pa]", "contact force [N]", "damage [-]"] {
         assert!(frame.contains_key(&format!("PointData/{name}")), "{name}");
     }
     assert!(frame.contains_key("CellData/utilisation [-]"));
-    let gum = arrays(&one.join("vtu/gum_00000000.vtu"));
+    let gum = arrays(&single.join("vtu/gum_00000000.vtu"));
     assert!(gum.contains_key("CellData/energy density [J/m3]") && gum.contains_key("PointData/strain [-]"));
-    // In turn into the same folder: none of the pieces before is left.
+    // The runs write in turn into the same folder; no piece of an earlier run may be left.
     let out = folder.join("out");
     for ranks in [4, 2] {
-        let all = on_ranks(ranks, &out);
-        all.into_iter().for_each(|r| assert!(r.is_ok(), "{r:?}"));
-        assert_same(one, &out, &|name, _| {
+        let per_rank = on_ranks(ranks, &out);
+        per_rank.into_iter().for_each(|r| assert!(r.is_ok(), "{r:?}"));
+        assert_same(single, &out, &|name, _| {
             assert!(name != "grip" || ranks == 2, "{name}");
             ranks
         });
@@ -340,33 +356,33 @@ fn pieces_of_all_ranks_are_the_frame_of_one() {
             frames * if ranks == 2 { 3 } else { 2 }
         );
     }
-    opened_by_vtk(one, &out, 3 * frames);
+    opened_by_vtk(single, &out, 3 * frames);
 }
 
 /// Reads frames with VTK itself, through the index, and compares them with those of one rank.
-fn opened_by_vtk(one: &Path, other: &Path, frames: usize) {
+fn opened_by_vtk(single: &Path, parallel: &Path, frames: usize) {
     let python = std::env::var("ARLEQUIN_PYTHON").unwrap_or_else(|_| "python3".into());
-    let found = Command::new(&python).args(["-c", "import pyvista"]).output();
-    if !found.is_ok_and(|o| o.status.success()) {
+    let probe = Command::new(&python).args(["-c", "import pyvista"]).output();
+    if !probe.is_ok_and(|o| o.status.success()) {
         println!("not run: {python} has no pyvista; name an interpreter that has it in ARLEQUIN_PYTHON");
         return;
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pieces.py");
     let done = Command::new(&python)
         .arg(script)
-        .args([one, other])
+        .args([single, parallel])
         .output()
         .expect("runs");
-    let said = [&done.stdout[..], &done.stderr[..]].concat();
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&said));
+    let output = [&done.stdout[..], &done.stderr[..]].concat();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&output));
     assert!(
-        said.starts_with(format!("same: {frames} frames").as_bytes()),
+        output.starts_with(format!("same: {frames} frames").as_bytes()),
         "{}",
-        String::from_utf8_lossy(&said)
+        String::from_utf8_lossy(&output)
     );
 }
 
-/// Centres of the particles of a scene whose packing is that of a frame.
+/// Returns the bits of the particle centres of a scene whose packing is read from a frame.
 fn packed_as(frame: &Path) -> Vec<u64> {
     let text = BODIES.split("[model.grip]").next().expect("a body");
     let text = text.replace("role = \"fine\"\nshape", "shape").replace(
@@ -381,20 +397,20 @@ fn packed_as(frame: &Path) -> Vec<u64> {
 
 #[test]
 fn spheres_are_read_from_pieces_as_from_one_file() {
-    let (one, _) = alone();
+    let (single, _) = single_rank_run();
     let out = scratch("packing").join("out");
     for r in on_ranks(3, &out) {
         r.expect("runs");
     }
     let [a, b] = [
-        one.join("vtu/bar_00000000.vtu"),
+        single.join("vtu/bar_00000000.vtu"),
         out.join("vtu/bar_00000000.pvtu"),
     ]
     .map(|f| packed_as(&f));
     assert!(a.len() > 3_000 && a == b, "{} {}", a.len(), b.len());
 }
 
-/// Ends the run at a step.
+/// Observer that ends the run at a step.
 struct Stop(usize);
 
 impl Observer for Stop {
@@ -409,7 +425,7 @@ impl Observer for Stop {
 #[test]
 fn a_run_in_pieces_goes_on_with_another_number_of_ranks() {
     let folder = scratch("resumed");
-    let (one, _) = alone();
+    let (single, _) = single_rank_run();
     let half = scene(true).prepare().expect("built").built().steps / 2;
     for (first, then) in [(4, 2), (1, 3)] {
         let place = folder.join(format!("{first}-{then}"));
@@ -417,11 +433,11 @@ fn a_run_in_pieces_goes_on_with_another_number_of_ranks() {
             let done = run(&scene(true).on_ranks(c)?, &place, &mut Stop(half));
             done.map(|r| (r.end, r.run.steps()))
         });
-        let mut at = 0;
+        let mut resumed_at = 0;
         for s in stopped {
             let (end, steps) = s.expect("there").expect("stops");
             assert_eq!(end, End::Interrupted);
-            at = steps;
+            resumed_at = steps;
         }
         let gone_on = threads::run(then, 1, WAIT, |c| {
             resume_on(&place, Some(c))?.run(&mut Silent).map(|r| r.end)
@@ -429,11 +445,13 @@ fn a_run_in_pieces_goes_on_with_another_number_of_ranks() {
         for g in gone_on {
             assert_eq!(g.expect("there").expect("goes on"), End::Complete);
         }
-        assert_same(one, &place, &|_, step| if step <= at { first } else { then });
+        assert_same(single, &place, &|_, step| {
+            if step <= resumed_at { first } else { then }
+        });
     }
 }
 
-/// Puts a folder where a rank is going to write.
+/// Observer that creates a folder at the path where a rank is about to write.
 struct InTheWay(PathBuf);
 
 impl Observer for InTheWay {
@@ -448,9 +466,9 @@ impl Observer for InTheWay {
 #[test]
 fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_frame() {
     let folder = scratch("failing");
-    let (one, frames) = alone();
+    let (single, frames) = single_rank_run();
     assert!(frames > 3);
-    let index = std::fs::read_to_string(one.join("results.pvd")).expect("an index");
+    let index = std::fs::read_to_string(single.join("results.pvd")).expect("an index");
     let frames = index.lines().filter(|l| l.contains("name=\"bar\""));
     let second = frames
         .map(|l| word(l, "file").to_owned())
@@ -459,11 +477,11 @@ fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_fram
     let out = folder.join("out");
     let stem = second.strip_suffix(".vtu").expect("a frame");
     let taken = folder.join(format!("out.unfinished/{stem}_1.vtu"));
-    let all = threads::run(3, 1, WAIT, |c| {
+    let per_rank = threads::run(3, 1, WAIT, |c| {
         let scene = scene(true).on_ranks(c)?;
         run(&scene, &out, &mut InTheWay(taken.clone())).map(|_| ())
     });
-    for (rank, r) in all.into_iter().enumerate() {
+    for (rank, r) in per_rank.into_iter().enumerate() {
         let e = r.expect("there").expect_err("fails");
         assert!(e.is_everywhere() && !e.is_input(), "{rank}: {e}");
         let text = e.to_string();
@@ -475,15 +493,15 @@ fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_fram
             _ => assert!(text.contains("rank 1 has an error"), "{text}"),
         }
     }
-    // What was there before is whole, and nothing of the frame is left.
+    // The earlier frames are whole, and nothing of the failed frame is left.
     let index = std::fs::read_to_string(out.join("results.pvd")).expect("an index");
     assert_eq!(index.matches("name=\"bar\"").count(), 1, "{index}");
     let step = stem.rsplit_once('_').expect("a step").1;
-    let left = names(&out.join("vtu")).into_iter().filter(|n| n.contains(step));
+    let leftovers = names(&out.join("vtu")).into_iter().filter(|n| n.contains(step));
     assert_eq!(
-        left.collect::<Vec<_>>(),
+        leftovers.collect::<Vec<_>>(),
         [format!("bar_{step}_1.vtu")],
         "the folder in the way alone"
     );
-    together(&out.join("vtu/bar_00000000.pvtu"), 3);
+    join_pieces(&out.join("vtu/bar_00000000.pvtu"), 3);
 }

@@ -15,15 +15,15 @@ const RADIUS: f64 = 1e-3;
 const THICK: f64 = 0.5e-3;
 /// Elements along a quarter of the hole.
 const AROUND: usize = 32;
-/// Away from it.
+/// Elements from the hole to the sides of the square around it.
 const AWAY: usize = 28;
-/// Beyond the square around it.
+/// Elements beyond the square.
 const BEYOND: usize = 10;
-/// Through the thickness.
+/// Elements through the thickness.
 const LAYERS: usize = 2;
 
-/// Nodes and hexahedra of a quarter of the plate: rays from the hole to the sides of a square, and a block
-/// beyond it.
+/// Returns nodes and hexahedra of a quarter of the plate: rays from the hole to the sides of a square, and a
+/// block beyond the square.
 fn mesh() -> (Vec<[f64; 3]>, Vec<[usize; 8]>) {
     let mut nodes = Vec::new();
     let layer = |nodes: &mut Vec<[f64; 3]>, z: f64| {
@@ -36,7 +36,7 @@ fn mesh() -> (Vec<[f64; 3]>, Vec<[usize; 8]>) {
                 [HALF * c / s, HALF]
             };
             for j in 0..=AWAY {
-                // Elements at the hole are as long along it as away from it.
+                // Elements at the hole are as long along its edge as away from it.
                 let share = ((1.13_f64).powi(j as i32) - 1.0) / ((1.13_f64).powi(AWAY as i32) - 1.0);
                 let near = [RADIUS * c, RADIUS * s];
                 let [x, y] = [0, 1].map(|a: usize| near[a] + share * (far[a] - near[a]));
@@ -82,7 +82,7 @@ fn mesh() -> (Vec<[f64; 3]>, Vec<[usize; 8]>) {
     (nodes, solid.collect())
 }
 
-/// Gmsh 4.1, ascii.
+/// Returns the mesh as text of Gmsh 4.1.
 fn gmsh(nodes: &[[f64; 3]], solids: &[[usize; 8]]) -> String {
     let (n, e) = (nodes.len(), solids.len());
     let mut out = format!(
@@ -106,9 +106,9 @@ fn gmsh(nodes: &[[f64; 3]], solids: &[[usize; 8]]) -> String {
     out
 }
 
-/// `d/W = 0.2`: 3.14 times the mean stress of the whole section (Howland 1930; Peterson's formula has
-/// 3.149). In plane strain and plane stress alike: the stresses of plane problems under given tractions do
-/// not depend on the material.
+/// The stress at the edge of the hole is 3.14 times the mean stress of the whole section for `d/W = 0.2`
+/// (Howland 1930; Peterson's formula gives 3.149), in plane strain as in plane stress: the stresses of plane
+/// problems under given tractions do not depend on the material.
 #[test]
 fn a_plate_with_a_hole_has_the_stress_concentration_of_howland() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("plate-with-hole");
@@ -159,8 +159,7 @@ fn a_plate_with_a_hole_has_the_stress_concentration_of_howland() {
     );
     assert!((peak / (2.512 / 0.8) - 1.0).abs() < 0.02, "K_t = {peak}");
     assert!((middle - 1.0).abs() < 0.02, "far from the hole {middle}");
-    // Compression of about one where the pull meets the hole; -1.0 in a wide plate, a little more in this
-    // one.
+    // Compression of about one where the pull meets the hole: -1.0 in a wide plate, a little more here.
     assert!((-1.25..-1.0).contains(&side), "{side}");
     let held = last("held") * 1e6 / (1e6 * HALF * THICK);
     assert!((held + 1.0).abs() < 1e-10, "the reaction is the pull: {held}");

@@ -1,5 +1,5 @@
-//! Scenes on several ranks, as threads: the files of one rank, ends that all ranks agree on, and
-//! checkpoints for any number of them.
+//! Scenes on several ranks, as threads: the files of one rank, errors that all ranks agree on, and
+//! checkpoints for any number of ranks.
 
 use crate::shipped::SHIPPED;
 use arlequin::core::Coupled;
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 const WAIT: Duration = Duration::from_secs(60);
 
-/// A pulse runs from elements into some 1 400 spheres, which have a support in the overlap.
+/// A pulse that runs from elements into some 1 400 spheres, which have a support in the overlap.
 const PULSE: &str = r#"
 [model.left]
 kind = "fem"
@@ -95,7 +95,7 @@ energy_every = 5
 fields = ["displacement", "velocity", "weights", "energy-density", "multipliers", "stress", "von-mises", "bond-forces"]
 "#;
 
-/// A notched bar of some 1 500 spheres that is drawn out until it parts.
+/// A notched bar of some 1 500 spheres that is stretched until it parts.
 const BREAKING: &str = r#"
 [model.bar]
 kind = "dem"
@@ -121,10 +121,10 @@ energy_every = 5
 fields = ["displacement", "velocity", "bond-forces", "stress"]
 "#;
 
-/// The same, drawn out less and pushed back together, so that pieces touch; a free ball strikes one end, a
-/// driven wall the other, and elements absorb what they cannot carry.
+/// Returns [`BREAKING`], stretched less and pushed back together so that pieces touch; a free ball strikes
+/// one end, a driven wall the other, and elements absorb short waves.
 fn touching() -> String {
-    let more = r#"
+    let additions = r#"
 [model.grip]
 kind = "fem"
 role = "coarse"
@@ -172,7 +172,7 @@ component = "y"
         .replace("coefficients = [-3.0, 2000.0]", "coefficients = [0.0, 0.0, 0.0]")
         .replace("strength = 100e6", "strength = 200e6")
         .replace("\"stress\"]", "\"contact-forces\"]");
-    format!("{bar}{more}")
+    format!("{bar}{additions}")
 }
 
 fn scratch(name: &str) -> PathBuf {
@@ -186,25 +186,25 @@ fn scene(text: &str) -> Scene {
     Scene::from_text(text).expect("a scene")
 }
 
-/// Runs a scene into a folder, as a rank if it is one.
+/// Runs a scene into a folder, also as one of several ranks.
 fn run(scene: &Scene, folder: &Path, observer: &mut dyn Observer) -> Result<Results> {
-    let into = RunFolder::new(scene, Some(folder), true)?;
-    scene.prepare()?.run_into(into, observer)
+    let run_folder = RunFolder::new(scene, Some(folder), true)?;
+    scene.prepare()?.run_into(run_folder, observer)
 }
 
-/// The same on every rank.
+/// Runs a scene into a folder on every rank and returns the result of each.
 fn on_ranks(ranks: usize, scene: &Scene, folder: &Path) -> Vec<Result<Results>> {
-    let one = |c: Arc<dyn Communicator>| run(&scene.clone().on_ranks(c)?, folder, &mut Silent);
-    let all = threads::run(ranks, 1, WAIT, one).into_iter();
-    all.map(|r| r.expect("no rank is lost")).collect()
+    let run_on_rank = |c: Arc<dyn Communicator>| run(&scene.clone().on_ranks(c)?, folder, &mut Silent);
+    let per_rank = threads::run(ranks, 1, WAIT, run_on_rank).into_iter();
+    per_rank.map(|r| r.expect("no rank is lost")).collect()
 }
 
-/// Files below a folder with their bytes, but for times and memory.
+/// Returns the files below a folder with their bytes, without times and memory.
 fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut out = Vec::new();
     let mut open = vec![folder.to_owned()];
-    while let Some(at) = open.pop() {
-        for entry in std::fs::read_dir(&at).expect("a folder").flatten() {
+    while let Some(directory) = open.pop() {
+        for entry in std::fs::read_dir(&directory).expect("a folder").flatten() {
             let path = entry.path();
             let name = path.strip_prefix(folder).expect("inside").to_owned();
             if path.is_dir() {
@@ -218,8 +218,8 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     out
 }
 
-fn assert_same_files(one: &Path, other: &Path, what: &str) {
-    let (a, b) = (files(one), files(other));
+fn assert_same_files(single: &Path, parallel: &Path, what: &str) {
+    let (a, b) = (files(single), files(parallel));
     let names = |f: &[(PathBuf, Vec<u8>)]| f.iter().map(|f| f.0.clone()).collect::<Vec<_>>();
     assert_eq!(names(&a), names(&b), "{what}");
     assert!(a.len() > 5, "{what}");
@@ -228,8 +228,8 @@ fn assert_same_files(one: &Path, other: &Path, what: &str) {
     }
 }
 
-/// The numbers of a summary that have to do with what was computed.
-fn told(r: &Results) -> String {
+/// Returns the computed numbers of a summary as text.
+fn report_text(r: &Results) -> String {
     let s = r.summary();
     let text = format!(
         "{:?} {:?} {:?} {:?} {:?} {:?}",
@@ -242,13 +242,13 @@ fn told(r: &Results) -> String {
 fn files_and_summaries_are_those_of_one_rank() {
     let folder = scratch("files");
     let scene = scene(PULSE);
-    let one = run(&scene, &folder.join("one"), &mut Silent).expect("runs");
-    assert!(one.summary().ranks.is_empty());
+    let single = run(&scene, &folder.join("one"), &mut Silent).expect("runs");
+    assert!(single.summary().ranks.is_empty());
     for ranks in [1, 2, 3, 4] {
         let place = folder.join(format!("on-{ranks}"));
         for (rank, r) in on_ranks(ranks, &scene, &place).into_iter().enumerate() {
             let r = r.expect("runs");
-            assert_eq!(told(&r), told(&one), "rank {rank} of {ranks}");
+            assert_eq!(report_text(&r), report_text(&single), "rank {rank} of {ranks}");
             assert_eq!(r.folder.is_some(), rank == 0);
             let parts: Vec<bool> = r.summary().ranks.iter().map(|l| l.parts).collect();
             let wanted: &[bool] = match ranks {
@@ -271,8 +271,8 @@ fn shipped_scenes_have_the_probes_of_one_rank() {
         let scene = Scene::read(path)
             .and_then(|s| s.assign(&changes))
             .expect("a scene");
-        let one = scene.prepare().expect("built").run(&mut Silent).expect("runs");
-        assert!(one.recorded.probes.times.len() > 10, "{name}");
+        let single = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+        assert!(single.recorded.probes.times.len() > 10, "{name}");
         let on_ranks = threads::run(3, 1, WAIT, |c| {
             scene.clone().on_ranks(c)?.prepare()?.run(&mut Silent)
         });
@@ -283,13 +283,13 @@ fn shipped_scenes_have_the_probes_of_one_rank() {
                 "{name}: {:?}",
                 r.summary().ranks
             );
-            let same = [&r, &one].map(|r| (&r.recorded.probes, &r.recorded.energy, &r.recorded.effects));
-            assert!(same[0] == same[1], "{name}: {:?}", r.recorded.probes);
+            let tables = [&r, &single].map(|r| (&r.recorded.probes, &r.recorded.energy, &r.recorded.effects));
+            assert!(tables[0] == tables[1], "{name}: {:?}", r.recorded.probes);
         }
     }
 }
 
-/// Ends the run at a step, on one of the ranks.
+/// Observer that ends the run at a step if its flag is set, which one rank does.
 struct Stop(usize, bool);
 
 impl Observer for Stop {
@@ -301,8 +301,9 @@ impl Observer for Stop {
     }
 }
 
-/// Stops on the word of the last of some ranks after so many steps, and goes on with others, beside the
-/// files of one rank; `stopped` looks at what so many ranks have reached.
+/// Stops a run on some ranks when the last of them asks for it after `steps` steps, resumes it on another
+/// number of ranks, and asserts that the files are those of one rank; `stopped` checks the results of each
+/// stop.
 fn goes_on_elsewhere(scene: &Scene, whole: &Path, steps: usize, stopped: impl Fn(&Results, usize) + Sync) {
     for (first, then) in [(3, 2), (2, 1), (1, 4)] {
         let name = whole.file_name().expect("a name").to_string_lossy();
@@ -350,33 +351,33 @@ fn what_breaks_and_falls_to_pieces_is_written_as_by_one_rank() {
         let changed = format!("dem.finite_rotations = {finite}\ndem.protocol");
         let scene = scene(&BREAKING.replace("dem.protocol", &changed));
         let whole = folder.join(format!("one-{finite}"));
-        let one = run(&scene, &whole, &mut Silent).expect("runs");
+        let single = run(&scene, &whole, &mut Silent).expect("runs");
         let lines = |name: &str| {
             std::fs::read_to_string(whole.join(name))
                 .expect("a table")
                 .lines()
                 .count()
         };
-        let frames = one.summary().frames;
+        let frames = single.summary().frames;
         assert!(
             lines("breaks.csv") > 50,
             "{} bonds broke",
             lines("breaks.csv") - 1
         );
-        // The body at the start, then more and more pieces.
+        // One piece at the start, then more and more.
         assert!(
             lines("fragments.csv") > 2 * frames,
             "{} pieces in {frames} frames",
             lines("fragments.csv")
         );
-        let warned = format!("{:?}", one.summary().warnings);
+        let warned = format!("{:?}", single.summary().warnings);
         assert!(warned.contains("switch contact on"), "{warned}");
         for ranks in [2, 3, 4] {
             let place = folder.join(format!("on-{ranks}-{finite}"));
             for r in on_ranks(ranks, &scene, &place) {
                 let r = r.expect("runs");
                 assert!(r.summary().ranks[0].parts, "{:?}", r.summary().ranks);
-                assert_eq!(told(&r), told(&one), "{ranks} ranks");
+                assert_eq!(report_text(&r), report_text(&single), "{ranks} ranks");
             }
             assert_same_files(&whole, &place, &format!("{ranks} ranks, finite {finite}"));
         }
@@ -388,8 +389,8 @@ fn bonds_that_broke_on_some_ranks_are_broken_on_any_number_of_others() {
     let folder = scratch("broken");
     let scene = scene(BREAKING);
     let whole = folder.join("whole");
-    let one = run(&scene, &whole, &mut Silent).expect("runs");
-    goes_on_elsewhere(&scene, &whole, one.planned / 2, |r, _| {
+    let single = run(&scene, &whole, &mut Silent).expect("runs");
+    goes_on_elsewhere(&scene, &whole, single.planned / 2, |r, _| {
         let broken = r.summary().effect_ledger[0].facts["broken bonds"];
         assert!(broken > 10.0, "stopped after {broken} breaks");
     });
@@ -400,10 +401,10 @@ fn what_touches_across_ranks_is_written_as_by_one_rank() {
     let folder = scratch("touching");
     let scene = scene(&touching());
     let whole = folder.join("one");
-    let one = run(&scene, &whole, &mut Silent).expect("runs");
+    let single = run(&scene, &whole, &mut Silent).expect("runs");
     let fact = |effect: &str, fact: &str| {
-        let mut all = one.summary().effect_ledger.iter();
-        let line = all.find(|e| e.name.ends_with(effect)).expect("an effect");
+        let mut ledger = single.summary().effect_ledger.iter();
+        let line = ledger.find(|e| e.name.ends_with(effect)).expect("an effect");
         line.facts[fact]
     };
     // Pieces touch, both obstacles push, and pairs are searched for again on the way.
@@ -411,7 +412,7 @@ fn what_touches_across_ranks_is_written_as_by_one_rank() {
     assert!(
         fact("/contact", "most contacts") > 20.0,
         "{:?}",
-        one.summary().effect_ledger
+        single.summary().effect_ledger
     );
     assert!(fact("/contact", "neighbour searches") > 1.0);
     assert!(fact("/ball", "largest force [N]") > 1.0 && fact("/wall", "largest force [N]") > 1.0);
@@ -426,37 +427,38 @@ fn what_touches_across_ranks_is_written_as_by_one_rank() {
                 .find(|l| l.model == "bar")
                 .expect("a line");
             assert!(bar.parts, "{bar:?}");
-            assert_eq!(told(&r), told(&one), "{ranks} ranks");
+            assert_eq!(report_text(&r), report_text(&single), "{ranks} ranks");
         }
         assert_same_files(&whole, &place, &format!("{ranks} ranks"));
     }
-    goes_on_elsewhere(&scene, &whole, one.planned / 2, |_, _| ());
+    goes_on_elsewhere(&scene, &whole, single.planned / 2, |_, _| ());
 }
 
-/// Strengths that nothing enforces are compared at the end: on whatever rank the bonds are.
+/// Strengths that no effect enforces are compared at the end over the bonds of all ranks.
 #[test]
 fn ranks_find_together_what_a_state_would_need() {
-    let off = BREAKING.replace("weibull = 10.0 }", "weibull = 10.0 }\nenabled = false");
-    let scene = scene(&off).set("time.end", "1.5e-6").expect("a scene");
-    let one = scene.prepare().expect("built").run(&mut Silent).expect("runs");
-    let warned = format!("{:?}", one.summary().warnings);
+    let unenforced = BREAKING.replace("weibull = 10.0 }", "weibull = 10.0 }\nenabled = false");
+    let scene = scene(&unenforced).set("time.end", "1.5e-6").expect("a scene");
+    let single = scene.prepare().expect("built").run(&mut Silent).expect("runs");
+    let warned = format!("{:?}", single.summary().warnings);
     assert!(
         warned.contains("bonds are loaded above their strength"),
         "{warned}"
     );
-    let all = threads::run(3, 1, WAIT, |c| {
+    let per_rank = threads::run(3, 1, WAIT, |c| {
         scene.clone().on_ranks(c)?.prepare()?.run(&mut Silent)
     });
-    for r in all {
+    for r in per_rank {
         let r = r.expect("there").expect("runs");
         assert!(r.summary().ranks[0].parts, "{:?}", r.summary().ranks);
-        assert_eq!(told(&r), told(&one));
+        assert_eq!(report_text(&r), report_text(&single));
     }
 }
 
-/// The error of every rank; that of the first that has one, and of those that hear of it.
-fn errors(all: Vec<Result<Results>>) -> Vec<Error> {
-    all.into_iter()
+/// Returns the error of every rank: the original one, and on the other ranks the one that reports it.
+fn errors(per_rank: Vec<Result<Results>>) -> Vec<Error> {
+    per_rank
+        .into_iter()
         .map(|r| r.map(|_| ()).expect_err("fails"))
         .collect()
 }
@@ -464,31 +466,39 @@ fn errors(all: Vec<Result<Results>>) -> Vec<Error> {
 #[test]
 fn errors_are_those_of_one_rank_and_the_others_know() {
     let folder = scratch("errors");
-    // Wrong from the start.
+    // The scene is wrong from the start.
     let wrong = scene(&PULSE.replace("where = \"x-max\"\nquantity", "where = \"nowhere\"\nquantity"));
-    let of = errors(on_ranks(3, &wrong, &folder.join("wrong")));
+    let failures = errors(on_ranks(3, &wrong, &folder.join("wrong")));
     assert!(
-        of[0].to_string().contains("nowhere") && of[0].is_input(),
+        failures[0].to_string().contains("nowhere") && failures[0].is_input(),
         "{}",
-        of[0]
+        failures[0]
     );
-    assert_eq!(of[0].place().0, Some("probe.near.where"));
-    for e in &of[1..] {
+    assert_eq!(failures[0].place().0, Some("probe.near.where"));
+    for e in &failures[1..] {
         assert!(matches!(e, Error::Elsewhere { rank: 0, input: true }), "{e}");
     }
-    // A folder that must not be replaced is seen by the first rank alone.
+    // Only the first rank sees a folder that must not be replaced.
     let taken = folder.join("taken");
     std::fs::create_dir(&taken).expect("a folder");
     std::fs::write(taken.join("letter.txt"), "dear").expect("a file");
-    let of = errors(on_ranks(2, &scene(PULSE), &taken));
-    assert!(of[0].to_string().contains("mark of results"), "{}", of[0]);
-    assert!(matches!(of[1], Error::Elsewhere { rank: 0, .. }), "{}", of[1]);
-    // Numbers that overflow do so everywhere, and what it had is kept.
+    let failures = errors(on_ranks(2, &scene(PULSE), &taken));
+    assert!(
+        failures[0].to_string().contains("mark of results"),
+        "{}",
+        failures[0]
+    );
+    assert!(
+        matches!(failures[1], Error::Elsewhere { rank: 0, .. }),
+        "{}",
+        failures[1]
+    );
+    // Numbers overflow on every rank, and the results up to then are kept.
     let text = PULSE.replace("force = [100.0,", "force = [1e200,");
     let place = folder.join("exploding");
-    let of = errors(on_ranks(2, &scene(&text), &place));
-    assert!(matches!(&of[0], Error::Kept { .. }), "{}", of[0]);
-    for e in &of {
+    let failures = errors(on_ranks(2, &scene(&text), &place));
+    assert!(matches!(&failures[0], Error::Kept { .. }), "{}", failures[0]);
+    for e in &failures {
         assert!(e.is_everywhere() && !e.is_input(), "{e}");
     }
     assert!(place.join("probes.csv").exists());
@@ -497,12 +507,12 @@ fn errors_are_those_of_one_rank_and_the_others_know() {
 #[test]
 fn ranks_with_different_scenes_are_refused_on_every_rank() {
     let folder = scratch("different");
-    let all = threads::run(3, 1, WAIT, |c| {
+    let per_rank = threads::run(3, 1, WAIT, |c| {
         let end = if c.rank() == 2 { "3e-6" } else { "2.5e-6" };
         let scene = scene(PULSE).set("time.end", end)?;
         run(&scene.on_ranks(c)?, &folder.join("out"), &mut Silent)
     });
-    for (rank, r) in all.into_iter().enumerate() {
+    for (rank, r) in per_rank.into_iter().enumerate() {
         let e = r.expect("there").map(|_| ()).expect_err("refused");
         let text = e.to_string();
         assert!(
@@ -518,15 +528,15 @@ fn ranks_with_different_scenes_are_refused_on_every_rank() {
 fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
     let line = |text: &str, ranks: usize| {
         let built = scene(text).for_ranks(ranks).prepare().expect("built");
-        let mut all = built.built().holdings.clone();
-        let left = all.iter().find(|l| l.model == "left").expect("a line");
+        let mut holdings = built.built().holdings.clone();
+        let holding = holdings.iter().find(|l| l.model == "left").expect("a line");
         let nodes = if ranks > 2 {
             "fewer than ranks"
         } else {
             "2 units of 256 nodes"
         };
-        assert!(left.words.contains(nodes), "{}", left.words);
-        all.remove(all.iter().position(|l| l.model == "right").expect("a line"))
+        assert!(holding.words.contains(nodes), "{}", holding.words);
+        holdings.remove(holdings.iter().position(|l| l.model == "right").expect("a line"))
     };
     let parts = line(PULSE, 3);
     assert!(
@@ -534,12 +544,12 @@ fn what_a_scene_asks_of_particles_decides_whether_they_go_in_parts() {
         "{}",
         parts.words
     );
-    let whole = |more: &str, ranks: usize, why: &str| {
-        let l = line(&format!("{PULSE}\n{more}"), ranks);
-        assert!(!l.parts && l.words.contains(why), "{more}: {}", l.words);
+    let whole = |addition: &str, ranks: usize, reason: &str| {
+        let l = line(&format!("{PULSE}\n{addition}"), ranks);
+        assert!(!l.parts && l.words.contains(reason), "{addition}: {}", l.words);
     };
     whole("", 40, "fewer than ranks");
-    let two = r#"
+    let two_bodies = r#"
 [model.ball]
 kind = "dem"
 shape.box = { low = [13e-3, 0.0, 0.0], high = [15e-3, 2e-3, 2e-3] }
@@ -550,13 +560,13 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 between = ["right", "ball"]
 contact = {}
 "#;
-    whole(two, 2, "effect[1].contact");
-    let elements = |more: &str| {
-        let text = format!("{PULSE}\n{more}");
+    whole(two_bodies, 2, "effect[1].contact");
+    let elements = |addition: &str| {
+        let text = format!("{PULSE}\n{addition}");
         let built = scene(&text).for_ranks(2).prepare().expect("built");
-        let left = built.built().holdings[0].clone();
-        assert!(!left.parts, "{more}");
-        left.words
+        let holding = built.built().holdings[0].clone();
+        assert!(!holding.parts, "{addition}");
+        holding.words
     };
     let viscous = elements("[[effect]]\nmodels = [\"left\"]\nbulk_viscosity = {}");
     assert_eq!(viscous, "effect[1].bulk_viscosity does not go in parts");

@@ -1,23 +1,23 @@
 //! Reactions, loads and inertia balance to round-off, step by step, for every kind of model and across
 //! overlaps.
 //!
-//! What is compared knows nothing of how reactions are found: the momentum of all models, whose change in a
-//! step of velocity Verlet is the trapezoidal sum of all outer forces, `P_{n+1} − P_n = Δt/2 (F_n +
-//! F_{n+1})`.
+//! The reference is independent of the computation of reactions: the momentum of all models, whose change in
+//! a step of velocity Verlet is the trapezoidal sum of all outer forces,
+//! `P_{n+1} − P_n = Δt/2 (F_n + F_{n+1})`.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use arlequin::core::nalgebra::Vector3;
 use arlequin_scene::{Error, Results, Scene, Silent};
 
-/// Bodies that fill [0, 8] × [0, 3] × [0, 3] m alone, and the part of their names.
+/// Keys of a body that fills [0, 8] × [0, 3] × [0, 3] m alone.
 const BOX: &str = "shape.box = { low = [0.0, 0.0, 0.0], high = [8.0, 3.0, 3.0] }";
 const SOLID: &str = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
 
-fn alone(kind: &str, more: &str) -> String {
-    format!("[model.body]\nkind = \"{kind}\"\n{BOX}\n{SOLID}\n{more}\n")
+fn alone(kind: &str, keys: &str) -> String {
+    format!("[model.body]\nkind = \"{kind}\"\n{BOX}\n{SOLID}\n{keys}\n")
 }
 
-/// Two models with an overlap from x = 3 m to 5 m.
+/// Returns two models with an overlap from x = 3 m to 5 m.
 fn coupled(left: &str, right: &str) -> String {
     format!(
         "[model.left]\nrole = \"coarse\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [5.0, 3.0, 3.0] }}\n{SOLID}\n{left}\n\
@@ -27,7 +27,8 @@ fn coupled(left: &str, right: &str) -> String {
     )
 }
 
-/// Held along z-min, the overlap included; x-max is drawn; gravity, a pulse and a torque act.
+/// Returns supports and loads: z-min is held (overlap included), x-max is moved, and gravity, a pulse and a
+/// torque act.
 fn acts(models: &[&str], last: &str) -> String {
     let mut out = String::new();
     for m in models {
@@ -49,7 +50,7 @@ fn acts(models: &[&str], last: &str) -> String {
 const NAMES: [&str; 5] = ["bed", "pull", "blow", "body-force", "mass-damping"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Force and moment about the origin of everything that acts.
+/// Returns probes of force and moment about the origin of the named supports and loads.
 fn probes(names: &[&str]) -> String {
     let mut out = String::new();
     for name in names {
@@ -64,9 +65,9 @@ fn probes(names: &[&str]) -> String {
     out
 }
 
-fn run(models: &str, acts: &str, names: &[&str], more: &str) -> Results {
+fn run(models: &str, acts: &str, names: &[&str], keys: &str) -> Results {
     let text = format!(
-        "{models}{acts}{}[time]\nsteps = 40\n{more}[output]\nenergy_every = 1\n",
+        "{models}{acts}{}[time]\nsteps = 40\n{keys}[output]\nenergy_every = 1\n",
         probes(names)
     );
     let scene = Scene::from_text(text).expect("a scene");
@@ -77,50 +78,52 @@ fn run(models: &str, acts: &str, names: &[&str], more: &str) -> Results {
         .expect("it runs")
 }
 
-/// Largest defect of `P_{n+1} − P_n = Δt/2 (F_n + F_{n+1})` over what the largest force changes in a step.
+/// Returns the largest defects of `P_{n+1} − P_n = Δt/2 (F_n + F_{n+1})`, linear and angular, over the change
+/// by the largest force in a step.
 fn defects(results: &Results, names: &[&str]) -> [f64; 2] {
     let energy = &results.recorded.energy;
     let body = &results.summary().momentum[0];
     let name = body.models.join(" + ");
     let dt = results.summary().dt;
     let values = |kind: &str, n: usize| -> Vec<Vector3<f64>> {
-        let of = |name: &&str, a: &str| results.probe(&format!("{name}-{kind}-{a}")).expect("probe").1[n];
-        let vector = |name: &&str| Vector3::from(AXES.map(|a| of(name, a)));
+        let probe_value =
+            |name: &&str, a: &str| results.probe(&format!("{name}-{kind}-{a}")).expect("probe").1[n];
+        let vector = |name: &&str| Vector3::from(AXES.map(|a| probe_value(name, a)));
         names.iter().map(vector).collect()
     };
     let column = |axis: &str, what: &str, unit: &str| {
-        let found = energy.column(&format!("{name} {what} {axis} [{unit}]"));
-        found.expect("momentum").to_vec()
+        let momentum_column = energy.column(&format!("{name} {what} {axis} [{unit}]"));
+        momentum_column.expect("momentum").to_vec()
     };
     let linear = AXES.map(|a| column(a, "momentum", "kg m/s"));
-    // About a point of its own, and the probes' moments about the origin.
+    // The ledger takes angular momentum about a point of its own, the probes take moments about the origin.
     let angular = AXES.map(|a| column(a, "angular momentum", "kg m2/s"));
     let centre = Vector3::from(body.about);
     let (mut defect, mut scale) = ([0.0_f64; 2], [0.0_f64; 2]);
     // Rows of the energy begin after the first step.
     for n in 1..linear[0].len() {
-        let at = |n: usize| {
+        let totals = |n: usize| {
             let (f, m) = (values("f", n), values("m", n));
             let about = f.iter().zip(&m).map(|(f, m)| m - centre.cross(f));
             [f.clone(), about.collect()]
         };
-        let (now, next) = (at(n), at(n + 1));
+        let (now, next) = (totals(n), totals(n + 1));
         for (k, p) in [&linear, &angular].into_iter().enumerate() {
             let change = Vector3::from([0, 1, 2].map(|c: usize| p[c][n] - p[c][n - 1]));
-            let sum = |all: &[Vec<Vector3<f64>>; 2]| all[k].iter().sum::<Vector3<f64>>();
-            let off = change - (sum(&now) + sum(&next)) * (0.5 * dt);
-            defect[k] = defect[k].max(off.norm());
+            let sum = |parts: &[Vec<Vector3<f64>>; 2]| parts[k].iter().sum::<Vector3<f64>>();
+            let defect_now = change - (sum(&now) + sum(&next)) * (0.5 * dt);
+            defect[k] = defect[k].max(defect_now.norm());
             scale[k] = now[k].iter().fold(scale[k], |s, f| s.max(dt * f.norm()));
         }
     }
-    // On a line there are no moments.
+    // Models on a line have no moments.
     [0, 1].map(|k: usize| defect[k] / scale[k].max(f64::MIN_POSITIVE))
 }
 
 #[track_caller]
-fn balanced(what: &str, models: &str, of: &[&str], more: &str) -> Results {
-    let last = of[of.len() - 1];
-    let results = run(models, &acts(of, last), &NAMES, more);
+fn balanced(what: &str, models: &str, actors: &[&str], keys: &str) -> Results {
+    let last = actors[actors.len() - 1];
+    let results = run(models, &acts(actors, last), &NAMES, keys);
     let [force, moment] = defects(&results, &NAMES);
     println!("{what}: force {force:e}, moment {moment:e}");
     assert!(force < 1e-10 && moment < 1e-10, "{what}: {force:e}, {moment:e}");
@@ -140,7 +143,7 @@ fn forces_and_moments_balance_inertia_for_every_kind_of_solid() {
 fn forces_and_moments_balance_inertia_for_particles_that_turn() {
     let grains = alone("dem", "spacing = 0.6\ndem.protocol = \"quench\"");
     let results = balanced("particles", &grains, &["body"], "");
-    // Clamps hold rotations too, so that their torque is in the moment of the bed.
+    // Clamps hold rotations too, so that the moment of the bed includes their torque.
     let bed = &results.run.subdomains()[0].supports()[0];
     assert!(
         bed.dofs
@@ -158,8 +161,8 @@ fn forces_and_moments_balance_inertia_across_an_overlap_that_is_held_and_loaded(
     balanced("fem | dem", &coupled(coarse, grains), &["left", "right"], "");
 }
 
-/// Own steps and the implicit scheme: the force is that of the instant, the multipliers' their mean over
-/// the step of the run.
+/// With own steps and the implicit scheme, the reaction is the force at the instant; that of the multipliers
+/// is their mean over the macro step.
 #[test]
 fn reactions_balance_at_the_instant_whatever_the_steps_of_the_models() {
     let coarse = "kind = \"fem\"\nspacing = 1.0";
@@ -179,7 +182,8 @@ fn reactions_balance_at_the_instant_whatever_the_steps_of_the_models() {
             .iter()
             .flat_map(|n| AXES.map(|a| last(&format!("{n}-f-{a}")).abs()))
             .fold(0.0, f64::max);
-        // Inertia: M a of each model, and what multipliers accelerate where nodes are free.
+        // The reaction includes the inertia M a of each model, and the acceleration by multipliers where
+        // nodes are free.
         let interface = &results.run.interfaces()[0];
         let mut inertia = [0.0; 3];
         for (m, sign) in [(0, -1.0), (1, 1.0)] {
@@ -224,13 +228,13 @@ fn a_rigid_ball_gives_what_the_particles_receive_and_reading_it_changes_no_bit()
     let grains = alone("dem", "spacing = 0.6\ndem.protocol = \"quench\"");
     let ball = "[[effect]]\nobstacle = { name = \"ball\", shape.sphere = { centre = [4.0, 1.5, 4.3], radius = 1.3 }, \
                 velocity = [0.0, 0.01, -0.05], mass = 2.0, contact = { friction = 0.3 } }\n";
-    let more = "step.seconds = 0.05\n";
-    let results = run(&grains, ball, &["ball"], more);
+    let keys = "step.seconds = 0.05\n";
+    let results = run(&grains, ball, &["ball"], keys);
     let [force, moment] = defects(&results, &["ball"]);
     assert!(force < 1e-10 && moment < 1e-10, "{force:e}, {moment:e}");
     let felt = results.probe("ball-f-z").expect("probe").1;
     assert!(felt.iter().any(|f| *f < 0.0), "it pushes downwards");
-    let silent = run(&grains, ball, &[], more);
+    let silent = run(&grains, ball, &[], keys);
     assert_eq!(
         silent.run.subdomains()[0].state(),
         results.run.subdomains()[0].state()
@@ -270,14 +274,14 @@ fn contact_of_two_bodies_pushes_them_apart_with_opposite_forces_and_moments() {
 #[test]
 fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
     let models = alone("fem", "spacing = 1.0");
-    let base = |more: &str| {
+    let base = |addition: &str| {
         let acts = acts(&["body"], "body");
-        Scene::from_text(format!("{models}{acts}[time]\nsteps = 1\n{more}"))
+        Scene::from_text(format!("{models}{acts}[time]\nsteps = 1\n{addition}"))
     };
     let probe = "[probe.p]\nof = \"bed\"\nquantity = \"force\"\ncomponent = \"x\"\n";
-    let says = |more: &str, key: &str, words: &str| {
-        let error = match base(more).and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+    let says = |addition: &str, key: &str, words: &str| {
+        let error = match base(addition).and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");
@@ -322,17 +326,18 @@ fn probes_and_curves_of_forces_refuse_what_makes_no_sense() {
     );
     let curve = format!("{probe}[curve.c]\nx = \"p\"\ny = \"q\"\n");
     says(&curve, "curve.c.y", "there is no probe of this name; known: p");
-    let both = "[[support]]\nname = \"blow\"\nmodel = \"body\"\nwhere = \"y-min\"\ncomponents = [\"y\"]\n";
+    let supports =
+        "[[support]]\nname = \"blow\"\nmodel = \"body\"\nwhere = \"y-min\"\ncomponents = [\"y\"]\n";
     says(
-        &(both.to_owned() + &probe.replace("bed", "blow")),
+        &(supports.to_owned() + &probe.replace("bed", "blow")),
         "probe.p.of",
         "give them different names",
     );
 }
 
-/// A force on a side of which a part lies in the overlap: each half is spread over another surface, and the
-/// sum is another force, which the scene says. On a face that both models have whole in the overlap, or
-/// outside of it, it is the force that is asked for.
+/// A force on two half loads of a face partly in the overlap has another sum than requested, since each half
+/// is spread over another surface, and the scene warns of it. On a face that lies wholly in the overlap or
+/// wholly outside of it in both models, the force is the requested one and there is no warning.
 #[test]
 fn total_forces_that_an_overlap_changes_are_told() {
     let solid = "material = { young = 3.0, poisson = 0.2, density = 1.5 }";
@@ -353,10 +358,11 @@ fn total_forces_that_an_overlap_changes_are_told() {
     };
     let warned = |right: &str, loads: &str| {
         let scene = Scene::from_text(bodies(right) + loads).expect("a scene");
-        let all = arlequin_scene::setup::build(scene.spec(), scene.folder())
+        let warnings = arlequin_scene::setup::build(scene.spec(), scene.folder())
             .expect("built")
             .warnings;
-        all.into_iter()
+        warnings
+            .into_iter()
             .filter(|w| w.contains("lies in an overlap"))
             .collect::<Vec<_>>()
     };
@@ -365,25 +371,25 @@ fn total_forces_that_an_overlap_changes_are_told() {
         "kind = \"dem\"\nspacing = 0.4\ndem.protocol = \"quench\"",
     ] {
         for name in ["", "name = \"p\""] {
-            let both = load("left", "z-max", name) + &load("right", "z-max", name);
-            let told = warned(right, &both);
-            assert_eq!(told.len(), 1, "{told:?}");
-            // Half of the overlap's half weight: (3 + 1.5)/6 of one and (1 + 1.5)/4 of the other.
+            let two_loads = load("left", "z-max", name) + &load("right", "z-max", name);
+            let texts = warned(right, &two_loads);
+            assert_eq!(texts.len(), 1, "{texts:?}");
+            // Half of the half weight of the overlap: (3 + 1.5)/6 on one side and (1 + 1.5)/4 on the other.
             let wanted = 2.0 * (4.5 / 6.0 + 2.5 / 4.0);
-            let said: f64 = told[0]
+            let stated: f64 = texts[0]
                 .split("' ")
                 .nth(1)
                 .and_then(|w| w.split(' ').next())
                 .expect("a number")
                 .parse()
                 .expect("one");
-            assert!((said / wanted - 1.0).abs() < 0.03, "{told:?}");
+            assert!((stated / wanted - 1.0).abs() < 0.03, "{texts:?}");
         }
-        // One half alone, then what needs no word: outside of the overlap.
+        // A load on one model alone is warned of; loads outside of the overlap are not.
         assert_eq!(warned(right, &load("left", "z-max", "")).len(), 1);
         assert!(warned(right, &(load("left", "x-min", "") + &load("right", "x-max", ""))).is_empty());
     }
-    // Both wholly in the overlap: the weights sum to one.
+    // Both patches lie wholly in the overlap: the weights sum to one.
     let patch = |model: &str| {
         load(model, "z-max", "").replace(
             "where = \"z-max\"",

@@ -1,4 +1,4 @@
-//! What a scene refuses: the key, the value, the remedy; never a parser's words.
+//! Refusals of a scene state the key, the value and the remedy, never a parser's words.
 
 use arlequin_scene::{Error, Results, Scene, Silent};
 
@@ -74,7 +74,7 @@ fn solids() -> Scene {
     Scene::from_text(SOLIDS).expect("a scene")
 }
 
-/// The error of reading, setting or preparing.
+/// Returns the error of reading, setting or preparing a scene.
 #[track_caller]
 fn refused(scene: Result<Scene, Error>) -> Error {
     match scene.and_then(|s| s.prepare()) {
@@ -103,18 +103,18 @@ fn numbers_that_rust_writes_otherwise_than_toml_are_understood() {
     }
     let set = solids().set("time.end", u64::MAX).expect("sets");
     assert_eq!(set.spec().time.end, Some(18_446_744_073_709_551_615.0));
-    // Words that could be a name stay words.
+    // Words that could be a name stay text.
     let set = solids().set("title", "infinity").expect("sets");
     assert_eq!(set.spec().title.as_deref(), Some("infinity"));
 }
 
-/// Two faces have an edge in common, and with it components of its nodes.
+/// Supports on two faces with a common edge are refused only if they move the same component of its nodes.
 #[test]
 fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
-    let both = |first: &str, second: &str| {
+    let two_supports = |first: &str, second: &str| {
         let held = format!("where = \"x-min\"\n{first}");
-        let more = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
-        Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &more)
+        let second_support = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
+        Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &second_support)
     };
     let motion = "motion = { amplitude = 1e-6 }";
     let in_y = format!("components = [\"y\"]\n{motion}");
@@ -124,7 +124,7 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
         (motion, &in_y),
     ] {
         says(
-            &refused(both(first, second)),
+            &refused(two_supports(first, second)),
             "support[1].where",
             &[
                 "holds y of the node of 'left' at (0.0000e0, 0.0000e0",
@@ -134,12 +134,12 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
             ],
         );
     }
-    let apart = both("components = [\"x\"]", "components = [\"y\", \"z\"]");
-    assert!(apart.and_then(|s| s.prepare()).is_ok());
+    let disjoint = two_supports("components = [\"x\"]", "components = [\"y\", \"z\"]");
+    assert!(disjoint.and_then(|s| s.prepare()).is_ok());
 }
 
-/// What two supports hold at rest is held once: the run is that of supports that do not meet, and the first
-/// of two has the force.
+/// Supports at rest that hold the same components are united: the run equals that of disjoint supports, and
+/// the first support has the force.
 #[test]
 fn supports_that_hold_the_same_components_at_rest_are_united() {
     let support = |place: &str, components: &str| {
@@ -159,17 +159,17 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
         let scene = Scene::from_text(text).and_then(|s| s.prepare()).expect("built");
         scene.run(&mut Silent).expect("runs")
     };
-    let all = "[\"x\", \"y\", \"z\"]";
+    let xyz = "[\"x\", \"y\", \"z\"]";
     let united = run(&[
-        support("\"x-min\"", all),
+        support("\"x-min\"", xyz),
         support("\"y-min\"", "[\"y\"]"),
         support("\"z-min\"", "[\"z\", \"y\"]"),
     ]
     .concat());
-    // Without the nodes that an earlier one holds.
+    // The same supports without the nodes that an earlier one holds.
     let beside = |axis: &str, low: &str| format!("{{ box = {{ low = {low}, high = [6.0, {axis}] }} }}");
-    let apart = run(&[
-        support("\"x-min\"", all),
+    let disjoint = run(&[
+        support("\"x-min\"", xyz),
         support(&beside("0.0, 1.0", "[0.5, 0.0, 0.0]"), "[\"y\"]"),
         support(&beside("1.0, 0.0", "[0.5, 0.5, 0.0]"), "[\"z\", \"y\"]"),
         support(
@@ -180,16 +180,16 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
     .concat());
     let tip = |r: &Results| r.probe("tip").expect("a probe").1.to_vec();
     assert!(tip(&united).iter().any(|u| u.abs() > 1e-6));
-    assert_eq!(tip(&united), tip(&apart));
+    assert_eq!(tip(&united), tip(&disjoint));
     let force = |r: &Results, name: &str| r.probe(name).expect("a probe").1.to_vec();
     for name in ["x1", "y1", "z1", "y2", "y3"] {
-        assert_eq!(force(&united, name), force(&apart, name), "{name}");
+        assert_eq!(force(&united, name), force(&disjoint, name), "{name}");
     }
     assert!(force(&united, "y1").iter().any(|f| f.abs() > 1e-9));
 }
 
-/// Names of loads and rigid bodies head columns: with a comma in one, all numbers behind it would stand
-/// under a wrong head.
+/// Names of loads and rigid bodies become column heads, so names that would break a table (such as those with
+/// a comma) are refused.
 #[test]
 fn names_that_would_break_tables_are_refused() {
     for name in ["tip, end", "a\"b", "two\nlines", " ", "a;b"] {
@@ -262,10 +262,10 @@ fn numbers_that_a_key_cannot_take_are_refused_with_key_value_and_remedy() {
         );
     }
     let text = SOLIDS.replace("end = 10.0", "end = 99999999999999999999");
-    let told = refused(Scene::from_text(text)).to_string();
+    let message = refused(Scene::from_text(text)).to_string();
     assert!(
-        told.contains("write it with a point or an exponent, such as 1e20"),
-        "{told}"
+        message.contains("write it with a point or an exponent, such as 1e20"),
+        "{message}"
     );
 }
 
@@ -294,10 +294,10 @@ fn choices_say_what_there_is_to_choose() {
         "time.step",
         &["{ fraction = ", "{ seconds = step }"],
     );
-    // A second key beside the choice is not passed over.
-    let both = "{ box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }, cone = 1 }";
+    // A second key beside the choice is refused, not ignored.
+    let two_shapes = "{ box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }, cone = 1 }";
     says(
-        &set("support.0.where", both),
+        &set("support.0.where", two_shapes),
         "support.0.where",
         &["'cone' is one key too many"],
     );
@@ -319,8 +319,8 @@ fn paths_are_read_as_messages_and_toml_write_them() {
         .expect("reads")
         .set("probe.\"t.i.p\".component", "y")
         .expect("sets");
-    let told = refused(Ok(dotted));
-    says(&told, "probe.t.i.p", &["rename it"]);
+    let refusal = refused(Ok(dotted));
+    says(&refusal, "probe.t.i.p", &["rename it"]);
     says(
         &refused(solids().set("time..end", 1)),
         "time..end",
@@ -338,7 +338,7 @@ fn paths_are_read_as_messages_and_toml_write_them() {
     );
 }
 
-/// Neither changes in memory nor errors of the core lose their key on the way.
+/// Errors of the core, and of changes in memory, name their key of the scene.
 #[test]
 fn errors_say_their_key() {
     says(
@@ -382,11 +382,15 @@ fn a_spacing_larger_than_the_body_is_refused() {
             &["longest side of 6 m"],
         );
     }
-    // Shorter than the longest side, and yet no sphere of that size fits.
-    let none = Scene::from_text(SOLIDS)
+    // The spacing is shorter than the longest side, yet no sphere of that size fits.
+    let too_coarse = Scene::from_text(SOLIDS)
         .and_then(|s| s.set("model.right.kind", "dem"))
         .and_then(|s| s.set("model.right.spacing", 5.0));
-    says(&refused(none), "model.right.spacing", &["5", "spheres", "choose"]);
+    says(
+        &refused(too_coarse),
+        "model.right.spacing",
+        &["5", "spheres", "choose"],
+    );
 }
 
 #[test]
@@ -406,23 +410,23 @@ fn an_overlap_outside_the_models_is_called_so() {
         ([-4.0, 0.0, 0.0], [-6.0, 0.0, 0.0]),
         ([0.0, 2.0, 0.0], [0.0, 3.0, 0.0]),
     ] {
-        let told = slab(coarse, fine);
+        let refusal = slab(coarse, fine);
         says(
-            &told,
+            &refusal,
             "interface.joint.overlap",
             &["does not lie in the models", "'left' and 'right'"],
         );
-        says(&told, "interface.joint.overlap", &boxes);
+        says(&refusal, "interface.joint.overlap", &boxes);
         says(
-            &told,
+            &refusal,
             "interface.joint.overlap",
             &[&format!("{coarse:?}"), &format!("{fine:?}")],
         );
     }
-    // In one of them only.
-    let told = slab([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]);
+    // The overlap lies in one of the models only.
+    let refusal = slab([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]);
     says(
-        &told,
+        &refusal,
         "interface.joint.overlap",
         &["does not lie in model 'right'", boxes[1]],
     );
@@ -442,7 +446,7 @@ fn an_overlap_outside_the_models_is_called_so() {
         "interface.joint.overlap",
         &["does not lie in the models", boxes[0], "[18.0, -1.5, -1.5]"],
     );
-    // Both models lie in what is the fine one's alone.
+    // Both models lie within the region where the shell leaves the fine one alone.
     says(
         &shell(5.0, 50.0, 60.0),
         "interface.joint.overlap",
@@ -460,12 +464,14 @@ fn an_overlap_outside_the_models_is_called_so() {
 
 #[test]
 fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
-    let with = |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
-    let told = with("[{ bulk_viscosity = {} }]");
-    says(&told, "effect[0]", &["bulk_viscosity", "remove it"]);
-    let told = with("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
+    let refused_effect =
+        |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
+    let refusal = refused_effect("[{ bulk_viscosity = {} }]");
+    says(&refusal, "effect[0]", &["bulk_viscosity", "remove it"]);
+    let refusal =
+        refused_effect("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
     says(
-        &told,
+        &refusal,
         "effect[1].models[0]",
         &["bulk_viscosity needs a solid", "'bar'", "stiffness_damping"],
     );

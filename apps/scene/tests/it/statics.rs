@@ -21,7 +21,7 @@ fn coupled(right: &str) -> String {
     )
 }
 
-/// Held along z-min in both models, pulled and twisted at x-max, with gravity.
+/// Supports on z-min of both models; pull and torque on x-max; gravity.
 const ACTS: &str = r#"
 [[support]]
 name = "bed"
@@ -61,21 +61,21 @@ fn run(text: &str) -> Results {
     scene.prepare().expect("built").run(&mut Silent).expect("runs")
 }
 
-/// Largest sum of forces (or moments) over the largest of them, at any load step.
+/// Returns the largest sum of forces (or moments) over the largest of them, at any load step.
 fn imbalance(results: &Results, names: &[&str], kind: &str) -> f64 {
     let count = results.recorded.probes.times.len();
-    let (mut off, mut size) = (0.0_f64, 0.0_f64);
+    let (mut residual, mut size) = (0.0_f64, 0.0_f64);
     for k in 0..count {
         for axis in ["x", "y", "z"] {
             let values = names
                 .iter()
                 .map(|n| results.probe(&format!("{n}-{kind}-{axis}")).expect("probe").1[k]);
             let values: Vec<f64> = values.collect();
-            off = off.max(values.iter().sum::<f64>().abs());
+            residual = residual.max(values.iter().sum::<f64>().abs());
             size = values.iter().fold(size, |s, v| s.max(v.abs()));
         }
     }
-    off / size
+    residual / size
 }
 
 #[test]
@@ -88,9 +88,12 @@ fn reactions_balance_loads_at_rest_for_every_pair_of_models() {
     ] {
         let text = coupled(right) + ACTS + &probes(&names) + "[static]\nsteps = 2\n";
         let results = run(&text);
-        let off = ["f", "m"].map(|k| imbalance(&results, &names, k));
-        println!("{right:?}: force {:e}, moment {:e}", off[0], off[1]);
-        assert!(off[0] < 1e-10 && off[1] < 1e-10, "{right}: {off:?}");
+        let imbalances = ["f", "m"].map(|k| imbalance(&results, &names, k));
+        println!("{right:?}: force {:e}, moment {:e}", imbalances[0], imbalances[1]);
+        assert!(
+            imbalances[0] < 1e-10 && imbalances[1] < 1e-10,
+            "{right}: {imbalances:?}"
+        );
         let steps = &results.summary().load_steps;
         assert_eq!(steps.len(), 2);
         assert!(
@@ -98,13 +101,13 @@ fn reactions_balance_loads_at_rest_for_every_pair_of_models() {
                 .iter()
                 .all(|s| s.method == "direct" && s.iterations == 0 && s.residual < 1e-10)
         );
-        // Loads are those of their load step: the energy of a linear body under twice the pull, gravity
-        // being there at half.
+        // Loads belong to their load step: the energy of a linear body under twice the pull, with half of
+        // gravity.
         assert_eq!(results.recorded.probes.times, [0.5, 1.0]);
     }
 }
 
-/// A clamped bar under its own weight and a pull at its end: `u = F L/(E A) + ρ g L²/(2 E)`.
+/// A clamped bar under its own weight and a pull at its end has `u = F L/(E A) + ρ g L²/(2 E)`.
 #[test]
 fn a_bar_at_rest_has_the_displacement_of_the_textbook() {
     let bar = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 2.0, section = 1e-4 }\nspacing = 0.1\n\
@@ -119,8 +122,8 @@ fn a_bar_at_rest_has_the_displacement_of_the_textbook() {
     assert!((tip / exact - 1.0).abs() < 1e-10, "{tip:e}, {exact:e}");
 }
 
-/// Large rotations are no linear system: relaxed, a body that turns little has the equilibrium of the small
-/// ones.
+/// A relaxed equilibrium is that of the direct solution, also with the law of finite rotations if the body
+/// turns little.
 #[test]
 fn relaxed_equilibria_are_those_of_the_direct_solution() {
     let body = |finite: bool| {
@@ -143,8 +146,8 @@ fn relaxed_equilibria_are_those_of_the_direct_solution() {
         let [a, b] = [&small, &large].map(|r| r.probe(p).expect("probe").1[0]);
         assert!((a / b - 1.0).abs() < 2e-4, "{p}: {a:e}, {b:e}");
     }
-    let off = imbalance(&large, &["bed", "pull"], "f");
-    assert!(off < 1e-5, "{off:e}");
+    let residual = imbalance(&large, &["bed", "pull"], "f");
+    assert!(residual < 1e-5, "{residual:e}");
 }
 
 #[test]
@@ -170,11 +173,12 @@ fn load_steps_come_from_a_file_and_the_motion_of_a_support_too() {
     std::fs::write(&path, text).expect("written");
     let scene = Scene::read(&path).expect("a scene");
     assert_eq!(scene.files().len(), 2);
-    let into = arlequin_scene::RunFolder::new(&scene, Some(&folder.join("out")), true).expect("a folder");
+    let run_folder =
+        arlequin_scene::RunFolder::new(&scene, Some(&folder.join("out")), true).expect("a folder");
     let results = scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     assert_eq!(results.recorded.probes.times, [0.1, 0.25, 1.0]);
     let force = results.probe("grip").expect("probe").1;
@@ -206,9 +210,9 @@ fn load_steps_come_from_a_file_and_the_motion_of_a_support_too() {
 #[test]
 fn static_scenes_refuse_what_needs_time() {
     let base = coupled("kind = \"fem\"\nspacing = 0.5") + ACTS;
-    let refused = |more: &str, key: &str, words: &str| {
-        let error = match Scene::from_text(format!("{base}{more}")).and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+    let refused = |addition: &str, key: &str, words: &str| {
+        let error = match Scene::from_text(format!("{base}{addition}")).and_then(|s| s.prepare()) {
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");
@@ -250,7 +254,7 @@ fn static_scenes_refuse_what_needs_time() {
         "effect[1].prestress",
         "remove it or [static]",
     );
-    // What can move freely has no equilibrium.
+    // A body that can move freely has no equilibrium.
     let free = base.replace(
         "[[support]]\nname = \"bed\"\nmodel = \"left\"\nwhere = \"z-min\"",
         "",
@@ -270,8 +274,8 @@ fn static_scenes_refuse_what_needs_time() {
     );
 }
 
-/// Free to move along y and z and to turn about x: round-off over round-off is no displacement, whatever
-/// the residual says.
+/// A body free to move along y and z and to turn about x is refused: round-off over round-off is no
+/// displacement, whatever the residual.
 #[test]
 fn bodies_that_can_move_freely_have_no_equilibrium() {
     for kind in ["fem", "cnem"] {
@@ -294,17 +298,17 @@ fn bodies_that_can_move_freely_have_no_equilibrium() {
                 scene.prepare()?.run(&mut Silent)
             };
             assert!(run("").is_ok(), "{kind}, {load}");
-            let told = run("components = [\"x\"]").expect_err("free to move").to_string();
+            let message = run("components = [\"x\"]").expect_err("free to move").to_string();
             assert!(
-                told.contains("singular")
-                    && told.contains("'bar' can move along y and z and turn about x; fix rigid motions"),
-                "{told}"
+                message.contains("singular")
+                    && message.contains("'bar' can move along y and z and turn about x; fix rigid motions"),
+                "{message}"
             );
         }
     }
 }
 
-/// What `check` prints of a scene at rest: load steps, how they are solved, and a frame for each.
+/// `check` prints the plan of a scene at rest: load steps, the method of solution, and a frame for each.
 #[test]
 fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
     let text = "[model.bar]\nkind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"\n\
@@ -312,8 +316,8 @@ fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
                 material = { young = 70e9, poisson = 0.3, density = 2000.0 }\n\
                 [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
                 [static]\ntimes = [0.5, 2.0, 3.0]\n[output]\nevery = 1\n";
-    let plan = |more: &str| {
-        let scene = Scene::from_text(format!("{text}{more}")).expect("a scene");
+    let plan = |keys: &str| {
+        let scene = Scene::from_text(format!("{text}{keys}")).expect("a scene");
         scene.prepare().expect("built").preview()
     };
     let direct = plan("");
@@ -326,15 +330,15 @@ fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
     );
 }
 
-/// A bar of spheres that is drawn out until it parts: by its grip, or by a load on it.
-fn torn(pull: &str, more: &str) -> String {
+/// Returns a bar of spheres that is stretched until it parts, by its grip or by a load on it.
+fn torn(pull: &str, keys: &str) -> String {
     format!(
         "[model.bar]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\
          shape.box = {{ low = [0.0, 0.0, 0.0], high = [4e-3, 1.2e-3, 1.2e-3] }}\n\
          material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n\
          [[effect]]\nfracture = {{ criterion = \"rankine\", strength = 100e6, weibull = 10.0 }}\n\
          [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n{pull}\n\
-         [probe.end]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n[static]\nsteps = 6\n{more}"
+         [probe.end]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponent = \"x\"\n[static]\nsteps = 6\n{keys}"
     )
 }
 
@@ -347,17 +351,17 @@ fn a_piece_that_came_loose_under_a_load_is_named() {
         .expect("built")
         .run(&mut Silent)
         .expect_err("torn");
-    let told = error.to_string();
+    let message = error.to_string();
     assert!(
-        told.contains("no equilibrium")
-            && told.contains("particles of 'bar' around")
-            && told.contains("held by nothing"),
-        "{told}"
+        message.contains("no equilibrium")
+            && message.contains("particles of 'bar' around")
+            && message.contains("held by nothing"),
+        "{message}"
     );
 }
 
-/// Load steps of a linear model have one matrix and one factor: ten cost little more than one, and are what
-/// each alone is.
+/// A load step of a linear model has the same result with other load steps as alone: all use one matrix and
+/// one factor, so that ten cost little more than one.
 #[test]
 fn load_steps_of_a_linear_model_are_those_of_runs_of_their_own() {
     let text = |times: &str| {
@@ -366,16 +370,17 @@ fn load_steps_of_a_linear_model_are_those_of_runs_of_their_own() {
             + &probes(&["bed"])
             + &format!("[static]\ntimes = {times}\n")
     };
-    let both = run(&text("[0.5, 1.0]"));
+    let together = run(&text("[0.5, 1.0]"));
     let last = run(&text("[1.0]"));
     for axis in ["x", "y", "z"] {
         let name = format!("bed-f-{axis}");
-        let [two, one] = [&both, &last].map(|r| *r.probe(&name).expect("probe").1.last().expect("a row"));
-        assert_eq!(two, one, "{name}");
+        let [both_steps, alone] =
+            [&together, &last].map(|r| *r.probe(&name).expect("probe").1.last().expect("a row"));
+        assert_eq!(both_steps, alone, "{name}");
     }
 }
 
-/// Without `about` a moment is taken about the middle of what is held, far from the origin.
+/// Without `about` the moment of a clamp is taken about the middle of its held nodes, far from the origin.
 #[test]
 fn the_moment_of_a_clamp_is_about_its_own_middle() {
     let text = format!(
@@ -388,8 +393,8 @@ fn the_moment_of_a_clamp_is_about_its_own_middle() {
     assert!((moment / (-6.0 * 1e-3) - 1.0).abs() < 1e-9, "{moment:e}");
 }
 
-/// Loads change over some steps of relaxation: at once, the wave they set off breaks bonds that the
-/// equilibrium would not.
+/// A load applied over 500 steps of relaxation breaks no bond that bears the equilibrium; at once, it sets
+/// off a wave that does.
 #[test]
 fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponents = [\"x\"]\nmotion = { amplitude = 4e-7, time.ramp = { duration = 1.0 } }";
@@ -404,13 +409,13 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     assert!(breaks(1) > 0.0);
 }
 
-/// Contact with a plane that is far away keeps a linear scene from the direct solution: what it relaxes to
-/// is that, across a tie with particles, which take several own steps in time.
+/// A scene with ties to particles relaxes to the direct solution, from which contact with a plane far away
+/// keeps it. The particles take several own steps.
 #[test]
 fn ties_relax_to_the_direct_solution() {
     for left in ["kind = \"fem\"", "kind = \"cnem\""] {
         let right = "kind = \"dem\"\nspacing = 0.6\ndem.protocol = \"quench\"";
-        let at = |more: &str| {
+        let final_values = |addition: &str| {
             let ends = [("left", "x-max"), ("right", "x-max"), ("right", "z-min")];
             let watched = ends.map(|(m, place)| {
                 ["x", "z"].map(|c| {
@@ -423,40 +428,39 @@ fn ties_relax_to_the_direct_solution() {
                 + ACTS
                 + &watched.concat().concat()
                 + &probes(&["bed", "pull", "body-force"]);
-            run(&(text + more + "[static]\nsteps = 1\ntolerance = 1e-9\n"))
+            run(&(text + addition + "[static]\nsteps = 1\ntolerance = 1e-9\n"))
         };
         let far = "[[effect]]\nmodels = [\"right\"]\n\
                    obstacle = { shape.plane = { point = [0.0, 0.0, -50.0], normal = [0.0, 0.0, 1.0] } }\n";
-        let [direct, relaxed] = ["", far].map(at);
+        let [direct, relaxed] = ["", far].map(final_values);
         let [a, b] = [&direct, &relaxed].map(|r| r.summary().load_steps[0].clone());
         assert!(a.method == "direct" && b.method == "relaxed");
         let names = direct.recorded.probes.names.clone();
         let size = |unit: &str| {
-            let of = names
+            let gaps = names
                 .iter()
                 .zip(&direct.recorded.probes.columns)
                 .filter(|c| c.0.contains(unit));
-            of.fold(0.0_f64, |m, c| m.max(c.1[0].abs()))
+            gaps.fold(0.0_f64, |m, c| m.max(c.1[0].abs()))
         };
-        let mut off = 0.0_f64;
+        let mut deviation = 0.0_f64;
         for (k, name) in names.iter().enumerate() {
             let unit = ["[m]", "[N]", "[N m]"]
                 .into_iter()
                 .find(|u| name.contains(u))
                 .expect("a unit");
             let [x, y] = [&direct, &relaxed].map(|r| r.recorded.probes.columns[k][0]);
-            off = off.max((x - y).abs() / size(unit));
+            deviation = deviation.max((x - y).abs() / size(unit));
         }
         println!(
-            "{left}: {} steps to {:e}, off by {off:e}",
+            "{left}: {} steps to {:e}, off by {deviation:e}",
             b.iterations, b.residual
         );
-        assert!(off < 1e-6, "{left}: {off:e}");
+        assert!(deviation < 1e-6, "{left}: {deviation:e}");
     }
 }
 
-/// What is torn into parts carries nothing any more, and each of its load steps is an equilibrium all the
-/// same.
+/// A body torn into parts bears no load any more, and each of its load steps still is an equilibrium.
 #[test]
 fn bodies_torn_apart_come_to_rest() {
     let grip = |far: f64| {
@@ -472,6 +476,6 @@ fn bodies_torn_apart_come_to_rest() {
     let iterations: Vec<usize> = steps.iter().map(|s| s.iterations).collect();
     println!("forces {force:?} N, steps {iterations:?}");
     assert!(steps.len() == 6 && steps.iter().all(|s| s.method == "relaxed" && s.residual <= 1e-6));
-    // It bears the first load step, and nothing at the end.
+    // The bar bears the first load step, and nothing at the end.
     assert!(force[0] > 1.0 && force[5].abs() < 1e-4 * force[0], "{force:?}");
 }

@@ -1,4 +1,4 @@
-//! Stress and strain in probes and frames: what a scene asks for and what it gets.
+//! Stress and strain in probes and frames: the requested quantity and its value.
 
 use arlequin_scene::output::{Frames, Pictures};
 use arlequin_scene::{Results, RunFolder, Scene, Silent};
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 const SOLID: &str = "material = { young = 200e9, poisson = 0.25, density = 7800.0 }";
 
-/// A body strained by `u_x = 1e-4 x` and `u_y = 2e-4 x` from the start.
+/// Initial displacements `u_x = 1e-4 x` and `u_y = 2e-4 x`.
 const STRAIN: &str = "[[initial]]\ndisplacement.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 1e-4] }\n\
                       [[initial]]\ndisplacement.polynomial = { component = \"y\", along = \"x\", coefficients = [0.0, 2e-4] }\n\
                       [time]\nsteps = 1\n";
@@ -83,12 +83,12 @@ fn both_models_tell_the_stress_of_the_material_in_their_overlap_whatever_their_w
                 ("right", 1),
                 ("right", 2),
             ] {
-                let found = results.probe(&format!("{name}-{k}-{p}")).expect("probe").1[0];
+                let measured = results.probe(&format!("{name}-{k}-{p}")).expect("probe").1[0];
                 let scale = if *quantity == "strain" { 1e-4 } else { 1e-4 * mu };
-                let off = (found - value).abs() / scale;
+                let error = (measured - value).abs() / scale;
                 assert!(
-                    off < 1e-9,
-                    "{name}, {quantity} {component}, place {p}: {found:e} for {value:e}"
+                    error < 1e-9,
+                    "{name}, {quantity} {component}, place {p}: {measured:e} for {value:e}"
                 );
             }
         }
@@ -104,11 +104,11 @@ fn frames_carry_what_models_recover_and_only_what_is_asked_for() {
     let text = halves(grains) + fracture + STRAIN;
     let head = |scene: &Scene, name: &str, model: &str| {
         let place = folder.join(name);
-        let into = RunFolder::new(scene, Some(&place), true).expect("a folder");
+        let run_folder = RunFolder::new(scene, Some(&place), true).expect("a folder");
         scene
             .prepare()
             .expect("built")
-            .run_into(into, &mut Silent)
+            .run_into(run_folder, &mut Silent)
             .expect("runs");
         let bytes = std::fs::read(place.join(format!("vtu/{model}_00000000.vtu"))).expect("a frame");
         let text = String::from_utf8_lossy(&bytes).into_owned();
@@ -169,11 +169,11 @@ fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
         ("stress [Pa]", [normal, across, across, 2e-4 * mu, 4e-4 * mu, 0.0]),
     ] {
         let array = picture.points.iter().find(|a| a.name == name).expect(name);
-        for found in array.values.as_chunks::<6>().0 {
-            let off = found.iter().zip(wanted).map(|(f, w)| (f - w).abs());
+        for tensor in array.values.as_chunks::<6>().0 {
+            let errors = tensor.iter().zip(wanted).map(|(f, w)| (f - w).abs());
             assert!(
-                off.fold(0.0, f64::max) < 1e-9 * wanted[0],
-                "{name}: {found:?} for {wanted:?}"
+                errors.fold(0.0, f64::max) < 1e-9 * wanted[0],
+                "{name}: {tensor:?} for {wanted:?}"
             );
         }
     }
@@ -181,44 +181,44 @@ fn frames_have_tensors_in_the_order_and_with_the_shears_that_they_say() {
 
 #[test]
 fn probes_of_stress_refuse_components_and_models_that_have_none() {
-    let refused = |more: &str, key: &str, words: &str| {
+    let refused = |addition: &str, key: &str, words: &str| {
         let grains = "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"";
-        let scene = Scene::from_text(halves(grains) + STRAIN + more);
+        let scene = Scene::from_text(halves(grains) + STRAIN + addition);
         let error = match scene.and_then(|s| s.prepare()) {
-            Ok(_) => panic!("taken: {more}"),
+            Ok(_) => panic!("taken: {addition}"),
             Err(e) => e,
         };
         assert_eq!(error.place().0, Some(key), "{error}");
         assert!(error.to_string().contains(words), "{error}");
     };
-    let at = "at = [1.0, 1.0, 1.0]";
+    let place = "at = [1.0, 1.0, 1.0]";
     refused(
-        &probe("p", "left", at, "stress", "x"),
+        &probe("p", "left", place, "stress", "x"),
         "probe.p.component",
         "\"xx\"",
     );
     refused(
-        &probe("p", "left", at, "stress", ""),
+        &probe("p", "left", place, "stress", ""),
         "probe.p.component",
         "is needed",
     );
     refused(
-        &probe("p", "left", at, "von-mises", "x"),
+        &probe("p", "left", place, "von-mises", "x"),
         "probe.p.component",
         "remove it",
     );
     refused(
-        &probe("p", "left", at, "principal-stress", "xx"),
+        &probe("p", "left", place, "principal-stress", "xx"),
         "probe.p.component",
         "the largest",
     );
     refused(
-        &probe("p", "left", at, "displacement", "xx"),
+        &probe("p", "left", place, "displacement", "xx"),
         "probe.p.component",
         "is no direction",
     );
     refused(
-        &probe("p", "left", at, "velocity", ""),
+        &probe("p", "left", place, "velocity", ""),
         "probe.p.component",
         "is needed",
     );
@@ -236,7 +236,7 @@ fn probes_of_stress_refuse_components_and_models_that_have_none() {
     );
 }
 
-/// A ball that falls on particles: its surface moves with it, and what it pushes is told.
+/// Frames show a ball that falls on particles: its surface at its present place, and its contact forces.
 #[test]
 fn frames_show_rigid_bodies_and_the_forces_of_contact() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("stresses-rigid");
@@ -251,17 +251,17 @@ fn frames_show_rigid_bodies_and_the_forces_of_contact() {
          [time]\nsteps = 100\n[output]\nevery = 100\n"
     );
     let scene = Scene::from_text(text).expect("a scene");
-    let into = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+    let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
     scene
         .prepare()
         .expect("built")
-        .run_into(into, &mut Silent)
+        .run_into(run_folder, &mut Silent)
         .expect("runs");
     let arrays = |file: &str, name: &str, skip: usize| -> Vec<f64> {
         let bytes = std::fs::read(folder.join("vtu").join(file)).expect("a frame");
         let head = String::from_utf8_lossy(&bytes).into_owned();
-        let at = head.find(&format!("Name=\"{name}\"")).expect("the array");
-        let offset: usize = head[at..]
+        let head_at = head.find(&format!("Name=\"{name}\"")).expect("the array");
+        let offset: usize = head[head_at..]
             .split("offset=\"")
             .nth(1)
             .and_then(|s| s.split('"').next())
@@ -296,19 +296,19 @@ fn frames_show_rigid_bodies_and_the_forces_of_contact() {
     let pushes = arrays("grains_00000100.vtu", "contact force [N]", 0);
     let sum: f64 = pushes.chunks_exact(3).map(|f| f[2]).sum();
     assert!(sum.abs() > 0.0, "the ball pushes");
-    for other in [
+    for absent in [
         "rigid-bed-grains-1_00000000.vtu",
         "rigid-roll-grains-2_00000000.vtu",
     ] {
-        assert!(folder.join("vtu").join(other).exists(), "{other}");
+        assert!(folder.join("vtu").join(absent).exists(), "{absent}");
     }
     let index = std::fs::read_to_string(folder.join("results.pvd")).expect("an index");
     assert_eq!(index.matches("rigid-my ball-grains").count(), 2, "{index}");
 }
 
-/// Over a whole body of particles the mean stress by volume is `−1/V Σ x F_int`, whatever the sizes of the
-/// spheres, to the digits in which bonds are kept. A mean that counts particles alike is a few per cent
-/// off.
+/// The mean stress by volume over a whole body of particles is `−1/V Σ x F_int` for any sizes of the spheres,
+/// within the digits of the stored stiffnesses of bonds. A mean that counts particles alike would be off by a
+/// few per cent.
 #[test]
 fn the_mean_stress_of_particles_is_that_of_their_volume() {
     let text = format!(
@@ -337,24 +337,24 @@ fn the_mean_stress_of_particles_is_that_of_their_volume() {
         forces[i] -= k * s.state().q[j];
     }
     let moment = |a: usize, b: usize| {
-        let each = s.model().nodes().iter().zip(forces.chunks_exact(3));
-        -each.map(|(x, f)| x[a] * f[b]).sum::<f64>() / 16.0
+        let nodal = s.model().nodes().iter().zip(forces.chunks_exact(3));
+        -nodal.map(|(x, f)| x[a] * f[b]).sum::<f64>() / 16.0
     };
     let wanted = [moment(0, 0), 0.5 * (moment(0, 1) + moment(1, 0))];
     for (p, wanted) in built.probes.iter().zip(wanted) {
-        let found = p
+        let measured = p
             .read(&mut built.run, &mut arlequin_scene::setup::Readings::default())
             .expect("read");
         assert!(
-            (found / wanted - 1.0).abs() < 1e-8,
-            "{}: {found:e} for {wanted:e}",
+            (measured / wanted - 1.0).abs() < 1e-8,
+            "{}: {measured:e} for {wanted:e}",
             p.name
         );
     }
 }
 
-/// Spheres of the outer layer have bonds on one side only: a probe of stress there is warned of, one inside
-/// or of displacements is not.
+/// A probe of stress in the outer layer of particles is warned of, since these spheres have bonds on one side
+/// only; a probe inside or of displacements is not.
 #[test]
 fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
     let place = |low: &str, high: &str| format!("where.box = {{ low = [{low}], high = [{high}] }}");
@@ -381,9 +381,9 @@ fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
         let start = format!("probe '{name}': lies on the rim of the particles of 'bar'");
         prepared.warnings().iter().any(|w| w.starts_with(&start))
     };
-    let found = ["rim", "skin", "inner", "core", "whole", "moved"].map(warned);
+    let flags = ["rim", "skin", "inner", "core", "whole", "moved"].map(warned);
     assert_eq!(
-        found,
+        flags,
         [true, true, false, false, false, false],
         "{:?}",
         prepared.warnings()

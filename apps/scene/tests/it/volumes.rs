@@ -1,4 +1,4 @@
-//! Files whose volumes differ: materials, choice of one, units.
+//! Mesh files with several volumes: materials, choice of one volume, units.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin::core::Uniform;
@@ -20,7 +20,7 @@ fn built(text: &str) -> Built {
     build(scene.spec(), scene.folder()).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
-/// Mass of the nodes with x below and from one metre on \[kg\].
+/// Returns the mass of the nodes below x = 1 m and from there on \[kg\].
 fn masses(built: &Built) -> [f64; 2] {
     let model = built.run.subdomains()[0].model();
     let mut inertia = vec![0.0; model.layout().dofs()];
@@ -47,16 +47,17 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
         );
     }
     assert!((masses(&bar).iter().sum::<f64>() - 4.0).abs() < 1e-12);
-    // The stress is that of the material of each element: the same in both, where the strain is a quarter.
+    // The stress uses the material of each element: equal in both bricks, where the strain of the stiff one
+    // is a quarter.
     let ends: Vec<usize> = (0..nodes.len())
         .filter(|k| [0.0, 2.0].contains(&nodes[*k].x))
         .collect();
     let recovery = bar.run.subdomains()[0].model().recovery().unwrap();
-    let mut found = Vec::new();
+    let mut recovered = Vec::new();
     recovery
-        .recover(&solved.displacements[0], &ends, &mut found)
+        .recover(&solved.displacements[0], &ends, &mut recovered)
         .unwrap();
-    for (k, r) in ends.iter().zip(&found) {
+    for (k, r) in ends.iter().zip(&recovered) {
         assert!(
             (r.stress.0[0] - 0.01).abs() < 1e-11,
             "{}: {:?}",
@@ -65,7 +66,7 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
         );
     }
     assert!(bar.warnings.is_empty(), "{:?}", bar.warnings);
-    // Without them the scene says that it takes both for one.
+    // Without a second material the scene warns that it takes both volumes for one.
     let alike = built(&BRICKS.replace("materials.stiff = { young = 4.0, density = 3.0 }\n", ""));
     assert!(
         alike
@@ -77,7 +78,8 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
     );
 }
 
-/// Frames: `½ σ²/E` of each volume's own modulus, and the sum over the elements is the energy that is stored.
+/// Energy densities in the frames are `½ σ²/E` with each volume's own modulus, and their sum over the
+/// elements is the stored energy.
 #[test]
 fn energy_densities_are_those_of_the_volumes_own_materials() {
     let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"left\"\n\
@@ -85,12 +87,16 @@ fn energy_densities_are_those_of_the_volumes_own_materials() {
                 [static]\nsteps = 1\n";
     let pulled = scene(&(BRICKS.replace("[time]\nsteps = 1\n", "") + pull)).unwrap();
     let folder = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("volumes-density");
-    let into = RunFolder::new(&pulled, Some(&folder), true).unwrap();
-    pulled.prepare().unwrap().run_into(into, &mut Silent).unwrap();
+    let run_folder = RunFolder::new(&pulled, Some(&folder), true).unwrap();
+    pulled
+        .prepare()
+        .unwrap()
+        .run_into(run_folder, &mut Silent)
+        .unwrap();
     let bytes = std::fs::read(folder.join("vtu/bar_00000001.vtu")).unwrap();
     let head = String::from_utf8_lossy(&bytes).into_owned();
-    let at = head.find("Name=\"energy density [J/m3]\"").unwrap();
-    let offset = head[at..]
+    let head_at = head.find("Name=\"energy density [J/m3]\"").unwrap();
+    let offset = head[head_at..]
         .split("offset=\"")
         .nth(1)
         .and_then(|s| s.split('"').next());
@@ -99,13 +105,13 @@ fn energy_densities_are_those_of_the_volumes_own_materials() {
     let start = start + offset.unwrap().parse::<usize>().unwrap();
     let size = u64::from_le_bytes(bytes[start..start + 8].try_into().unwrap()) as usize;
     let data = bytes[start + 8..start + 8 + size].as_chunks::<8>().0;
-    let found: Vec<f64> = data.iter().map(|b| f64::from_le_bytes(*b)).collect();
+    let densities: Vec<f64> = data.iter().map(|b| f64::from_le_bytes(*b)).collect();
     let [soft, stiff] = [0.5e-4, 0.125e-4];
-    let near = |wanted: f64| found.iter().filter(|x| (**x - wanted).abs() < 1e-12).count();
+    let near = |wanted: f64| densities.iter().filter(|x| (**x - wanted).abs() < 1e-12).count();
     assert_eq!(
         (near(soft) + near(stiff), near(soft)),
-        (found.len(), found.len() / 2),
-        "{found:?}"
+        (densities.len(), densities.len() / 2),
+        "{densities:?}"
     );
 }
 
@@ -125,11 +131,11 @@ fn spheres_weigh_what_their_volume_weighs() {
 
 #[test]
 fn one_volume_of_a_file_is_a_body_and_files_have_units() {
-    let one = BRICKS.replace(
+    let one_volume = BRICKS.replace(
         "materials.stiff = { young = 4.0, density = 3.0 }",
         "volume = \"stiff\"\nscale = 1e-3",
     );
-    let built = built(&one);
+    let built = built(&one_volume);
     let nodes = built.run.subdomains()[0].model().nodes();
     let ends = nodes
         .iter()
@@ -141,7 +147,7 @@ fn one_volume_of_a_file_is_a_body_and_files_have_units() {
         "{ends:?}"
     );
     assert!((masses(&built).iter().sum::<f64>() - 1e-9).abs() < 1e-20);
-    let spheres = one.replace(
+    let spheres = one_volume.replace(
         "kind = \"fem\"",
         "kind = \"dem\"\nspacing = 0.16e-3\ndem.protocol = \"quench\"",
     );
@@ -218,15 +224,15 @@ fn volumes_and_materials_that_are_not_there_are_refused() {
             );
             wanted = ("effect[0].fracture", "give the model one material");
         }
-        let found = scene(&text).and_then(|s| s.prepare());
-        let e = found.err().unwrap_or_else(|| panic!("taken: {text}"));
+        let prepared = scene(&text).and_then(|s| s.prepare());
+        let e = prepared.err().unwrap_or_else(|| panic!("taken: {text}"));
         assert_eq!(e.place().0, Some(wanted.0), "{e}");
         assert!(e.to_string().contains(wanted.1), "{e}");
     }
 }
 
-/// Two bricks alike but for what they are made of: `√(E ρ)` of each in the viscosity, `√(E/ρ)` of each in a
-/// wave.
+/// Two bricks that differ only in their materials: the viscosity uses `√(E ρ)` of each, and a wave has the
+/// speed `√(E/ρ)` of each.
 #[test]
 fn viscosity_and_waves_know_what_each_volume_is_made_of() {
     let stiff = "materials.stiff = { young = 4.0, density = 3.0 }\n";
@@ -256,7 +262,7 @@ fn viscosity_and_waves_know_what_each_volume_is_made_of() {
     }
 }
 
-/// Spheres in files in millimetres: the body is as small as `scale` makes it.
+/// Spheres fill a file in millimetres at the size that `scale` gives.
 #[test]
 fn spheres_fill_files_at_their_scale() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("volumes-scale");

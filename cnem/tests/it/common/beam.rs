@@ -19,10 +19,10 @@ pub(crate) struct Beam {
     pub(crate) deflections: [f64; 3],
 }
 
-/// Beam B: 100 mm by 20 mm.
+/// True values of beam B (100 mm by 20 mm): frequencies and deflections.
 pub(crate) const THICK: ([f64; 3], [f64; 3]) =
     ([14_372.0, 1_577.0, 9_381.8], [4.384e-6, 0.5950e-3, 2.055e-3]);
-/// Beam A, 20 mm by 2 mm: axial only.
+/// True values of beam A (20 mm by 2 mm): axial frequencies and elongation.
 pub(crate) const SLENDER: ([f64; 3], f64) = ([71_815.0, 215_369.0, 358_690.0], 0.08775e-3);
 
 pub(crate) fn cylinder(slender: bool, rings: usize, layers: usize, jitter: f64) -> Cylinder {
@@ -37,7 +37,7 @@ pub(crate) fn cylinder(slender: bool, rings: usize, layers: usize, jitter: f64) 
     }
 }
 
-/// Relative difference \[%\].
+/// Returns the relative difference \[%\].
 pub(crate) fn percent(value: f64, truth: f64) -> f64 {
     100.0 * (value / truth - 1.0)
 }
@@ -53,7 +53,7 @@ fn clamped(model: &CnemModel, length: f64) -> Vec<bool> {
     model.nodes().iter().flat_map(|p| [end(p.x); 3]).collect()
 }
 
-/// Displacements under a traction on the free end.
+/// Returns the displacements under a traction on the free end.
 fn statics(model: &CnemModel, length: f64, load: &dyn Fn(Vector3<f64>) -> Vector3<f64>) -> Vec<f64> {
     let n = model.layout().dofs();
     let mut f = vec![0.0; n];
@@ -68,7 +68,7 @@ fn statics(model: &CnemModel, length: f64, load: &dyn Fn(Vector3<f64>) -> Vector
     u
 }
 
-/// Area means over the end: displacement, and rotation about x.
+/// Returns area means over the end: displacement, and rotation about x.
 fn end_motion(model: &CnemModel, length: f64, u: &[f64]) -> (Vector3<f64>, f64) {
     let (mut mean, mut area, mut twist, mut polar) = (Vector3::zeros(), 0.0, 0.0, 0.0);
     for facet in end_facets(model, length) {
@@ -91,7 +91,7 @@ fn mass_of(model: &CnemModel) -> Vec<f64> {
     mass
 }
 
-/// Statics and first frequencies of a beam.
+/// Returns the static deflections and the first frequencies of a beam.
 pub(crate) fn study(options: Options, shape: &Cylinder) -> Beam {
     let length = shape.x[1];
     let mut model = CnemModel::new("beam", shape.domain().unwrap(), silica(), options).unwrap();
@@ -109,7 +109,7 @@ pub(crate) fn study(options: Options, shape: &Cylinder) -> Beam {
             (false, true) => 0,
             (false, false) => 1,
         };
-        // A second bending mode may come before the first axial one.
+        // A second bending mode may precede the first axial mode.
         if frequencies[slot].is_nan() {
             frequencies[slot] = value.sqrt() / (2.0 * PI);
         }
@@ -129,7 +129,8 @@ pub(crate) fn study(options: Options, shape: &Cylinder) -> Beam {
     }
 }
 
-/// Axial frequencies \[Hz\] by inverse iteration about a guess, from the axial mode of a bar.
+/// Returns axial frequencies \[Hz\] by inverse iteration about guesses, starting from the axial modes of a
+/// bar.
 pub(crate) fn axial_frequencies(options: Options, shape: &Cylinder, guesses: &[f64]) -> Vec<f64> {
     let length = shape.x[1];
     let model = CnemModel::new("beam", shape.domain().unwrap(), silica(), options).unwrap();
@@ -151,7 +152,8 @@ pub(crate) fn axial_frequencies(options: Options, shape: &Cylinder, guesses: &[f
                     }
                 })
                 .collect();
-            // The shifted matrix is indefinite: LU. One fixed shift, the start vector singles out the mode.
+            // The shifted matrix is indefinite, hence LU. One fixed shift is enough: the start vector selects
+            // the mode.
             let shifted = {
                 let mut t = arlequin_core::sprs::TriMat::new((free.len(), free.len()));
                 k.iter().for_each(|(v, (i, j))| t.add_triplet(i, j, *v));

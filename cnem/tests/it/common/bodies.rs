@@ -1,4 +1,4 @@
-//! Bodies with flat faces, and ways to turn them.
+//! Bodies with flat faces, and maps that rotate, shear and move them.
 #![allow(dead_code, reason = "every target uses its own part")]
 
 use cnem::constraint::Surface;
@@ -15,7 +15,7 @@ pub(crate) struct Body {
     pub(crate) volume: f64,
 }
 
-/// `x ↦ matrix x + shift`.
+/// Affine map `x ↦ matrix x + shift`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Map {
     pub(crate) matrix: Matrix3<f64>,
@@ -32,7 +32,7 @@ impl Map {
         }
     }
 
-    /// A turn, then a shear with coefficients up to `amount`.
+    /// Returns a rotation followed by a shear with coefficients up to `amount`.
     pub(crate) fn shear(seed: u64, amount: f64) -> Self {
         let mut next = super::noise(seed + 1000);
         let mut turned = Self::turn(seed);
@@ -66,7 +66,7 @@ impl Body {
         }
     }
 
-    /// The same nodes within their convex hull, which has the given volume.
+    /// Returns a body of given nodes within their convex hull, which has the given volume.
     pub(crate) fn hull(name: &str, points: Vec<Point3<f64>>, volume: f64) -> Self {
         Self {
             name: name.into(),
@@ -90,7 +90,7 @@ impl Body {
     }
 }
 
-/// The grid cells of size 1 that `keep` keeps; nodes inside are moved by up to `amount`.
+/// Returns the grid cells of size 1 that `keep` selects; inner nodes are moved by up to `amount`.
 pub(crate) fn voxels(
     name: &str,
     counts: [usize; 3],
@@ -114,15 +114,15 @@ pub(crate) fn voxels(
 }
 
 pub(crate) fn grid_hull(counts: [usize; 3]) -> Body {
-    let all = voxels("grid, hull", counts, 0.0, |_, _, _| true);
-    Body::hull("grid, hull", all.points, all.volume)
+    let full = voxels("grid, hull", counts, 0.0, |_, _, _| true);
+    Body::hull("grid, hull", full.points, full.volume)
 }
 
-/// A structured mesh of tetrahedra, six per cube, as transfinite volumes have them.
+/// Returns a structured mesh of tetrahedra, six per cube, like that of a transfinite volume.
 pub(crate) fn six_per_cube(counts: [usize; 3]) -> Body {
     let n = counts.map(|c| c + 1);
     let id = |i: usize, j: usize, k: usize| i + n[0] * (j + n[1] * k);
-    let at = |v: usize| {
+    let grid_point = |v: usize| {
         Point3::new(
             (v % n[0]) as f64,
             (v / n[0] % n[1]) as f64,
@@ -148,13 +148,14 @@ pub(crate) fn six_per_cube(counts: [usize; 3]) -> Body {
     }
     Body {
         name: "six tetrahedra per cube".into(),
-        points: (0..n.iter().product()).map(at).collect(),
+        points: (0..n.iter().product()).map(grid_point).collect(),
         surface: Surface::of_elements(&elements),
         volume: counts.iter().product::<usize>() as f64,
     }
 }
 
-/// A block with a structured border and scattered nodes inside, as the surface of a mesh of tetrahedra.
+/// Returns a block with a structured border and scattered inner nodes, as the surface of a mesh of
+/// tetrahedra.
 pub(crate) fn scattered_mesh(counts: [usize; 3]) -> Body {
     let (points, _) = super::block_mesh(counts, 1.0, 0.35, 3, |_, _, _| true);
     let mesh: Vec<_> = Delaunay::new(&points).unwrap().tetrahedra().collect();
@@ -166,7 +167,8 @@ pub(crate) fn scattered_mesh(counts: [usize; 3]) -> Body {
     }
 }
 
-/// Layers of rings of `6 k` nodes; the radius of the layer at height `z` is `radius(z)`. Convex bodies only.
+/// Returns layers of rings of `6 k` nodes; the layer at height `z` has the radius `radius(z)`. Convex bodies
+/// only.
 pub(crate) fn rings(name: &str, layers: usize, rings: usize, radius: impl Fn(f64) -> f64) -> Body {
     let (mut points, mut volume, mut last) = (Vec::new(), 0.0, 0.0);
     for layer in 0..layers {
@@ -176,8 +178,12 @@ pub(crate) fn rings(name: &str, layers: usize, rings: usize, radius: impl Fn(f64
             let count = (6 * ring).max(1);
             for k in 0..count {
                 let angle = 2.0 * PI * k as f64 / count as f64;
-                let at = r * ring as f64 / rings as f64;
-                points.push(Point3::new(at * angle.cos(), at * angle.sin(), z));
+                let ring_radius = r * ring as f64 / rings as f64;
+                points.push(Point3::new(
+                    ring_radius * angle.cos(),
+                    ring_radius * angle.sin(),
+                    z,
+                ));
             }
         }
         let corners = 6.0 * rings as f64;
@@ -190,18 +196,18 @@ pub(crate) fn rings(name: &str, layers: usize, rings: usize, radius: impl Fn(f64
     Body::hull(name, points, volume)
 }
 
-/// A ring of hexagonal sections around the z axis, flat faces between the sections.
+/// Returns a torus around the z axis with hexagonal sections and flat faces between them.
 pub(crate) fn torus(sections: usize, sides: usize) -> Body {
     let (big, small) = (2.2, 0.9);
     let ring = sides + 1;
     let mut points = Vec::new();
     for s in 0..sections {
         let (sin, cos) = (2.0 * PI * s as f64 / sections as f64).sin_cos();
-        let at = |r: f64, z: f64| Point3::new(r * cos, r * sin, z);
-        points.push(at(big, 0.0));
+        let place = |r: f64, z: f64| Point3::new(r * cos, r * sin, z);
+        points.push(place(big, 0.0));
         for k in 0..sides {
             let (v, u) = (2.0 * PI * k as f64 / sides as f64).sin_cos();
-            points.push(at(big + small * u, small * v));
+            points.push(place(big + small * u, small * v));
         }
     }
     let id = |s: usize, k: usize| (s % sections) * ring + 1 + k % sides;
@@ -215,7 +221,7 @@ pub(crate) fn torus(sections: usize, sides: usize) -> Body {
     Body::new("torus", points, faces)
 }
 
-/// A prism along z over the polygon fan around the axis, with its own surface: caps of wedges, sides of
+/// Returns a prism along z over a polygon around the axis, with its own surface: caps of wedges, sides of
 /// quadrilaterals.
 pub(crate) fn prism(sides: usize, layers: usize) -> Body {
     let ring = sides + 1;
@@ -240,26 +246,26 @@ pub(crate) fn prism(sides: usize, layers: usize) -> Body {
     Body::new("prism", points, faces)
 }
 
-/// Cells of a random walk through the grid.
+/// Returns the grid cells of a random walk.
 pub(crate) fn blocky(n: usize, cells: usize, seed: u64) -> Body {
     let mut next = super::noise(seed);
     let mut keep = vec![false; n * n * n];
-    let mut at = [n / 2; 3];
+    let mut cell = [n / 2; 3];
     while keep.iter().filter(|k| **k).count() < cells {
-        keep[at[0] + n * (at[1] + n * at[2])] = true;
+        keep[cell[0] + n * (cell[1] + n * cell[2])] = true;
         let axis = ((next() + 1.0) * 1.5) as usize % 3;
-        let up = next() > 0.0;
-        at[axis] = if up {
-            (at[axis] + 1).min(n - 1)
+        let forward = next() > 0.0;
+        cell[axis] = if forward {
+            (cell[axis] + 1).min(n - 1)
         } else {
-            at[axis].saturating_sub(1)
+            cell[axis].saturating_sub(1)
         };
     }
     voxels("blocky", [n; 3], 0.0, |i, j, k| keep[i + n * (j + n * k)])
 }
 
-/// Every body the tests of geometry turn.
-pub(crate) fn all() -> Vec<Body> {
+/// Returns every body that the tests of geometry rotate.
+pub(crate) fn all_bodies() -> Vec<Body> {
     let l = |i: usize, j: usize, _: usize| i < 1 || j < 1;
     let mut out = vec![
         grid_hull([2, 2, 2]),

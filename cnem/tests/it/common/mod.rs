@@ -12,7 +12,7 @@ use cnem::domain::Domain;
 use cnem::{CnemModel, Elastic, Options};
 use nalgebra::{Point3, Vector3};
 
-/// A repeatable sequence in (−1, 1).
+/// Returns a repeatable sequence in (−1, 1).
 pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     move || {
@@ -27,7 +27,7 @@ pub(crate) fn silica() -> Elastic<f64> {
     Elastic::new(72.5e9, 0.17, 2200.0).unwrap()
 }
 
-/// The domain of [`block_mesh`].
+/// Returns the domain of [`block_mesh`].
 pub(crate) fn block(
     counts: [usize; 3],
     h: f64,
@@ -39,8 +39,8 @@ pub(crate) fn block(
     Domain::new(&points, &Surface::boundary(faces)).unwrap()
 }
 
-/// Nodes of the grid cells that `keep` keeps, moved by up to `amount` spacings where they are not on the
-/// border, and the border itself. Cells have size `h`.
+/// Returns the nodes of the grid cells that `keep` selects, and the border. Cells have size `h`; nodes off
+/// the border are moved by up to `amount` spacings.
 pub(crate) fn block_mesh(
     counts: [usize; 3],
     h: f64,
@@ -52,7 +52,7 @@ pub(crate) fn block_mesh(
     let id = |i: usize, j: usize, k: usize| i + n[0] * (j + n[1] * k);
     let mut used = vec![0; n[0] * n[1] * n[2]];
     let mut quads = Vec::new();
-    let kept = |i: isize, j: isize, k: isize| {
+    let is_kept = |i: isize, j: isize, k: isize| {
         let inside = [i, j, k]
             .iter()
             .zip(counts)
@@ -72,7 +72,7 @@ pub(crate) fn block_mesh(
                     for side in 0..2 {
                         let mut o = [i as isize, j as isize, k as isize];
                         o[axis] += 2 * side as isize - 1;
-                        if kept(o[0], o[1], o[2]) {
+                        if is_kept(o[0], o[1], o[2]) {
                             continue;
                         }
                         let corner = |u: usize, v: usize| {
@@ -91,12 +91,12 @@ pub(crate) fn block_mesh(
     let mut new = vec![usize::MAX; used.len()];
     let mut next = noise(seed);
     let mut points = Vec::new();
-    for (at, &u) in used.iter().enumerate() {
+    for (old, &u) in used.iter().enumerate() {
         if u == 0 {
             continue;
         }
-        new[at] = points.len();
-        let p = Vector3::new(at % n[0], at / n[0] % n[1], at / (n[0] * n[1])).map(|c| c as f64);
+        new[old] = points.len();
+        let p = Vector3::new(old % n[0], old / n[0] % n[1], old / (n[0] * n[1])).map(|c| c as f64);
         let shift = Vector3::new(next(), next(), next()) * if u == 8 { amount } else { 0.0 };
         points.push(Point3::from((p + shift) * h));
     }
@@ -107,7 +107,7 @@ pub(crate) fn block_mesh(
     (points, faces.collect())
 }
 
-/// `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.
+/// Returns `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.
 pub(crate) fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usize>) {
     let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i]).collect();
     let mut place = vec![usize::MAX; fixed.len()];
@@ -121,7 +121,7 @@ pub(crate) fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usiz
     (t.to_csr(), free)
 }
 
-/// Solves `K u = f` for the free unknowns, the others keep the values they have in `u`.
+/// Solves `K u = f` for the free unknowns; the others keep their values in `u`.
 pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
     let (kff, free) = free_part(k, fixed);
     let mut b: Vec<f64> = free.iter().map(|&i| f[i]).collect();
@@ -137,7 +137,8 @@ pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
     free.iter().zip(b).for_each(|(&i, x)| u[i] = x);
 }
 
-/// Lowest `count` eigenvalues `ω²` of `K x = ω² M x` on the free unknowns, by inverse iteration on a block.
+/// Returns the lowest `count` eigenvalues `ω²` and vectors of `K x = ω² M x` on the free unknowns, by inverse
+/// iteration on a block.
 pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize) -> Vec<(f64, Vec<f64>)> {
     let (kff, free) = free_part(k, fixed);
     let m: Vec<f64> = free.iter().map(|&i| mass[i]).collect();
@@ -193,13 +194,13 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
         .collect()
 }
 
-/// `u_a(x) = sin(k_a·x + φ_a)`, and its gradient.
+/// Returns `u_a(x) = sin(k_a·x + φ_a)`, its gradient, and the sines.
 fn manufactured(x: &Point3<f64>) -> (Vector3<f64>, nalgebra::Matrix3<f64>, [f64; 3]) {
     let (k, phase) = waves();
-    let at = [0, 1, 2].map(|a: usize| (k[a].dot(&x.coords) + phase[a]).sin_cos());
-    let u = Vector3::new(at[0].0, at[1].0, at[2].0);
-    let g = nalgebra::Matrix3::from_fn(|a, b| at[a].1 * k[a][b]);
-    (u, g, at.map(|s| s.0))
+    let sines = [0, 1, 2].map(|a: usize| (k[a].dot(&x.coords) + phase[a]).sin_cos());
+    let u = Vector3::new(sines[0].0, sines[1].0, sines[2].0);
+    let g = nalgebra::Matrix3::from_fn(|a, b| sines[a].1 * k[a][b]);
+    (u, g, sines.map(|s| s.0))
 }
 
 fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
@@ -207,8 +208,8 @@ fn waves() -> ([Vector3<f64>; 3], [f64; 3]) {
     (k, [0.3, 1.1, 2.0])
 }
 
-/// Relative errors of a manufactured solution in `L2` and in the gradient, displacements given on the whole
-/// border.
+/// Returns the relative errors of a manufactured solution in `L2` and in the gradient, with displacements
+/// prescribed on the whole border.
 pub(crate) fn mms(domain: Domain, options: Options) -> [f64; 2] {
     use arlequin_core::{Interpolation, LinearModel, ShapeRow};
     let mut fixed = vec![false; 3 * domain.nodes().len()];
@@ -221,9 +222,9 @@ pub(crate) fn mms(domain: Domain, options: Options) -> [f64; 2] {
     let (k, _) = waves();
     let (mut u, mut f) = (Vec::new(), Vec::new());
     let mut mass = vec![0.0; model.layout().dofs()];
-    // The density is one: the loads go with the masses, as those of a body force do.
-    let one = Uniform(1.0);
-    model.lumped_inertia(&one, &mut mass).unwrap();
+    // The density is one, so that loads are distributed as the masses, like those of a body force.
+    let unit = Uniform(1.0);
+    model.lumped_inertia(&unit, &mut mass).unwrap();
     for (x, v) in model.nodes().iter().zip(mass.iter().step_by(3)) {
         let (exact, _, s) = manufactured(x);
         u.extend(exact.iter());
@@ -265,8 +266,8 @@ pub(crate) fn largest(v: &[f64]) -> f64 {
     v.iter().fold(0.0, |m, x| f64::max(m, x.abs()))
 }
 
-/// Critical steps of a block under weights that fall over four spacings from one to 0.05, 0.005 and 0.0005,
-/// in units of the step of the whole block.
+/// Returns the critical steps of a block whose weight falls over four spacings from one to 0.05, 0.005 and
+/// 0.0005, over the step of the unweighted block.
 pub(crate) fn steps_under_falling_weights(options: Options) -> [f64; 3] {
     struct Fall(f64);
     impl Weight<f64> for Fall {

@@ -6,7 +6,7 @@ use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::sprs::{CsMat, TriMat};
 use fem_ref::{Elastic, ElementKind, Mesh, generate};
 
-/// A repeatable sequence in (−1, 1).
+/// Returns a repeatable sequence in (−1, 1).
 pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     move || {
@@ -17,7 +17,7 @@ pub(crate) fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A box of 4 × 3 × 3 cells whose nodes, also those of the border, are moved by up to `amount` cells.
+/// Returns a box of 4 × 3 × 3 cells whose nodes, also those of the border, are moved by up to `amount` cells.
 pub(crate) fn jittered(kind: ElementKind, amount: f64, seed: u64) -> Mesh<f64> {
     let size = Point3::new(4.0, 3.0, 3.0);
     let mesh = generate::block(kind, Point3::origin(), size, [4, 3, 3]).unwrap();
@@ -27,15 +27,15 @@ pub(crate) fn jittered(kind: ElementKind, amount: f64, seed: u64) -> Mesh<f64> {
         .iter()
         .map(|_| Vector3::new(next(), next(), next()) * amount)
         .collect();
-    let at = |p: &Point3<f64>| mesh.nodes().iter().position(|q| q == p).unwrap();
-    mesh.clone().mapped(|p| p + moves[at(p)]).unwrap()
+    let index = |p: &Point3<f64>| mesh.nodes().iter().position(|q| q == p).unwrap();
+    mesh.clone().mapped(|p| p + moves[index(p)]).unwrap()
 }
 
 pub(crate) fn silica<T: Real>() -> Elastic<T> {
     Elastic::new(T::of(72.5e9), T::of(0.17), T::of(2200.0)).unwrap()
 }
 
-/// `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.
+/// Returns `K` without the rows and columns of prescribed unknowns, and the map from free to all unknowns.
 pub(crate) fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usize>) {
     let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i]).collect();
     let mut place = vec![usize::MAX; fixed.len()];
@@ -49,7 +49,7 @@ pub(crate) fn free_part(k: &CsMat<f64>, fixed: &[bool]) -> (CsMat<f64>, Vec<usiz
     (t.to_csr(), free)
 }
 
-/// Solves `K u = f` for the free unknowns, the others keep the values they have in `u`.
+/// Solves `K u = f` for the free unknowns; the others keep their values in `u`.
 pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
     let (kff, free) = free_part(k, fixed);
     let mut b: Vec<f64> = free.iter().map(|&i| f[i]).collect();

@@ -1,5 +1,5 @@
-//! A headless browser, driven over its debugging pipe (messages in JSON ended by a zero byte), which takes
-//! neither a port nor a library, and what it sees of a page.
+//! A headless browser, driven over its debugging pipe (JSON messages that end with a zero byte, so neither a
+//! port nor a library is needed), and measurements of a page.
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
@@ -8,12 +8,12 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// A browser that says nothing for so long is stuck.
+/// A browser that sends nothing for this long is stuck.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Time after loading in which late messages and requests still count.
 const LATE: Duration = Duration::from_millis(300);
 
-/// The browser: what `ARLEQUIN_BROWSER` names, else the first of the usual programs.
+/// Returns the browser that `ARLEQUIN_BROWSER` names, else the first of the usual programs that exists.
 fn program() -> PathBuf {
     if let Some(named) = std::env::var_os("ARLEQUIN_BROWSER") {
         return named.into();
@@ -26,8 +26,8 @@ fn program() -> PathBuf {
     ];
     let folders: Vec<PathBuf> =
         std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()).collect();
-    let found = names.iter().flat_map(|n| folders.iter().map(move |f| f.join(n)));
-    found.into_iter().find(|p| p.is_file()).unwrap_or_else(|| {
+    let candidates = names.iter().flat_map(|n| folders.iter().map(move |f| f.join(n)));
+    candidates.into_iter().find(|p| p.is_file()).unwrap_or_else(|| {
         panic!(
             "no browser: install chromium (Debian: apt-get install chromium) or name one in ARLEQUIN_BROWSER"
         )
@@ -41,7 +41,7 @@ pub(crate) struct Browser {
     messages: Receiver<Value>,
     session: Option<String>,
     sent: u64,
-    /// Events that came while an answer was awaited.
+    /// Events that arrived while an answer was awaited.
     events: Vec<Value>,
 }
 
@@ -53,7 +53,7 @@ impl Drop for Browser {
 }
 
 impl Browser {
-    /// Starts it with a profile of its own.
+    /// Starts the browser with its own profile folder.
     pub(crate) fn start(profile: &Path) -> Self {
         // The browser reads commands from descriptor 3 and answers on 4.
         let mut child = Command::new("sh")
@@ -133,7 +133,7 @@ impl Browser {
         }
     }
 
-    /// A fresh page of a size, its events listened to.
+    /// Opens a fresh page of the given width and enables its events.
     fn page(&mut self, width: u32, phone: bool) {
         self.session = None;
         let target = self.call("Target.createTarget", &json!({ "url": "about:blank" }));
@@ -148,7 +148,7 @@ impl Browser {
         self.events.clear();
     }
 
-    /// The value of an expression in the page.
+    /// Returns the value of an expression in the page.
     pub(crate) fn value(&mut self, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let answer = self.call("Runtime.evaluate", &asked);
@@ -156,7 +156,7 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until something holds in the page.
+    /// Waits until a condition holds in the page.
     pub(crate) fn wait(&mut self, condition: &str) {
         let start = Instant::now();
         while self.value(condition) != true {
@@ -165,7 +165,7 @@ impl Browser {
         }
     }
 
-    /// Keeps a picture of the page, for people.
+    /// Writes a picture of the page, for people to look at.
     pub(crate) fn keep(&mut self, path: &Path) {
         let shot = self.call("Page.captureScreenshot", &json!({ "format": "png" }));
         let shot = shot["data"].as_str().expect("a picture");
@@ -173,7 +173,7 @@ impl Browser {
         std::fs::write(path, bytes.expect("base64")).expect("writes");
     }
 
-    /// Opens a file, waits for it, and says what was seen of it.
+    /// Opens a file, waits until it has loaded, and returns what was observed.
     pub(crate) fn visit(&mut self, path: &Path, width: u32, phone: bool) -> Seen {
         self.page(width, phone);
         let address = format!("file://{}", path.display());
@@ -189,7 +189,7 @@ impl Browser {
         let page = self.value(MEASURE);
         assert!(page.is_object(), "the page could not be measured");
         let events = std::mem::take(&mut self.events);
-        let own = events
+        let page_events = events
             .iter()
             .filter(|e| e["sessionId"].as_str() == self.session.as_deref());
         let mut seen = Seen {
@@ -198,7 +198,7 @@ impl Browser {
             complaints: Vec::new(),
             requests: Vec::new(),
         };
-        for e in own {
+        for e in page_events {
             let p = &e["params"];
             match e["method"].as_str().unwrap_or_default() {
                 "Runtime.exceptionThrown" => seen.complaints.push(p["exceptionDetails"].to_string()),
@@ -207,7 +207,7 @@ impl Browser {
                 {
                     seen.complaints.push(p["args"].to_string());
                 }
-                // A browser without a graphics card reads pictures back to show them, and says so.
+                // A browser without a graphics card reads pictures back to show them, and logs this.
                 "Log.entryAdded"
                     if p["entry"]["text"]
                         .as_str()
@@ -217,7 +217,7 @@ impl Browser {
                 }
                 "Network.requestWillBeSent" => {
                     let url = p["request"]["url"].as_str().unwrap_or_default();
-                    // What lies in the page itself is no request.
+                    // Data within the page itself is no request.
                     if url != address && !url.starts_with("data:") {
                         seen.requests.push(url.to_owned());
                     }
@@ -229,8 +229,8 @@ impl Browser {
     }
 }
 
-/// What a page looks like once it is laid out. A picture must have an area, and what is drawn in it most of
-/// that.
+/// Script that measures a page once it is laid out. A picture must have an area, and its drawing must fill
+/// most of the picture.
 const MEASURE: &str = "(() => {
     const seen = q => [...document.querySelectorAll(q)].filter(e => e.getClientRects().length);
     const pictures = seen('svg, img, canvas').map(p => {
@@ -260,7 +260,7 @@ const MEASURE: &str = "(() => {
     };
 })()";
 
-/// What was seen of a page.
+/// Observations of a page: measurements, console messages and requests.
 pub(crate) struct Seen {
     width: u32,
     pub(crate) page: Value,
@@ -269,7 +269,7 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    /// Everything that is wrong with a page, whatever it shows.
+    /// Returns all defects of a page that do not depend on its content.
     pub(crate) fn faults(&self) -> Vec<String> {
         let mut out: Vec<String> = self.complaints.iter().map(|c| format!("console: {c}")).collect();
         out.extend(self.requests.iter().map(|r| format!("request: {r}")));
@@ -290,12 +290,12 @@ impl Seen {
         out
     }
 
-    /// A text that was measured.
+    /// Returns a measured text.
     pub(crate) fn words(&self, key: &str) -> &str {
         self.page[key].as_str().unwrap_or_default()
     }
 
-    /// A list of texts that was measured.
+    /// Returns a measured list of texts.
     pub(crate) fn list(&self, key: &str) -> Vec<&str> {
         self.page[key]
             .as_array()
@@ -306,5 +306,5 @@ impl Seen {
     }
 }
 
-/// A phone and a desktop.
+/// Widths \[px\] of a phone and of a desktop, each with its `phone` flag.
 pub(crate) const SIZES: [(u32, bool); 2] = [(360, true), (1280, false)];

@@ -1,4 +1,4 @@
-//! Running the binary and reading what it wrote.
+//! Runs the binary and reads its output.
 #![allow(dead_code, reason = "each test file uses a part of these")]
 
 pub(crate) mod browsers;
@@ -8,14 +8,14 @@ pub(crate) mod sweeps;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The shipped scene of the given name.
+/// Returns the path of the shipped scene of the given name.
 pub(crate) fn scene(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../examples/scenes")
         .join(name)
 }
 
-/// A fresh folder for one test.
+/// Creates an empty folder for one test.
 pub(crate) fn scratch(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&path);
@@ -23,11 +23,11 @@ pub(crate) fn scratch(name: &str) -> PathBuf {
     path
 }
 
-/// The binary with arguments.
+/// Returns the command of the binary with arguments.
 pub(crate) fn command(arguments: &[&str]) -> Command {
     let mut c = Command::new(env!("CARGO_BIN_EXE_arlequin"));
     c.args(arguments);
-    // Packings are kept with the build, not in the home of whoever runs the tests.
+    // Packings are cached with the build, not in the home folder of the person who runs the tests.
     c.env(
         "ARLEQUIN_CACHE",
         Path::new(env!("CARGO_TARGET_TMPDIR")).join("packings"),
@@ -35,7 +35,7 @@ pub(crate) fn command(arguments: &[&str]) -> Command {
     c
 }
 
-/// Waits for a file that a started program writes; after a minute the test fails.
+/// Waits for a file that a started program writes; fails after a minute.
 pub(crate) fn wait_for(path: &Path) {
     let start = std::time::Instant::now();
     while !path.exists() {
@@ -48,12 +48,12 @@ pub(crate) fn wait_for(path: &Path) {
     }
 }
 
-/// Runs the binary.
+/// Runs the binary and returns its output.
 pub(crate) fn arlequin(arguments: &[&str]) -> Output {
     command(arguments).output().expect("the binary runs")
 }
 
-/// Runs the binary and asserts success.
+/// Runs the binary, asserts success and returns its standard output.
 pub(crate) fn succeed(arguments: &[&str]) -> String {
     let out = arlequin(arguments);
     let error = String::from_utf8_lossy(&out.stderr);
@@ -61,19 +61,19 @@ pub(crate) fn succeed(arguments: &[&str]) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned()
 }
 
-/// The summary in an output folder.
+/// Reads the summary in an output folder.
 pub(crate) fn summary(folder: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(folder.join("summary.json")).expect("summary.json");
     serde_json::from_str(&text).expect("valid JSON")
 }
 
-/// A number in a JSON value by pointer.
+/// Returns the number at a pointer in a JSON value.
 pub(crate) fn number(value: &serde_json::Value, pointer: &str) -> f64 {
-    let found = value.pointer(pointer).and_then(serde_json::Value::as_f64);
-    found.unwrap_or_else(|| panic!("no number at {pointer}"))
+    let entry = value.pointer(pointer).and_then(serde_json::Value::as_f64);
+    entry.unwrap_or_else(|| panic!("no number at {pointer}"))
 }
 
-/// Path as text.
+/// Returns a path as text.
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8 path")
 }
@@ -120,8 +120,7 @@ where = "x-max"
 component = "x"
 "#;
 
-/// A long pulse runs along a bar of elements into a zone that wakes as coarse elements in place of finer
-/// ones.
+/// A long pulse runs along a bar of elements into a sleeping zone, which wakes as coarser elements.
 pub(crate) const WAKING: &str = r#"
 [model.left]
 kind = "fem"
@@ -169,7 +168,7 @@ quantity = "velocity"
 component = "x"
 "#;
 
-/// A scene with some of its words exchanged; each must be there once.
+/// Returns a scene with some of its words replaced; each must occur exactly once.
 pub(crate) fn changed(scene: &str, changes: &[(&str, &str)]) -> String {
     changes.iter().fold(scene.to_owned(), |text, (from, to)| {
         assert_eq!(text.matches(from).count(), 1, "'{from}' in the scene");
@@ -177,7 +176,7 @@ pub(crate) fn changed(scene: &str, changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// Writes a scene into a fresh folder of that name.
+/// Writes a scene into a fresh folder of the given name and returns its path.
 pub(crate) fn written(name: &str, scene: &str) -> PathBuf {
     let path = scratch(name).join("scene.toml");
     std::fs::write(&path, scene).expect("scene");

@@ -2,7 +2,8 @@
 
 use arlequin_scene::spec::schema;
 
-/// Whether the schema of scenes, or else of sweeps, accepts a text; none if it is not TOML.
+/// Returns whether the schema (`scene`, or else that of sweeps) accepts a text, or `None` if the text is not
+/// TOML.
 pub(crate) fn verdict(what: &str, text: &str) -> Option<bool> {
     let read: serde_json::Value = toml::from_str(text).ok()?;
     let schema = if what == "scene" {

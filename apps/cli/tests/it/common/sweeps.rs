@@ -1,4 +1,4 @@
-//! A sweep of milliseconds: a chain and a bar.
+//! A sweep over a chain and a bar whose runs take milliseconds.
 
 use super::scratch;
 use std::path::PathBuf;
@@ -53,7 +53,7 @@ spacing = 0.02
 material = { young = 1.0, density = 1.0 }
 "#;
 
-/// Six runs: the fine model, two coarse ones, three couplings.
+/// Six runs: the fine model alone, two coarse models alone, three couplings.
 pub(crate) const SWEEP: &str = r#"
 title = "Chain <and> bar"
 scene = "coupled.toml"
@@ -85,7 +85,7 @@ probe = "far"
 after = 4.9
 "#;
 
-/// A folder with the scenes and a sweep file.
+/// Creates a folder with the scenes and a sweep file.
 pub(crate) fn folder(name: &str, sweep: &str) -> PathBuf {
     let path = scratch(name);
     let coupled = COUPLED.to_owned() + &REST.replace("MODEL", "bar");

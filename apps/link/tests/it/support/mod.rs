@@ -1,4 +1,4 @@
-//! What tests of the link share: this test program as the other side, and a bar tied to a chain.
+//! Helpers for tests of the link: this test program as the external solver, and a bar tied to a chain.
 
 #![allow(
     dead_code,
@@ -18,7 +18,7 @@ use std::time::Duration;
 
 pub(crate) const BONDS: usize = 60;
 
-/// More than a busy machine needs to start a program.
+/// Options with more patience than a busy machine needs to start a program.
 pub(crate) fn patient() -> Options {
     Options {
         start: Duration::from_secs(120),
@@ -27,7 +27,7 @@ pub(crate) fn patient() -> Options {
     }
 }
 
-/// The command that runs one test of this program, which serves something.
+/// Returns the command that runs one test of this program, which serves a model.
 pub(crate) fn other_side(test: &str) -> Vec<String> {
     let program = std::env::current_exe().unwrap().display().to_string();
     [&program, test, "--exact", "--ignored", "--nocapture"]
@@ -58,20 +58,24 @@ pub(crate) fn chain_shape() -> Shape {
     }
 }
 
-/// A bar from −100 to 0 and a chain from −20 on in motion: as a model here, or whatever solver is given.
-pub(crate) fn coupled(solver: Option<Box<dyn Participant<f64>>>, own: OwnStep<f64>) -> Result<Coupled<f64>> {
-    coupled_in(solver, own, chain().fine_field(), moving())
+/// Couples a bar from −100 to 0 with a chain in motion from −20 on: a model in this process, or the given
+/// solver.
+pub(crate) fn coupled(
+    solver: Option<Box<dyn Participant<f64>>>,
+    own_step: OwnStep<f64>,
+) -> Result<Coupled<f64>> {
+    coupled_in(solver, own_step, chain().fine_field(), moving())
 }
 
-/// The same with a field of the solver's, or with velocities of the chain in this process.
+/// Like [`coupled`], with a given field, and with given velocities of the chain in this process.
 pub(crate) fn coupled_in(
     solver: Option<Box<dyn Participant<f64>>>,
-    own: OwnStep<f64>,
+    own_step: OwnStep<f64>,
     field: Arc<dyn Interpolation<f64>>,
     v: Vec<f64>,
 ) -> Result<Coupled<f64>> {
-    let at = |x: f64| Point3::new(x, 0.0, 0.0);
-    let slab = Arc::new(Slab::between(at(0.0), at(-20.0))?);
+    let place = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Arc::new(Slab::between(place(0.0), place(-20.0))?);
     let left: Weights<f64> = Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 1e-6)?));
     let right = Weights::complement_of(std::slice::from_ref(&left));
     let mesh = generate::bar(-100.0, 0.0, 10, 1.0)?;
@@ -85,23 +89,31 @@ pub(crate) fn coupled_in(
     let n = bar.layout().dofs();
     let running = (0..n).map(|k| 1e-2 * (0.4 * k as f64).cos()).collect();
     let bar = Subdomain::coarse(bar, left).with_initial(vec![0.0; n], running)?;
-    let bodies = vec![bar, fine.with_step(own)];
-    Coupled::new(bodies, vec![tie], TimeStep::Seconds(0.8 * own_steps(own)), None)
+    let bodies = vec![bar, fine.with_step(own_step)];
+    Coupled::new(
+        bodies,
+        vec![tie],
+        TimeStep::Seconds(0.8 * own_steps(own_step)),
+        None,
+    )
 }
 
-fn own_steps(own: OwnStep<f64>) -> f64 {
-    match own {
+fn own_steps(own_step: OwnStep<f64>) -> f64 {
+    match own_step {
         OwnStep::Ratio(m) => m as f64,
         _ => 1.0,
     }
 }
 
 pub(crate) fn states(c: &Coupled<f64>) -> Vec<f64> {
-    let all = c.subdomains().iter().map(|s| s.state());
-    all.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+    let subdomain_states = c.subdomains().iter().map(|s| s.state());
+    subdomain_states
+        .flat_map(|s| s.q.iter().chain(&s.v))
+        .copied()
+        .collect()
 }
 
-/// Largest difference of two states, relative to the largest entry.
+/// Returns the largest difference of two states, relative to the largest entry.
 pub(crate) fn gap(a: &Coupled<f64>, b: &Coupled<f64>) -> f64 {
     let (a, b) = (states(a), states(b));
     let top = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
@@ -109,7 +121,7 @@ pub(crate) fn gap(a: &Coupled<f64>, b: &Coupled<f64>) -> f64 {
     a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs())) / top
 }
 
-/// Waits briefly, for those that do not answer.
+/// Options with little patience, for solvers that do not answer.
 pub(crate) fn hasty() -> Options {
     Options {
         start: Duration::from_millis(700),
@@ -118,7 +130,7 @@ pub(crate) fn hasty() -> Options {
     }
 }
 
-/// What a chain says of itself that is a stranger's.
+/// Description that a solver with a chain sends.
 pub(crate) fn description() -> Description {
     let (mut inertia, nodes) = (vec![0.0; BONDS + 1], chain().nodes().to_vec());
     chain().lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
@@ -142,8 +154,8 @@ pub(crate) fn bytes_of(d: &Description) -> Vec<u8> {
 }
 
 #[cfg(unix)]
-pub(crate) fn connect(to: &Address) -> UnixStream {
-    match to {
+pub(crate) fn connect(address: &Address) -> UnixStream {
+    match address {
         Address::Unix(path) => UnixStream::connect(path).unwrap(),
         Address::Tcp(_) => unreachable!("private listeners are files here"),
     }

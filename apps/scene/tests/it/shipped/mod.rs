@@ -1,6 +1,6 @@
-//! Shipped scenes that go in parts, for ranks as threads and as processes.
+//! Shipped scenes with partitioned models, for ranks as threads and as processes.
 
-/// Shipped scenes with bodies in parts, coarser and shorter.
+/// Names of the shipped scenes, and changes that make them coarser and shorter.
 pub(crate) const SHIPPED: [(&str, &[&str]); 16] = [
     ("beam-fem", &["time.end=1e-6", "output.probe_every=1"]),
     (
