@@ -107,43 +107,17 @@ impl<T: Real> BlockMatrix<T> {
 
     /// Subtracts `K q` from `f` \[N\]. Allocates nothing.
     pub fn subtract_product(&self, q: &[T], f: &mut [T]) {
-        self.subtract_some(0..self.starts.len() - 1, &|_| true, q, f);
-    }
-
-    /// Subtracts `K q` from `f` in the `wanted` ones of a range of block rows, with the same bits as
-    /// [`Self::subtract_product`]. `f` holds the forces of all rows; `q` is read only where these rows have
-    /// columns.
-    ///
-    /// # Panics
-    /// For a row that does not exist.
-    pub fn subtract_some(
-        &self,
-        rows: Range<usize>,
-        wanted: &(impl Fn(usize) -> bool + Sync),
-        q: &[T],
-        f: &mut [T],
-    ) {
         match self.size {
-            1 => self.subtract_rows::<1>(rows, wanted, q, f),
-            _ => self.subtract_rows::<3>(rows, wanted, q, f),
+            1 => self.subtract_rows::<1>(q, f),
+            _ => self.subtract_rows::<3>(q, f),
         }
     }
 
-    fn subtract_rows<const C: usize>(
-        &self,
-        rows: Range<usize>,
-        wanted: &(impl Fn(usize) -> bool + Sync),
-        q: &[T],
-        f: &mut [T],
-    ) {
+    fn subtract_rows<const C: usize>(&self, q: &[T], f: &mut [T]) {
         let q = q.as_chunks::<C>().0;
-        let (first, f) = (rows.start, &mut f[C * rows.start..C * rows.end]);
+        let f = &mut f[..C * (self.starts.len() - 1)];
         let work = |chunk: usize, f: &mut [T]| {
-            for (k, out) in f.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-                let i = first + chunk * CHUNK + k;
-                if !wanted(i) {
-                    continue;
-                }
+            for (i, out) in (chunk * CHUNK..).zip(f.as_chunks_mut::<C>().0) {
                 let y = self.row_product::<C>(i, q);
                 for (o, y) in out.iter_mut().zip(y) {
                     *o -= y;

@@ -18,9 +18,6 @@ use std::sync::{Arc, OnceLock};
 /// Cost of moving one node, as a number of row entries that take the same time.
 const MOVING: usize = 10;
 
-/// Cells per thread between two checks for arrived messages: fractions of a millisecond of work.
-const PIECE: usize = 1_024;
-
 /// This rank's part of a partitioned body.
 #[derive(Debug, Clone)]
 pub(crate) struct Part {
@@ -80,22 +77,16 @@ impl Part {
         self.reach.halo().portion()
     }
 
-    /// Subtracts the internal forces at displacements `q` of the owned nodes from `f`. While ghost
-    /// displacements are on their way, the stresses of cells that name owned nodes only are computed.
+    /// Receives the displacements of ghosts and subtracts the internal forces at displacements `q` of the
+    /// owned nodes from `f`. Collective.
     pub(crate) fn subtract_product(
         &mut self,
         forces: &mut MatrixFree,
         q: &[f64],
         f: &mut [f64],
     ) -> Result<()> {
-        let (mut computed, size) = (0, PIECE * rayon::current_num_threads());
-        let meanwhile = &mut |x: &[f64]| {
-            computed += size;
-            forces.stress_inner(computed - size..computed, x)
-        };
-        self.reach
-            .spread_meanwhile::<f64, 3>(&mut self.messages, q, &mut self.x, meanwhile)?;
-        forces.subtract_outer(&self.x, f);
+        self.reach.spread::<f64, 3>(&mut self.messages, q, &mut self.x)?;
+        forces.subtract_product(&self.x, f);
         Ok(())
     }
 

@@ -11,7 +11,7 @@ use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, UNIT, Unit};
+use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, Unit};
 use arlequin_core::{Error, Model, Real, Result, Shared};
 use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
@@ -19,9 +19,6 @@ use std::sync::{Arc, OnceLock};
 
 /// Stiffness blocks that take as long as moving one node.
 const MOVING: usize = 3;
-
-/// Stiffness rows per thread between two checks of messages in transit: fractions of a millisecond.
-const PIECE: usize = 1_024;
 
 /// Row of a mesh node that this rank does not own.
 const NONE: u32 = u32::MAX;
@@ -38,9 +35,8 @@ pub(crate) struct Part<T: Real> {
     /// For each mesh node its number among the owned nodes, or [`NONE`].
     rows: Vec<u32>,
     components: usize,
-    /// Owned nodes and ghosts of the stiffness, and the units whose rows contain ghosts.
+    /// Owned nodes and ghosts of the stiffness.
     reach: Reach,
-    borders: Vec<bool>,
     /// Owned nodes and ghosts of stress recovery, built at the first request.
     around: OnceLock<Reach>,
     messages: Vec<Message>,
@@ -68,34 +64,16 @@ impl<T: Real> Part<T> {
         self.reach.places(model, nodes)
     }
 
-    /// Subtracts the product of the stiffness with displacements `q` of owned nodes from the forces `f`.
-    ///
-    /// Rows without ghosts are computed while the ghosts' displacements are in transit, all other rows
-    /// afterwards. Collective.
+    /// Receives the displacements of ghosts and subtracts the product of the stiffness with displacements `q`
+    /// of owned nodes from the forces `f`. Collective.
     pub(crate) fn subtract_product(
         &mut self,
         stiffness: &BlockMatrix<T>,
         q: &[T],
         f: &mut [T],
     ) -> Result<()> {
-        let (rows, borders, messages) = (self.nodes.len(), &self.borders, &mut self.messages);
-        let (mut done, size) = (0, PIECE * rayon::current_num_threads());
-        let meanwhile = &mut |x: &[T]| {
-            let piece = done..rows.min(done + size);
-            done = piece.end;
-            stiffness.subtract_some(piece, &|i| !borders[i / UNIT], x, f);
-            done < rows
-        };
-        match self.components {
-            1 => self
-                .reach
-                .spread_meanwhile::<T, 1>(messages, q, &mut self.x, meanwhile)?,
-            _ => self
-                .reach
-                .spread_meanwhile::<T, 3>(messages, q, &mut self.x, meanwhile)?,
-        }
-        // Each row is summed in one go, in one of the two passes: it has the same bits as in the whole body.
-        stiffness.subtract_some(0..rows, &|i| borders[i / UNIT], &self.x, f);
+        spread(self.components, &self.reach, &mut self.messages, q, &mut self.x)?;
+        stiffness.subtract_product(&self.x, f);
         Ok(())
     }
 
@@ -297,7 +275,6 @@ impl<T: Real> FemModel<T> {
             rows,
             components: kind.components(),
             messages: reach.halo().messages(kind.components()),
-            borders: reach.halo().borders(),
             reach,
             around: OnceLock::new(),
         }

@@ -1,4 +1,4 @@
-//! Prints what ranks hold, send and wait for: `cargo run --release -p arlequin-mpi --example division -- 47`.
+//! Prints what ranks hold and send: `cargo run --release -p arlequin-mpi --example division -- 47`.
 //!
 //! The argument is the number of cells along each edge, of a lattice of particles and of blocks of finite
 //! elements, or the name of a Gmsh mesh.
@@ -16,14 +16,11 @@ use std::time::Duration;
 
 type Done<R> = Result<R, Box<dyn Error>>;
 
-/// Numbers of nodes, ghosts, sent nodes and peers, and units in a thousand that are linked with ghosts.
-fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 5] {
-    let counts_of_halo = |h: &Halo| {
-        let borders = h.borders();
-        let waiting = 1000 * borders.iter().filter(|b| **b).count() / borders.len().max(1);
-        [nodes, h.ghosts().len(), h.sent(), h.peers(), waiting]
-    };
-    halo.map_or([nodes, 0, 0, 0, 0], counts_of_halo)
+/// Numbers of nodes, ghosts, sent nodes and peers.
+fn counts(nodes: usize, halo: Option<&Halo>) -> [usize; 4] {
+    halo.map_or([nodes, 0, 0, 0], |h| {
+        [nodes, h.ghosts().len(), h.sent(), h.peers()]
+    })
 }
 
 fn table(
@@ -31,25 +28,22 @@ fn table(
     units: &[Unit],
     nodes: usize,
     bytes: usize,
-    of_rank: impl Fn(usize) -> Done<Vec<[usize; 5]>>,
+    of_rank: impl Fn(usize) -> Done<Vec<[usize; 4]>>,
 ) -> Done<()> {
     println!("{what}: {nodes} nodes, {} units of {UNIT}", units.len());
-    println!(
-        "ranks | nodes | ghosts | messages | kB sent per step | held over N/P | imbalance % | units that wait for ghosts %"
-    );
+    println!("ranks | nodes | ghosts | messages | kB sent per step | held over N/P | imbalance %");
     for ranks in [2, 4, 8] {
         let counts = of_rank(ranks)?;
         let most = |k: usize| counts.iter().map(|c| c[k]).max().unwrap_or(0);
         let held = counts.iter().map(|c| c[0] + c[1]).max().unwrap_or(0);
         println!(
-            "{ranks} | {} | {} | {} | {:.0} | {:.2} | {:.1} | {:.0}",
+            "{ranks} | {} | {} | {} | {:.0} | {:.2} | {:.1}",
             most(0),
             most(1),
             most(3),
             (bytes * most(2)) as f64 / 1e3,
             (held * ranks) as f64 / nodes as f64,
-            100.0 * Division::bisect(nodes, units, ranks)?.imbalance(),
-            most(4) as f64 / 10.0
+            100.0 * Division::bisect(nodes, units, ranks)?.imbalance()
         );
     }
     Ok(())

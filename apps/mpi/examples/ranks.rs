@@ -9,8 +9,7 @@
 //! their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
 //! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by the
 //! core (0) or conjugate gradients (1). Without elements each rank makes only its own part of the body; a last
-//! number of 1 makes every rank build the whole body first (0, 0, 1). Ranks marked "waiting" compute no forces
-//! while messages are on their way.
+//! number of 1 makes every rank build the whole body first (0, 0, 1).
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -47,8 +46,6 @@ struct Deck {
     solver: usize,
     /// True if every rank builds the whole cube and keeps its part.
     whole: bool,
-    /// True if forces within a rank are computed after messages have arrived, not meanwhile.
-    waits: bool,
 }
 
 impl Deck {
@@ -60,7 +57,6 @@ impl Deck {
             element: number(1)?,
             solver: number(2)?,
             whole: number(3)? > 0,
-            waits: number(4)? > 0,
         })
     }
 }
@@ -91,17 +87,13 @@ fn main() -> Result<(), Failure> {
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::from_numbers(|k| match k {
-        4 => Ok(0),
-        _ => argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]),
-    })?;
-    let waiting = Deck { waits: true, ..deck };
+    let deck = Deck::from_numbers(|k| argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]))?;
     sums(deck.cells)?;
     println!(
         "ranks x threads | ms per step | particles | with ghosts | kB before | kB in use | kB at most | messages per step | kB per step | reductions per step | \
          words each | imbalance %"
     );
-    let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck), (2, 1, waiting)];
+    let mut timed = vec![(1, 1, deck), (1, 2, deck), (2, 1, deck)];
     let mut best: Vec<Option<Results>> = vec![None; timed.len()];
     for _ in 0..rounds {
         for (setting, best) in timed.iter().zip(&mut best) {
@@ -114,7 +106,7 @@ fn main() -> Result<(), Failure> {
         best.push(Some(started(setting)?));
     }
     let steps = BATCHES * STEPS + STEPS;
-    for ((ranks, threads, deck), results) in timed.iter().zip(best.iter().flatten()) {
+    for ((ranks, threads, _), results) in timed.iter().zip(best.iter().flatten()) {
         let [
             ns,
             before,
@@ -130,8 +122,7 @@ fn main() -> Result<(), Failure> {
         ] = results.map(|x| x as f64);
         let per = |x: f64| x / steps as f64;
         println!(
-            "{ranks} x {threads}{} | {:.3} | {particles} | {held} | {before} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
-            if deck.waits { ", waiting" } else { "" },
+            "{ranks} x {threads} | {:.3} | {particles} | {held} | {before} | {now} | {most} | {:.2} | {:.1} | {:.2} | {:.0} | {:.2}",
             1e-6 * ns,
             per(messages),
             1e-3 * per(bytes),
@@ -141,10 +132,6 @@ fn main() -> Result<(), Failure> {
         );
     }
     let ms = |k: usize| best[k].map_or(f64::NAN, |t| t[0] as f64);
-    println!(
-        "2 ranks that wait for messages before they go on take {:.3} times as long",
-        ms(3) / ms(2)
-    );
     println!(
         "2 ranks are {:.2} times as fast as 1 rank with 1 thread, {:.2} times as 1 rank with 2 threads",
         ms(0) / ms(2),
@@ -170,13 +157,8 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Results, Fail
         element,
         solver,
         whole,
-        waits,
     } = deck;
-    let flags = [whole, waits].map(u8::from);
-    run.env(
-        DECK,
-        format!("{cells} {element} {solver} {} {}", flags[0], flags[1]),
-    );
+    run.env(DECK, format!("{cells} {element} {solver} {}", u8::from(whole)));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -197,7 +179,6 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Results, Fail
 #[derive(Debug)]
 struct Counted {
     inner: Arc<dyn Communicator>,
-    waits: bool,
     /// Numbers of messages, bytes, reductions, and words in reductions.
     counts: [AtomicU64; 4],
 }
@@ -209,20 +190,11 @@ impl Communicator for Counted {
     fn ranks(&self) -> usize {
         self.inner.ranks()
     }
-    fn exchange(
-        &self,
-        messages: &mut [Message],
-        meanwhile: &mut dyn FnMut() -> bool,
-    ) -> Result<(), RankError> {
+    fn exchange(&self, messages: &mut [Message]) -> Result<(), RankError> {
         let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
         self.counts[0].fetch_add(messages.len() as u64, Relaxed);
         self.counts[1].fetch_add(8 * numbers as u64, Relaxed);
-        if self.waits {
-            self.inner.exchange(messages, &mut || false)?;
-            while meanwhile() {}
-            return Ok(());
-        }
-        self.inner.exchange(messages, meanwhile)
+        self.inner.exchange(messages)
     }
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         self.counts[2].fetch_add(1, Relaxed);
@@ -238,7 +210,6 @@ impl Communicator for Counted {
 fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     let counted = Arc::new(Counted {
         inner: inner.clone(),
-        waits: deck.waits,
         counts: Default::default(),
     });
     let before = memory("VmRSS");

@@ -201,11 +201,7 @@ impl Communicator for Process {
         self.ranks
     }
 
-    fn exchange(
-        &self,
-        messages: &mut [Message],
-        meanwhile: &mut dyn FnMut() -> bool,
-    ) -> Result<(), RankError> {
+    fn exchange(&self, messages: &mut [Message]) -> Result<(), RankError> {
         let world = SimpleCommunicator::world();
         let mut odd = None;
         scope(|scope| {
@@ -232,15 +228,6 @@ impl Communicator for Process {
                     });
                 }
             };
-            while meanwhile() {
-                // Long messages only move while MPI is called.
-                for (peer, expected, request) in &mut receives {
-                    is_done(request, &mut |status| check(*peer, *expected, status));
-                }
-                for (_, request) in &mut sends {
-                    is_done(request, &mut |_| ());
-                }
-            }
             for (peer, expected, request) in &mut receives {
                 let (peer, expected) = (*peer, *expected);
                 self.look_after(

@@ -27,7 +27,7 @@ impl Portion {
             _ => vec![message(0, list.to_vec(), 0)],
         };
         messages.retain(|m| !(m.out.is_empty() && m.into.is_empty()));
-        self.keep(self.communicator().exchange(&mut messages, &mut || false))?;
+        self.keep(self.communicator().exchange(&mut messages))?;
         let received = messages.iter().flat_map(|m| &m.into);
         Ok((rank == 0).then(|| list.iter().chain(received).copied().collect()))
     }
@@ -49,7 +49,7 @@ impl Portion {
                     out,
                     into: Vec::new(),
                 };
-                self.keep(self.communicator().exchange(&mut [message], &mut || false))?;
+                self.keep(self.communicator().exchange(&mut [message]))?;
             }
             return Ok(None);
         }
@@ -62,7 +62,7 @@ impl Portion {
             into: vec![0.0; *n],
         };
         let mut messages: Vec<Message> = senders.map(message).collect();
-        self.keep(self.communicator().exchange(&mut messages, &mut || false))?;
+        self.keep(self.communicator().exchange(&mut messages))?;
         let mut parts: Vec<&[f64]> = vec![&[]; division.ranks()];
         messages.iter().for_each(|m| parts[m.peer] = &m.into);
         let mut local = x;

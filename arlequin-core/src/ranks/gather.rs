@@ -77,7 +77,7 @@ impl Gather {
         if messages.is_empty() {
             return;
         }
-        let outcome: Result<(), RankError> = self.portion.communicator().exchange(messages, &mut || false);
+        let outcome: Result<(), RankError> = self.portion.communicator().exchange(messages);
         if self.portion.keep(outcome).is_err() {
             out.fill(T::of(f64::NAN));
             return;

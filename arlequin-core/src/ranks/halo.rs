@@ -1,6 +1,6 @@
 //! Ghosts: nodes of other ranks that are linked with nodes of this rank.
 
-use super::{Message, Portion, RankError, UNIT};
+use super::{Message, Portion, RankError};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -87,17 +87,6 @@ impl Halo {
         self.peers.iter().map(|p| p.send.len()).sum()
     }
 
-    /// Returns for each unit of this rank whether a node of it is linked with a ghost. All other units can be
-    /// worked on before ghosts arrive.
-    #[must_use]
-    pub fn borders(&self) -> Vec<bool> {
-        let mut out = vec![false; self.portion.nodes().div_ceil(UNIT)];
-        // A node that is linked with a ghost is sent to the ghost's owner.
-        let linked = self.peers.iter().flat_map(|p| &p.send);
-        linked.for_each(|node| out[*node as usize / UNIT] = true);
-        out
-    }
-
     /// Returns the number of ranks that this one exchanges messages with.
     #[must_use]
     pub fn peers(&self) -> usize {
@@ -111,33 +100,16 @@ impl Halo {
         self.peers.iter().map(message).collect()
     }
 
-    /// Sends the numbers that `read` gives for owned nodes and passes those of ghosts to `write` (halo
-    /// exchange). `messages`: buffers for `N` numbers per node. Allocates nothing.
+    /// Sends the numbers that `read` returns for owned nodes, waits for those of ghosts and passes them to
+    /// `write` (halo exchange). `messages`: buffers for `N` numbers per node. Allocates nothing.
     ///
     /// # Errors
-    /// Errors of the transport, which [`Portion::failure`] remembers.
+    /// Errors of the transport, which [`Portion::failure`] remembers; ghosts are then unknown.
     pub fn exchange<const N: usize>(
         &self,
         messages: &mut [Message],
         read: impl Fn(usize) -> [f64; N],
-        write: impl FnMut(usize, [f64; N]),
-    ) -> Result<(), RankError> {
-        self.send(messages, read, &mut || false)?;
-        self.receive(messages, write);
-        Ok(())
-    }
-
-    /// First half of [`Self::exchange`]: sends, and waits for what other ranks send. Until it arrives
-    /// `meanwhile` does pieces of work that need no ghosts, and returns whether more is left. All of that
-    /// work is done on return.
-    ///
-    /// # Errors
-    /// Errors of [`Self::exchange`]; ghosts are then unknown.
-    pub fn send<const N: usize>(
-        &self,
-        messages: &mut [Message],
-        read: impl Fn(usize) -> [f64; N],
-        meanwhile: &mut dyn FnMut() -> bool,
+        mut write: impl FnMut(usize, [f64; N]),
     ) -> Result<(), RankError> {
         for (peer, message) in self.peers.iter().zip(&mut *messages) {
             let places = message.out.as_chunks_mut::<N>().0;
@@ -145,25 +117,14 @@ impl Halo {
                 *slot = read(*node as usize);
             }
         }
-        let mut more = true;
-        let mut work = || {
-            more = more && meanwhile();
-            more
-        };
-        let communicator = self.portion.communicator();
-        self.portion.keep(communicator.exchange(messages, &mut work))?;
-        // A transport may stop asking too early, and unfinished work would be a silent error.
-        while work() {}
-        Ok(())
-    }
-
-    /// Second half of [`Self::exchange`]: passes the received numbers of ghosts to `write`.
-    pub fn receive<const N: usize>(&self, messages: &[Message], mut write: impl FnMut(usize, [f64; N])) {
+        self.portion
+            .keep(self.portion.communicator().exchange(messages))?;
         for (peer, message) in self.peers.iter().zip(messages) {
             let numbers = message.into.as_chunks::<N>().0;
             for (ghost, x) in peer.receive.clone().zip(numbers) {
                 write(ghost, *x);
             }
         }
+        Ok(())
     }
 }

@@ -74,17 +74,11 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// Returns the number of ranks.
     fn ranks(&self) -> usize;
 
-    /// Sends and receives all messages; every peer makes the matching call. Until they have arrived, it calls
-    /// `meanwhile`, which does a piece of other work and returns whether more is left, and attends to the
-    /// messages in between.
+    /// Sends all messages and waits for those of the peers; every peer makes the matching call.
     ///
     /// # Errors
     /// [`RankError`] for a peer that is silent, lost or gave up, or that sends a message of another length.
-    fn exchange(
-        &self,
-        messages: &mut [Message],
-        meanwhile: &mut dyn FnMut() -> bool,
-    ) -> Result<(), RankError>;
+    fn exchange(&self, messages: &mut [Message]) -> Result<(), RankError>;
 
     /// Replaces `words` by their reduction over all ranks, entry by entry (all-reduce). Collective.
     ///

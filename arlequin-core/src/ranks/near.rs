@@ -73,6 +73,6 @@ impl Halo {
 }
 
 fn exchange(portion: &Portion, mut messages: Vec<Message>) -> Result<std::vec::IntoIter<Message>, RankError> {
-    portion.keep(portion.communicator().exchange(&mut messages, &mut || false))?;
+    portion.keep(portion.communicator().exchange(&mut messages))?;
     Ok(messages.into_iter())
 }

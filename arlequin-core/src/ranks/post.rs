@@ -57,10 +57,7 @@ impl Post {
                 *slot = list[*place as usize].map(|x| x.as_f64());
             }
         }
-        let outcome = self
-            .portion
-            .communicator()
-            .exchange(&mut self.messages, &mut || false);
+        let outcome = self.portion.communicator().exchange(&mut self.messages);
         if self.portion.keep(outcome).is_err() {
             return false;
         }

@@ -63,31 +63,14 @@ impl Reach {
         q: &[T],
         x: &mut [T],
     ) -> Result<(), RankError> {
-        self.spread_meanwhile::<T, N>(messages, q, x, &mut |_| false)
-    }
-
-    /// Does the work of [`Self::spread`]. Until the ghosts arrive it calls `meanwhile` with `x`, whose owned
-    /// places are filled; `meanwhile` does a piece of work and returns whether more is left ([`Halo::tell`]).
-    ///
-    /// # Errors
-    /// Errors of [`Halo::exchange`].
-    pub fn spread_meanwhile<T: Real, const N: usize>(
-        &self,
-        messages: &mut [Message],
-        q: &[T],
-        x: &mut [T],
-        meanwhile: &mut dyn FnMut(&[T]) -> bool,
-    ) -> Result<(), RankError> {
         let q = q.as_chunks::<N>().0;
         for (place, q) in self.own.iter().zip(q) {
             x.as_chunks_mut::<N>().0[*place as usize] = *q;
         }
         let read = |i: usize| q[i].map(|x| x.as_f64());
-        self.halo.send(messages, read, &mut || meanwhile(x))?;
         let places = x.as_chunks_mut::<N>().0;
-        self.halo.receive(messages, |ghost, numbers| {
+        self.halo.exchange(messages, read, |ghost, numbers| {
             places[self.ghosts[ghost] as usize] = numbers.map(T::of);
-        });
-        Ok(())
+        })
     }
 }

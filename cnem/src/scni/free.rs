@@ -238,8 +238,6 @@ pub(crate) struct MatrixFree {
     tets: Option<BlockMatrix<f64>>,
     /// For a part of a body: positions of the owned nodes' cells in the list of cells.
     owned_cells: Option<Vec<u32>>,
-    /// For a part of a body: true for cells that name nodes of other ranks.
-    outer: Vec<bool>,
     /// Stresses of the cells, computed anew by every evaluation.
     cells: Vec<Stresses>,
 }
@@ -250,9 +248,6 @@ struct Cells<'a> {
     q: &'a [[f64; 3]],
     first: usize,
     out: &'a mut [Stresses],
-    /// `Some(true)`: only cells that name a ghost; `Some(false)`: only cells that name none; `None`: all
-    /// cells.
-    only: Option<bool>,
 }
 
 // Everything that `call` uses is `inline(always)`: `pulp` compiles for the vector unit only what is inlined.
@@ -262,9 +257,6 @@ impl NullaryFnOnce for Cells<'_> {
     #[inline(always)]
     fn call(self) {
         for (i, out) in (self.first..).zip(self.out) {
-            if self.only.is_some_and(|outer| self.forces.outer[i] != outer) {
-                continue;
-            }
             let [g, d] = gradients(&self.forces.rows.row(i), self.q);
             let (s, t) = (stress(&g, self.forces.lame), stress(&d, self.forces.lame));
             let (volume, alpha) = (self.forces.volumes[i], self.forces.alpha[i]);
@@ -359,7 +351,6 @@ impl MatrixFree {
             alpha: Vec::new(),
             tets: None,
             owned_cells: None,
-            outer: Vec::new(),
         };
         out.set_weights(sub, alpha);
         out
@@ -407,8 +398,6 @@ impl MatrixFree {
     /// displacements of the nodes `needed`; all three lists are ascending.
     pub(crate) fn part(&self, owned: &[u32], cells: &[u32], needed: &[u32]) -> Self {
         let place = |list: &[u32], k: &u32| list.partition_point(|n| n < k) as u32;
-        let is_ghost = |k: &u32| owned.binary_search(k).is_err();
-        let outer = |c: &u32| self.rows.row(*c as usize).columns.iter().any(is_ghost);
         let pick = |x: &[f64]| cells.iter().map(|c| x[*c as usize]).collect();
         Self {
             rows: self.rows.select(cells, |k| place(needed, k)),
@@ -418,7 +407,6 @@ impl MatrixFree {
             alpha: pick(&self.alpha),
             tets: self.tets.as_ref().map(|t| select_rows(t, owned, needed)),
             owned_cells: Some(owned.iter().map(|k| place(cells, k)).collect()),
-            outer: cells.iter().map(outer).collect(),
             cells: vec![Stresses::default(); cells.len()],
         }
     }
@@ -436,43 +424,27 @@ impl MatrixFree {
         self.alpha = cells.iter().map(|c| alpha[*c as usize]).collect();
     }
 
-    /// Computes the stresses of inner cells in the range `cells`: cells that name owned nodes only, whose
-    /// displacements `q` holds. Returns whether there are cells after the range.
-    pub(crate) fn stress_inner(&mut self, cells: Range<usize>, q: &[f64]) -> bool {
-        let range = cells.start..cells.end.min(self.cells.len());
-        self.stress(range, q, Some(false));
-        cells.end < self.cells.len()
+    /// Subtracts the internal forces \[N\] at displacements `q` from `f`. Allocates nothing.
+    pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
+        self.stress(q);
+        self.gather(q, f);
     }
 
-    /// Computes the stresses of a range of cells; `only` restricts them as in [`Cells::only`].
-    fn stress(&mut self, range: Range<usize>, q: &[f64], only: Option<bool>) {
+    /// Computes the stresses of the cells.
+    fn stress(&mut self, q: &[f64]) {
         let (arch, q) = (Arch::new(), q.as_chunks::<3>().0);
         // Taken out, so that tasks can write stresses while they read the rest of `self`.
         let mut cells = std::mem::take(&mut self.cells);
-        let (forces, start) = (&*self, range.start);
-        in_chunks(&mut cells[range], |first, out| {
+        let forces = &*self;
+        in_chunks(&mut cells, |first, out| {
             arch.dispatch(Cells {
                 forces,
                 q,
-                first: start + first,
+                first,
                 out,
-                only,
             });
         });
         self.cells = cells;
-    }
-
-    /// Subtracts the internal forces \[N\] at displacements `q` from `f`. Allocates nothing.
-    pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
-        self.stress(0..self.cells.len(), q, None);
-        self.gather(q, f);
-    }
-
-    /// Subtracts the internal forces of a part from `f`, after [`Self::stress_inner`] has computed the
-    /// stresses of all inner cells. `q` are the displacements of the nodes `needed`.
-    pub(crate) fn subtract_outer(&mut self, q: &[f64], f: &mut [f64]) {
-        self.stress(0..self.cells.len(), q, Some(true));
-        self.gather(q, f);
     }
 
     /// Subtracts the forces of the cell stresses and of the tetrahedra from `f`.

@@ -183,26 +183,8 @@ impl<F: Cut> Cut for Part<'_, F> {
     }
 }
 
-impl<F: Finish> Part<'_, F> {
-    /// Borrows this part for a pass over some of its blocks.
-    pub(crate) fn lent(&mut self) -> Part<'_, F::Lent<'_>> {
-        Part {
-            first: self.first,
-            finish: self.finish.lent(),
-            marks: self.marks.as_mut().map(|(screen, marks)| (*screen, &mut **marks)),
-            sums: self.sums.as_deref_mut(),
-        }
-    }
-}
-
 /// Consumes the forces of blocks.
 pub(crate) trait Finish: Cut {
-    /// The borrowed form of this consumer.
-    type Lent<'a>: Finish
-    where
-        Self: 'a;
-    /// Borrows this consumer, so that it can take the forces of some blocks first.
-    fn lent(&mut self) -> Self::Lent<'_>;
     /// Prefetches the data that [`Finish::take`] needs for block `b` of this part.
     fn fetch<L: Lanes>(&self, l: L, b: usize);
     /// Takes forces and torques on the particles of block `b`.
@@ -239,18 +221,6 @@ impl Cut for Sink<'_> {
 }
 
 impl Finish for Sink<'_> {
-    type Lent<'a>
-        = Sink<'a>
-    where
-        Self: 'a;
-
-    fn lent(&mut self) -> Sink<'_> {
-        Sink {
-            linear: self.linear,
-            angular: self.angular,
-        }
-    }
-
     #[inline(always)]
     fn fetch<L: Lanes>(&self, l: L, b: usize) {
         for to in [&*self.linear, &*self.angular] {
@@ -267,19 +237,12 @@ impl Finish for Sink<'_> {
 }
 
 impl<W: Screened> Pass<'_, W> {
-    /// Computes the forces of a part in units of [`CHUNK`] blocks, skipping units for which `wanted` is
-    /// false.
+    /// Computes the forces of a part in units of [`CHUNK`] blocks.
     ///
     /// Places in the blocks must be particle numbers.
-    pub(crate) fn run<F: Finish>(
-        &self,
-        rows: &[CacheLine],
-        part: Part<'_, F>,
-        parallel: bool,
-        wanted: &(impl Fn(usize) -> bool + Sync),
-    ) {
+    pub(crate) fn run<F: Finish>(&self, rows: &[CacheLine], part: Part<'_, F>, parallel: bool) {
         in_parts(part, parallel, &|part| {
-            if part.blocks() > 0 && wanted(part.first / CHUNK) {
+            if part.blocks() > 0 {
                 self.isa.run(Gathering {
                     pass: self,
                     rows,

@@ -146,22 +146,6 @@ fn cut_both(x: [&[f64]; 2], split: usize) -> ([&[f64]; 2], [&[f64]; 2]) {
 }
 
 impl Finish for Accelerate<'_> {
-    type Lent<'a>
-        = Accelerate<'a>
-    where
-        Self: 'a;
-
-    fn lent(&mut self) -> Accelerate<'_> {
-        Accelerate {
-            step: self.step,
-            v: self.v.each_mut().map(|v| &mut **v),
-            a: self.a.each_mut().map(|a| &mut **a),
-            w: self.w,
-            m: self.m,
-            sum: self.sum,
-        }
-    }
-
     #[inline(always)]
     fn fetch<L: Lanes>(&self, l: L, b: usize) {
         for k in 0..2 {

@@ -80,16 +80,11 @@ impl Orientations<'_> {
 /// Result of an operation that needs other ranks. It never fails on a single rank.
 pub(crate) type RankResult<R> = Result<R, RankError>;
 
-/// Units per thread between two polls for messages: some 150 microseconds of work.
-const PIECE: usize = 16;
-
-/// Ghosts, whose rows are received from their owners, and the working buffers for this.
+/// Ghosts, whose rows are received from their owners, and the buffers of the messages.
 #[derive(Debug)]
 struct Ghosts {
     halo: Halo,
     messages: Vec<Message>,
-    /// True for units with bonds to ghosts.
-    borders: Vec<bool>,
 }
 
 impl Ghosts {
@@ -99,7 +94,6 @@ impl Ghosts {
     fn new(halo: Halo) -> Self {
         Self {
             messages: halo.messages(Self::SENT),
-            borders: halo.borders(),
             halo,
         }
     }
@@ -253,76 +247,35 @@ impl<W: Screened> Gather<W> {
         self.gather(sink, marks, energy)
     }
 
-    /// Computes the forces at the rows, and energy sums if `sums` is set.
+    /// Receives the rows of the ghosts and computes the forces at all rows, and energy sums if `sums` is set.
     fn gather<F: Finish>(&mut self, finish: F, marks: Option<Marks<'_>>, sums: bool) -> RankResult<()> {
+        self.receive_ghosts()?;
         let parallel = self.parallel();
-        // Taken out of `self`, which the pass reads meanwhile.
-        let (mut totals, mut ghosts) = (std::mem::take(&mut self.sums), self.ghosts.take());
+        // Taken out of `self`, which the pass reads.
+        let mut totals = std::mem::take(&mut self.sums);
         let part = Part {
             first: 0,
             finish,
             marks,
             sums: sums.then_some(&mut totals[..]),
         };
-        let result = match &mut ghosts {
-            Some(ghosts) => self.gather_with(ghosts, part, parallel),
-            None => {
-                self.pass().run(&self.rows, part, parallel, &|_| true);
-                Ok(())
-            }
-        };
-        (self.sums, self.ghosts) = (totals, ghosts);
-        result
-    }
-
-    /// Like [`Self::gather`] in a rank's part of a partitioned body. Units without bonds to ghosts are done
-    /// while the ghost rows are exchanged, then the others. Blocks are independent, so the order of units
-    /// changes no bit.
-    fn gather_with<F: Finish>(
-        &mut self,
-        ghosts: &mut Ghosts,
-        mut part: Part<'_, F>,
-        parallel: bool,
-    ) -> RankResult<()> {
-        let Ghosts {
-            halo,
-            messages,
-            borders,
-        } = ghosts;
-        self.gather_inner((halo, messages, borders), part.lent(), parallel)?;
-        let first = self.layout.particles().next_multiple_of(LANES);
-        halo.receive::<{ Ghosts::SENT }>(messages, |g, x| {
-            self.rows[first + g].0[..Ghosts::SENT].copy_from_slice(&x);
-        });
-        self.pass().run(&self.rows, part, parallel, &|unit| borders[unit]);
+        self.pass().run(&self.rows, part, parallel);
+        self.sums = totals;
         Ok(())
     }
 
-    /// First half of [`Self::gather_with`]; at its end the messages hold the rows of the ghosts.
-    fn gather_inner<F: Finish>(
-        &self,
-        (halo, messages, borders): (&Halo, &mut [Message], &[bool]),
-        part: Part<'_, F>,
-        parallel: bool,
-    ) -> RankResult<()> {
-        let threads = if parallel { rayon::current_num_threads() } else { 1 };
-        let piece = PIECE * CHUNK * threads;
-        let (rows, pass) = (&self.rows, self.pass());
-        let mut remaining = Some(part);
-        let row = |i: usize| std::array::from_fn(|k| rows[i].0[k]);
-        halo.send::<{ Ghosts::SENT }>(messages, row, &mut || {
-            let now = match remaining.take() {
-                Some(part) if part.blocks() > piece => {
-                    let (now, later) = part.cut(piece);
-                    remaining = Some(later);
-                    now
-                }
-                Some(part) => part,
-                None => return false,
-            };
-            pass.run(rows, now, parallel, &|unit| !borders[unit]);
-            remaining.is_some()
-        })
+    /// Receives the rows of the ghosts from their owners; does nothing in a whole body.
+    fn receive_ghosts(&mut self) -> RankResult<()> {
+        let Some(Ghosts { halo, messages }) = &mut self.ghosts else {
+            return Ok(());
+        };
+        let first = self.layout.particles().next_multiple_of(LANES);
+        let (owned, ghosts) = self.rows.split_at_mut(first);
+        halo.exchange::<{ Ghosts::SENT }>(
+            messages,
+            |i| std::array::from_fn(|k| owned[i].0[k]),
+            |g, x| ghosts[g].0[..Ghosts::SENT].copy_from_slice(&x),
+        )
     }
 
     /// Returns the energy sums over all parts, on all ranks.
@@ -502,7 +455,7 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
                 marks: None,
                 sums: None,
             };
-            self.pass().run(&self.rows, part, false, &|_| true);
+            self.pass().run(&self.rows, part, false);
         }
     }
 

@@ -388,7 +388,7 @@ fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered
             into,
         });
     }
-    communicator.exchange(&mut messages, &mut || false)?;
+    communicator.exchange(&mut messages)?;
     for (group, message) in shared.chunk_by(|a, b| a.0 == b.0).zip(&messages) {
         let numbered_by_peer = group.iter().filter(|(_, b)| !is_owned(pairs[*b][0]));
         numbered_by_peer

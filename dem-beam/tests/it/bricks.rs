@@ -19,8 +19,7 @@ impl Communicator for Alone {
     fn ranks(&self) -> usize {
         1
     }
-    fn exchange(&self, _: &mut [Message], meanwhile: &mut dyn FnMut() -> bool) -> Result<(), RankError> {
-        while meanwhile() {}
+    fn exchange(&self, _: &mut [Message]) -> Result<(), RankError> {
         Ok(())
     }
     fn reduce(&self, _: &mut [i64], _: Reduction) -> Result<(), RankError> {

@@ -258,6 +258,23 @@ fn halos_are_what_elements_ask_for() {
     }
 }
 
+/// The forces of a rank whose neighbour has ended are an error that names the neighbour.
+#[test]
+fn forces_without_the_messages_of_another_rank_are_an_error_by_name() {
+    for kind in ["box", "bars"] {
+        let outcomes = threads::run(2, 1, WAIT, |c| {
+            let mut model = part(kind, &c);
+            if c.rank() == 1 {
+                return Ok(());
+            }
+            let mut f = vec![0.0; model.layout().dofs()];
+            model.add_internal_forces(&unknowns(&model, 1e-6), &mut f)
+        });
+        let lost = RankError::Lost { rank: 0, peer: 1 };
+        assert_eq!(outcomes[0], Ok(Err(Error::Rank(lost))), "{kind}");
+    }
+}
+
 #[test]
 fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let error = |e: Result<String, RankError>| e.unwrap();

@@ -4,7 +4,6 @@ mod broken_parts;
 mod elements;
 mod interfaces;
 mod loaded_parts;
-mod meanwhile;
 mod natural;
 mod particles;
 mod pieces;

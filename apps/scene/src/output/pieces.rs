@@ -119,7 +119,7 @@ impl Piece {
             into: vec![0.0; components * p.receive],
         };
         let mut messages: Vec<Message> = self.peers.iter().map(message).collect();
-        let exchanged = portion.communicator().exchange(&mut messages, &mut || false);
+        let exchanged = portion.communicator().exchange(&mut messages);
         exchanged.map_err(elsewhere)?;
         // `peers` is sorted by rank, and so are the ghosts.
         let ghosts = messages.iter().flat_map(|m| &m.into);

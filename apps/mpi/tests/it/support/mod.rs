@@ -152,14 +152,10 @@ impl Communicator for Counted {
     fn ranks(&self) -> usize {
         self.inner.ranks()
     }
-    fn exchange(
-        &self,
-        messages: &mut [Message],
-        meanwhile: &mut dyn FnMut() -> bool,
-    ) -> Result<(), RankError> {
+    fn exchange(&self, messages: &mut [Message]) -> Result<(), RankError> {
         let numbers: usize = messages.iter().map(|m| m.out.len()).sum();
         self.bytes[0].fetch_add(8 * numbers as u64, Relaxed);
-        self.inner.exchange(messages, meanwhile)
+        self.inner.exchange(messages)
     }
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         self.bytes[1].fetch_add(8 * words.len() as u64, Relaxed);
