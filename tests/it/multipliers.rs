@@ -155,7 +155,7 @@ fn iterations_that_converge_give_what_the_factor_gives() {
     }
 }
 
-/// Of 81 multipliers 41 are independent: over many steps a Chebyshev iteration does not grow in the null
+/// With 41 independent of 81 multipliers, a Chebyshev iteration over many steps does not grow in the null
 /// space, where nothing is damped.
 #[test]
 fn dependent_multipliers_stay_alone_in_a_chebyshev_iteration_over_many_steps() {

@@ -356,11 +356,11 @@ fn pieces_of_all_ranks_are_the_frame_of_one() {
             frames * if ranks == 2 { 3 } else { 2 }
         );
     }
-    opened_by_vtk(single, &out, 3 * frames);
+    assert_opened_by_vtk(single, &out, 3 * frames);
 }
 
 /// Reads frames with VTK itself, through the index, and compares them with those of one rank.
-fn opened_by_vtk(single: &Path, parallel: &Path, frames: usize) {
+fn assert_opened_by_vtk(single: &Path, parallel: &Path, frames: usize) {
     let python = std::env::var("ARLEQUIN_PYTHON").unwrap_or_else(|_| "python3".into());
     let probe = Command::new(&python).args(["-c", "import pyvista"]).output();
     if !probe.is_ok_and(|o| o.status.success()) {
