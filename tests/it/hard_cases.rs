@@ -21,7 +21,7 @@ fn lines(checks: &[Check]) -> String {
 }
 
 /// Runs the case of the given name and fails with all its figures if one is out of range.
-fn keeps_its_promise(name: &str) {
+fn assert_promise(name: &str) {
     let known = cases();
     let case = known
         .iter()
@@ -46,7 +46,7 @@ fn keeps_its_promise(name: &str) {
 
 macro_rules! hard {
     ($($test:ident: $name:literal,)*) => {
-        $(#[test] fn $test() { keeps_its_promise($name); })*
+        $(#[test] fn $test() { assert_promise($name); })*
 
         #[test]
         fn every_fast_case_is_tested() {
@@ -94,6 +94,6 @@ hard! {
 #[ignore = "seven seconds; `arlequin verify --hard` runs these"]
 fn long_cases() {
     for case in cases().into_iter().filter(|c| !c.fast) {
-        keeps_its_promise(case.name);
+        assert_promise(case.name);
     }
 }

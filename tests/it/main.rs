@@ -1,5 +1,7 @@
 //! Tests of the facade with its models, linked as one program instead of 23.
 
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
 mod chains;
 mod claims;
 mod closed_forms;

@@ -94,7 +94,7 @@ impl Reference {
 }
 
 /// Advances a run and the reference side by side and asserts the same motion.
-fn follow(mut c: Coupled<f64>, steps: usize) {
+fn assert_same_motion(mut c: Coupled<f64>, steps: usize) {
     let mut reference = Reference::new(&c);
     for _ in 0..steps {
         c.run(1, &mut Silent).unwrap();
@@ -118,7 +118,7 @@ fn one_own_step_each_is_the_one_step_scheme_to_round_off() {
         step: TimeStep::Seconds(0.9),
         ..short()
     };
-    follow(waves::random_state(&line, [2, 1]).unwrap(), 1000);
+    assert_same_motion(waves::random_state(&line, [2, 1]).unwrap(), 1000);
 }
 
 /// Models that are strained at rest at the start: their accelerations differ, so that half a reflection is
@@ -135,7 +135,7 @@ fn a_start_with_accelerations_is_that_of_the_one_step_scheme_to_round_off() {
     let due = reference.projected(&reference.free()).amax() / reference.free().amax();
     assert!(due > 0.1, "{due}");
     for steps in [1, 2, 500] {
-        follow(start(), steps);
+        assert_same_motion(start(), steps);
     }
 }
 

@@ -166,7 +166,7 @@ fn patch_of(
 
 #[test]
 fn warped_hexahedra_are_warned_of_with_their_warp_and_the_patch_test_says_by_how_much() {
-    // Nodes inside both blocks are moved crosswise, so that element faces are warped.
+    // Inner nodes of both blocks are moved in all directions, so that element faces are warped.
     let mesh = |x: [f64; 2], counts, amount: f64| {
         let inside = move |p: &Point3<f64>, k: usize| p[k] > 1e-9 && p[k] < 1.0 - 1e-9;
         let moved = move |p: &Point3<f64>| {

@@ -1,5 +1,7 @@
 //! Tests of finite elements, linked as one program instead of 12.
 
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
 mod common;
 mod convergence;
 mod doubled;

@@ -14,7 +14,7 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 steps = 3
 "#;
 
-fn refused(folder: &std::path::Path, scene: &str, effect: &str, expected: &str) {
+fn assert_refused(folder: &std::path::Path, scene: &str, effect: &str, expected: &str) {
     let path = folder.join("scene.toml");
     std::fs::write(&path, format!("{scene}\n[[effect]]\n{effect}\n")).expect("scene");
     let out = arlequin(&["check", text(&path)]);
@@ -95,18 +95,18 @@ fn effects_of_particles() {
         ),
     ];
     for (effect, expected) in cases {
-        refused(&folder, GRAINS, effect, expected);
+        assert_refused(&folder, GRAINS, effect, expected);
     }
     let mut moved = format!("obstacle.mass = 1.0\nobstacle.{sphere}");
     moved.push_str("\nobstacle.displacement = { amplitude = [0.0, 0.0, 1.0], time = \"step\" }");
-    refused(&folder, GRAINS, &moved, "displacement excludes velocity and mass");
+    assert_refused(&folder, GRAINS, &moved, "displacement excludes velocity and mass");
     let driven = format!("obstacle.{sphere}\nobstacle.spin = [0.0, 1.0, 0.0]");
-    refused(&folder, GRAINS, &driven, "only a free sphere turns");
+    assert_refused(&folder, GRAINS, &driven, "only a free sphere turns");
     let skin = format!("obstacle.{sphere}\nobstacle.contact.skin = 1.0");
-    refused(&folder, GRAINS, &skin, "an obstacle knows no skin");
+    assert_refused(&folder, GRAINS, &skin, "an obstacle knows no skin");
     let notch = "dem = { count = 200, protocol = \"quench\", notch = [{ low = [9.0, 9.0, 9.0], high = [9.0, 9.0, 9.0] }] }";
     let scene = GRAINS.replace("dem = { count = 200, protocol = \"quench\" }", notch);
-    refused(&folder, &scene, "contact = {}", "crosses no bond");
+    assert_refused(&folder, &scene, "contact = {}", "crosses no bond");
 }
 
 #[test]
@@ -124,6 +124,6 @@ fn effects_of_solids() {
         ),
     ];
     for (effect, expected) in cases {
-        refused(&folder, SMALL, effect, expected);
+        assert_refused(&folder, SMALL, effect, expected);
     }
 }

@@ -67,7 +67,7 @@ impl Bench {
 }
 
 /// Cases that differ from the small scene in one place: old text, new text, part of the error.
-fn cases(name: &str, list: &[(&str, &str, &[&str])]) {
+fn assert_cases(name: &str, list: &[(&str, &str, &[&str])]) {
     let bench = Bench::new(name);
     for (from, to, expected) in list {
         let error = bench.edited(&[(*from, *to)]);
@@ -85,7 +85,7 @@ fn files_and_syntax() {
     let bench = Bench::new("files");
     let error = bench.refused(&["run", "no-such-scene.toml"]);
     assert!(error.contains("cannot read 'no-such-scene.toml'") && error.contains("check the path"));
-    cases(
+    assert_cases(
         "syntax",
         &[
             ("spacing = 1.0", "spacing = = 1.0", &["scene.toml:6:11"]),
@@ -122,7 +122,7 @@ fn files_and_syntax() {
 
 #[test]
 fn what_was_probably_meant_is_asked() {
-    cases(
+    assert_cases(
         "meant",
         &[
             ("spacing = 1.0", "spacng = 1.0", &["did you mean 'spacing'?"]),
@@ -162,7 +162,7 @@ fn what_was_probably_meant_is_asked() {
 
 #[test]
 fn materials_and_meshes() {
-    cases(
+    assert_cases(
         "materials",
         &[
             (
@@ -312,7 +312,7 @@ fn interfaces() {
     let length = with_keys("junction = { kind = \"l2\", length = 1.0 }");
     let negative = with_keys("junction = { kind = \"h1-strain\", length = -1.0 }");
     let rate = with_keys("absorber = { rate = 1.0, rate_factor = 0.2 }");
-    cases(
+    assert_cases(
         "interfaces",
         &[
             (
@@ -362,7 +362,7 @@ fn interfaces() {
 #[test]
 fn weights_and_sides() {
     let weight = "weight = { profile = \"cubic\" }";
-    cases(
+    assert_cases(
         "weights",
         &[
             (
@@ -421,7 +421,7 @@ fn weights_and_sides() {
 
 #[test]
 fn time_and_drives() {
-    cases(
+    assert_cases(
         "drives",
         &[
             (
@@ -503,7 +503,7 @@ fn time_and_drives() {
 #[test]
 fn probes_and_output() {
     let tip = "model = \"right\"\nwhere = \"x-max\"\ncomponent = \"x\"";
-    cases(
+    assert_cases(
         "probes",
         &[
             (

@@ -22,7 +22,7 @@ end = 1e-7
 "#;
 
 /// Asserts that `check` and `run` give the same error at `key`, and that no packing has begun.
-fn refused(name: &str, scene: &str, key: &str, words: &str) {
+fn assert_refused(name: &str, scene: &str, key: &str, words: &str) {
     let folder = scratch(&format!("places-{name}"));
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
@@ -61,20 +61,20 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
         ))
     };
     let outside = "lies outside model 'grains'";
-    refused(
+    assert_refused(
         "beyond",
         &probe("grains", "[5e-3, 1e-3, 1e-3]"),
         "probe.here.at",
         outside,
     );
     let skin = probe("grains", "[4e-3, 1e-3, 1e-3]");
-    refused("skin", &skin, "probe.here.at", "move the probe in by a diameter");
+    assert_refused("skin", &skin, "probe.here.at", "move the probe in by a diameter");
     // A corner of the box around the cylinder that lies outside of the cylinder.
     let corner = probe("tail", "[12e-3, 0.95e-3, 0.95e-3]");
-    refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
+    assert_refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
     let box_of = "where.box = { low = [1.0, 1.0, 1.0], high = [2.0, 2.0, 2.0] }";
     let support = extended(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
-    refused(
+    assert_refused(
         "support",
         &support,
         "support[0].where",
@@ -83,7 +83,7 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
     let load = extended(&format!(
         "[[load]]\nmodel = \"tail\"\n{box_of}\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n"
     ));
-    refused(
+    assert_refused(
         "load",
         &load,
         "load[0].where",
@@ -97,7 +97,7 @@ fn tractions_on_spheres_are_refused_before_they_are_packed() {
         let load =
             format!("{BESIDE}[[load]]\nmodel = \"grains\"\nwhere = \"x-max\"\n{what}\ntime = \"step\"\n");
         let words = "model 'grains' has no surface; give a force [N]";
-        refused("traction", &load, "load[0]", words);
+        assert_refused("traction", &load, "load[0]", words);
     }
 }
 
@@ -126,7 +126,7 @@ fn beams_and_keys_that_make_no_sense_are_refused_before_packing() {
         ("volume = \"a\"", "model.grains.volume", "is of a mesh file"),
         ("dem.radii = \"r\"", "model.grains.dem.radii", "in dem.file"),
     ] {
-        refused("beams", &dem(keys), key, words);
+        assert_refused("beams", &dem(keys), key, words);
     }
 }
 
@@ -146,7 +146,7 @@ fn ratios_of_poisson_next_to_their_ends_are_refused() {
             crate::common::succeed(&["check", text(&path)]);
         } else {
             let words = "must lie from -1 + 1e-4 to 0.5 - 5e-5";
-            refused("poisson", &scene, "model.left.material", words);
+            assert_refused("poisson", &scene, "model.left.material", words);
         }
     }
 }
@@ -161,7 +161,7 @@ fn scenes_at_rest_that_can_move_are_refused_by_check() {
                [[load]]\nmodel = \"bar\"\nwhere = \"x-max\"\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n\
                [static]\nsteps = 1\n";
     let words = "'bar' can move along y and z and turn about x; fix rigid motions";
-    refused("rest", bar, "static", words);
+    assert_refused("rest", bar, "static", words);
 }
 
 /// Issue 26, D.8: an error names a key that the scene has or could have.
@@ -169,16 +169,16 @@ fn scenes_at_rest_that_can_move_are_refused_by_check() {
 fn errors_stand_under_keys_of_the_scene() {
     // The macro step is too long, given by `time.step.seconds`.
     let long = SMALL.replace("steps = 50", "steps = 50\nstep.seconds = 10.0");
-    refused("seconds", &long, "time.step.seconds", "exceeds the critical step");
+    assert_refused("seconds", &long, "time.step.seconds", "exceeds the critical step");
     let ratio = SMALL
         .replace("steps = 50", "steps = 50\nstep.seconds = 1.0")
         .replacen("spacing = 1.0", "spacing = 1.0\nstep.ratio = 4", 1)
         .replacen("spacing = 0.5", "spacing = 0.5\nstep.ratio = 2", 1);
-    refused("ratio", &ratio, "model.right.step", "exceeds the critical step");
+    assert_refused("ratio", &ratio, "model.right.step", "exceeds the critical step");
     let alone = "[model.bar]\nkind = \"fem\"\ndivisions = [4, 1, 1]\n\
                  shape.box = { low = [0.0, 0.0, 0.0], high = [4.0, 1.0, 1.0] }\n\
                  material = { young = 1.0, poisson = 0.3, density = 1.0 }\n\
                  [[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n[[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n\
                  [time]\nsteps = 1\n";
-    refused("infinite", alone, "model.bar", "is not a finite number");
+    assert_refused("infinite", alone, "model.bar", "is not a finite number");
 }

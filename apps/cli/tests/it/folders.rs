@@ -44,7 +44,7 @@ fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 
 /// Runs with `--force` from the folder `directory`: asserts that the run is refused with `words` and that
 /// nothing below `root` changes.
-fn refused(root: &Path, directory: &Path, scene: &str, out: &str, words: &str) {
+fn assert_force_refused(root: &Path, directory: &Path, scene: &str, out: &str, words: &str) {
     let before = tree(root);
     let run = command(&["run", scene, "--out", out, "--force"])
         .current_dir(directory)
@@ -74,7 +74,7 @@ fn force_never_replaces_what_no_run_wrote() {
     put(&root.join("looks/summary.json"), "{}");
     put(&root.join("looks/vtu/left_00000000.vtu"), "someone else's");
     std::fs::create_dir_all(root.join("home")).expect("home");
-    let assert_refused = |out: &str, words: &str| refused(&root, &root, scene, out, words);
+    let assert_refused = |out: &str, words: &str| assert_force_refused(&root, &root, scene, out, words);
     let unmarked = "does not bear the mark of results";
     assert_refused("thesis", unmarked);
     assert_refused("./looks/../thesis", unmarked);
@@ -88,10 +88,10 @@ fn force_never_replaces_what_no_run_wrote() {
     symlink(root.join("thesis"), root.join("link")).expect("link");
     assert_refused("link", "is a symbolic link");
     symlink(root.join("scenes"), root.join("also")).expect("link");
-    refused(&root, &root, "also/small.toml", "scenes", "is or holds");
+    assert_force_refused(&root, &root, "also/small.toml", "scenes", "is or holds");
     // The working folder, given by a path that does not end in a dot.
     let directory = root.join("thesis");
-    refused(&root, &directory, scene, "../thesis", "is or holds");
+    assert_force_refused(&root, &directory, scene, "../thesis", "is or holds");
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn force_never_replaces_results_that_hold_something_else() {
     succeed(&["run", text(&scene), "--out", text(&root.join("out"))]);
     let out = root.join("out");
     std::fs::create_dir_all(root.join("home")).expect("home");
-    let assert_refused = |words: &str| refused(&root, &root, text(&scene), "out", words);
+    let assert_refused = |words: &str| assert_force_refused(&root, &root, text(&scene), "out", words);
     for name in [
         "notes.txt",
         "vtu/mine_00000000.vtu",
@@ -143,7 +143,7 @@ fn force_never_replaces_results_that_hold_something_else() {
     // An input file that lies among the results.
     let inside = out.join("small.toml");
     std::fs::copy(&scene, &inside).expect("copy");
-    refused(&root, &root, text(&inside), "out", "is or holds");
+    assert_force_refused(&root, &root, text(&inside), "out", "is or holds");
     std::fs::remove_file(&inside).expect("removed");
     // The mark of the results is missing.
     std::fs::rename(out.join(MARK), root.join("mark")).expect("renamed");
@@ -174,7 +174,7 @@ steps = 2
     );
     put(&root.join("second.toml"), &second);
     std::fs::create_dir_all(root.join("home")).expect("home");
-    refused(&root, &root, "second.toml", "out", "is or holds");
+    assert_force_refused(&root, &root, "second.toml", "out", "is or holds");
     succeed(&[
         "run",
         text(&root.join("second.toml")),
@@ -301,25 +301,25 @@ fn sweeps_and_verify_write_into_folders_of_their_own_only() {
     put(&root.join("sweep.toml"), sweep);
     let before = tree(&root);
     let foreign = root.join("mine");
-    let refused = |arguments: &[&str], words: &str| {
+    let assert_not_replaced = |arguments: &[&str], words: &str| {
         let out = arlequin(arguments);
         let stderr = String::from_utf8_lossy(&out.stderr).replace('\n', " ");
         assert_eq!(out.status.code(), Some(2), "{stderr}");
         assert!(stderr.contains(words), "{stderr}");
     };
-    refused(
+    assert_not_replaced(
         &["verify", "bauman", "--out", text(&foreign)],
         "does not bear the mark",
     );
-    refused(
+    assert_not_replaced(
         &["verify", "bauman", "--docs", text(&root.join("docs"))],
         "does not begin with '# Validation'",
     );
-    refused(
+    assert_not_replaced(
         &["sweep", text(&root.join("sweep.toml")), "--out", text(&foreign)],
         "mark",
     );
-    refused(
+    assert_not_replaced(
         &["sweep", text(&root.join("sweep.toml")), "--out", text(&root)],
         "mark",
     );

@@ -22,7 +22,7 @@ fn page() -> String {
     from.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn says(page: &str, words: &str) {
+fn assert_page_says(page: &str, words: &str) {
     assert!(page.contains(words), "docs/effects.md should say '{words}'");
 }
 
@@ -59,7 +59,7 @@ fn notched_bar() {
     let mut times = column(&folder, "fracture-bar.csv", "time");
     times.sort_unstable_by(f64::total_cmp);
     let late = times[9 * times.len() / 10];
-    says(&page(), "`notched-bar.toml`, 4 946 spheres");
+    assert_page_says(&page(), "`notched-bar.toml`, 4 946 spheres");
     assert!((number(&s, "/models/0/nodes") - 4946.0).abs() < 0.5);
     let words = format!(
         "of the {} bonds that break, nine tenths do so from {:.2} to {:.2} microseconds",
@@ -67,7 +67,7 @@ fn notched_bar() {
         1e6 * times[0],
         1e6 * late
     );
-    says(&page(), &words);
+    assert_page_says(&page(), &words);
     assert!(drift(&s) < 2e-14, "{:e}", drift(&s));
 }
 
@@ -88,10 +88,10 @@ fn ball_on_silica() {
         times_inside.count(),
         1e6 * first
     );
-    says(&page(), &words);
+    assert_page_says(&page(), &words);
     let spin = ["x", "y", "z"].map(|c| fact(&s, "grains/ball", &format!("spin {c} [rad/s]")));
     let spin = spin.iter().map(|x| x * x).sum::<f64>().sqrt();
-    says(&page(), &format!("the ball leaves with {spin:.0} rad/s"));
+    assert_page_says(&page(), &format!("the ball leaves with {spin:.0} rad/s"));
     assert!(drift(&s) < 2e-14, "{:e}", drift(&s));
 }
 
@@ -111,8 +111,8 @@ fn ball_of_spheres() {
         fact(&s, "grains/fracture", "broken bonds"),
         -number(&s, "/probes/ball/last"),
     );
-    says(&page(), &words);
-    says(&page(), &format!("(drift of H {:.0e})", drift(&s)));
+    assert_page_says(&page(), &words);
+    assert_page_says(&page(), &format!("(drift of H {:.0e})", drift(&s)));
 }
 
 #[test]
@@ -136,14 +136,14 @@ fn brazilian_disc() {
         force(&folder, "bottom"),
         1e-6 * above / area
     );
-    says(&page(), &words);
+    assert_page_says(&page(), &words);
     let words = format!(
         "breaks at {:.1} MPa, so theory has the disc break at 1 {:03.0} N; it does {:.0} % below",
         1e-6 * tension,
         tension * area - 1000.0,
         100.0 * (1.0 - above / (tension * area))
     );
-    says(&page(), &words);
+    assert_page_says(&page(), &words);
     assert!(drift(&s) < 2e-14, "{:e}", drift(&s));
     let (folder, turned) = run("brazilian-disc", &out, &["model.disc.dem.finite_rotations=true"]);
     let words = format!(
@@ -153,5 +153,5 @@ fn brazilian_disc() {
         drift(&turned),
         drift(&s)
     );
-    says(&page(), &words);
+    assert_page_says(&page(), &words);
 }

@@ -16,7 +16,7 @@ fn messages_of(folder: &Path, scene: &str) -> String {
         .join(" ")
 }
 
-fn expect(folder: &Path, scene: &str, words: &[&str], not: &str) {
+fn assert_message(folder: &Path, scene: &str, words: &[&str], not: &str) {
     let message = messages_of(folder, scene);
     for w in words {
         assert!(message.contains(w), "'{w}' is missing in: {message}");
@@ -36,7 +36,7 @@ fn a_reversed_slab_is_called_reversed() {
         "{ coarse = [4.0, 0.0, 0.0], fine = [6.0, 0.0, 0.0] }",
         "{ fine = [4.0, 0.0, 0.0], coarse = [6.0, 0.0, 0.0] }",
     );
-    expect(
+    assert_message(
         &folder,
         &scene,
         &["the slab is reversed", "exchange the two points"],
@@ -52,7 +52,7 @@ fn a_probe_outside_is_told_where_its_model_is() {
         "probe.tip.at = [1.0, 0.5, 0.5] m: lies outside model 'right'",
         "from [4.0, 0.0, 0.0] to [10.0, 1.0, 1.0] m",
     ];
-    expect(&folder, &scene, &words, "mediator");
+    assert_message(&folder, &scene, &words, "mediator");
     // A corner of the box around a cylinder that lies outside of the cylinder.
     let round = r#"
 [model.rod]
@@ -67,7 +67,7 @@ model = "rod"
 at = [2.0, 0.95, 0.95]
 component = "x"
 "#;
-    expect(
+    assert_message(
         &folder,
         round,
         &["probe.corner.at", "lies outside model 'rod'"],
@@ -188,7 +188,7 @@ material = { young = 75e9, poisson = 0.17, density = 2200.0 }
 [time]
 steps = 1
 "#;
-    expect(&folder, scene, &["model.pebbles"], "'dem'");
+    assert_message(&folder, scene, &["model.pebbles"], "'dem'");
 }
 
 /// A body at rest that is displaced rigidly stays at rest and raises no alarm.
@@ -229,14 +229,14 @@ fn opposed_motions_in_an_overlap_are_named() {
         "interface 'joint'",
         "are moved along y by prescribed motions that differ by 2.000e-3 m at t = 5.000e0 s",
     ];
-    expect(
+    assert_message(
         &folder,
         &two_motions("motion = { amplitude = -1e-3, time.ramp = { duration = 5.0 } }\n"),
         &words,
         "epsilon",
     );
     let words = ["that differ by 1.000e-3 m"];
-    expect(&folder, &two_motions(""), &words, "epsilon");
+    assert_message(&folder, &two_motions(""), &words, "epsilon");
     // Equal motions on both models are right for an overlap with a support.
     let path = folder.join("same.toml");
     std::fs::write(
@@ -265,7 +265,7 @@ fn equal_motions_by_formulas_are_not_opposed() {
         std::fs::write(&path, two_motions(time, &square, &square)).expect("scene");
         succeed(&["check", text(&path)]);
         let opposed = two_motions(time, &square, &motion("-1e-3", "(t/30e-1)^2"));
-        expect(
+        assert_message(
             &folder,
             &opposed,
             &["interface 'joint'", "are moved along y"],
@@ -277,7 +277,7 @@ fn equal_motions_by_formulas_are_not_opposed() {
     std::fs::write(&path, two_motions("end = 5.0", &square, &later)).expect("scene");
     succeed(&["check", text(&path)]);
     let within = two_motions("end = 7.0", &square, &later);
-    expect(&folder, &within, &["are moved along y"], "epsilon");
+    assert_message(&folder, &within, &["are moved along y"], "epsilon");
 }
 
 /// The advised spacing makes as many mediator nodes as the coarser model has, in one dimension and in three.

@@ -222,7 +222,8 @@ fn a_needle_of_four_spheres_across_is_warned_of_with_what_to_expect() {
     assert!(!plan.contains("fit across the narrowest body"), "{plan}");
 }
 
-/// With seeds 0 and 16 a sphere at the notch has no bond; it is removed with the notch, and the run starts.
+/// With seeds 0 and 16 the notch leaves a sphere without a bond; the sphere is removed with the notch, and
+/// the scene is accepted.
 #[test]
 fn the_shipped_notched_bar_takes_loose_spheres_with_its_notch() {
     let path = scene("notched-bar.toml");

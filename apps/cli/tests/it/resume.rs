@@ -222,7 +222,7 @@ fn interrupted_it_goes_on_with_the_same_bits() {
     assert!(message.contains("has a run that has ended"), "{message}");
 }
 
-/// Kills a run of which only the checkpoint matters; returns its folder and the unfinished one.
+/// Kills a run after its first checkpoint; returns the output folder and the path of the checkpoint.
 fn torn(folder: &Path) -> (PathBuf, PathBuf) {
     let scene = small(folder);
     let out = folder.join("out");

@@ -393,7 +393,7 @@ fn notches_of_finite_and_of_natural_elements_release_about_the_same() {
     );
 }
 
-fn refused(text: &str, place: &str, words: &str) {
+fn assert_refused(text: &str, place: &str, words: &str) {
     let prepared = Scene::from_text(text.to_owned()).and_then(|s| s.prepare().map(|_| ()));
     let error = prepared.expect_err(&format!("taken: {text}"));
     assert_eq!(error.place().0, Some(place), "{error}");
@@ -448,25 +448,25 @@ fn cracks_that_make_no_sense_are_refused_by_name() {
         ),
     ];
     for (from, to, words) in wrong {
-        refused(&edited(from, to), place, words);
+        assert_refused(&edited(from, to), place, words);
     }
     let [front, far] = [
         "[[0.06, 0.075, 0.0], [0.06, 0.075, 0.02]]",
         "[[0.1, 0.11, 0.0], [0.1, 0.11, 0.02]]",
     ];
     let solid = edited(front, far).replace("[0.02, 0.05]", "[0.01, 0.02]");
-    refused(&solid, place, "no surface of a crack within this distance");
+    assert_refused(&solid, place, "no surface of a crack within this distance");
     let extended = |extended: &str| notched("fem", &format!("{FRONT}\n{extended}")) + STATIC;
-    refused(&extended("component = \"x\""), "probe.j.component", "remove it");
-    refused(
+    assert_refused(&extended("component = \"x\""), "probe.j.component", "remove it");
+    assert_refused(
         &extended("where = \"x-min\""),
         "probe.j",
         "exactly one of at, where, of, crack",
     );
     let bare = notched("fem", "quantity = \"energy-release\"\nwhere = \"x-min\"") + STATIC;
-    refused(&bare, "probe.j.quantity", "is that of a crack");
+    assert_refused(&bare, "probe.j.quantity", "is that of a crack");
     let stressed = notched("fem", FRONT) + "[[effect]]\nprestress = {}\n[time]\nsteps = 1\n";
-    refused(&stressed, place, "effect[0].prestress");
+    assert_refused(&stressed, place, "effect[0].prestress");
 }
 
 /// A crack near the overlap of two boxes, or in a model of particles, is refused.
@@ -489,13 +489,13 @@ fn cracks_in_an_overlap_and_among_particles_are_refused() {
     let elements = "kind = \"fem\"\nspacing = 0.5";
     let scene = Scene::from_text(text("left", elements, 2.0)).expect("a scene");
     scene.prepare().expect("a crack beside the overlap");
-    refused(
+    assert_refused(
         &text("left", elements, 5.0),
         "probe.j.crack",
         "reaches into an overlap",
     );
     let spheres = "kind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"";
-    refused(
+    assert_refused(
         &text("right", spheres, 9.0),
         "probe.j.crack",
         "cannot tell the energy that a crack releases",

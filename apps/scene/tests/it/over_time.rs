@@ -148,40 +148,22 @@ fn functions_of_time_that_make_no_sense_are_refused() {
             assert_eq!(error.place().0, Some(key), "{error}");
         }
     };
-    let of_file = "{ amplitude = 1.0, time = { file = \"bad.csv\" } }";
-    let place = "support[0].motion.time.file";
-    refused(
-        "a.toml",
-        "0,0\n1,2,3\n",
-        of_file,
-        place,
-        "line 2: needs two numbers",
-    );
-    refused("b.toml", "0,0\n0,1\n", of_file, place, "line 2: times must rise");
+    let motion = "{ amplitude = 1.0, time = { file = \"bad.csv\" } }";
+    let key = "support[0].motion.time.file";
+    refused("a.toml", "0,0\n1,2,3\n", motion, key, "line 2: needs two numbers");
+    refused("b.toml", "0,0\n0,1\n", motion, key, "line 2: times must rise");
     refused(
         "c.toml",
         "0,0\n1,x\n",
-        of_file,
-        place,
+        motion,
+        key,
         "line 2: is no row of finite numbers",
     );
-    refused("d.toml", "t,x\n", of_file, place, "has no row of numbers");
+    refused("d.toml", "t,x\n", motion, key, "has no row of numbers");
     // A first row that is meant as numbers is not taken for a header.
-    refused(
-        "k.toml",
-        "-1e-3,x\n0,0\n1,1\n",
-        of_file,
-        place,
-        "line 1: is no row",
-    );
-    refused(
-        "l.toml",
-        "t0,1.5\n0,0\n1,1\n",
-        of_file,
-        place,
-        "line 1: is no row",
-    );
-    refused("e.toml", "0,inf\n", of_file, place, "line 1");
+    refused("k.toml", "-1e-3,x\n0,0\n1,1\n", motion, key, "line 1: is no row");
+    refused("l.toml", "t0,1.5\n0,0\n1,1\n", motion, key, "line 1: is no row");
+    refused("e.toml", "0,inf\n", motion, key, "line 1");
     refused(
         "f.toml",
         "",

@@ -166,34 +166,33 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
     let files = lines()
         .filter(|l| l.starts_with("<Piece"))
         .map(|l| word(l, "Source"));
-    let piece_arrays: Vec<Arrays> = files.map(|f| arrays(&parallel.with_file_name(f))).collect();
-    assert_eq!(piece_arrays.len(), pieces);
+    let raw: Vec<Arrays> = files.map(|f| arrays(&parallel.with_file_name(f))).collect();
+    assert_eq!(raw.len(), pieces);
     // The parallel file declares the arrays that the pieces have.
     let declared = lines().filter(|l| l.starts_with("<PDataArray"));
     let mut declared: Vec<_> = declared.map(|l| (word(l, "Name"), word(l, "type"))).collect();
     declared.sort_unstable();
     let name = |k: &'_ str| k.split_once('/').expect("a section").1.to_owned();
-    for piece in &piece_arrays {
-        let present = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
-        let mut present: Vec<_> = present.map(|(k, a)| (name(k), a.0.clone())).collect();
-        present.sort_unstable();
+    for piece in &raw {
+        let held = piece.iter().filter(|(k, _)| !k.starts_with("Cells/"));
+        let mut held: Vec<_> = held.map(|(k, a)| (name(k), a.0.clone())).collect();
+        held.sort_unstable();
         assert!(
-            present
-                .iter()
+            held.iter()
                 .map(|h| (h.0.as_str(), h.1.as_str()))
                 .eq(declared.iter().copied()),
-            "{present:?} {declared:?}"
+            "{held:?} {declared:?}"
         );
     }
-    let numbers: Vec<_> = piece_arrays
+    let numbers: Vec<_> = raw
         .iter()
         .map(|p| integers(p, "PointData/GlobalPointIds"))
         .collect();
-    let cells: Vec<_> = piece_arrays
+    let cells: Vec<_> = raw
         .iter()
         .map(|p| integers(p, "CellData/GlobalCellIds"))
         .collect();
-    let ghosts: Vec<_> = piece_arrays
+    let ghosts: Vec<_> = raw
         .iter()
         .map(|p| p["PointData/vtkGhostType"].2.clone())
         .collect();
@@ -202,48 +201,45 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
         cells.iter().map(Vec::len).sum(),
     ];
     let mut out = Arrays::new();
-    for (key, (kind, width, _)) in &piece_arrays[0] {
+    for (key, (kind, width, _)) in &raw[0] {
         let (section, name) = key.split_once('/').expect("a section");
         if ["GlobalPointIds", "GlobalCellIds", "vtkGhostType"].contains(&name) {
             continue;
         }
         let of_cells = ["CellData", "Cells"].contains(&section);
-        let corners = piece_arrays
-            .iter()
-            .map(|p| p["Cells/types"].2.len())
-            .sum::<usize>();
+        let corners = raw.iter().map(|p| p["Cells/types"].2.len()).sum::<usize>();
         let bytes = width * if kind == "UInt8" { 1 } else { 8 };
         let width = match name {
-            "connectivity" => piece_arrays.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
+            "connectivity" => raw.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
             _ => bytes,
         };
         let count = counts[usize::from(of_cells)];
         let mut whole: Vec<Option<&[u8]>> = vec![None; count];
         let mut mapped = Vec::new();
-        for (k, piece) in piece_arrays.iter().enumerate() {
-            let mut values_of_piece = piece[key].2.clone();
+        for (k, piece) in raw.iter().enumerate() {
+            let mut entries = piece[key].2.clone();
             if name == "connectivity" {
                 let corners = integers(piece, key).into_iter().map(|c| numbers[k][c] as i64);
-                values_of_piece = corners.flat_map(i64::to_le_bytes).collect();
+                entries = corners.flat_map(i64::to_le_bytes).collect();
             }
-            mapped.push(values_of_piece);
+            mapped.push(entries);
         }
-        for (k, values_of_piece) in mapped.iter().enumerate() {
+        for (k, entries) in mapped.iter().enumerate() {
             let list = if of_cells { &cells[k] } else { &numbers[k] };
-            assert_eq!(values_of_piece.len(), width * list.len(), "{key}");
+            assert_eq!(entries.len(), width * list.len(), "{key}");
             for (index, n) in list.iter().enumerate() {
                 let place = &mut whole[*n];
                 if of_cells || ghosts[k][index] == 0 {
                     assert!(place.is_none(), "{key} of {n} twice");
-                    *place = Some(&values_of_piece[width * index..width * (index + 1)]);
+                    *place = Some(&entries[width * index..width * (index + 1)]);
                 }
             }
         }
-        for (k, values_of_piece) in mapped.iter().enumerate().filter(|_| !of_cells) {
+        for (k, entries) in mapped.iter().enumerate().filter(|_| !of_cells) {
             for (index, n) in numbers[k].iter().enumerate() {
                 assert_eq!(
                     whole[*n].expect("there"),
-                    &values_of_piece[width * index..width * (index + 1)],
+                    &entries[width * index..width * (index + 1)],
                     "{key} of ghost {n}"
                 );
             }
@@ -254,18 +250,14 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
             .copied()
             .collect();
         if name == "offsets" {
-            let offset_count = values.len() / 8;
-            let corners_per_cell = piece_arrays
-                .iter()
-                .map(|p| p["Cells/connectivity"].2.len())
-                .sum::<usize>()
-                / 8
-                / offset_count.max(1);
-            values = (1..=offset_count)
-                .flat_map(|k| ((k * corners_per_cell) as i64).to_le_bytes())
+            let size = values.len() / 8;
+            let per_cell =
+                raw.iter().map(|p| p["Cells/connectivity"].2.len()).sum::<usize>() / 8 / size.max(1);
+            values = (1..=size)
+                .flat_map(|k| ((k * per_cell) as i64).to_le_bytes())
                 .collect();
         }
-        out.insert(key.clone(), (kind.clone(), piece_arrays[0][key].1, values));
+        out.insert(key.clone(), (kind.clone(), raw[0][key].1, values));
     }
     (out, ghosts.iter().flatten().filter(|g| **g == 1).count())
 }
@@ -356,11 +348,11 @@ fn pieces_of_all_ranks_are_the_frame_of_one() {
             frames * if ranks == 2 { 3 } else { 2 }
         );
     }
-    opened_by_vtk(single, &out, 3 * frames);
+    assert_opened_by_vtk(single, &out, 3 * frames);
 }
 
 /// Reads frames with VTK itself, through the index, and compares them with those of one rank.
-fn opened_by_vtk(single: &Path, parallel: &Path, frames: usize) {
+fn assert_opened_by_vtk(single: &Path, parallel: &Path, frames: usize) {
     let python = std::env::var("ARLEQUIN_PYTHON").unwrap_or_else(|_| "python3".into());
     let probe = Command::new(&python).args(["-c", "import pyvista"]).output();
     if !probe.is_ok_and(|o| o.status.success()) {

@@ -84,7 +84,7 @@ fn refused(scene: Result<Scene, Error>) -> Error {
 }
 
 #[track_caller]
-fn says(error: &Error, key: &str, words: &[&str]) {
+fn assert_says(error: &Error, key: &str, words: &[&str]) {
     let text = error.to_string();
     assert_eq!(error.place().0, Some(key), "{text}");
     for w in words.iter().chain([&key]) {
@@ -123,7 +123,7 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
         (motion, "components = [\"y\"]"),
         (motion, &in_y),
     ] {
-        says(
+        assert_says(
             &refused(two_supports(first, second)),
             "support[1].where",
             &[
@@ -194,7 +194,7 @@ fn supports_that_hold_the_same_components_at_rest_are_united() {
 fn names_that_would_break_tables_are_refused() {
     for name in ["tip, end", "a\"b", "two\nlines", " ", "a;b"] {
         let refusal = refused(solids().set("load.0.name", name));
-        says(&refusal, "load[0].name", &["head of tables", "take letters"]);
+        assert_says(&refusal, "load[0].name", &["head of tables", "take letters"]);
     }
     let grains = SOLIDS.replacen(
         "kind = \"fem\"\nrole = \"fine\"",
@@ -203,7 +203,7 @@ fn names_that_would_break_tables_are_refused() {
     ) + "[[effect]]\nmodels = [\"right\"]\nobstacle = { name = \"ball, big\", shape.plane = { point = [0.0, 0.0, -1.0], \
            normal = [0.0, 0.0, 1.0] } }\n";
     let refusal = refused(Scene::from_text(grains));
-    says(
+    assert_says(
         &refusal,
         "effect[0].obstacle.name",
         &["ball, big", "head of tables"],
@@ -225,37 +225,37 @@ fn numbers_that_a_key_cannot_take_are_refused_with_key_value_and_remedy() {
         (f64::INFINITY, "inf"),
         (f64::NEG_INFINITY, "-inf"),
     ] {
-        says(
+        assert_says(
             &refused(solids().set("time.end", value)),
             "time.end",
             &[shown, "must be a finite number", "give one"],
         );
     }
     let set = |path: &str, value: &str| refused(solids().set(path, value));
-    says(
+    assert_says(
         &set("output.every", "99999999999999999999"),
         "output.every",
         &["99999999999999999999", "a whole number from 0 on"],
     );
-    says(
+    assert_says(
         &set("output.every", "-1"),
         "output.every",
         &["-1", "a whole number from 0 on"],
     );
-    says(
+    assert_says(
         &set("time.end", "soon"),
         "time.end",
         &["soon", "a number, such as 1.5e-3"],
     );
-    says(&set("output.plots", "1"), "output.plots", &["true or false"]);
+    assert_says(&set("output.plots", "1"), "output.plots", &["true or false"]);
     for date in ["1979-05-27", "1979-05-27T07:32:00Z", "07:32:00"] {
-        says(
+        assert_says(
             &set("time.end", date),
             "time.end",
             &[date, "is a date", "give a number"],
         );
         let text = SOLIDS.replace("end = 10.0", &format!("end = {date}"));
-        says(
+        assert_says(
             &refused(Scene::from_text(text)),
             "time.end",
             &[date, "give a number"],
@@ -273,30 +273,30 @@ fn numbers_that_a_key_cannot_take_are_refused_with_key_value_and_remedy() {
 fn choices_say_what_there_is_to_choose() {
     let set = |path: &str, value: &str| refused(solids().set(path, value));
     let vector = set("initial.0.velocity", "[1.0, 0.0, 0.0]");
-    says(
+    assert_says(
         &vector,
         "initial.0.velocity",
         &["{ uniform = [x, y, z] }", "polynomial"],
     );
     let second = set("model.left.shape.file", "x.msh");
-    says(
+    assert_says(
         &second,
         "model.left.shape.file",
         &["one key too many", "set the whole table"],
     );
-    says(
+    assert_says(
         &set("load.0.time", "ramp"),
         "load.0.time",
         &["\"step\", { ramp = { duration = seconds } }"],
     );
-    says(
+    assert_says(
         &set("time.step", "1e-6"),
         "time.step",
         &["{ fraction = ", "{ seconds = step }"],
     );
     // A second key beside the choice is refused, not ignored.
     let two_shapes = "{ box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }, cone = 1 }";
-    says(
+    assert_says(
         &set("support.0.where", two_shapes),
         "support.0.where",
         &["'cone' is one key too many"],
@@ -320,18 +320,18 @@ fn paths_are_read_as_messages_and_toml_write_them() {
         .set("probe.\"t.i.p\".component", "y")
         .expect("sets");
     let refusal = refused(Ok(dotted));
-    says(&refusal, "probe.t.i.p", &["rename it"]);
-    says(
+    assert_says(&refusal, "probe.t.i.p", &["rename it"]);
+    assert_says(
         &refused(solids().set("time..end", 1)),
         "time..end",
         &["quote a name"],
     );
-    says(
+    assert_says(
         &refused(solids().set("probe.top.component", "y")),
         "probe.top.component",
         &["it has: tip"],
     );
-    says(
+    assert_says(
         &refused(solids().assign(&["time.end".into()])),
         "time.end",
         &["PATH=VALUE"],
@@ -341,7 +341,7 @@ fn paths_are_read_as_messages_and_toml_write_them() {
 /// Errors of the core, and of changes in memory, name their key of the scene.
 #[test]
 fn errors_say_their_key() {
-    says(
+    assert_says(
         &refused(solids().set(
             "interface.joint.junction",
             "{ kind = \"h1-strain\", length = -1.0 }",
@@ -349,12 +349,12 @@ fn errors_say_their_key() {
         "interface.joint.junction.length",
         &["-1"],
     );
-    says(
+    assert_says(
         &refused(solids().set("time.step.seconds", 1e9)),
         "time.step.seconds",
         &[],
     );
-    says(
+    assert_says(
         &refused(solids().set("time.step", "{ seconds = 1e9 }")),
         "time.step.seconds",
         &["critical step"],
@@ -365,7 +365,7 @@ fn errors_say_their_key() {
 fn a_spacing_larger_than_the_body_is_refused() {
     let too_large = |text: &str, model: &str| {
         let path = format!("model.{model}.spacing");
-        says(
+        assert_says(
             &refused(Scene::from_text(text).and_then(|s| s.set(&path, 1000))),
             &path,
             &["1000", "longest side of 6 m", "choose"],
@@ -376,7 +376,7 @@ fn a_spacing_larger_than_the_body_is_refused() {
     too_large(LINES, "chain");
     for kind in ["cnem", "dem"] {
         let scene = Scene::from_text(SOLIDS).and_then(|s| s.set("model.right.kind", kind));
-        says(
+        assert_says(
             &refused(scene.and_then(|s| s.set("model.right.spacing", 1000))),
             "model.right.spacing",
             &["longest side of 6 m"],
@@ -386,7 +386,7 @@ fn a_spacing_larger_than_the_body_is_refused() {
     let too_coarse = Scene::from_text(SOLIDS)
         .and_then(|s| s.set("model.right.kind", "dem"))
         .and_then(|s| s.set("model.right.spacing", 5.0));
-    says(
+    assert_says(
         &refused(too_coarse),
         "model.right.spacing",
         &["5", "spheres", "choose"],
@@ -411,13 +411,13 @@ fn an_overlap_outside_the_models_is_called_so() {
         ([0.0, 2.0, 0.0], [0.0, 3.0, 0.0]),
     ] {
         let refusal = slab(coarse, fine);
-        says(
+        assert_says(
             &refusal,
             "interface.joint.overlap",
             &["does not lie in the models", "'left' and 'right'"],
         );
-        says(&refusal, "interface.joint.overlap", &boxes);
-        says(
+        assert_says(&refusal, "interface.joint.overlap", &boxes);
+        assert_says(
             &refusal,
             "interface.joint.overlap",
             &[&format!("{coarse:?}"), &format!("{fine:?}")],
@@ -425,7 +425,7 @@ fn an_overlap_outside_the_models_is_called_so() {
     }
     // The overlap lies in one of the models only.
     let refusal = slab([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]);
-    says(
+    assert_says(
         &refusal,
         "interface.joint.overlap",
         &["does not lie in model 'right'", boxes[1]],
@@ -441,13 +441,13 @@ fn an_overlap_outside_the_models_is_called_so() {
         let set = solids().set("interface.joint.mediator.shape", mediator);
         refused(set.and_then(|s| s.set("interface.joint.overlap", overlap)))
     };
-    says(
+    assert_says(
         &shell(20.0, 1.0, 2.0),
         "interface.joint.overlap",
         &["does not lie in the models", boxes[0], "[18.0, -1.5, -1.5]"],
     );
     // Both models lie within the region where the shell leaves the fine one alone.
-    says(
+    assert_says(
         &shell(5.0, 50.0, 60.0),
         "interface.joint.overlap",
         &["does not lie in the models", boxes[1]],
@@ -455,7 +455,7 @@ fn an_overlap_outside_the_models_is_called_so() {
     let line =
         Scene::from_text(LINES).and_then(|s| s.set("interface.joint.overlap.slab.coarse", "[7.0, 0.0, 0.0]"));
     let line = line.and_then(|s| s.set("interface.joint.overlap.slab.fine", "[6.5, 0.0, 0.0]"));
-    says(
+    assert_says(
         &refused(line),
         "interface.joint.overlap",
         &["does not lie in model 'chain'"],
@@ -467,10 +467,10 @@ fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
     let refused_effect =
         |effect: &str| refused(Scene::from_text(LINES).and_then(|s| s.set("effect", effect)));
     let refusal = refused_effect("[{ bulk_viscosity = {} }]");
-    says(&refusal, "effect[0]", &["bulk_viscosity", "remove it"]);
+    assert_says(&refusal, "effect[0]", &["bulk_viscosity", "remove it"]);
     let refusal =
         refused_effect("[{ mass_damping = { rate = 1.0 } }, { models = [\"bar\"], bulk_viscosity = {} }]");
-    says(
+    assert_says(
         &refusal,
         "effect[1].models[0]",
         &["bulk_viscosity needs a solid", "'bar'", "stiffness_damping"],
