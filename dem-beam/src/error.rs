@@ -91,7 +91,7 @@ pub enum Error {
     /// there or throw them out.
     #[error(
         "{count} particles start inside {object}: the deepest is {depth:.3e} m behind its surface at ({:.3e}, {:.3e}, {:.3e}) m, \
-         above the limit of {limit:.3e} m, one radius, beyond which a centre lies inside; move one of the two, and turn the \
+         above the limit of {limit:.3e} m, the smaller radius, beyond which a centre lies inside; move one of the two, or turn the \
          normal of a plane towards the particles",
         place[0], place[1], place[2]
     )]

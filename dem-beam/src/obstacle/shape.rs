@@ -68,6 +68,14 @@ impl RigidShape {
         })
     }
 
+    /// Returns the radius \[m\], infinite for a plane.
+    pub(crate) fn radius(&self) -> f64 {
+        match self {
+            Self::Plane { .. } => f64::INFINITY,
+            Self::Sphere { radius, .. } | Self::Cylinder { radius, .. } => *radius,
+        }
+    }
+
     /// Radius and moment of inertia of a free ball; `None` for bodies that do not rotate.
     pub(crate) fn turning(&self, motion: &Motion) -> Result<Option<(f64, f64)>> {
         let Motion::Free { mass, inertia, .. } = motion else {

@@ -3,7 +3,8 @@
 //! A particle that overlaps the obstacle at rest pushes only when it comes closer, as if its radius were
 //! smaller by the overlap. As long as the centre lies in front of the surface this is harmless: packings end
 //! in spheres of which some stick out. If the centre lies behind the surface, no radius is left: the particle
-//! is inside, and the obstacle is in the wrong place.
+//! is inside, and the obstacle is in the wrong place. An obstacle that is smaller than the particle is inside
+//! the particle once it overlaps by its own radius.
 
 use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
@@ -11,12 +12,13 @@ use crate::packing::cells::Sphere;
 use arlequin_core::ranks::Portion;
 use nalgebra::{Point3, Vector3};
 
-/// Particles whose centres lie inside an obstacle, and the deepest of them.
+/// Particles that overlap an obstacle by more than the smaller radius of both, and the deepest of them.
 #[derive(Debug, Clone, Copy, Default)]
 struct Inside {
     count: u64,
     depth: f64,
-    radius: f64,
+    /// Smaller radius of particle and obstacle \[m\].
+    limit: f64,
     place: [f64; 3],
 }
 
@@ -30,13 +32,15 @@ impl Inside {
         particles: impl Iterator<Item = (&'a f64, Point3<f64>)>,
     ) -> Self {
         let mut out = Self::default();
+        let size = shape.radius();
         for (radius, centre) in particles {
-            let distance = shape.distance(&centre, moved).0;
-            if distance < 0.0 {
+            let depth = radius - shape.distance(&centre, moved).0;
+            let limit = radius.min(size);
+            if depth > limit {
                 out.add(&Self {
                     count: 1,
-                    depth: radius - distance,
-                    radius: *radius,
+                    depth,
+                    limit,
                     place: centre.coords.into(),
                 });
             }
@@ -55,16 +59,16 @@ impl Inside {
     /// Combines the results of all ranks, with the same result on all of them. Collective.
     fn on_all_ranks(self, portion: &Portion) -> arlequin_core::Result<Self> {
         let [x, y, z] = self.place;
-        let reals = [self.depth, self.radius, x, y, z].map(|v| v.to_bits().cast_signed());
+        let reals = [self.depth, self.limit, x, y, z].map(|v| v.to_bits().cast_signed());
         let words: Vec<i64> = [self.count.cast_signed()].into_iter().chain(reals).collect();
         let gathered = portion.all_gather(&words)?;
         let mut out = Self::default();
         for [count, reals @ ..] in gathered.as_chunks::<WORDS>().0 {
-            let [depth, radius, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));
+            let [depth, limit, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));
             out.add(&Self {
                 count: count.cast_unsigned(),
                 depth,
-                radius,
+                limit,
                 place: [x, y, z],
             });
         }
@@ -80,12 +84,12 @@ impl Inside {
             count: self.count as usize,
             place: self.place,
             depth: self.depth,
-            limit: self.radius,
+            limit: self.limit,
         })
     }
 }
 
-/// Returns an error if centres of spheres lie inside a shape at time zero.
+/// Returns an error if spheres overlap a shape by more than the smaller radius of both at time zero.
 ///
 /// # Errors
 /// [`Error::StartsInside`] with the number of spheres and the deepest one.

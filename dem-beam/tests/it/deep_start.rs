@@ -99,6 +99,26 @@ fn obstacles_that_hold_centres_at_the_start_are_refused_with_depth_and_place() {
     }
 }
 
+/// A ball a tenth as large as a particle is refused once it overlaps the particle by its own radius, and accepted
+/// if it overlaps by less.
+#[test]
+fn small_balls_inside_a_particle_are_refused() {
+    for (distance, refused) in [(0.35, true), (0.95, true), (1.05, false)] {
+        let result = start(sphere([-distance * R, 0.0, 0.0], 0.1 * R), Motion::Fixed);
+        match result {
+            Ok(_) => assert!(!refused, "{distance}"),
+            Err(Error::StartsInside { depth, limit, .. }) => {
+                assert!(
+                    refused && (depth / R - 1.1 + distance).abs() < 1e-6,
+                    "{distance}: {depth:e}"
+                );
+                assert!((limit / R - 0.1).abs() < 1e-6, "{limit:e}");
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
+
 /// Bodies whose centres lie just in front of an obstacle's surface are accepted, although their spheres reach
 /// behind it.
 #[test]

@@ -167,6 +167,29 @@ fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
     assert!((ratio / wanted - 1.0).abs() < 1e-6, "{ratio} for {wanted}");
 }
 
+/// The energy of a bond is shared where the spheres touch: the larger of two has the larger part.
+#[test]
+fn of_the_energy_of_a_bond_the_larger_sphere_has_the_larger_share() {
+    let mut cube = lattice(Lattice::Cubic, [6, 6, 6], 0.5e-3).unwrap();
+    let mut xs: Vec<f64> = cube.positions.iter().map(|x| x.x).collect();
+    xs.sort_by(f64::total_cmp);
+    xs.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    let here = |x: &Vector3<f64>, k: usize| x.iter().all(|c| (c - xs[k]).abs() < 1e-9);
+    let changed = cube.positions.iter().position(|x| here(x, 2)).unwrap();
+    let (small, large) = (cube.radii[changed], 1.4 * cube.radii[changed]);
+    cube.radii[changed] = large;
+    let model = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+    let node = |k: usize| model.nodes().iter().position(|x| here(&x.coords, k)).unwrap();
+    let i = node(2);
+    // Only the large sphere moves: all the energy is in its six bonds.
+    let mut q = vec![0.0; 6 * model.nodes().len()];
+    q[3 * i] = 1e-8;
+    let held = densities(&model, &q)[i] * model.particles().unwrap()[i].measure;
+    let share = held / model.internal_energy(&q);
+    let wanted = large / (large + small);
+    assert!((share / wanted - 1.0).abs() < 1e-6, "{share} for {wanted}");
+}
+
 fn densities(model: &DemModel, q: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
     model.links().unwrap().energy_densities(q, &mut out).unwrap();

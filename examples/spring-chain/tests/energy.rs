@@ -29,12 +29,17 @@ enum Fault {
     Heats(f64),
     /// The solver ignores a restored state.
     Forgets,
+    /// Goes back to where it was, at rest.
+    Stops,
+    /// Has its nodes elsewhere.
+    Elsewhere,
 }
 
 /// The chain as a solver with a fault. `tells`: whether it reports its energy.
 struct Faulty {
     solver: ChainSolver,
     inertia: Vec<f64>,
+    nodes: Vec<Point3<f64>>,
     fault: Fault,
     tells: bool,
     heat: Vec<f64>,
@@ -45,8 +50,12 @@ impl Faulty {
         let v: Vec<f64> = (0..=BONDS)
             .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
             .collect();
+        let solver = ChainSolver::new(chain(mass), vec![0.0; v.len()], v.clone()).unwrap();
+        let by = if fault == Fault::Elsewhere { 0.5 } else { 0.0 };
+        let moved = |x: &Point3<f64>| Point3::new(x.x + by, x.y, x.z);
         Self {
-            solver: ChainSolver::new(chain(mass), vec![0.0; v.len()], v.clone()).unwrap(),
+            nodes: solver.nodes().iter().map(moved).collect(),
+            solver,
             inertia: vec![0.0; v.len()],
             heat: vec![0.0; v.len()],
             fault,
@@ -63,7 +72,7 @@ impl Participant<f64> for Faulty {
         self.solver.layout()
     }
     fn nodes(&self) -> &[Point3<f64>] {
-        self.solver.nodes()
+        &self.nodes
     }
     fn weigh(&mut self, weights: &Weights<f64>, inertia: &mut [f64]) -> Result<()> {
         self.solver.weigh(weights, inertia)?;
@@ -118,7 +127,12 @@ impl Participant<f64> for Faulty {
         if self.fault == Fault::Forgets {
             return Ok(());
         }
-        self.solver.restore(from)
+        let mut record = from.clone();
+        if self.fault == Fault::Stops {
+            let n = self.inertia.len();
+            record.numbers[n..2 * n].fill(0.0);
+        }
+        self.solver.restore(&record)
     }
 }
 
@@ -306,6 +320,8 @@ fn another_solver_than_the_one_of_the_checkpoint_is_refused_by_name() {
     for (mass, fault, words) in [
         (2.0, Fault::Sound, "'chain': its inertia of unknown"),
         (1.0, Fault::Forgets, "'chain': its displacement of unknown"),
+        (1.0, Fault::Stops, "'chain': its velocity of unknown"),
+        (1.0, Fault::Elsewhere, "'chain': its centre of mass along axis"),
     ] {
         let mut refusing = coupled(mass, fault, true).unwrap();
         let refused = refusing.restore(&saved).unwrap_err();

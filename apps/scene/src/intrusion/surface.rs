@@ -143,7 +143,42 @@ impl Shell {
                 meet(distance, place);
             }
         }
+        // A ball can lie wholly within the elements and cut no triangle.
+        if let (None, RigidShape::Sphere { centre, radius }) = (deepest, shape) {
+            let place = centre + by;
+            if self.holds(&place) {
+                let depth = self.distance_from_surface(&place) + radius;
+                return Some(Depth { depth, place });
+            }
+        }
         deepest
+    }
+
+    /// Returns whether a point lies within the elements: the winding number of their surface about the point is
+    /// 1 inside and 0 outside (van Oosterom and Strackee).
+    fn holds(&self, x: &Point3<f64>) -> bool {
+        let [low, high] = bounds_of(self.now.iter());
+        if self.triangles.is_empty() || (0..3).any(|c| x[c] < low[c] || x[c] > high[c]) {
+            return false;
+        }
+        let angle = |k: usize| {
+            let [a, b, c] = self.corners(k).map(|p| p - x);
+            let [p, q, r] = [a.norm(), b.norm(), c.norm()];
+            let below = p * q * r + a.dot(&b) * r + b.dot(&c) * p + c.dot(&a) * q;
+            2.0 * a.dot(&b.cross(&c)).atan2(below)
+        };
+        let angles: f64 = (0..self.triangles.len()).map(angle).sum();
+        angles > std::f64::consts::TAU
+    }
+
+    fn distance_from_surface(&self, x: &Point3<f64>) -> f64 {
+        let distance = |k: usize| {
+            let corners = self.corners(k).map(|p| p - x);
+            closest_on_triangle(&Vector3::zeros(), &corners).norm()
+        };
+        (0..self.triangles.len())
+            .map(distance)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Returns the largest depth of the body and another in each other; `None` if they are apart.

@@ -124,6 +124,24 @@ fn a_ball_beside_the_particles_that_enters_the_elements_is_told_at_once() {
     );
 }
 
+/// A ball that starts wholly within the elements cuts no triangle of their surface.
+#[test]
+fn a_ball_that_starts_wholly_within_elements_is_told_with_its_depth() {
+    let ball = "sphere = { centre = [2.1e-3, 1.9e-3, -2.1e-3], radius = 0.4e-3 }";
+    let grains = spheres("grains", [6e-3, 0.0, 0.0], [8e-3, 2e-3, 2e-3]);
+    let (recorder, _) = run(&(block() + &grains + &obstacle("grains", ball, 0.0) + &end(1e-6)));
+    let [(_, line)] = &recorder.lines[..] else {
+        panic!("{:?}", recorder.lines);
+    };
+    assert!(
+        line.starts_with("obstacle 'tool' is inside the elements of model 'block'"),
+        "{line}"
+    );
+    // Its centre is 1.9 mm behind the nearest face.
+    let depth = number_before(line, " m deep");
+    assert!((depth - 2.3e-3).abs() < 1e-5, "{line}");
+}
+
 #[test]
 fn rollers_and_planes_that_enter_elements_are_told_at_once() {
     // The plane comes from above and would meet the particles later.
