@@ -5,11 +5,11 @@
 //! cargo run --release -p arlequin-mpi --features mpi --example ranks -- 47 3
 //! ```
 //!
-//! Arguments: cells of a body-centred lattice along each edge, and rounds. Runs take turns, and the least of
-//! their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
-//! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by the
-//! core (0) or conjugate gradients (1). Without elements each rank makes only its own part of the body; a last
-//! number of 1 makes every rank build the whole body first (0, 0, 1).
+//! Arguments: cells of a body-centred lattice along each edge, and rounds. Runs take turns, and the least
+//! of their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
+//! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by
+//! the core (0) or conjugate gradients (1). Without elements each rank makes only its own part of the body;
+//! a last number of 1 makes every rank build the whole body first (0, 0, 1).
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,

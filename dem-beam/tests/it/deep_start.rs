@@ -99,8 +99,8 @@ fn obstacles_that_hold_centres_at_the_start_are_refused_with_depth_and_place() {
     }
 }
 
-/// A ball a tenth as large as a particle is refused once it overlaps the particle by its own radius, and accepted
-/// if it overlaps by less.
+/// A ball a tenth as large as a particle is refused once it overlaps the particle by its own radius, and
+/// accepted if it overlaps by less.
 #[test]
 fn small_balls_inside_a_particle_are_refused() {
     for (distance, refused) in [(0.35, true), (0.95, true), (1.05, false)] {

@@ -154,8 +154,8 @@ impl Shell {
         deepest
     }
 
-    /// Returns whether a point lies within the elements: the winding number of their surface about the point is
-    /// 1 inside and 0 outside (van Oosterom and Strackee).
+    /// Returns whether a point lies within the elements: the winding number of their surface about the
+    /// point is 1 inside and 0 outside (van Oosterom and Strackee).
     fn holds(&self, x: &Point3<f64>) -> bool {
         let [low, high] = bounds_of(self.now.iter());
         if self.triangles.is_empty() || (0..3).any(|c| x[c] < low[c] || x[c] > high[c]) {
