@@ -271,8 +271,8 @@ pub struct Material {
     /// Young's modulus, positive \[Pa\].
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: f64,
-    /// Poisson's ratio, above −0.9999 and below 0.49995 \[–\]; required by solids. In a packing it follows from the
-    /// beams; a value that differs gives a warning.
+    /// Poisson's ratio, above −0.9999 and below 0.49995 \[–\]; required by solids. In a packing it follows
+    /// from the beams; a value that differs gives a warning.
     #[schemars(extend("exclusiveMinimum" = -1, "exclusiveMaximum" = 0.5))]
     pub poisson: Option<f64>,
     /// Density, positive \[kg/m³\].
