@@ -16,6 +16,7 @@ fn clients() -> PathBuf {
 }
 
 /// Prints to the terminal why a test skips a client, since the output of passing tests is hidden.
+#[allow(clippy::explicit_write, reason = "what print macros write is captured")]
 fn say_ignored(reason: &str) {
     writeln!(std::io::stderr(), "ignored: {reason}").unwrap();
 }
