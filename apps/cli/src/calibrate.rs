@@ -116,7 +116,7 @@ pub(crate) fn calibrate(arguments: &Calibrate) -> Result<ExitCode, Located> {
         (calibration, _) => calibration?,
     };
     report::result(&calibration, arguments.json, |c| {
-        report::text(&report::calibration(c))
+        report::text(&report::calibration(c));
     })?;
     // A refused target is reported with the measurements, and shows in the exit code.
     Ok(ExitCode::from(u8::from(calibration.refused.is_some())))

@@ -119,7 +119,7 @@ impl Grid {
                     grid.corners.extend(cell_corners);
                 }
                 (_, 3) if cell_corners.len() == 2 => {
-                    grid.lines.push([cell_corners[0], cell_corners[1], cell as u32])
+                    grid.lines.push([cell_corners[0], cell_corners[1], cell as u32]);
                 }
                 (_, 1) => {}
                 _ => grid.unknown += 1,
