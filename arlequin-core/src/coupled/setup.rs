@@ -140,10 +140,10 @@ impl<T: Real> Coupled<T> {
         Self::announced(parts, step, guard, &mut |_| ())
     }
 
-    /// Builds a run like [`Self::of`] and calls `announce` before each phase of the set-up.
+    /// Builds a run like [`Self::from_parts`] and calls `announce` before each phase of the set-up.
     ///
     /// # Errors
-    /// Errors of [`Self::of`].
+    /// Errors of [`Self::from_parts`].
     pub fn announced(
         parts: Parts<T>,
         step: TimeStep<T>,

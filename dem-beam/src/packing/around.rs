@@ -29,7 +29,7 @@ impl Around {
     /// the body, counter-clockwise from outside of the part.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for a margin that is not positive.
+    /// [`crate::Error::OutOfRange`] for a margin that is not positive.
     pub fn new(part: Surface, body: Surface, border: &[[Vector3<f64>; 3]], margin: f64) -> Result<Self> {
         positive("margin around a part of a body", margin)?;
         let mut out = Self {
