@@ -16,6 +16,7 @@ import pytest
 
 import arlequin as aq
 from arlequin import Scene, errors
+from codes import raises
 from test_scene import BAR
 
 # Enough unknowns that all threads compute: 7 203.

@@ -10,7 +10,7 @@ import arlequin as aq
 
 FOLDER = pathlib.Path(__file__).parents[1]
 BLOCKS = re.findall(r"```python\n(.*?)```", (FOLDER / "README.md").read_text(), re.S)
-SCENES = FOLDER.parent / "examples" / "scenes"
+SCENES = FOLDER.parents[1] / "examples" / "scenes"
 
 
 def test_the_pulse_of_the_first_example_arrives_whole():
