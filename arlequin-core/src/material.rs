@@ -49,8 +49,9 @@ impl<T: Real> Elastic<T> {
         let least = T::of(LEAST);
         if T::one() - poisson - poisson < least || T::one() + poisson < least {
             let rule = format!(
-                "must lie from -1 + {LEAST:e} to 0.5 - {:e}: nearer to -1 or 0.5 one modulus is more than {:e} times the other, and \
-                 displacements of elements are a small part of the body's; take 0.49 and a fine mesh for what hardly changes its volume",
+                "must lie between -1 + {LEAST:e} and 0.5 - {:e}: nearer to -1 or 0.5 one modulus is more than {:e} times the other, and \
+                 displacements of elements are a small part of the body's; take 0.45 or less for what hardly changes its \
+                 volume, as elements of first order lock above",
                 0.5 * LEAST,
                 1.0 / LEAST
             );

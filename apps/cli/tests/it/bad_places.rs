@@ -145,7 +145,7 @@ fn ratios_of_poisson_next_to_their_ends_are_refused() {
             std::fs::write(&path, scene).expect("scene");
             crate::common::succeed(&["check", text(&path)]);
         } else {
-            let words = "must lie from -1 + 1e-4 to 0.5 - 5e-5";
+            let words = "must lie between -1 + 1e-4 and 0.5 - 5e-5";
             assert_refused("poisson", &scene, "model.left.material", words);
         }
     }
