@@ -138,7 +138,7 @@ fn turned_boxes_of_twelve_triangles_keep_their_nodes() {
     }
 }
 
-/// Of 540 further fans this one has 3e-4 of its forces out of balance: a body is judged where it is built.
+/// One of 540 further fans has 3e-4 of its forces out of balance. The constructor of the model refuses it.
 #[test]
 fn a_body_with_forces_out_of_balance_is_refused_where_it_is_built() {
     let (points, surface) = block_with_fan(358);

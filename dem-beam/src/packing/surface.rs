@@ -438,7 +438,7 @@ fn balls(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<[f64; 4]> {
 }
 
 /// Returns the winding number of a surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
-pub(crate) fn winding(x: &Vector3<f64>, triangles: impl Iterator<Item = [Vector3<f64>; 3]>) -> f64 {
+pub fn winding(x: &Vector3<f64>, triangles: impl Iterator<Item = [Vector3<f64>; 3]>) -> f64 {
     let mut angle = 0.0;
     for t in triangles {
         let [a, b, c] = t.map(|v| v - x);

@@ -4,6 +4,7 @@ use crate::setup::Grid;
 use arlequin::core::geometry::{bounds_of, closest_on_triangle};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::RigidShape;
+use arlequin::dem_beam::packing::surface::winding;
 use arlequin::fem_ref::ElementKind;
 
 /// Depth of one body in another, and its place.
@@ -154,21 +155,14 @@ impl Shell {
         deepest
     }
 
-    /// Returns whether a point lies within the elements: the winding number of their surface about the
-    /// point is 1 inside and 0 outside (van Oosterom and Strackee).
+    /// Returns whether a point lies within the elements.
     fn holds(&self, x: &Point3<f64>) -> bool {
         let [low, high] = bounds_of(self.now.iter());
         if self.triangles.is_empty() || (0..3).any(|c| x[c] < low[c] || x[c] > high[c]) {
             return false;
         }
-        let angle = |k: usize| {
-            let [a, b, c] = self.corners(k).map(|p| p - x);
-            let [p, q, r] = [a.norm(), b.norm(), c.norm()];
-            let below = p * q * r + a.dot(&b) * r + b.dot(&c) * p + c.dot(&a) * q;
-            2.0 * a.dot(&b.cross(&c)).atan2(below)
-        };
-        let angles: f64 = (0..self.triangles.len()).map(angle).sum();
-        angles > std::f64::consts::TAU
+        let corners = |k: usize| self.corners(k).map(|p| p.coords);
+        winding(&x.coords, (0..self.triangles.len()).map(corners)) > 0.5
     }
 
     fn distance_from_surface(&self, x: &Point3<f64>) -> f64 {
