@@ -1,5 +1,4 @@
 //! Helpers shared by the test targets.
-#![allow(dead_code, reason = "every target uses its own part")]
 
 use arlequin_core::Real;
 use arlequin_core::nalgebra::{Point3, Vector3};
