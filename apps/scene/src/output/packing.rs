@@ -149,8 +149,9 @@ impl PackingLine {
         if let Some(across) = self.across.filter(|a| *a < narrow::NARROW) {
             let e = narrow::expected(across);
             out.push(format!(
-                "only {across:.1} spheres fit across the narrowest body; round bars so thin have E {:+.0} %, nu {:.3} ± {:.3} \
-                 in place of 0.174, bending {:+.0} % and torsion {:+.0} %: take smaller spheres, ten across or more",
+                "only {across:.1} spheres fit across the body's narrowest part, and a thin packing is not as stiff as the bulk (a round \
+                 bar of as many: E {:+.0} %, nu {:.3} ± {:.3} in place of 0.174, bending {:+.0} %, torsion {:+.0} %); take \
+                 smaller spheres, ten across or more",
                 100.0 * (e.young - 1.0),
                 e.poisson,
                 e.poisson_spread,
