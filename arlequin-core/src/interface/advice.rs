@@ -16,21 +16,16 @@ pub(super) fn side_warnings<T: Real>(
     let mut out = Vec::new();
     let nodes = report.multipliers / components;
     let [coarse, fine] = report.coupled_nodes;
-    if nodes > coarse.min(fine) {
-        let which = if nodes > coarse.max(fine) {
-            "both models"
-        } else if nodes > fine {
-            "the fine model"
-        } else {
-            "the coarse model"
-        };
+    // Below the finer model's nodes a finer mediator does no harm (hard-cases.md); above, jumps that neither
+    // model can carry are forced to zero.
+    let finer = coarse.max(fine);
+    if nodes > finer {
         out.push(format!(
-            "the mediator ({nodes} nodes) is finer than {which} in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
+            "the mediator ({nodes} nodes) is finer than both models in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
              will be reflected; use h_B ≥ {:.3e} m",
             // The number of nodes goes with the inverse spacing to the power of the dimension, which is the
             // number of components (a line has 1, a solid 3).
-            spec.mediator.spacing().as_f64()
-                * (nodes as f64 / coarse.min(fine) as f64).powf(1.0 / components as f64),
+            spec.mediator.spacing().as_f64() * (nodes as f64 / finer as f64).powf(1.0 / components as f64),
         ));
     }
     let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
