@@ -252,8 +252,11 @@ fn reader_folder(folder: &str, scene: &str) -> PathBuf {
     let shipped = shipped.canonicalize().expect("examples");
     std::os::unix::fs::symlink(shipped, place.join("examples")).expect("a link");
     if !scene.is_empty() {
-        let text = read(&crate::common::scene(scene));
-        std::fs::write(place.join("SCENE.toml"), text).expect("writes");
+        std::fs::copy(crate::common::scene(scene), place.join("SCENE.toml")).expect("copies");
+    }
+    if folder == "view" {
+        let scene = place.join("SCENE.toml");
+        succeed(&["run", text(&scene), "--out", text(&place.join("DIR"))]);
     }
     if folder == "sweep" {
         let files = sweeps::folder("book-sweep-files", sweeps::SWEEP);
