@@ -43,6 +43,7 @@ impl Starts {
                 i % counts[2],
             ];
             let middle = Point3::from([0, 1, 2].map(|k| low[k] + (index[k] as f64 + 0.5) * size));
+            // Bins are visited in order, so the walk to the next middle is one bin long.
             hint = delaunay.walk(&middle, hint);
             *start = hint;
         }
@@ -102,6 +103,8 @@ impl Domain {
             return None;
         }
         let start = self.starts.start_near(x);
+        // The walk is exact. The rest is for points beyond the hull, beside flat tetrahedra, or outside by
+        // round-off.
         let mut tet = self.delaunay.walk(x, start);
         let mut reach = tolerance;
         let outside = self.delaunay.tets[tet as usize].is_ghost();
@@ -216,6 +219,7 @@ impl Domain {
         if area > self.tolerance * longest && excess > 2.0 * tolerance {
             return None;
         }
+        // A point in the middle of the nodes has no direction inward, but cannot be outside the hull either.
         let inward = (self.starts.middle - x).try_normalize(0.0)?;
         // From 4 to some 8e6 tolerances: the smallest shift that leads into the hull is taken.
         let shifts = (0..8).map(|k| 4.0 * tolerance * 8.0_f64.powi(k));

@@ -62,6 +62,7 @@ impl Traction {
     }
 
     fn sum(&self) -> [f64; 3] {
+        // `middle` was loaded from entry 4, one before its column: its sums stand one lane further on.
         [0, 1, 2].map(|r: usize| self.outer[r] + self.middle[r + 1])
     }
 }
@@ -115,6 +116,7 @@ impl Rows {
             out.starts.push(out.columns.len());
             out.with_c.push(out.c.len() / 3);
         }
+        // Padding: four lanes are loaded from the last entry too.
         out.b.push(0.0);
         out.c.push(0.0);
         out
@@ -134,6 +136,7 @@ impl Rows {
     fn by_node(smoothing: &Smoothing, sub: &SubCells) -> Self {
         let cells = smoothing.volumes.len();
         let slots = Adjacency::of_slots(cells, &smoothing.nodes);
+        // Slots ascend with the cells: a search replaces a list as long as the entries.
         let cell_of = |slot: usize| smoothing.starts.partition_point(|s| *s <= slot) - 1;
         Self::new((0..cells).map(|node| {
             slots.row(node).iter().map(|&slot| {
@@ -197,6 +200,7 @@ fn gradients(row: &Row<'_>, q: &[[f64; 3]]) -> [[Lanes; 3]; 2] {
         let u = &q[node as usize];
         let b = lanes(row.b, 3 * k);
         (0..3).for_each(|r| add(&mut g[r], u[r], b));
+        // Entries with a `c` come first, so a count replaces a second list of columns.
         if k < with_c {
             let c = lanes(row.c, 3 * k);
             (0..3).for_each(|r| add(&mut d[r], u[r], c));
@@ -212,6 +216,7 @@ fn stress(g: &[Lanes; 3], [lambda, mu]: [f64; 2]) -> [[f64; 3]; 3] {
     let mut out = [[0.0; 3]; 3];
     for (c, out) in out.iter_mut().enumerate() {
         for (r, out) in out.iter_mut().enumerate() {
+            // Twice the symmetric part times `mu`: the strain itself is never formed.
             *out = mu * (g[r][c] + g[c][r]);
         }
         out[c] += trace;
@@ -324,6 +329,7 @@ impl NullaryFnOnce for Energies<'_> {
 
 /// Calls `work` for chunks of the items, on all threads if there are many items. Allocates nothing.
 fn in_chunks<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
+    // Waking threads costs more than a small body's forces.
     if items.len() < SERIAL {
         return work(0, items);
     }
@@ -347,6 +353,7 @@ impl MatrixFree {
             columns: Rows::by_node(smoothing, sub),
             volumes: volumes.collect(),
             lame: material.lame(),
+            // Allocated once: an evaluation writes every entry before it reads any.
             cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
@@ -426,6 +433,7 @@ impl MatrixFree {
 
     /// Subtracts the internal forces \[N\] at displacements `q` from `f`. Allocates nothing.
     pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
+        // All stresses before any force: a node gathers from the cells of its neighbours as well.
         self.stress(q);
         self.gather(q, f);
     }

@@ -58,12 +58,15 @@ impl SubCells {
             for t in domain.elements() {
                 let p = t.map(|v| domain.nodes()[v]);
                 let (gradients, volume) = crate::delaunay::linear_gradients(&p);
+                // The gradient of a corner's function is one over its height, so the steepest one gives the
+                // lowest height.
                 let height = 1.0 / gradients.iter().map(|g| g.norm()).fold(0.0, f64::max);
                 let mut edge: f64 = 0.0;
                 for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
                     edge = edge.max((p[i] - p[j]).norm());
                 }
                 let ratio = (height / (edge * FLAT)).min(1.0);
+                // A quarter of the tetrahedron for each of its cells.
                 let weight = amount * ratio * ratio * volume * 0.25;
                 // Tetrahedra without a weight are left out: every other term still vanishes for linear
                 // fields.
@@ -74,6 +77,8 @@ impl SubCells {
                 }
             }
         }
+        // Corners of a tetrahedron need not be natural neighbours on the cell's facets: missing columns are
+        // added with zero.
         out.widen(smoothing);
         out.sums = vec![0.0; cells];
         out.mixed = vec![Vector3::zeros(); smoothing.nodes.len()];

@@ -177,6 +177,7 @@ impl Work {
     /// Adds a neighbour to the list, once for all of its copies.
     fn add_near(&mut self, domain: &Domain, node: u32, v: u32) {
         let v = domain.copies.original(v);
+        // Copies have one position and one bisector: a second one would cut nothing.
         if v != domain.copies.original(node) && !self.near.iter().any(|n| n.1 == v) {
             let seed = &domain.delaunay.points[node as usize];
             let r = domain.delaunay.points[v as usize] - seed;
@@ -235,6 +236,7 @@ impl Work {
         self.near.clear();
         self.list_near(domain, node);
         self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        // Flat tetrahedra have no volume to clip; cells pass through them by `behind_flat`.
         self.queue.clear();
         self.queue
             .extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
@@ -244,6 +246,7 @@ impl Work {
             let tet = self.queue[next];
             next += 1;
             self.clip_one(domain, tet, &seed);
+            // The cell goes on wherever a piece still has a face inside the domain.
             for (tag, _) in self.piece.faces() {
                 if tag & KIND == FREE {
                     domain.behind_flat((tag & !KIND) as u32, &mut self.behind);
@@ -290,6 +293,7 @@ impl Work {
             };
             let weight = face.area.norm();
             self.add(Piece {
+                // Summed with its area as the weight; the centroid follows at the end.
                 tag,
                 face: between,
                 area: face.area,
@@ -302,6 +306,7 @@ impl Work {
         if !piece.is_empty() {
             let volume = piece.volume();
             self.volume += volume;
+            // Volumes by tetrahedron show later which parts of the domain no cell covers.
             self.parts.push((tet, volume));
             if let Some(keep) = &mut self.keep {
                 keep.push(piece.clone());
@@ -329,6 +334,7 @@ impl Work {
         for (square, v, r) in &self.near {
             // Neighbours are sorted by distance. Beyond twice the farthest corner no bisector meets the
             // piece.
+            // The piece shrinks as it is cut, and with it the distance from which neighbours still count.
             if *square > 4.0 * reach {
                 break;
             }
@@ -350,6 +356,7 @@ impl Work {
         self.pieces.sort_unstable_by_key(|p| (p.tag, p.face));
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
+            // Relative to the largest facet: a facet of round-off size has no reliable normal.
             if p.weight > TINY_FACET * size {
                 let id = (p.tag & !(KIND | LIP)) as usize;
                 let side = if p.tag & KIND == NODE {

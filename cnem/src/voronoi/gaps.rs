@@ -73,10 +73,12 @@ impl Regions {
         }
         let mut out = Self::default();
         for (tet, t) in domain.delaunay.tets.iter().enumerate() {
+            // Flat tetrahedra have no volume to cover.
             if !domain.inside[tet] {
                 continue;
             }
             let full = volume(domain.delaunay.corners(t));
+            // Too little is a gap, too much is covered twice: both are divided again.
             if (filled[tet] - full).abs() > full * UNCOVERED {
                 out.of_tet.insert(tet as u32, u32::MAX);
                 out.gaps.volume += (full - filled[tet]).abs();
@@ -108,9 +110,11 @@ impl Regions {
                 next += 1;
                 for slot in 0..4 {
                     let neighbour = domain.delaunay.tets[tet as usize].n[slot] >> 2;
+                    // Walls bound regions: what lies behind has its own nodes.
                     if domain.walls[tet as usize] >> slot & 1 == 1 {
                         continue;
                     }
+                    // Flat tetrahedra connect, but belong to no region themselves.
                     domain.behind_flat(neighbour, &mut behind);
                     for &neighbour in &behind {
                         if self.of_tet.get(&neighbour) == Some(&u32::MAX) {
@@ -153,6 +157,7 @@ impl Regions {
                 let original = domain.copies.original(region.nodes[i]);
                 region.nodes.extend(domain.copies.unknowns_of(original));
             }
+            // Sorted lists: regions and cells have the same bits in every run.
             region.nodes.sort_unstable();
             region.nodes.dedup();
             for &v in &region.nodes {

@@ -158,6 +158,8 @@ impl Domain {
     /// facets of a cell do not close, `TooManyNeighbours` if a body with many nodes on its surface has hardly
     /// any inside.
     pub fn voronoi(&self) -> Result<Voronoi> {
+        // Before the cells: their cost grows with the number of neighbours, and a refusal must not take
+        // minutes.
         self.check_neighbours()?;
         let boxes = self
             .mesh
@@ -232,6 +234,7 @@ impl Domain {
         }
         let open: Vector3<f64> = body.faces().map(|f| f.1.area).sum();
         let closed = open.norm() <= CONVEX * volume.cbrt().powi(2);
+        // Same volume and a closed surface: the half spaces bound the cell itself.
         if closed && (body.volume() - volume).abs() <= CONVEX * volume {
             return vec![to_core(body)];
         }
