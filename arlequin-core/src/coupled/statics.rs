@@ -61,6 +61,7 @@ impl<T: Real> System<T> {
         };
         for (v, (i, j)) in linear.stiffness().iter() {
             self.matrix.add_triplet(start + i, start + j, *v);
+            // The scale for multipliers: their rows have no stiffness of their own.
             self.scale = self.scale.max(v.abs());
         }
         let n = s.model().layout().dofs();
@@ -98,6 +99,7 @@ impl<T: Real> Coupled<T> {
         for (s, &start) in self.subdomains.iter_mut().zip(&starts) {
             system.add(s, start, t)?;
         }
+        // After all stiffnesses: the compliance is relative to their largest entry.
         self.add_constraints(&starts, system.scale, &mut system.matrix);
         let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
         // Taken out while `system` is solved, and put back after an error too.
@@ -157,6 +159,7 @@ impl<T: Real> Coupled<T> {
         for (k, i) in self.interfaces.iter().enumerate() {
             let row_start = starts[self.subdomains.len() + k];
             for (m, coupling) in i.coupling.iter().enumerate() {
+                // The jump is coarse minus fine.
                 let sign = if m == 0 { T::one() } else { -T::one() };
                 let (d, col_start) = (coupling.shared(), starts[i.sides[m]]);
                 for (r, c, v) in coupling.entries() {
@@ -253,7 +256,9 @@ fn solve_with_supports<T: Real>(
     let weight = system.scaling(&full);
     let (fresh, b) = system.reduced(&full, &weight);
     let Factored { matrix: a, factor } = match cache.take() {
+        // Equal to the last bit: load steps of a linear model repeat the same matrix.
         Some(known) if known.matrix == fresh => cache.insert(known),
+        // LU: multipliers make the matrix indefinite.
         _ => cache.insert(Factored {
             factor: T::lu(&fresh)?,
             matrix: fresh,
@@ -266,6 +271,7 @@ fn solve_with_supports<T: Real>(
     factor.solve(&mut r);
     let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
     x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+    // Judged on displacements alone: multipliers of dependent rows are hardly determined.
     let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
     let r = residual(a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));

@@ -16,6 +16,7 @@ pub(super) fn side_warnings<T: Real>(
     let mut out = Vec::new();
     let nodes = report.multipliers / components;
     let [coarse, fine] = report.coupled_nodes;
+    // More multipliers than unknowns of a side reflect long waves.
     if nodes > coarse.min(fine) {
         let which = if nodes > coarse.max(fine) {
             "both models"

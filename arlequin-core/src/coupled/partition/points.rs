@@ -84,6 +84,7 @@ impl<T: Real> Group<'_, T> {
             }
             let levels = LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
             for part in geometry::parts(cell, levels) {
+                // The degree is low because the parts are many.
                 part.quadrature(1, samples);
             }
         } else {
@@ -148,6 +149,7 @@ impl<T: Real> Group<'_, T> {
         let part = s.measure / T::of(count as f64);
         let mut lacking = false;
         for kind in 0..self.kinds {
+            // A broken weight was recorded; nothing is added for a point without a sum.
             let Some([sure, likely]) = self.sums(s, kind) else {
                 return;
             };
@@ -163,6 +165,7 @@ impl<T: Real> Group<'_, T> {
         }
         self.measure += s.space * self.share_of_space(s.member);
         let floor = T::of(FLOOR);
+        // Shared where a model has part of the energy, or where weight is missing that somebody should have.
         let split = (0..self.members.len()).any(|k| {
             self.present(s.member, k) && self.kinetic[k] > floor && self.kinetic[k] < T::one() - floor
         });
