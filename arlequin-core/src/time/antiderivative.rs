@@ -73,6 +73,7 @@ fn integral_by_halving(
     let change: f64 = values.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
     let round = 2.0 * f64::EPSILON * change * a.abs().max(b.abs()) / half.abs().max(f64::MIN_POSITIVE);
     let apart = gap.abs() > (AGREE[0] * size).max(AGREE[1]).max(round);
+    // Within round-off of the two rules, or after the allowed halvings, the finer rule counts.
     if !apart || depth_left == 0 || *halvings_left == 0 {
         return sum * half;
     }
