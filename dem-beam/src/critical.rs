@@ -51,6 +51,7 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
         }
         top = top.max(k.symmetric_eigenvalues().max());
     }
+    // The factor two of `K <= 2 diag(K_ii)`.
     step_from_eigenvalue(2.0 * top)
 }
 

@@ -104,9 +104,12 @@ impl Layout {
     ) {
         let first = block * LANES;
         let (first_slot, end_slot) = (self.start[block] as usize, self.start[block + 1] as usize);
+        // Empty lanes first: bonds that broke leave lanes behind.
         self.slots[first_slot..end_slot].fill(Slot::default());
+        // The particle itself is always a valid row to load.
         self.neighbours[first_slot..end_slot].fill(std::array::from_fn(|k| (first + k) as u32));
         if self.lengths {
+            // Not zero: a length at rest divides.
             self.rests[first_slot..end_slot].fill(CacheLine([self.grid.step(); LANES]));
         }
         for i in self.lanes(block) {
@@ -114,6 +117,7 @@ impl Layout {
             let whole_bonds = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
             for (s, &[neighbour, b]) in whole_bonds.enumerate() {
                 let bond = body.bond(b as usize);
+                // Each end sees the span from itself, and both get the same digits with opposite signs.
                 let is_first_end = body.pairs()[b as usize][0] as usize == i;
                 let bond = if is_first_end { bond } else { bond.reversed() };
                 self.slots[first_slot + s].set(i - first, &bond, &self.grid);

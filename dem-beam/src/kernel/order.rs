@@ -42,6 +42,7 @@ pub fn block_order(positions: &[Vector3<f64>], pairs: &[[u32; 2]]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     order.sort_by_cached_key(|&i| morton_key(&positions[i as usize], &low, &high));
     for window in order.chunks_mut(WINDOW) {
+        // A stable sort: particles with equally many bonds keep the order of the curve.
         window.sort_by_key(|&i| degree[i as usize]);
     }
     order

@@ -68,6 +68,8 @@ impl Screen {
             Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
         };
+        // At this rotation the error above is a millionth of the square of the strength; a thousandth would
+        // do.
         let turn = 1e3 * stress * shortest / (section.young * section.radius);
         (stress > LEAST_STRAIN * section.young).then(|| Self {
             criterion,
@@ -88,6 +90,7 @@ impl Screen {
     /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
         if let Some(row) = self.ratios.as_mut().and_then(|e| e.get_mut(slot)) {
+            // No strength is below the lowest, so ratios are at most one.
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
@@ -155,6 +158,7 @@ impl<L: Lanes> Test<L> {
             return l.add(l.nmadd(room, self.size(l, room), b), l.sub(clamped, remainder));
         }
         let room = l.sub(l.sub(self.one, t), n);
+        // `room |room|` keeps the sign of a negative room, which marks the lane.
         l.nmadd(room, self.size(l, room), b)
     }
 
@@ -224,7 +228,9 @@ impl Screened for Linear {
             let held = l.madd(t.difference, across(l, q, b, twist), held);
             return l.sub(t.scaled(l, held, ratio), l.sqrt(q));
         }
+        // `2 a + b`, half of the moment `m`; the factor two is in `t.bend`.
         let half = minus(l, c, t.three, sum(l, ti, rotation_sum));
+        // Squares are compared: no root per bond.
         let square = squared(l, ratio);
         let bend = t.scaled(
             l,

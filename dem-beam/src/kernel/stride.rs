@@ -78,6 +78,7 @@ impl Cut for Moving<'_> {
         let first = Moving {
             rows,
             reached,
+            // Chunks of whole blocks: a particle's unknowns and its row belong to one task.
             q: [q, th],
             v: self.v.map(|v| &v[..split]),
             a: self.a.map(|a| &a[..split]),
@@ -157,6 +158,7 @@ impl Finish for Accelerate<'_> {
 
     #[inline(always)]
     fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]) {
+        // The last block may be short.
         let range = PER_BLOCK * b..self.v[0].len().min(PER_BLOCK * (b + 1));
         let linear = l.interleave([f[0], f[1], f[2]]);
         let angular = l.interleave([f[3], f[4], f[5]]);
@@ -189,11 +191,13 @@ impl Accelerate<'_> {
         let mut work = l.splat(0.0);
         for i in 0..whole {
             let old = l.load(&accelerations[i]);
+            // The same operations as in the first pass, so the same bits.
             let kicked = l.add(l.load(&vs[i]), l.mul(half, old));
             let new = l.mul(f[i], l.load(&ws[i]));
             if let Some(m) = m.0.get(i) {
                 // v' (½ m v' + ¼ dt (f' - m a))
                 let m = l.load(m);
+                // `m a` is the force before: the old forces are not stored.
                 let pull = l.mul(l.splat(0.25 * dt), l.nmadd(m, old, f[i]));
                 work = l.madd(kicked, l.madd(l.mul(l.splat(0.5), m), kicked, pull), work);
             }
@@ -201,6 +205,7 @@ impl Accelerate<'_> {
             vs[i] = l.store(l.add(kicked, l.mul(half, new)));
         }
         if !v.is_empty() {
+            // Particles behind the last whole vector, with the rounding of the vector code.
             let f = l.store(f[whole.min(2)]);
             for (i, (((v, a), w), f)) in v.iter_mut().zip(a).zip(w).zip(f).enumerate() {
                 let kicked = *v + h * *a;
@@ -212,6 +217,7 @@ impl Accelerate<'_> {
             }
         }
         if self.m.is_some() {
+            // One sum per call, in a fixed order of lanes.
             self.sum += l.store(work).iter().sum::<f64>();
         }
     }

@@ -38,6 +38,7 @@ fn half_angle(x: f64) -> (f64, f64) {
         let series = |k: &[f64; 6]| k[0] + y * (k[1] + y * (k[2] + y * (k[3] + y * (k[4] + y * k[5]))));
         return (series(&COS), series(&SIN));
     }
+    // More than half a radian in one step is rare: speed does not matter here.
     let a = x.sqrt();
     let (s, c) = (0.5 * a).sin_cos();
     (c, s / a)
