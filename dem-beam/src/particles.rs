@@ -117,6 +117,7 @@ impl BondedParticles {
     ) -> Result<Self> {
         positive("body volume", matter.volume)?;
         check_spheres(&positions, &radii)?;
+        // Volumes in proportion to the cubes of the radii, so that they fill the body exactly.
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
         let volumes: Vec<f64> = radii.iter().map(|r| matter.volume * r * r * r / cubes).collect();
         let contents = Contents {
@@ -230,6 +231,7 @@ impl BondedParticles {
             self.scales[b] = bond.scale;
         }
         self.weights.copy_from_slice(weights);
+        // A particle without bonds keeps its whole mass.
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
             self.mass[i] = self.full_mass[i] * w;
         }
@@ -256,6 +258,7 @@ impl BondedParticles {
             let [a, b] = [i, j].map(|k| stiffness[k as usize]);
             2.0 * a * b / (a + b)
         };
+        // Grades multiply the stored scales through `set_weights`, which knows the rounding too.
         self.grades = self.pairs.iter().map(series).collect();
         self.full_mass.iter_mut().zip(density).for_each(|(m, d)| *m *= d);
         // `set_weights` copies into `self.weights`, which must keep its length.
@@ -390,6 +393,7 @@ impl BondedParticles {
     pub fn bond(&self, b: usize) -> LinearBond {
         let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
         let d: [f64; 3] = (j - i).into();
+        // The nearest image, in a periodic box.
         let d = Vector3::from(self.period.map_or(d, |p| image(d, &p)));
         let length = d.norm();
         LinearBond {

@@ -28,9 +28,11 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
             pair[1] as usize,
         ))
     };
+    // A bar has no faces that could face each other.
     if mesh.kind() == ElementKind::Bar2 {
         return refuse(first);
     }
+    // Across a slit, the body must be connected around it: otherwise these are two bodies that touch.
     let parts = node_parts(mesh);
     if let Some([a, b]) = pairs
         .iter()
@@ -59,6 +61,7 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
 pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     let mut place: HashMap<u32, u32> = HashMap::new();
     for pair in pairs {
+        // The first node stands for the place, also where three nodes meet.
         let first = place.get(&pair[0]).copied().unwrap_or(pair[0]);
         place.insert(pair[0], first);
         place.insert(pair[1], first);
@@ -91,6 +94,7 @@ impl Facing {
     fn from_mesh<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
         let mut facets: BTreeMap<Vec<u32>, Vec<(u32, Vec<u32>)>> = BTreeMap::new();
         for facet in mesh.boundary() {
+            // Only facets with a doubled node can be lips.
             let nodes = mesh.facet_nodes(facet);
             if nodes.iter().any(|n| place.contains_key(n)) {
                 let place_of = |n: &u32| place.get(n).copied().unwrap_or(*n);

@@ -24,6 +24,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
             "format 2.2 with numbers of 4 bytes is not supported; save in 4.1",
         ));
     }
+    // In binary files the number one follows the header: its bytes tell their order.
     let little = match (header.width, bytes.get(header.end..header.end + 4)) {
         (None, _) | (_, Some([1, 0, 0, 0])) => true,
         (_, Some([0, 0, 0, 1])) => false,
@@ -87,6 +88,7 @@ fn nodes(mut source: Source<'_>, count: u64, out: &mut Contents) -> Result<()> {
 
 fn elements(mut source: Source<'_>, count: u64) -> Result<Vec<Listed>> {
     let mut out = Vec::new();
+    // Not `Vec::with_capacity(count)`: a broken file may announce any number.
     while (out.len() as u64) < count {
         let before = out.len();
         let good = if source.binary {
@@ -131,6 +133,7 @@ fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -
         return Ok(None);
     };
     let (element_type, n) = known(code)?;
+    // More elements than announced, or a count of tags that no program writes: the file is broken.
     if follow < 1 || follow as u64 > count - out.len() as u64 || !(0..=64).contains(&tags) {
         return Ok(None);
     }
