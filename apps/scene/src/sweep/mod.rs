@@ -136,6 +136,7 @@ impl PlannedSweep {
                     r.status = "failed";
                     r.error = Some(words);
                 }
+                // Interrupted: this run and those behind it stay missing.
                 Err(_) => break,
             }
         }

@@ -116,6 +116,7 @@ impl Run {
     pub fn take(&mut self, summary: &Value, m: &Member, file: &SweepFile) {
         let scalar = |(name, m): (&String, &Measure)| {
             let value = measured(summary, m);
+            // `compare_measures` sets it, once the reference is known.
             let deviation = None;
             (name.clone(), Measured { value, deviation })
         };
@@ -209,6 +210,7 @@ fn phase(name: &str, m: &Member) -> String {
 pub(super) fn compare_measures(runs: &mut [Run]) {
     let reference = runs.first().map(|r| r.measures.clone()).unwrap_or_default();
     for (name, m) in runs.iter_mut().flat_map(|r| &mut r.measures) {
+        // A deviation from zero has no scale.
         let base = reference
             .get(name)
             .and_then(|b| b.value)

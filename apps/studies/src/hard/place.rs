@@ -100,6 +100,7 @@ fn couple(bodies: Vec<Subdomain<f64>>, mediator: Mesh<f64>, length: f64) -> Resu
 }
 
 fn mass(c: &Coupled<f64>) -> f64 {
+    // A node has its mass once per component.
     c.subdomains()
         .iter()
         .flat_map(|s| s.inertia().iter().step_by(3))
@@ -182,6 +183,7 @@ fn clamped_line() -> Result<f64> {
 fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut weights = solid::weights(Profile::Cubic, 0.01)?;
     let mut fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
+    // Loads act in full on both models, as in naive code.
     if external_everywhere {
         weights.external = Arc::new(Uniform(1.0));
         fine_weights.external = Arc::new(Uniform(1.0));
