@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector3};
 
 /// Nodes whose mean gives the direction inwards.
 const NODES: usize = 8;
-/// Halvings of the distance to the surface: down to round-off.
+/// Number of halvings of the distance to the surface, enough to come down to round-off.
 const HALVINGS: usize = 50;
 
 /// A field with its linear continuation.

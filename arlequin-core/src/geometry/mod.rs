@@ -150,8 +150,9 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// Appends samples like [`Self::quadrature`], but half to two thirds of them, from tetrahedra at a common
-    /// corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or nearly.
+    /// Appends samples like [`Self::quadrature`], but only half to two thirds as many, from tetrahedra at a
+    /// common corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or
+    /// nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {
             Self::Polyhedron(p) if degree > 2 => {

@@ -31,7 +31,7 @@ const MARGIN: f64 = 1e-3;
 /// Limit of [`Screen::turn`], in place of infinity: products with it stay finite.
 const NEVER: f64 = 1e60;
 
-/// Lowest strength, as a strain, of which round-off in the kernel stays below a thousandth.
+/// Lowest strength, as a strain; round-off in the kernel stays below a thousandth of it.
 const LEAST_STRAIN: f64 = 1e-8;
 
 /// Limits against which half-bonds are checked.
