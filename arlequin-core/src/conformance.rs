@@ -403,9 +403,6 @@ pub fn participant<T: Real>(
 
 /// Errors of travel and of velocity gain in a step while the participant has an additional uniform `speed`:
 /// `|Σ Δq·w/Σ w² − 1|` with `w = ½Δt(v₀ + v₁)`, and the corresponding number of velocities and accelerations.
-///
-/// The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the error
-/// of the trapezium rule, `(ωΔt)²/4` of its share.
 fn travel_and_gain<T: Real>(
     solver: &mut dyn Participant<T>,
     inertia: &[T],
@@ -424,6 +421,8 @@ fn travel_and_gain<T: Real>(
         let known = solver.accelerations(a);
         (out, known)
     };
+    // The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the
+    // error of the trapezium rule, `(ωΔt)²/4` of its share.
     solver.kick(&impulse)?;
     let (before, _) = state(solver);
     solver.advance(step, step)?;

@@ -330,10 +330,9 @@ impl<T: Real> EnergyRelease<T> {
         ))
     }
 
-    /// Finds factors of `∂u/∂s` at the moved nodes, by least squares over the nodes of their cells. At a
-    /// surface only nodes in the surface count, so that the sum over the faces of a crack is a sum by parts.
-    /// A node of the front belongs to both faces, whose forces on it cancel. In its stead, its neighbours on
-    /// the faces get in addition half of the derivative between them and the front.
+    /// Finds factors of `∂u/∂s` at the moved nodes, by least squares over the nodes of their cells; at a
+    /// surface only over those in the surface. In the stead of a node of the front, its neighbours on the
+    /// faces get in addition half of the derivative between them and the front.
     fn find_slopes(&mut self, model: &dyn Model<T>, cylinder: &Cylinder<T>, facing: &[Facing<T>]) {
         let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
         for p in &self.places {
@@ -347,6 +346,8 @@ impl<T: Real> EnergyRelease<T> {
         let slope_row = |(n, near): (usize, &mut Vec<u32>)| {
             near.sort_unstable();
             near.dedup();
+            // At a surface only nodes in it count, so that the sum over the faces of a crack is a sum by
+            // parts. A node of the front belongs to both faces, whose forces on it cancel.
             let (area, size) = facing[n];
             let normal = (area.norm() > size * T::of(ON_SURFACE)).then(|| area.normalize());
             let arm = |m: &u32| {

@@ -175,9 +175,8 @@ impl<T: Real> ParticleField<T> {
     ///
     /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
     ///
-    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta
-    /// stay exact. If the neighbours of a particle nearly lie in a plane, their neighbours are added, up to
-    /// four rings. Where these do not span space either, asking for the gradient is an error.
+    /// If the neighbours of a particle nearly lie in a plane, their neighbours are added, up to four rings.
+    /// Where these do not span space either, asking for the gradient is an error.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for a pair that names a particle which does not exist.
@@ -190,6 +189,8 @@ impl<T: Real> ParticleField<T> {
                 found: *beyond as usize + 1,
             });
         }
+        // The least-squares gradient of a linear field is exact and that of a uniform one zero, so that
+        // momenta stay exact.
         let ends = pairs.iter().flat_map(|&[i, j]| [(i, j), (j, i)]);
         self.neighbours = Some(Adjacency::new(count, ends));
         Ok(self)

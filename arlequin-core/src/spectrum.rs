@@ -168,8 +168,7 @@ impl<T: Real> Tridiagonal<T> {
 /// Makes a new vector orthogonal to the vector before (handed over) and to others.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
-/// Lanczos iteration on the symmetric `R K R` until `settled`. The start is fixed, so that the result is
-/// reproducible.
+/// Lanczos iteration on the symmetric `R K R` until `settled`.
 fn lanczos<T: Real>(
     (root, space): (&[T], &Space<'_>),
     limit: usize,
@@ -180,7 +179,8 @@ fn lanczos<T: Real>(
     let n = root.len();
     let moves = |i: usize| {
         if root[i] > T::zero() {
-            // By global numbers: every rank starts with its part of the same vector.
+            // A fixed start makes the result reproducible. By global numbers, every rank starts with its part
+            // of the same vector.
             start_value(space.global_number(i))
         } else {
             T::zero()

@@ -72,8 +72,7 @@ impl Polyhedron {
     }
 
     /// Like `clip`; corners with `|normal . y - offset| <= snap` count as lying on the plane. A face all of
-    /// whose corners lie on the plane coincides with the cut. It gets `tag` if `free` accepts the face's tag:
-    /// round-off, which puts such a face before or behind the plane, must not decide about its area.
+    /// whose corners lie on the plane gets `tag` if `free` accepts the face's tag.
     pub(crate) fn clip_near(
         &mut self,
         normal: &Vector3<f64>,
@@ -101,6 +100,8 @@ impl Polyhedron {
             self.faces.clear();
             return true;
         }
+        // A face in the plane coincides with the cut. Round-off, which puts it before or behind the plane,
+        // must not decide about its area.
         if on_plane {
             let mut start = 0;
             for (end, face_tag) in &mut self.faces {

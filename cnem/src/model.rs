@@ -216,8 +216,7 @@ impl CnemModel {
     }
 
     /// Returns the facets of [`CnemModel::boundary`] that satisfy a condition, for loads. The share of a node
-    /// \[m²\] is the facet's area times the node's shape function at the centroid. The nodal integration uses
-    /// the same rule, so a constant stress is in equilibrium with its tractions to round-off.
+    /// \[m²\] is the facet's area times the node's shape function at the centroid.
     ///
     /// # Errors
     /// [`Error::EmptySelection`].
@@ -226,6 +225,8 @@ impl CnemModel {
             let area = f.area.norm();
             SurfaceFacet {
                 nodes: f.nodes.clone(),
+                // The rule of the nodal integration: a constant stress is in equilibrium with its tractions
+                // to round-off.
                 shares: f.values.iter().map(|v| v * area).collect(),
                 centre: f.centroid,
                 normal: f.area / area,

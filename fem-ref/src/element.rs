@@ -250,12 +250,11 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
     None
 }
 
-/// Cuts a hexahedron into six tetrahedra.
-///
-/// The corner of lowest `rank` is the apex. Each of the three faces without the apex is cut along the
-/// diagonal from its own lowest corner and joined to the apex. Neighbours therefore cut their common face
-/// alike; so do the two lips of a slit if `rank` is the same for nodes at the same place.
+/// Cuts a hexahedron into six tetrahedra, in the same way for all hexahedra at a face if `rank` is the same.
 pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[u32; 4]; 6] {
+    // The corner of lowest rank is the apex. Each of the three faces without the apex is cut along the
+    // diagonal from its own lowest corner and joined to the apex. Neighbours therefore cut their common face
+    // alike; so do the two lips of a slit if ranks are the same for nodes at the same place.
     let apex = (0..8).min_by_key(|&k| rank(corners[k])).unwrap_or(0);
     let mut out = [[0; 4]; 6];
     let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));

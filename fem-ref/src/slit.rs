@@ -15,10 +15,6 @@ pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh
 }
 
 /// Returns an error for coincident nodes that are not the lips of a slit.
-///
-/// Lips satisfy four conditions. Each of their nodes lies on surface facets that face another facet at the
-/// same place. No node lies on two facets at one place that look the same way. The body is connected around
-/// the slit. No lip wraps around a single element or a single node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
     let refuse = |pair: &[u32; 2]| {
@@ -51,7 +47,10 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
         *opposed.entry(n).or_insert(true) &= good;
     }
     let lip = |n: &u32| opposed.get(n).copied().unwrap_or(false);
+    // Every node of a lip lies on surface facets that face another facet at the same place, and never on two
+    // at one place that look the same way.
     let pocket = facing.pocket(&place);
+    // No lip wraps around a single element or a single node.
     let in_pocket = |n: &u32| pocket.is_some_and(|p| *n == p);
     let bad = |pair: &&[u32; 2]| !pair.iter().all(lip) || pair.iter().any(in_pocket);
     pairs.iter().find(bad).map_or(Ok(()), refuse)

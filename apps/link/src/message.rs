@@ -413,9 +413,10 @@ fn points(content: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
     Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
 }
 
-/// Reads polyhedra. The announced counts allocate nothing: each cell and each face takes at least four bytes
-/// of the message, so that a wrong count ends the reading.
+/// Reads polyhedra.
 fn polyhedra(content: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
+    // The announced counts allocate nothing: each cell and each face takes at least four bytes of the
+    // message, so that a wrong count ends the reading.
     let mut out = Vec::new();
     for _ in 0..count {
         let faces = content.u32()?;

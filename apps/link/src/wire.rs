@@ -408,8 +408,7 @@ impl<'a> Content<'a> {
         Ok(chunks.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// Reads the next text. Control characters become blanks, so that no message from outside can move a
-    /// terminal's cursor.
+    /// Reads the next text. Control characters become blanks.
     ///
     /// # Errors
     /// [`Error::Length`]; [`Error::Content`] for a text that is too long or not UTF-8.
@@ -419,6 +418,7 @@ impl<'a> Content<'a> {
             return Err(self.wrong(format!("{what} has {count} bytes, more than {limit}")));
         }
         match std::str::from_utf8(self.raw(count)?) {
+            // No message from outside may move the cursor of a terminal.
             Ok(text) => Ok(text
                 .chars()
                 .map(|c| if c.is_control() { ' ' } else { c })

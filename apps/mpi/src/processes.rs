@@ -84,9 +84,10 @@ pub fn run<R, E: Display>(
     }
 }
 
-/// Refuses fewer ranks than the launcher started. The `mpirun` of another MPI library leaves each process
-/// alone in a world of its own, and each would make the whole run.
+/// Refuses fewer ranks than the launcher started.
 fn check_launcher(ranks: usize) -> Result<(), RankError> {
+    // The `mpirun` of another MPI library leaves each process alone in a world of its own, and each would
+    // make the whole run.
     let Some(launched) = Launched::from_environment().filter(|l| l.ranks > ranks) else {
         return Ok(());
     };

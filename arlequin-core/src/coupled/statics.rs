@@ -195,12 +195,12 @@ pub(super) struct Factored<T> {
 }
 
 impl<T: Real> System<T> {
-    /// Returns the factors of a symmetric scaling of rows and columns. Rows of multipliers have no positive
-    /// diagonal: their largest entry is scaled to the stiffness instead, so that pivoting compares like with
-    /// like.
+    /// Returns the factors of a symmetric scaling of rows and columns.
     fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
         let factor = |(i, row): (usize, CsVecView<'_, T>)| {
             let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
+            // Rows of multipliers have no positive diagonal. Their largest entry is scaled to the stiffness
+            // instead, so that pivoting compares like with like.
             let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
             if diagonal > T::zero() {
                 T::one() / diagonal.sqrt()

@@ -240,9 +240,9 @@ impl<T: Real> CellSet<T> {
     }
 }
 
-/// Gives a segment the cross-section of the mediator's line. The section of the model would only scale the
-/// multipliers.
+/// Gives a segment the cross-section of the mediator's line.
 fn with_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
+    // The section of the model would only scale the multipliers.
     if let (
         Cell::Segment { section, .. },
         Cell::Segment {

@@ -301,9 +301,9 @@ impl Half {
         edges.values().all(|n| *n == 0)
     }
 
-    /// Builds the Delaunay complex of the half's nodes and returns its tetrahedra inside the half. The nodes
-    /// keep their order, so that ties are broken as in the large complex.
+    /// Builds the Delaunay complex of the half's nodes and returns its tetrahedra inside the half.
     fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
+        // The nodes keep their order, so that ties are broken as in the large complex.
         let nodes: Vec<u32> = self.nodes.iter().copied().collect();
         let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();
         let complex = Delaunay::new(&points).ok()?;

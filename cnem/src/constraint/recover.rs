@@ -90,10 +90,10 @@ impl Work<'_> {
         edges
     }
 
-    /// Swaps diagonals (Lawson) in the flat patches around missing faces. The perturbed circle test is the
-    /// restriction of the sphere test to the plane, so a flat patch ends in the triangulation that the
-    /// complex has on it, if there is one.
+    /// Swaps diagonals (Lawson) in the flat patches around missing faces.
     fn swap_diagonals(&mut self) {
+        // The perturbed circle test is the restriction of the sphere test to the plane. A flat patch
+        // therefore ends in the triangulation that the complex has on it, if there is one.
         let missing = self.missing_faces();
         self.record.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
         let mut queue: Vec<(u32, u32)> = Vec::new();
@@ -129,10 +129,11 @@ impl Work<'_> {
         }
     }
 
-    /// Splits missing faces and edges at given nodes that lie on them. Also splits faces that are in the
-    /// complex only because round-off of the coordinates puts nodes of their plane behind them: a flat patch
-    /// can adopt the triangles of the complex only if it has all nodes of that plane.
+    /// Splits faces and edges at given nodes that lie on them, missing ones first.
     fn split_at_nodes(&mut self) {
+        // Round-off of the coordinates may put nodes of a face's plane behind it, and the face into the
+        // complex. It is split as well: a flat patch can adopt the triangles of the complex only if it has
+        // all nodes of that plane.
         let round_off = ON_BOUNDARY * largest_coordinate(&self.delaunay.points);
         let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
         let bins = Bins::new(boxes);

@@ -78,9 +78,10 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     check_sphere(points, &(a + to_centre), to_centre.norm())
 }
 
-/// Returns an error if more than 1000 nodes all lie on one sphere. This comes before the complex is built:
-/// the sphere through any four of the nodes holds all points inside, which would be neighbours of every node.
+/// Returns an error if more than 1000 nodes all lie on one sphere.
 fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
+    // Checked before the complex is built: the sphere through any four of the nodes holds all points inside,
+    // which would be neighbours of every node.
     let is_off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
     let nodes = points.len();
     if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(is_off) {

@@ -79,14 +79,14 @@ impl CnemModel {
             .fold((0.0, 0), |x, y| if not_less(x.0, y.0) { x } else { y })
     }
 
-    /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`. The translation `t` is as large as the
-    /// displacements of the body, so that every node moves.
+    /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`.
     fn linear_field_forces(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
         let field = self.field.clone();
         let nodes = field.domain().nodes();
         let [low, high] = crate::bins::around(nodes, 0.0);
         let middle: Point3<f64> = nalgebra::center(&low, &high);
-        // A translation as well: gradients whose sum is not zero would give it a force.
+        // The translation is as large as the displacements of the body, so that every node moves: gradients
+        // whose sum is not zero would give it a force.
         let shift = Vector3::repeat((high - low).norm() * gradient.norm());
         let displacement = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
         let u: Vec<f64> = nodes.iter().flat_map(displacement).collect();

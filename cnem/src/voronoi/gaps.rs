@@ -133,8 +133,7 @@ impl Regions {
     }
 
     /// Gives each region its nodes: those whose cells reach the region or border on it, and the corners of
-    /// its tetrahedra. Nodes of bordering cells are needed: without them the strip inside the region that is
-    /// closest to them would go to other nodes, and the facets on the border would not match.
+    /// its tetrahedra.
     fn share(&mut self, domain: &Domain, extents: &[Extent]) {
         for (node, extent) in extents.iter().enumerate() {
             let tets = extent
@@ -142,6 +141,8 @@ impl Regions {
                 .iter()
                 .map(|p| p.0)
                 .chain(extent.beside.iter().copied());
+            // Without the nodes of bordering cells, the strip inside the region that is closest to them would
+            // go to other nodes, and the facets on the border would not match.
             for tet in tets {
                 if let Some(&r) = self.of_tet.get(&tet) {
                     self.regions[r as usize].nodes.push(node as u32);

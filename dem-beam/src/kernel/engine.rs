@@ -112,15 +112,14 @@ pub(crate) trait Cut: Sized + Send {
 }
 
 /// Does work in parts of [`CHUNK`] blocks, on one thread or on all threads.
-///
-/// The parts are the same in both cases, so that sums over them have the same bits. They are whole blocks, so
-/// that no two threads write the unknowns of one particle.
 pub(crate) fn in_parts<P: Cut>(job: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
     let blocks = job.blocks();
     if blocks <= CHUNK {
         return work(job);
     }
-    // Cuts at a multiple of CHUNK near the middle: the parts do not depend on the number of threads.
+    // Cuts at a multiple of CHUNK near the middle. The parts are the same on one thread and on many, so that
+    // sums over them have the same bits. They are whole blocks, so that no two threads write the unknowns of
+    // one particle.
     let (a, b) = job.cut(blocks.div_ceil(CHUNK) / 2 * CHUNK);
     if parallel {
         rayon::join(|| in_parts(a, true, work), || in_parts(b, true, work));

@@ -45,10 +45,9 @@ pub(crate) fn work(bonds: &[usize]) -> usize {
 
 impl Layout {
     /// Lays out the bonds of the first `particles` particles of a body, with lengths at rest if `lengths`.
-    ///
-    /// Each row of the body's adjacency is sorted by the other end, so the sum over a particle's bonds does
-    /// not depend on how the caller numbered the bonds.
     pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
+        // Each row is sorted by the other end, so that the sum over a particle's bonds does not depend on how
+        // the caller numbered the bonds.
         let adjacency = body.adjacency();
         let blocks = particles.div_ceil(LANES);
         let mut out = Self {

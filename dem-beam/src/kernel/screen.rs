@@ -50,10 +50,6 @@ pub(crate) struct Screen {
 impl Screen {
     /// Makes a screen from the `strengths` of all bonds \[Pa or J/m²\] and the smallest and largest of their
     /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
-    ///
-    /// In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
-    /// th)^2`, which must stay a thousandth below the square of the strength. Blocks with larger rotations
-    /// are marked without a check.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,
@@ -68,8 +64,9 @@ impl Screen {
             Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
         };
-        // At this rotation the error above is a millionth of the square of the strength; a thousandth would
-        // do.
+        // In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
+        // th)^2`, which must stay a thousandth below the square of the strength. At this rotation it is a
+        // millionth of that square. Blocks with larger rotations are marked without a check.
         let turn = 1e3 * stress * shortest / (section.young * section.radius);
         (stress > LEAST_STRAIN * section.young).then(|| Self {
             criterion,

@@ -175,13 +175,13 @@ fn listed(
     })
 }
 
-/// Sorts elements into blocks of one type, entity and set of groups. The file lists an entity in several
-/// groups once per group, reversed if the group's tag is negative; elements are therefore identified by their
-/// set of nodes.
+/// Sorts elements into blocks of one type, entity and set of groups.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     let mut indices: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
     for e in listed {
+        // The file lists an entity in several groups once per group, reversed if the group's tag is negative.
+        // So an element is identified by the set of its nodes.
         let mut nodes = e.nodes.clone();
         nodes.sort_unstable();
         let key = (e.element_type as i32, e.entity, nodes);

@@ -271,8 +271,7 @@ struct Nest {
     volume: f64,
 }
 
-/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator. At a free surface
-/// the blocks are extended beyond the body, so that the weight does not fall there.
+/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator.
 fn nest(
     whole: [[f64; 3]; 2],
     inner: [[f64; 3]; 2],
@@ -282,7 +281,7 @@ fn nest(
     let p = Point3::from;
     let far = |b: [[f64; 3]; 2]| Primitive::Block {
         low: Point3::from(Vector3::from_fn(|k, _| {
-            // At a free surface the block extends beyond the body.
+            // At a free surface the block extends beyond the body, so that the weight does not fall there.
             if b[0][k] <= whole[0][k] { -50.0 } else { b[0][k] }
         })),
         high: Point3::from(Vector3::from_fn(|k, _| {

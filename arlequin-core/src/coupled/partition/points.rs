@@ -338,13 +338,14 @@ impl<T: Real> Group<'_, T> {
 }
 
 /// Returns the part of a particle's volume that lies in an overlap, judged at the octants of a cube of its
-/// size. A layer of particles on the border of the overlap thus counts as half.
+/// size.
 fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
     let quarter = T::of(0.25) * s.measure.cbrt();
     let octant = |k: usize| {
         let offset = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
         s.point + Vector3::new(offset(0), offset(1), offset(2))
     };
+    // Thus a layer of particles on the border of the overlap counts as half.
     let count = (0..8).filter(|k| is_shared(&octant(*k))).count();
     T::of(count as f64 / 8.0)
 }
