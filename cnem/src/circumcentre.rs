@@ -1,8 +1,4 @@
 //! Circumcentres that stay accurate on nearly flat tetrahedra.
-//!
-//! In double precision the centre has a relative error of `1e-16 * size^3 / volume`. Below a relative volume
-//! of 1e-3 the numerator and the determinant are computed in double-double arithmetic from exact differences.
-//! The error then stays below 1e-16 down to the flattest tetrahedra that occur with exact predicates.
 
 use nalgebra::{Point3, Vector3};
 use std::ops::{Add, Mul, Sub};
@@ -88,6 +84,10 @@ pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Opt
     let (b2, c2, d2) = (b.norm_squared(), c.norm_squared(), d.norm_squared());
     let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));
     let det = b.dot(&cd);
+    // In double precision the centre has a relative error of `1e-16 * size^3 / volume`. Below a relative
+    // volume of 1e-3, the numerator and the determinant are computed in double-double arithmetic from exact
+    // differences. The error then stays below 1e-16 down to the flattest tetrahedra that occur with exact
+    // predicates.
     if det * det > FLAT * b2 * c2 * d2 {
         Some(((cd * b2 + db * c2 + bc * d2) * (0.5 / det), det))
     } else {

@@ -1,8 +1,7 @@
 //! Particles joined by beams, stored in the flat arrays that every solver of this crate reads.
 //!
 //! The mass of a particle in a body of volume `V` is `m_i = rho V r_i^3 / sum r^3`, its rotational inertia
-//! `I_i = 2/5 m_i r_i^2`. The spheres fill only part of the body, so that sphere volume times density would
-//! be far too light. In a packing of several bodies the sum runs over the spheres of one body
+//! `I_i = 2/5 m_i r_i^2`. In a packing of several bodies the sum runs over the spheres of one body
 //! ([`crate::packing::parts`]).
 //!
 //! Weights follow the energy-consistent rule: the stiffness of bond b is multiplied by its weight `w_b`, mass
@@ -117,7 +116,8 @@ impl BondedParticles {
     ) -> Result<Self> {
         positive("body volume", matter.volume)?;
         check_spheres(&positions, &radii)?;
-        // Volumes in proportion to the cubes of the radii, so that they fill the body exactly.
+        // Volumes in proportion to the cubes of the radii. The spheres fill only part of the body, so that
+        // sphere volume times density would be far too light.
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
         let volumes: Vec<f64> = radii.iter().map(|r| matter.volume * r * r * r / cubes).collect();
         let contents = Contents {

@@ -9,9 +9,7 @@
 //! its peak.
 //!
 //! A force is the work of the ends over their elongation, averaged over a fifth of a transit; the strength is
-//! the largest of these forces over the section. Times scale with the root of the density and loads with the
-//! strength of the beams. The ratio of beam strength to body strength therefore depends on the packing, the
-//! criterion and the scatter alone.
+//! the largest of these forces over the section.
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::{Bar, end_layers};
@@ -81,6 +79,9 @@ pub fn strength_test(
     fracture: Fracture,
 ) -> Result<Strength> {
     packing.connected("a strength test")?;
+    // Times scale with the root of the density and loads with the strength of the beams. The ratio of beam
+    // strength to body strength therefore depends on the packing, the criterion and the scatter alone, and
+    // any density will do.
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
     let stretched = Stretched::new(&model, bar)?;
     // At this load the bar has the elongation of the static solution; the first bond breaks at a load of one.

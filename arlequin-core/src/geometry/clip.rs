@@ -1,10 +1,7 @@
 //! Clipping of convex bodies that stays closed whatever the round-off.
 //!
 //! Corners are stored once, and each is classified once per plane: inside, on the plane or outside. The part
-//! of every face that remains follows from this classification alone. The cap is bounded by the edges in the
-//! plane that belong to only one remaining face. A face that nearly lies in the plane is therefore kept, or
-//! replaced by the cap, or shares its area with the cap: it is never counted twice, and the parts on the two
-//! sides of a plane add up to the whole.
+//! of every face that remains follows from this classification alone.
 
 use super::{HalfSpace, Polyhedron};
 use crate::Real;
@@ -154,6 +151,9 @@ impl<T: Real> Body<T> {
                 }
             }
         }
+        // The cap is bounded by the edges in the plane that belong to only one remaining face. A face that
+        // nearly lies in the plane is therefore kept, or replaced by the cap, or shares its area with the
+        // cap. It is never counted twice, and the parts on the two sides of a plane add up to the whole.
         self.cap(rim, &plane.normal);
         // Fewer faces enclose no volume.
         self.faces.len() >= 4

@@ -1,8 +1,7 @@
 //! Sparse matrices summed row by row from dense blocks, in a fixed order.
 //!
 //! A task (a cell of the mediator, or some particles) sums its products in one dense block over its nodes and
-//! hands over the rows. Rows are merged in the order of the tasks, each row by itself. Only the few entries
-//! of a row are sorted, and results have the same bits for any number of threads.
+//! hands over the rows. Rows are merged in the order of the tasks.
 
 use crate::Real;
 use crate::adjacency::Adjacency;
@@ -253,7 +252,8 @@ impl<T: Real> Rows<T> {
             for &k in parts_of_row {
                 row.extend_from_slice(&parts[k as usize].entries);
             }
-            // The sort is stable: entries of one column stay in the order of tasks, and so do their sums.
+            // Only the few entries of a row are sorted. The sort is stable: entries of one column stay in the
+            // order of tasks, and so do their sums, for any number of threads.
             row.sort_by_key(|e| e.0);
             row.dedup_by(|next, sum| {
                 let is_same_column = next.0 == sum.0;

@@ -1,9 +1,7 @@
 //! Integrals of formulas from time zero on. Their bits do not depend on what was asked before, so that no
 //! step of a run depends on how earlier ones were found.
 //!
-//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. A step of a formula or a short
-//! pulse is thus resolved once, in the interval between two cuts that contains it, and counts in all later
-//! integrals. Every interval is halved until two rules agree.
+//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept.
 
 use super::Formula;
 use std::sync::PoisonError;
@@ -99,6 +97,8 @@ impl Formula {
         if sums.is_empty() {
             sums.push(integral_between(&f, 0.0, FIRST));
         }
+        // A step of a formula or a short pulse is resolved once, in the interval between two cuts that
+        // contains it, and counts in all later integrals.
         for k in first + sums.len() - 1..last {
             let next = sums[k - first] + integral_between(&f, cut(k), cut(k + 1));
             sums.push(next);

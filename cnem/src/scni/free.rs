@@ -4,13 +4,7 @@
 //! `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`,
 //! `Q_I = −α_I σ(G_I)` and `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. There are
 //! three passes: stresses of the cells, gathering at the nodes through the transposed rows, product with `K`.
-//! Each pass writes every value once, from the value's own list in a fixed order. Results have the same bits
-//! for any number of threads.
-//!
-//! Why not one matrix: cells connect nodes to the neighbours of their neighbours, tetrahedra to neighbours
-//! only, so the rows of a single matrix would be five times as long. Why not tetrahedra one by one: a node
-//! has 24 of them and would read the data of each, but has only 15 neighbours. Figures: decision 0032,
-//! `benches/forces.rs` of the workspace.
+//! Figures: decision 0032, `benches/forces.rs` of the workspace.
 
 use super::matrix::{CHUNK, SERIAL, tetrahedra_stiffness};
 use super::{Smoothing, SubCells};
@@ -365,6 +359,9 @@ impl MatrixFree {
 
     /// Sets the weights \[–\] of the cells.
     pub(crate) fn set_weights(&mut self, sub: &SubCells, alpha: Vec<f64>) {
+        // Not in one matrix with the cells: these connect nodes to the neighbours of their neighbours,
+        // tetrahedra to neighbours only, so that its rows would be five times as long. Not one by one: a node
+        // has 24 tetrahedra and would read the data of each, but has only 15 neighbours.
         self.tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, &alpha));
         self.alpha = alpha;
     }
@@ -457,6 +454,8 @@ impl MatrixFree {
 
     /// Subtracts the forces of the cell stresses and of the tetrahedra from `f`.
     fn gather(&self, q: &[f64], f: &mut [f64]) {
+        // Every value is written once, from its own list in a fixed order, so that results have the same bits
+        // for any number of threads.
         let arch = Arch::new();
         in_chunks(f.as_chunks_mut::<3>().0, |first, f| {
             arch.dispatch(Nodes {

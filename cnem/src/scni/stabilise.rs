@@ -2,9 +2,8 @@
 //!
 //! A saw-tooth from node to node leaves the smoothed gradients almost at zero. The added energy
 //! `½ Σ_I Σ_T∋I w_T (∇̃u_I − ∇u_T) : A : (∇̃u_I − ∇u_T)`, `w_T = a s_T V_T / 4`, with the linear functions of
-//! the tetrahedra `T`, sees it. Every term vanishes for linear displacements, whatever its weight, so that
-//! the patch test holds even where tetrahedra are left out. The factor `s_T = min(1, (r_T / r_0)²)`, with the
-//! ratio `r_T` of lowest height to longest edge, keeps slivers from shortening the critical step.
+//! the tetrahedra `T`, sees it. The factor is `s_T = min(1, (r_T / r_0)²)`, with the ratio `r_T` of lowest
+//! height to longest edge.
 
 use super::Smoothing;
 use crate::domain::Domain;
@@ -66,6 +65,7 @@ impl SubCells {
                 for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
                     edge = edge.max((p[i] - p[j]).norm());
                 }
+                // Slivers count less: with their full weight they would shorten the critical step.
                 let ratio = (height / (edge * FLAT)).min(1.0);
                 // A quarter of the tetrahedron for each of its cells.
                 let weight = amount * ratio * ratio * volume * 0.25;

@@ -67,6 +67,9 @@ impl Regions {
                 }
             })
             .collect();
+        // There are no gaps where the smallest spheres around the constrained faces are empty, as in blocks
+        // and cracks whose nodes on the faces are as dense as inside. A V-notch has some if nodes are closer
+        // to its flanks than the nodes on the flanks are to each other. A comparison of volumes finds them.
         let mut filled = vec![0.0; domain.delaunay.tets.len()];
         for &(tet, v) in extents.iter().flat_map(|e| &e.parts) {
             filled[tet as usize] += v;

@@ -1,8 +1,6 @@
 //! Bonds in blocks: eight particles side by side, with one slot of eight half-bonds after the other.
 //!
-//! Every bond is stored twice, once with each of its ends, so that a particle gathers all its forces itself.
-//! Nothing is scattered, no two threads write to the same place, and sums have the same order for any number
-//! of threads.
+//! Every bond is stored twice, once with each of its ends.
 
 use super::lanes::{CacheLine, LANES};
 use super::span::{Grid, Slot};
@@ -65,7 +63,9 @@ impl Layout {
             slots += most.unwrap_or(0);
             out.start.push(slots as u32);
         }
-        // Allocates the exact size: these are the largest arrays of a body.
+        // Twice the bonds, so that a particle gathers all its forces itself: nothing is scattered, no two
+        // threads write to the same place, and sums have the same order for any number of threads. Allocates
+        // the exact size, as these are the largest arrays of a body.
         out.slots = vec![Slot::default(); slots];
         out.neighbours = vec![[0; LANES]; slots];
         out.rests = vec![CacheLine::default(); if lengths { slots } else { 0 }];

@@ -4,11 +4,7 @@
 //! span `d` between the centres and `s = w/l³`, `w` the weight. Every coefficient of both laws is `s` times a
 //! polynomial in `d`, except for one division.
 //!
-//! The span is stored as three integers: [`Grid::snap`] moves the centres to a grid so fine that results do
-//! not change noticeably (by at most 5e-10 of the longest bond) and so coarse that differences of centres fit
-//! into 32 bits. These differences are exact, so a rigid motion causes no strain and moments balance to
-//! round-off. Stiffnesses are rounded to 24 bits before anything is computed from them: matrix, energy and
-//! forces belong to one law.
+//! The span is stored as three integers, in steps of a grid to which [`Grid::snap`] moves the centres.
 
 use super::lanes::LANES;
 use crate::bond::LinearBond;
@@ -46,7 +42,10 @@ impl Grid {
 
     /// Returns the grid point nearest to `x` \[m\].
     pub(crate) fn snap(&self, x: &Vector3<f64>) -> Vector3<f64> {
-        // The step is a power of two: only the rounding to an integer changes anything.
+        // The grid is so fine that results do not change noticeably (by at most 5e-10 of the longest bond),
+        // and so coarse that differences of centres fit into 32 bits. These are exact, so a rigid motion
+        // causes no strain and moments balance to round-off. The step is a power of two: only the rounding to
+        // an integer changes anything.
         x.map(|c| (c / self.step()).round() * self.step())
     }
 
@@ -60,7 +59,8 @@ impl Grid {
     /// Returns the bond with its stiffness rounded as the kernel stores it.
     pub(crate) fn rounded(&self, bond: &LinearBond) -> LinearBond {
         let q = bond.axis.norm_squared() * self.unit * self.unit;
-        // Back through the same operations: what tests and matrices use is the stored number.
+        // Rounded before anything is computed from it, and back through the same operations: tests and
+        // matrices use the stored number, so that matrix, energy and forces belong to one law.
         LinearBond {
             scale: f64::from(self.stiffness(bond)) / (q * q) * self.unit,
             ..*bond

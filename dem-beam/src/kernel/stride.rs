@@ -4,9 +4,6 @@
 //! ```text
 //! v' = v + h a   q += dt v'   rows(q)   |   f(rows)   a' = w f   v = v' + h a'
 //! ```
-//!
-//! The half-step velocity `v'` is computed twice instead of stored. Products and sums are rounded one by one
-//! as in the core, so the bits are the same.
 
 use super::engine::{Cut, Finish, OnLanes, PER_BLOCK, With, cut_unknowns, prefetch_lines};
 use super::lanes::{CacheLine, Job, LANES, Lanes, sum};
@@ -45,7 +42,8 @@ impl<L: Lanes> Job for With<L, Drift<'_>> {
         let (vs, v) = v.as_chunks::<LANES>();
         let (accelerations, a) = a.as_chunks::<LANES>();
         for (q, (v, a)) in qs.iter_mut().zip(vs.iter().zip(accelerations)) {
-            // `mul` and `add` and no fused multiply-add: it would round once where the core rounds twice.
+            // The half-step velocity is computed twice instead of stored. `mul` and `add` and no fused
+            // multiply-add: it would round once where the core rounds twice.
             let v = l.add(l.load(v), l.mul(half, l.load(a)));
             *q = l.store(l.add(l.load(q), l.mul(wide, v)));
         }

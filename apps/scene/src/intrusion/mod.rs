@@ -3,9 +3,7 @@
 //!
 //! Obstacles act on the particles of the models that they name, and contact acts between particles. Elements
 //! have no contact, so that obstacles and other bodies pass through them. The watch checks pairs without an
-//! effect between them: an obstacle and a body, or two bodies that no interface joins. One is inside the
-//! other if the depth exceeds the depth at rest (of particles) by [`TOLERANCE`] times the spacing of nodes or
-//! particles, because bodies may touch at the start and a flush face vibrates.
+//! effect between them: an obstacle and a body, or two bodies that no interface joins.
 //!
 //! A look costs a pass over the displacements and velocities of the bodies. A scene without such pairs costs
 //! nothing.
@@ -298,6 +296,8 @@ impl Watch {
         };
         let pair = &self.pairs[k];
         let spacing = models.iter().filter_map(|m| Some(self.member(*m)?.spacing));
+        // More than at rest (of particles) and than a share of the spacing, because bodies may touch at the
+        // start and a flush face vibrates.
         let limit = self.touching_depth(pair) + TOLERANCE * spacing.fold(f64::INFINITY, f64::min);
         let deepest = self.depth(first, second, &moved).filter(|d| d.depth > limit);
         Ok(deepest.map(|d| self.line(pair, &d, run.time())))
