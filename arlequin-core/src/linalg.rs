@@ -136,8 +136,6 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
 
 /// Rows whose pivots are negative in a factorisation `L D Lᵀ` of `A − shift · I`; `None` if the factorisation
 /// breaks down.
-///
-/// By Sylvester's law of inertia, the number of these rows is that of the eigenvalues of `A` below `shift`.
 pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) -> Option<Vec<usize>> {
     let n = matrix.rows();
     // An empty row has no diagonal entry to subtract the shift from: add one to every row.
@@ -155,6 +153,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
     let (side, par) = (Side::Lower, Par::Seq);
     let mut memory = MemBuffer::new(symbolic.factorize_numeric_ldlt_scratch::<T>(par, Default::default()));
     let (stack, params) = (MemStack::new(&mut memory), Default::default());
+    // By Sylvester's law of inertia, there are as many negative pivots as eigenvalues of `A` below `shift`.
     symbolic
         .factorize_numeric_ldlt(&mut values, a, side, Default::default(), par, stack, params)
         .ok()?;

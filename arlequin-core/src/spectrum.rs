@@ -296,8 +296,9 @@ impl Space<'_> {
     }
 
     /// Subtracts from `w` its parts along orthonormal vectors: one after the other, or all at once with one
-    /// all-reduce. Two passes are enough either way.
+    /// all-reduce.
     fn orthogonalise<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
+        // Called twice, which is enough either way.
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
                 let c = dot(w, b);

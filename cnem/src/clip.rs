@@ -233,9 +233,10 @@ impl Polyhedron {
     }
 }
 
-/// Returns the point where an edge meets the plane. Both faces at the edge get the same bits: the computation
-/// always starts from the end in front of the plane.
+/// Returns the point where an edge meets the plane.
 fn crossing(p: &Vector3<f64>, q: &Vector3<f64>, sp: f64, sq: f64) -> Vector3<f64> {
+    // Both faces at the edge get the same bits: the computation always starts from the end in front of the
+    // plane.
     if sp < 0.0 {
         p + (q - p) * (sp / (sp - sq))
     } else {

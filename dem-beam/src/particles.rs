@@ -239,8 +239,7 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Sets stiffness and density of each particle, relative to the packing's material. A bond between
-    /// stiffnesses `a` and `b` is two half-beams in series: `2 a b/(a + b)`.
+    /// Sets stiffness and density of each particle, relative to the packing's material.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`]; [`Error::OutOfRange`] unless all are positive.
@@ -256,6 +255,7 @@ impl BondedParticles {
         }
         let series = |&[i, j]: &[u32; 2]| {
             let [a, b] = [i, j].map(|k| stiffness[k as usize]);
+            // Two half-beams in series.
             2.0 * a * b / (a + b)
         };
         // Grades multiply the stored scales through `set_weights`, which knows the rounding too.

@@ -34,10 +34,6 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
 }
 
 /// Makes the patches of all nodes.
-///
-/// The patch of an inner node holds the elements around it. A surface node uses the patches of the nearest
-/// inner nodes that share an element with it. If there are none, its patch holds the elements around it and
-/// their neighbours.
 pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
     let corners = mesh.kind().corners();
     let samples: Vec<Point3<T>> = (0..mesh.element_count())
@@ -54,6 +50,7 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
         mesh.facet_nodes(f).iter().for_each(|k| outer[*k as usize] = true);
     }
     Patches::new(mesh.nodes(), &samples, |node, out| {
+        // An inner node has the elements around it.
         if !outer[node] {
             out.push(around.row(node).to_vec());
             return;
@@ -73,6 +70,8 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
             .map(distance)
             .fold(None, |m: Option<T>, d| Some(m.map_or(d, |m| m.min(d))));
         match least {
+            // A surface node uses the patches of the nearest inner nodes that share an element with it. If
+            // there are none, its patch holds the elements around it and their neighbours.
             Some(least) => {
                 // Nodes at the same distance up to round-off count alike: regular meshes have several nearest
                 // ones.

@@ -123,8 +123,7 @@ impl Facing {
     }
 
     /// Returns a node of a lip that faces one other lip and wraps around a single element, or around the few
-    /// elements at a single node. A mesh with a missing connection looks like this; the faces of a crack bend
-    /// less.
+    /// elements at a single node.
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
         // Facets that share a doubled node belong to the same lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {
@@ -147,6 +146,7 @@ impl Facing {
             lips.entry(lip).or_default().push(f);
             at_place.entry(f.place).or_default().push(lip);
         }
+        // A mesh with a missing connection looks like this; the faces of a crack bend less.
         let wrapped = |(lip, facets): &(&u32, &Vec<&LipFacet>)| {
             let opposite_lips = facets.iter().flat_map(|f| &at_place[&f.place]);
             let opposite_lips: BTreeSet<u32> = opposite_lips.copied().filter(|o| o != *lip).collect();

@@ -151,7 +151,7 @@ impl Write for Stream {
     }
 }
 
-/// Listens at a path. A socket that a killed run has left there, and at which nobody listens, is replaced.
+/// Listens at a path. A socket there at which nobody listens is replaced.
 #[cfg(unix)]
 fn bind(path: &Path) -> std::io::Result<UnixListener> {
     use std::io::ErrorKind::{AddrInUse, ConnectionRefused};

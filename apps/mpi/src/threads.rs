@@ -111,8 +111,9 @@ impl Drop for Leaving<'_> {
 }
 
 impl Thread {
-    /// Locks the state. A poisoned lock is taken as well: nothing panics while it holds the lock.
+    /// Locks the state.
     fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing panics while it holds the lock, so that a poisoned one does no harm.
         self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

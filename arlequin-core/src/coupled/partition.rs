@@ -315,8 +315,7 @@ impl<'a, T: Real> Group<'a, T> {
         Some(out)
     }
 
-    /// Refuses an overlap that one model fills more than the other. Differences between facets of one surface
-    /// cancel.
+    /// Refuses an overlap that one model fills more than the other.
     fn check_shapes(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
         // Lengths do not tell sections apart.

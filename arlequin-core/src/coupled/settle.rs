@@ -146,14 +146,15 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Relaxes with one own step of all models. With several own steps, a model moves between two reflections
-    /// under forces that the multipliers balance in the mean only. It moves by its stiffness, and the state
-    /// that returns at every reflection is no equilibrium.
+    /// Relaxes with one own step of all models.
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
         if steps.iter().all(|m| *m == 1) {
             return self.relax_in_step(from, time, how);
         }
+        // With several own steps, a model moves between two reflections under forces that the multipliers
+        // balance in the mean only. It moves by its stiffness, and the state that returns at every reflection
+        // is no equilibrium.
         let run = self.dt;
         // The shortest own step is stable for every model.
         let shortest = self.subdomains.iter().fold(run, |m, s| m.min(s.own_dt()));

@@ -152,9 +152,7 @@ impl<T: Real> Coupled<T> {
         (starts, size)
     }
 
-    /// Adds the constraint blocks. Dependent multipliers get a compliance of 1e-12, relative to constraint
-    /// and stiffness entries, on their diagonal: it makes the system regular and changes the solution by as
-    /// little.
+    /// Adds the constraint blocks.
     fn add_constraints(&self, starts: &[usize], scale: T, matrix: &mut TriMat<T>) {
         for (k, i) in self.interfaces.iter().enumerate() {
             let row_start = starts[self.subdomains.len() + k];
@@ -170,6 +168,8 @@ impl<T: Real> Coupled<T> {
                     }
                 }
             }
+            // Dependent multipliers get a compliance of 1e-12, relative to constraint and stiffness entries,
+            // on their diagonal. It makes the system regular and changes the solution by as little.
             let regularise = !i.report().null_modes.is_empty();
             let size = i.coupling[0]
                 .entries()

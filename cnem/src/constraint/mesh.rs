@@ -157,13 +157,13 @@ impl FaceMesh {
 }
 
 /// Returns whether `d` is inside the circle through `a`, `b`, `c` in their common plane. Ties are broken by
-/// index as in the Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any
-/// such point gives the same answer.
+/// index as in the Delaunay complex.
 pub(crate) fn in_circle(points: &[Point3<f64>], [a, b, c, d]: [u32; 4]) -> bool {
     let [pa, pb, pc, pd] = [a, b, c, d].map(|v| &points[v as usize]);
     let n: Vector3<f64> = (pb - pa).cross(&(pc - pa));
     let size = (pb - pa).norm();
-    // Any distance off the plane would do; the size of the triangle keeps all numbers of one order.
+    // An auxiliary point off the plane turns the circle into a sphere. Any such point gives the same answer;
+    // the size of the triangle keeps all numbers of one order.
     let aux = pa + n * (size / n.norm());
     // Rank 0 goes to the auxiliary point, so that it never decides a tie before a node.
     let rank = |v: u32| u64::from(v) + 1;

@@ -202,15 +202,15 @@ impl Work<'_> {
         Ok(has_inserted)
     }
 
-    /// Splits an edge at its middle. Next to one given node the edge is split at a distance that is a power
-    /// of two: edges that meet there at a small angle are then cut at equal distances and stop encroaching on
-    /// each other.
+    /// Splits an edge at its middle, or near it if one of its ends is a given node.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
         let first_new = self.record.inserted.first().map_or(usize::MAX, |i| i.node);
         // Shells are for given nodes: an edge between two of them, or between two inserted points, is halved.
         let old = [edge.0, edge.1].map(|v| (v as usize) < first_new);
         let length = (b - a).norm();
+        // Next to one given node the distance is a power of two. Edges that meet there at a small angle are
+        // then cut at equal distances and stop encroaching on each other.
         let shell = (0.5 * length).log2().round().exp2() / length;
         let fraction = match old {
             [true, false] => shell,
@@ -231,9 +231,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Divides the tetrahedra that missing faces cut. Later points can only be inserted in a Delaunay
-    /// complex: unless all faces are recovered, the complex is restored, and the faces that could not be
-    /// recovered are returned.
+    /// Divides the tetrahedra that missing faces cut. Returns the faces that could not be recovered; the
+    /// complex is then as before.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
         let undivided = self.delaunay.clone();
@@ -246,6 +245,7 @@ impl Work<'_> {
             self.record.divided = missing.len();
             self.delaunay.before = Some(joined(&undivided));
         } else {
+            // Later points can only be inserted in a Delaunay complex.
             *self.delaunay = undivided;
         }
         unrecovered

@@ -146,12 +146,12 @@ impl Delaunay {
         }
     }
 
-    /// Returns whether a ghost holds `q`. A ghost holds the open half space beyond its hull face. In the
-    /// plane of the face it holds the circle that the circumsphere of the tetrahedron behind the face cuts
-    /// out of the plane.
+    /// Returns whether a ghost holds `q`.
     fn ghost_conflicts(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
         use std::cmp::Ordering::{Equal, Greater, Less};
         let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
+        // A ghost holds the open half space beyond its hull face. In the plane of the face it holds the
+        // circle that the circumsphere of the tetrahedron behind the face cuts out of the plane.
         match crate::predicates::orient3d(a, b, c, q) {
             Greater => true,
             Less => false,

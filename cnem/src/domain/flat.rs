@@ -48,9 +48,9 @@ fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
 }
 
 impl Domain {
-    /// Returns an error if two nodes are within the tolerance of each other. Every tetrahedron that joins two
-    /// such nodes is flat, so only flat ones are checked.
+    /// Returns an error if two nodes are within the tolerance of each other.
     fn check_distances(&self) -> Result<()> {
+        // Every tetrahedron that joins two such nodes is flat.
         let flat = self.flat.iter().zip(&self.delaunay.tets).filter(|t| *t.0);
         for (_, t) in flat {
             for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {

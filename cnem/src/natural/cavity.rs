@@ -93,10 +93,10 @@ impl Cavity {
         walls.map(|b| b.local.map(|l| self.nodes[l as usize]))
     }
 
-    /// Returns whether the sphere over every border face holds no node of the adjacent border faces. Then the
-    /// facets of the point's cell are convex where they meet, and the cell is the one that its neighbours
-    /// bound.
+    /// Returns whether the sphere over every border face holds no node of the adjacent border faces.
     fn is_delaunay(&self) -> bool {
+        // Then the facets of the point's cell are convex where they meet, and the cell is the one that its
+        // neighbours bound.
         self.ridges.iter().all(|ridge| {
             let [f, g] = ridge.faces.map(|f| &self.border[f as usize]);
             let apex = g.local.iter().find(|l| !ridge.ends.contains(l));

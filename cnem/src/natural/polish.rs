@@ -87,14 +87,15 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
 }
 
 /// Removes the residual of the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`. Returns false if the
-/// gradients are not usable. The change involves all neighbours: next to a plane, the nodes on it have all of
-/// the weight but no part in the slope across the plane.
+/// gradients are not usable.
 pub(super) fn gradients(
     values: &[f64],
     slopes: &mut [Vector3<f64>],
     rel: &[Vector3<f64>],
     size: f64,
 ) -> bool {
+    // The change involves all neighbours: next to a plane, the nodes on it have all of the weight but no part
+    // in the slope across the plane.
     let even = 1.0 / values.len() as f64;
     let Some(moments) = Moments::new(values.iter().map(|w| w + even), rel, size) else {
         return false;

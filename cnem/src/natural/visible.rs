@@ -50,8 +50,7 @@ impl Domain {
         alone.counters.linear == 0
     }
 
-    /// Returns whether `x` sees a node: no wall on the border of the cavity is between them. For a node on a
-    /// crack the line of sight must also end on the lip of this copy.
+    /// Returns whether `x` sees a node: no wall on the border of the cavity is between them.
     fn sees(&self, x: &Point3<f64>, node: u32, s: &Scratch) -> bool {
         let p = &self.delaunay.points[node as usize];
         let hidden = s.cavity.walls().any(|face| {
@@ -72,6 +71,7 @@ impl Domain {
             // Not strict: a line through the edge between two walls is hidden by both.
             !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
         });
+        // For a node on a crack, the line of sight must also end on the lip of this copy.
         !hidden && (self.copies.unknowns_of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
     }
 

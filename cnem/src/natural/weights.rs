@@ -103,13 +103,14 @@ impl Weights {
         self.alpha[b] -= cross.dot(&cavity.rel[b]);
     }
 
-    /// Like `facet`, with the gradient of alpha. If the point moves by `dx`, the circumcentre of a face moves
-    /// along the face's dual line by `(g . dx) / det`.
+    /// Like `facet`, with the gradient of alpha.
     fn facet_gradient(&mut self, cavity: &Cavity, ridge: &Ridge) {
         self.facet(cavity, ridge);
         let [f, g] = ridge.faces.map(|f| &cavity.border[f as usize]);
         let [mf, mg] = [f, g].map(|b| normal(cavity, b));
         let [a, b] = ridge.ends.map(|v| v as usize);
+        // If the point moves by `dx`, the circumcentre of a face moves along the face's dual line by `(g .
+        // dx) / det`.
         for (v, sign) in [(a, 0.5), (b, -0.5)] {
             let r = &cavity.rel[v];
             let scale = sign / r.norm_squared();

@@ -35,10 +35,10 @@ fn fast_two_sum(a: f64, b: f64) -> [f64; 2] {
     [x, b - (x - a)]
 }
 
-/// Veltkamp's split into halves of 26 bits. No fused multiply-add: without hardware support it is a library
-/// call.
+/// Veltkamp's split into halves of 26 bits.
 #[inline]
 fn split(a: f64) -> [f64; 2] {
+    // No fused multiply-add: without hardware support it is a library call.
     let c = 134_217_729.0 * a;
     let high = c - (c - a);
     [high, a - high]

@@ -185,8 +185,7 @@ impl Work {
         }
     }
 
-    /// Sums the facets from circumcentres. Each tetrahedron face at the node has a dual segment, which bounds
-    /// the facets towards the two other vertices of the face.
+    /// Sums the facets from circumcentres.
     fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         let centre = |t: u32| {
@@ -205,6 +204,8 @@ impl Work {
                 if tet > n >> 2 {
                     continue;
                 }
+                // Each tetrahedron face at the node has a dual segment, which bounds the facets towards the
+                // two other vertices of the face.
                 let (p, q) = (centre(tet), centre(n >> 2));
                 for (neighbour, start, end) in [
                     (face[(position + 1) % 3], &p, &q),

@@ -305,10 +305,11 @@ fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
     l.nmadd(px, px, l.mul(q, dot(l, x, x)))
 }
 
-/// Square of an optional ratio. Not `map`: closures are compiled without the instructions of the caller.
+/// Square of an optional ratio.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
 fn squared<L: Lanes>(l: L, ratio: Option<L::V>) -> Option<L::V> {
+    // Not `map`: closures are compiled without the instructions of the caller.
     match ratio {
         Some(s) => Some(l.mul(s, s)),
         None => None,

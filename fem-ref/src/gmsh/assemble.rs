@@ -54,8 +54,7 @@ struct Filling {
 }
 
 impl Filling {
-    /// Collects the elements. A second listing on the same entity is a repetition and left out; on another
-    /// entity it means that two volumes lie at one place, perhaps of two materials, which is an error.
+    /// Collects the elements.
     fn collect(file: &Contents, kind: ElementKind) -> Result<Self> {
         let mut out = Self::default();
         // By the set of nodes: the order of corners differs between listings.
@@ -69,6 +68,8 @@ impl Filling {
                         out.connectivity.extend(corners);
                         out.regions.extend(number);
                     }
+                    // A second listing on the same entity is a repetition and left out. On another entity it
+                    // means that two volumes lie at one place, perhaps of two materials.
                     Some((entity, _)) if entity == block.entity => out.repeated += 1,
                     Some((entity, tag)) => {
                         return Err(fault(format!(

@@ -230,9 +230,10 @@ fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
     }
 }
 
-/// Returns whether two overlaps reflect alike. Above 10, the ratio of the spacings hardly matters.
+/// Returns whether two overlaps reflect alike.
 fn reflect_alike(a: &Form, b: &Form) -> bool {
     let close = |x: f64, y: f64| (x / y).ln().abs() < 0.02;
+    // Above 10, the ratio of the spacings hardly matters.
     close(a.ratio.min(10.0), b.ratio.min(10.0))
         && close(a.overlap, b.overlap)
         && close(a.h_b, b.h_b)

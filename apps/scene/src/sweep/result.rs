@@ -231,10 +231,11 @@ pub(super) fn mark_pareto(runs: &mut [Run]) {
     }
 }
 
-/// Shortest time of the fine model in a coupled run \[s\]. No choice of the coarse model makes a run faster.
+/// Shortest time of the fine model in a coupled run \[s\].
 pub(super) fn floor(runs: &[Run]) -> Option<f64> {
     let coupled = runs.iter().filter(|r| r.mark.is_none());
     let fine = coupled.filter_map(|r| r.phase_seconds("forces fine"));
+    // No choice of the coarse model makes a run faster.
     fine.reduce(f64::min)
 }
 

@@ -62,11 +62,11 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     pairs.map(line).collect()
 }
 
-/// Returns whether a weight has no jump near the ends of a line. Along a border of the overlap a weight jumps
-/// and has no mean.
+/// Returns whether a weight has no jump near the ends of a line.
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
     // A step much shorter than the line, and much longer than its round-off.
     let step = crate::extent::length(line) * T::of(1e-4);
+    // Along a border of the overlap a weight jumps and has no mean.
     line.corners().iter().all(|x| {
         let value = weight.value(x);
         let nearby_value = |k: usize| {

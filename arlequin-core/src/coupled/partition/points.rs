@@ -224,10 +224,10 @@ impl<T: Real> Group<'_, T> {
         Some([sure, likely])
     }
 
-    /// Returns whether model `k` counts as present at a point of model `m`. If one of them is a packing, `k`
-    /// counts wherever it may be: surfaces of packings are rough, and what a packing fills is judged by the
-    /// volumes of its particles.
+    /// Returns whether model `k` counts as present at a point of model `m`.
     fn present(&self, m: usize, k: usize) -> bool {
+        // Surfaces of packings are rough, and what a packing fills is judged by the volumes of its particles.
+        // So beside a packing a model counts wherever it may be.
         let rough = [m, k].iter().any(|i| self.members[*i].extent.is_particles());
         self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
     }
