@@ -242,6 +242,7 @@ fn worst_corner<T: Real>(kind: ElementKind, p: &[Point3<T>; 8]) -> (usize, T) {
 fn bar_lengths<T: Real>(nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
     let [low, high] = bounds_of(nodes.iter());
     let size = (high - low).norm();
+    // In single precision 1e-9 is below round-off.
     let limit = T::of(1e-9).max(T::epsilon() * T::of(4.0));
     for (element, ends) in connectivity.chunks_exact(2).enumerate() {
         let [a, b] = [nodes[ends[0] as usize], nodes[ends[1] as usize]];

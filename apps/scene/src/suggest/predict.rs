@@ -85,6 +85,7 @@ fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let slab = Arc::new(Slab::between(point(0.0), point(f.overlap))?);
     let half = (f.profile == ProfileKind::Constant).then_some(0.5);
     let stations = setup::stations(&*slab, mediator.nodes());
+    // The floor that scenes have by default.
     let ramp = Ramp::new(slab, f.profile.profile(half, &stations)?, 1e-6)?;
     let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
