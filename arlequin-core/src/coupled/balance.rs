@@ -29,8 +29,8 @@ const CREATED: f64 = 1e-3;
 /// million steps.
 const LINEAR: f64 = 1e-9;
 
-/// Accepted drift of linear laws, and accepted velocity jump, in units of round-off: the larger limit in
-/// single precision.
+/// Accepted drift of linear laws and accepted velocity jump in units of round-off. In single precision this
+/// is more than the limits above and replaces them.
 const DIGITS: f64 = 4096.0;
 
 /// Safety factor of the sum in the module's bound, which is extrapolated from every tenth step.
