@@ -19,6 +19,7 @@ impl<E: Copy + Default> Adjacency<E> {
     /// Sorts pairs `(row, entry)` into `count` rows; entries of one row keep their order. Rows must lie below
     /// `count`.
     pub fn new(count: usize, entries: impl Iterator<Item = (u32, E)> + Clone) -> Self {
+        // Counting sort: linear, and stable, so entries of a row keep their order.
         let mut starts = vec![0; count + 1];
         entries.clone().for_each(|(row, _)| starts[row as usize + 1] += 1);
         for i in 0..count {

@@ -211,6 +211,7 @@ pub fn locking(elements: &'static str, poisson: f64, measured: &[[f64; 3]]) -> O
 /// Advice on an implicit step \[s\] that loses more than half of the frequencies that the mesh resolves;
 /// `critical` is the critical step of the explicit scheme \[s\].
 pub fn implicit(step: f64, critical: f64) -> Option<Advice> {
+    // The highest frequencies that step and mesh resolve: less than half of the mesh's is left.
     let lost = STEP_RESOLVES / step < 0.5 * MESH_RESOLVES / critical;
     lost.then_some(Advice::LongImplicitStep { step, critical })
 }

@@ -63,6 +63,7 @@ impl<T: Real> BlockMatrix<T> {
         let square = self.size * self.size;
         let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
         for i in rows {
+            // The pattern is cut out; blocks keep their order, so rows keep the bits of their sums.
             let range = self.starts[i]..self.starts[i + 1];
             columns.extend(self.columns[range.clone()].iter().map(|j| column(*j)));
             values.extend_from_slice(&self.values[range.start * square..range.end * square]);
@@ -98,6 +99,7 @@ impl<T: Real> BlockMatrix<T> {
     pub fn add(&mut self, i: usize, j: u32, block: &nalgebra::Matrix3<T>, weight: T) {
         let (c, slot) = (self.size, self.slot(i, j));
         let values = &mut self.values[slot * c * c..(slot + 1) * c * c];
+        // Models of one component use the first entry of the block.
         for a in 0..c {
             for b in 0..c {
                 values[a * c + b] += block[(a, b)] * weight;
@@ -184,6 +186,7 @@ impl<T: Real> BlockMatrix<T> {
         let part = |rows: Range<usize>| {
             let sum = rows.fold(T::zero(), |sum, i| {
                 let y = self.row_product::<C>(i, q);
+                // The product of a row is the one that the forces use, so energy and forces round alike.
                 sum + y.iter().zip(&local[i]).fold(T::zero(), |s, (a, b)| s + *a * *b)
             });
             [sum]
@@ -201,6 +204,7 @@ impl<T: Real> BlockMatrix<T> {
         let mut values = Vec::with_capacity(self.values.len());
         starts.push(0);
         for i in 0..rows {
+            // Block by block: a scalar row takes one row of each block.
             for a in 0..c {
                 for slot in self.starts[i]..self.starts[i + 1] {
                     for b in 0..c {

@@ -50,6 +50,7 @@ pub fn shapes<T: Real>(
     for x in points {
         field.shape_at(x, gradients, &mut row)?;
         let (mut unity, mut position) = (-T::one(), -x.coords);
+        // Errors are summed, not values: sums start at minus the exact result.
         let (mut slope, mut jacobian) = (Vector3::zeros(), nalgebra::Matrix3::zeros());
         for (k, (&node, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
             unity += n;
@@ -117,6 +118,7 @@ pub fn rigid_motion<T: Real>(model: &dyn Model<T>, t: Vector3<T>, r: Vector3<T>)
     let layout = model.layout();
     let mut q = Vec::with_capacity(layout.dofs());
     for x in model.nodes() {
+        // A small turn: its displacement is linear in the position.
         let u = t + r.cross(&x.coords);
         q.extend_from_slice(&u.as_slice()[..layout.components]);
     }
@@ -143,6 +145,7 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
     let q = if model.arms() == Arms::Current {
         finite_motion(model, shift, turn)
     } else {
+        // Scaled so that the border of the body moves by about the amplitude.
         let size = extent(model.nodes());
         rigid_motion(model, shift, turn * (amplitude / size))
     };
@@ -227,6 +230,7 @@ pub fn mass<T: Real>(model: &dyn Model<T>, expected: T) -> Result<T> {
     let layout = model.layout();
     let mut m = vec![T::zero(); layout.dofs()];
     model.lumped_inertia(&Uniform(T::one()), &mut m)?;
+    // An answer that no tolerance accepts.
     if m.iter().any(|m| !m.is_finite() || *m <= T::zero()) {
         return Ok(T::of(f64::from(f32::MAX)));
     }
@@ -265,6 +269,7 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     let (a, b) = (direction(0), direction(7919));
     let asymmetry = |fa: &[T], fb: &[T]| {
         let dot = crate::scalar::dot::<T>;
+        // Relative to the products, whose round-off is all that is left for a symmetric law.
         (dot(fa, &b) - dot(fb, &a)).abs() / (dot(fa, &a).abs() + dot(fb, &b).abs())
     };
     let force = |model: &mut dyn Model<T>, q: &[T]| -> Result<Vec<T>> {
@@ -398,9 +403,6 @@ pub fn participant<T: Real>(
 
 /// Errors of travel and of velocity gain in a step while the participant has an additional uniform `speed`:
 /// `|Σ Δq·w/Σ w² − 1|` with `w = ½Δt(v₀ + v₁)`, and the corresponding number of velocities and accelerations.
-///
-/// The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the error
-/// of the trapezium rule, `(ωΔt)²/4` of its share.
 fn travel_and_gain<T: Real>(
     solver: &mut dyn Participant<T>,
     inertia: &[T],
@@ -409,6 +411,7 @@ fn travel_and_gain<T: Real>(
 ) -> Result<[T; 2]> {
     let layout = solver.layout();
     let mut impulse: Vec<T> = inertia.iter().map(|m| *m * speed).collect();
+    // Rotations stay: only translations are uniform.
     impulse[layout.translations()..].fill(T::zero());
     let state = |solver: &dyn Participant<T>| {
         let mut out = [0; 3].map(|_| vec![T::zero(); layout.dofs()]);
@@ -418,6 +421,8 @@ fn travel_and_gain<T: Real>(
         let known = solver.accelerations(a);
         (out, known)
     };
+    // The uniform velocity causes no forces, so that any scheme keeps it. The rest of the motion adds the
+    // error of the trapezium rule, `(ωΔt)²/4` of its share.
     solver.kick(&impulse)?;
     let (before, _) = state(solver);
     solver.advance(step, step)?;
@@ -477,6 +482,7 @@ pub fn interface_momentum<T: Real>(run: &Coupled<T>) -> [T; 2] {
             for (k, x) in model.nodes().iter().enumerate() {
                 let mut g = Vector3::zeros();
                 (0..d).for_each(|a| g[a] = f[k * d + a]);
+                // About a node of the coarse model: arms keep their digits far from the origin.
                 let arm = x - run.subdomains[i.sides[0]].model().nodes()[0];
                 force += g;
                 moment += arm.cross(&g);

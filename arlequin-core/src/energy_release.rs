@@ -104,6 +104,7 @@ fn check_slits<T: Real>(
     direction: &Vector3<T>,
 ) -> Result<()> {
     let [inner, outer] = cylinder.radii;
+    // Relative to the domain: the two faces of a slit may differ by the digits of a mesh file.
     let close = outer * T::of(COINCIDENT);
     // Sorted along a line that is skew to mesh planes, nodes that are close are neighbours in the list.
     let skew = Vector3::new(T::of(0.727), T::of(0.549), T::of(0.412));
@@ -135,6 +136,7 @@ fn leave_others_out<T: Real>(gradients: &dyn Gradients<T>, along: &[u32], q: &mu
             }
         });
     }
+    // Pieces joined by moved nodes alone: the domain ends where `q` is zero.
     let piece = lowest_connected(q.len(), pairs.iter().copied());
     let moved = along.iter().filter(|n| q[**n as usize] > T::zero());
     let connected: BTreeSet<u32> = moved.map(|n| piece[*n as usize]).collect();
@@ -181,6 +183,7 @@ impl<T: Real> EnergyRelease<T> {
             radii: crack.radii,
             tapers: tapers(model.name(), field, crack, length, &direction)?,
         };
+        // Across times along: `q` is one near the front and falls to zero in both directions.
         let share = |x: &Point3<T>| cylinder.shares(x).into_iter().fold(T::one(), |q, f| q * f);
         let mut q: Vec<T> = model.nodes().iter().map(share).collect();
         check_slits(model, &q, &cylinder, &direction)?;
@@ -208,6 +211,7 @@ impl<T: Real> EnergyRelease<T> {
         let (mut places, mut rows) = (Vec::new(), Vec::new());
         for cell in 0..gradients.count() {
             gradients.for_each_point(cell, &mut |p| {
+                // A point whose nodes all stand still adds nothing, as `s` is zero around it.
                 if p.nodes.iter().any(|n| q[*n as usize] > T::zero()) {
                     let first = rows.len();
                     rows.extend(p.nodes.iter().copied().zip(p.gradients.iter().copied()));
@@ -237,6 +241,7 @@ impl<T: Real> EnergyRelease<T> {
 
     /// Refuses a domain that shares its energy with another model.
     fn check_weight(&self, model: &dyn Model<T>, alpha: &dyn Weight<T>) -> Result<()> {
+        // A weight of one is computed from positions and misses it by round-off.
         let slack = T::epsilon() * T::of(1e3);
         for n in &self.nodes {
             let (x, w) = (model.nodes()[*n], alpha.value(&model.nodes()[*n]));
@@ -278,8 +283,10 @@ impl<T: Real> EnergyRelease<T> {
             });
             for (n, g) in self.row(p) {
                 let area = g * p.volume;
+                // By material: a border between two materials is a surface of each, though not of the body.
                 areas[m][*n as usize] += area;
                 facing[*n as usize].0 += area;
+                // Moduli as well: at an inner node the areas cancel, and this sum tells how well.
                 facing[*n as usize].1 += area.norm();
             }
         }
@@ -323,10 +330,9 @@ impl<T: Real> EnergyRelease<T> {
         ))
     }
 
-    /// Finds factors of `∂u/∂s` at the moved nodes, by least squares over the nodes of their cells. At a
-    /// surface only nodes in the surface count, so that the sum over the faces of a crack is a sum by parts.
-    /// A node of the front belongs to both faces, whose forces on it cancel. In its stead, its neighbours on
-    /// the faces get in addition half of the derivative between them and the front.
+    /// Finds factors of `∂u/∂s` at the moved nodes, by least squares over the nodes of their cells; at a
+    /// surface only over those in the surface. In the stead of a node of the front, its neighbours on the
+    /// faces get in addition half of the derivative between them and the front.
     fn find_slopes(&mut self, model: &dyn Model<T>, cylinder: &Cylinder<T>, facing: &[Facing<T>]) {
         let mut around: Vec<Vec<u32>> = vec![Vec::new(); self.nodes.len()];
         for p in &self.places {
@@ -340,6 +346,8 @@ impl<T: Real> EnergyRelease<T> {
         let slope_row = |(n, near): (usize, &mut Vec<u32>)| {
             near.sort_unstable();
             near.dedup();
+            // At a surface only nodes in it count, so that the sum over the faces of a crack is a sum by
+            // parts. A node of the front belongs to both faces, whose forces on it cancel.
             let (area, size) = facing[n];
             let normal = (area.norm() > size * T::of(ON_SURFACE)).then(|| area.normalize());
             let arm = |m: &u32| {
@@ -394,6 +402,7 @@ impl<T: Real> EnergyRelease<T> {
             let strain = SymmetricTensor::from_matrix(&h);
             let stress = p.material.stress(&strain).matrix();
             let density = stress.component_mul(&strain.matrix()).sum() * T::of(0.5);
+            // Minus the energy-momentum tensor of Eshelby.
             let flux = h.transpose() * stress - Matrix3::from_diagonal_element(density);
             for (n, g) in self.row(p) {
                 released += self.shifts[*n as usize].dot(&(flux * g)) * p.volume;
@@ -402,6 +411,8 @@ impl<T: Real> EnergyRelease<T> {
         for (n, row) in &self.slopes {
             let slope = row.iter().fold(Vector3::zeros(), |s, (m, c)| s + u(*m) * *c);
             let first = 3 * self.nodes[*n];
+            // Where a support prescribes an unknown, its displacement is taken to be uniform along the
+            // direction.
             for c in (0..3).filter(|c| free(first + c)) {
                 released += f[first + c] * slope[c];
             }
@@ -427,6 +438,7 @@ fn slope<T: Real>(n: u32, arms: &[(u32, Vector3<T>)], s: &Vector3<T>) -> Vec<(u3
     }
     let mut row: Vec<(u32, T)> = arms.iter().map(|(m, d)| (*m, along.dot(d) / d.norm())).collect();
     let factor = row.iter().fold(T::zero(), |sum, r| sum - r.1);
+    // The node itself with minus the sum: a uniform displacement has no derivative.
     row.push((n, factor));
     row
 }

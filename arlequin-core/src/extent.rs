@@ -101,6 +101,7 @@ impl<'a, T: Real> Extent<'a, T> {
 
     fn of_particles(samples: &[Sample<T>]) -> Self {
         let centres: Vec<_> = samples.iter().map(|s| s.point).collect();
+        // The radius of the ball of this volume: `r³ = ¾ V/π`.
         let third = T::of(0.75 / std::f64::consts::PI);
         let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
         let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
@@ -193,6 +194,7 @@ impl<'a, T: Real> Extent<'a, T> {
 
     /// Position of a point that belongs to an element of length `own_length` \[m\]; zero for a mere point.
     pub(crate) fn cover(&self, x: &Point3<T>, own_length: T) -> Cover {
+        // Faceted surfaces differ by a share of both element lengths.
         let reach = Vector3::repeat(own_length * T::of(FACETS));
         let query = [x - reach, x + reach];
         if !self.meets(&query) {
@@ -227,6 +229,7 @@ impl<'a, T: Real> Extent<'a, T> {
                 });
             }
             Shape::Field {
+                // A field that knows where it exists is asked itself; its nodes only tell how near it is.
                 field,
                 centres,
                 spacing,

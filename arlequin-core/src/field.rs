@@ -70,6 +70,7 @@ pub trait Interpolation<T: Real>: Send + Sync {
     /// [`Interpolation::cells`]. `None` if the field has no cells at all. A field of many cells can override
     /// this to avoid making all of them.
     fn cells_within(&self, [low, high]: &[Point3<T>; 2]) -> Option<Vec<(usize, Cell<T>)>> {
+        // A default for small fields: each call builds all cells anew.
         let cells = self.cells();
         let meets = |c: &Cell<T>| {
             let [from, to] = c.bounds();
@@ -150,6 +151,7 @@ impl<T: Real> ParticleField<T> {
             });
         }
         let mut order: Vec<u32> = (0..centres.len() as u32).collect();
+        // With the number as second key the order is unique, whatever the threads.
         order.par_sort_unstable_by_key(|k| (Self::key(&centres[*k as usize]), *k));
         let coincide =
             |pair: &&[u32]| Self::key(&centres[pair[0] as usize]) == Self::key(&centres[pair[1] as usize]);
@@ -173,9 +175,8 @@ impl<T: Real> ParticleField<T> {
     ///
     /// `∇d(x_i) = (Σ_j w_j x_ij x_ijᵀ)⁻¹ Σ_j w_j x_ij (d_j − d_i)ᵀ`, `x_ij = x_j − x_i`, `w_j = 1/|x_ij|²`.
     ///
-    /// The least-squares gradient of a linear field is exact and that of a uniform one zero, so that momenta
-    /// stay exact. If the neighbours of a particle nearly lie in a plane, their neighbours are added, up to
-    /// four rings. Where these do not span space either, asking for the gradient is an error.
+    /// If the neighbours of a particle nearly lie in a plane, their neighbours are added, up to four rings.
+    /// Where these do not span space either, asking for the gradient is an error.
     ///
     /// # Errors
     /// [`Error::SizeMismatch`] for a pair that names a particle which does not exist.
@@ -188,6 +189,8 @@ impl<T: Real> ParticleField<T> {
                 found: *beyond as usize + 1,
             });
         }
+        // The least-squares gradient of a linear field is exact and that of a uniform one zero, so that
+        // momenta stay exact.
         let ends = pairs.iter().flat_map(|&[i, j]| [(i, j), (j, i)]);
         self.neighbours = Some(Adjacency::new(count, ends));
         Ok(self)
@@ -216,11 +219,13 @@ impl<T: Real> ParticleField<T> {
     /// `None` unless the neighbours span space.
     fn least_squares(&self, i: usize, neighbours: &[usize]) -> Option<Vec<(usize, Vector3<T>)>> {
         let arm = |j: usize| self.centres[j] - self.centres[i];
+        // Weighted by distance: a near neighbour says more about the gradient than a far one.
         let weight = |x: &Vector3<T>| T::one() / x.norm_squared();
         let moments = neighbours.iter().fold(Matrix3::zeros(), |m, &j| {
             let x = arm(j);
             m + x * x.transpose() * weight(&x)
         });
+        // The eigenvalues of the moments are mean squares along the principal directions of the neighbours.
         let spread = moments.symmetric_eigenvalues();
         // Neighbours within about 13 degrees of a plane say too little about the third direction.
         if spread.min() <= spread.max() * T::of(0.05) {
@@ -251,6 +256,7 @@ impl<T: Real> Interpolation<T> for ParticleField<T> {
     fn shape_at(&self, x: &Point3<T>, gradient: bool, row: &mut ShapeRow<T>) -> Result<()> {
         row.clear();
         let position =
+            // An exact search: the field exists at the centres alone, and samples carry their bits.
             (self.order).binary_search_by_key(&Self::key(x), |k| Self::key(&self.centres[*k as usize]));
         let Ok(k) = position.map(|slot| self.order[slot] as usize) else {
             return Err(outside(x, self.kind()));

@@ -65,6 +65,7 @@ impl<T: Real> HarmonicOverlap<T> {
     /// [`Error::Unsupported`] for models that are not linear or not one-dimensional.
     pub fn new(run: &Coupled<T>, incident: Port<T>, outgoing: Port<T>) -> Result<Self> {
         let mut starts = vec![0];
+        // Radiation is exact for uniform lattices on a line only.
         for s in &run.subdomains {
             let layout = s.model().layout();
             if layout.components != 1 {
@@ -149,6 +150,7 @@ impl<T: Real> HarmonicOverlap<T> {
     /// # Errors
     /// [`Error::InvalidParameter`] above the cutoff; [`Error::SingularSystem`].
     pub fn response(&self, omega: T) -> Result<Scattering<T>> {
+        // Above the cutoff the incident lattice carries no wave that could come in.
         let cutoff = T::of(2.0) * (self.incident.stiffness / self.incident.mass).sqrt();
         if !(omega > T::zero() && omega < cutoff) {
             return Err(invalid(
@@ -177,11 +179,13 @@ impl<T: Real> HarmonicOverlap<T> {
         // The incident wave, with unit amplitude at its port.
         b[self.rows[0]] = (one / z_in - z_in) * self.incident.stiffness;
         let size = a.nrows();
+        // LU: the system is neither Hermitian nor definite.
         let x = a.lu().solve(&b).ok_or(Error::SingularSystem {
             size,
             residual: f64::NAN,
             free: String::new(),
         })?;
+        // The port carries the incident wave and the reflected one.
         let reflection = (x[self.rows[0]] - one).modulus();
         let transmission = x[self.rows[1]].modulus();
         // Power carried by a wave of unit amplitude: ω k sin(κh) / 2, zero above the cutoff.
@@ -206,9 +210,12 @@ impl<T: Real> HarmonicOverlap<T> {
 /// `e^{−iκh}`, decaying above the cutoff.
 fn propagator<T: Real>(port: &Port<T>, omega: T) -> Complex<T> {
     let c = T::one() - omega * omega * port.mass / (port.stiffness + port.stiffness);
+    // Below the cutoff `e^{−iκh}` lies on the unit circle, and its real part is `c`.
     if c > -T::one() {
         Complex::new(c, -(T::one() - c * c).max(T::zero()).sqrt())
     } else {
+        // Above it the wave decays from one mass to the next: of the two real roots, the one within the
+        // circle.
         Complex::new(c + (c * c - T::one()).sqrt(), T::zero())
     }
 }

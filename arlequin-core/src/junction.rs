@@ -162,6 +162,7 @@ impl<T: Real> H1Seminorm<T> {
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for a length that is not positive and finite.
     pub fn new(length: T) -> Result<Self> {
+        // At zero length nothing would be tied; the other H1 junctions become L2 there.
         if length > T::zero() {
             not_negative("junction length", length).map(Self)
         } else {

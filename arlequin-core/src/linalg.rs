@@ -58,6 +58,7 @@ impl<T> std::fmt::Debug for Cholesky<T> {
 impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
     fn solve(&mut self, b: &mut [T]) {
         let n = self.symbolic.nrows();
+        // Three columns at once: reading the factor takes most of the time, and is shared.
         for b in b.chunks_mut((n * AT_ONCE).max(1)) {
             let sides = b.len() / n;
             let (b, stack) = (
@@ -108,6 +109,7 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
     let size = matrix.rows();
     let broken = |pivot| Error::NotPositiveDefinite { pivot, size };
     let finite = |v| nalgebra::ComplexField::is_finite(v);
+    // A NaN passes through a factorisation without an error: it is refused by its own check.
     if !matrix.data().iter().all(finite) {
         return Err(broken(0));
     }
@@ -134,8 +136,6 @@ pub(crate) fn cholesky<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn
 
 /// Rows whose pivots are negative in a factorisation `L D Lᵀ` of `A − shift · I`; `None` if the factorisation
 /// breaks down.
-///
-/// By Sylvester's law of inertia, the number of these rows is that of the eigenvalues of `A` below `shift`.
 pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) -> Option<Vec<usize>> {
     let n = matrix.rows();
     // An empty row has no diagonal entry to subtract the shift from: add one to every row.
@@ -153,6 +153,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
     let (side, par) = (Side::Lower, Par::Seq);
     let mut memory = MemBuffer::new(symbolic.factorize_numeric_ldlt_scratch::<T>(par, Default::default()));
     let (stack, params) = (MemStack::new(&mut memory), Default::default());
+    // By Sylvester's law of inertia, there are as many negative pivots as eigenvalues of `A` below `shift`.
     symbolic
         .factorize_numeric_ldlt(&mut values, a, side, Default::default(), par, stack, params)
         .ok()?;
@@ -170,6 +171,7 @@ pub(crate) fn negative_pivots<T: Real + RealField>(matrix: &CsMat<T>, shift: T) 
     // Pivots come in the order of elimination: map them back to rows.
     let order = symbolic.perm().map(|p| p.arrays().0.to_vec());
     let row = |k: usize| order.as_ref().map_or(k, |o| o[k]);
+    // Signs only: values of small pivots are round-off, their number is Sylvester's.
     let negative = pivots.iter().enumerate().filter(|(_, d)| **d < T::zero());
     Some(negative.map(|(k, _)| row(k)).collect())
 }

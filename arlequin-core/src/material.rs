@@ -36,6 +36,7 @@ impl<T: Real> Elastic<T> {
         if !positive(young) {
             return Err(invalid("young", young, "must be positive and finite [Pa]"));
         }
+        // Its own message: 0.5 is what textbooks give for rubber, and the remedy differs.
         if poisson == T::of(0.5) {
             return Err(invalid(
                 "poisson",

@@ -68,6 +68,7 @@ impl<T: Real> NodallyWeighted<T> {
         f: &mut [T],
         find: impl FnOnce(&mut dyn Model<T>, &mut [T]) -> Result<()>,
     ) -> Result<()> {
+        // Weighted apart from `f`, which holds forces of others.
         self.forces.fill(T::zero());
         find(&mut *self.model, &mut self.forces)?;
         let weighted = self.forces.iter().zip(&self.factors);
@@ -115,6 +116,7 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
         // The wrapped model stays unweighted: weights act on its forces.
         self.model.set_internal_weight(&Uniform(T::one()))?;
         self.factors = self.at_nodes(alpha)?;
+        // A stiffness that changes would leave the stored one, and the energy with it, behind.
         let changes = self.model.evolving().is_some();
         let Some(linear) = self.model.as_linear().filter(|_| !changes) else {
             return Err(Error::Unsupported {

@@ -68,6 +68,7 @@ impl<T: Real> Slab<T> {
                 "must be positive and finite",
             ));
         }
+        // Divided by the squared length once more: `s` grows from 0 to 1 over the distance.
         let gradient = d / square;
         Ok(Self {
             gradient,
@@ -86,6 +87,7 @@ impl<T: Real> Overlap<T> for Slab<T> {
         } else if s > T::one() + tolerance {
             Place::Coarse
         } else {
+            // Within the tolerance `s` may leave [0, 1]; profiles are not defined there.
             Place::Overlap(s.clamp(T::zero(), T::one()))
         }
     }
@@ -175,6 +177,7 @@ impl<T: Real, R: Region<T> + std::fmt::Debug> Overlap<T> for Shell<R> {
         let to_fine = self.fine_core.distance(x);
         let to_coarse = -self.fine_domain.distance(x);
         // A point on a border, up to round-off, belongs to the overlap.
+        // Relative to the width at this point: the overlap may be thin in one place and wide in another.
         let tolerance = T::epsilon() * T::of(64.0) * (to_fine.abs() + to_coarse.abs());
         if to_fine < -tolerance {
             Place::Fine

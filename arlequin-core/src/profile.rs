@@ -57,6 +57,7 @@ impl<T: Real> Profile<T> {
     /// [`crate::Error::InvalidParameter`] unless the stations rise from 0 to 1 with at least one in between.
     pub fn mediator_compatible(stations: &[T]) -> Result<Self> {
         let n = stations.len();
+        // Stations are computed positions of nodes: they miss 0 and 1 by round-off.
         let tolerance = T::epsilon().sqrt();
         let rising = stations.windows(2).all(|w| w[1] - w[0] > tolerance);
         let spans = n >= 3 && stations[0].abs() < tolerance && (stations[n - 1] - T::one()).abs() < tolerance;
@@ -69,14 +70,17 @@ impl<T: Real> Profile<T> {
         }
         // Slope of the cubic up to a factor, which the division by `total` supplies.
         let mut slope: Vec<T> = stations.iter().map(|&s| s * (T::one() - s)).collect();
+        // Exactly zero at the ends, also where the stations there miss 0 or 1 by round-off.
         slope[0] = T::zero();
         slope[n - 1] = T::zero();
         let mut value = vec![T::zero(); n];
+        // The slope is linear between stations, so the trapezium rule integrates it exactly.
         for k in 1..n {
             value[k] =
                 value[k - 1] + (slope[k] + slope[k - 1]) * (stations[k] - stations[k - 1]) * T::of(0.5);
         }
         let total = value[n - 1];
+        // Makes the profile end at exactly one.
         slope.iter_mut().chain(&mut value).for_each(|v| *v /= total);
         Ok(Self::Compatible(CompatibleProfile {
             stations: stations.to_vec(),
@@ -138,6 +142,7 @@ impl<T: Real> Profile<T> {
             Self::Quintic => s * s * s * (k(10.0) + s * (k(6.0) * s - k(15.0))),
             Self::Custom(c) => (c.0)(s),
             Self::Compatible(c) => {
+                // At the right end `s` equals the last station and stays in the last interval.
                 let j = c
                     .stations
                     .partition_point(|&x| x <= s)
@@ -154,6 +159,7 @@ impl<T: Real> Profile<T> {
     pub(crate) fn breaks(&self) -> Vec<T> {
         match self {
             Self::Compatible(c) => c.stations.clone(),
+            // A function of the user's own may bend anywhere: means are taken over eighths of the overlap.
             Self::Custom(_) => (0..=8).map(|k| T::of(f64::from(k) / 8.0)).collect(),
             _ => vec![T::zero(), T::one()],
         }

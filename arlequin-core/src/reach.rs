@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector3};
 
 /// Nodes whose mean gives the direction inwards.
 const NODES: usize = 8;
-/// Halvings of the distance to the surface: down to round-off.
+/// Number of halvings of the distance to the surface, enough to come down to round-off.
 const HALVINGS: usize = 50;
 
 /// A field with its linear continuation.
@@ -57,6 +57,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
             .iter()
             .fold(Vector3::zeros(), |s, k| s + (self.field.nodes()[*k] - x));
         let (way, mut far, mut near) = (arms / count, T::one(), T::zero());
+        // The mean of the nearest nodes must be inside, or there is no surface to find on the way.
         if !self.inside(&(x + way), false, &mut work[0])? {
             return Err(outside(x, self.field.kind()));
         }
@@ -130,6 +131,7 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
             radius += radius;
         }
         let distance = |k: &usize| (nodes[*k] - x).norm_squared().as_f64();
+        // Equal distances by number, so that the choice is unique.
         nodes_around.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
         nodes_around.truncate(wanted);
         nodes_around

@@ -50,6 +50,7 @@ impl<T: Real> SymmetricTensor<T> {
     /// Principal values, largest first.
     pub fn principal(&self) -> [T; 3] {
         let mut values: [T; 3] = self.matrix().symmetric_eigenvalues().into();
+        // Eigenvalues come in no order; a NaN compares as equal and stays visible in the result.
         values.sort_by(|a, b| b.partial_cmp(a).unwrap_or(std::cmp::Ordering::Equal));
         values
     }
@@ -238,6 +239,7 @@ fn fit<T: Real>(x: &Point3<T>, samples: &[Point3<T>], patch: &[u32], share: T, r
     // Directions in which the samples differ by round-off only have no slope.
     let flat = spread.trace() * T::epsilon() * T::of(64.0);
     let mut slope = Vector3::zeros();
+    // A patch of one sample, or of samples at one place, gives its mean.
     if spread.trace() > T::zero() {
         let eigen = SymmetricEigen::new(spread);
         for k in 0..3 {

@@ -72,6 +72,8 @@ fn largest_in<T: Real>(
     space: &Space<'_>,
     add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
+    // `R K R` with `R = M^{-1/2}` is symmetric and has the eigenvalues of `M⁻¹K`; prescribed unknowns get
+    // zero.
     let root: Vec<T> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
     let mut basis: Vec<Vec<T>> = Vec::new();
     let mut top = T::zero();
@@ -110,6 +112,7 @@ pub fn largest_ritz<T: Real>(
     add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
     let space = Space::Nodes(layout, portion);
+    // The space is exhausted after as many steps as it has unknowns.
     let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
     let orthogonal = &mut |w: &mut [T], v: Vec<T>, t: &Tridiagonal<T>| {
@@ -118,6 +121,7 @@ pub fn largest_ritz<T: Real>(
     };
     lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
+        // The next vector is round-off: the iteration has found an invariant space.
         let invariant = t.residual <= T::of(1e-14) * t.diagonal[step - 1].abs();
         // Ritz values cost an eigenvalue problem of the size of the step: compute them every tenth step only.
         if !(invariant || step.is_multiple_of(10) || step == limit) {
@@ -130,6 +134,8 @@ pub fn largest_ritz<T: Real>(
         } else {
             t.residual * end.abs()
         };
+        // Some eigenvalue lies within the residual of the Ritz value: with it added, the step errs on the
+        // safe side.
         top = value + residual;
         Ok(residual <= T::of(RESIDUAL) * value || invariant)
     })?;
@@ -162,8 +168,7 @@ impl<T: Real> Tridiagonal<T> {
 /// Makes a new vector orthogonal to the vector before (handed over) and to others.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
-/// Lanczos iteration on the symmetric `R K R` until `settled`. The start is fixed, so that the result is
-/// reproducible.
+/// Lanczos iteration on the symmetric `R K R` until `settled`.
 fn lanczos<T: Real>(
     (root, space): (&[T], &Space<'_>),
     limit: usize,
@@ -174,6 +179,8 @@ fn lanczos<T: Real>(
     let n = root.len();
     let moves = |i: usize| {
         if root[i] > T::zero() {
+            // A fixed start makes the result reproducible. By global numbers, every rank starts with its part
+            // of the same vector.
             start_value(space.global_number(i))
         } else {
             T::zero()
@@ -237,6 +244,7 @@ impl<T: Real> Tridiagonal<T> {
 
 /// A fixed, well-spread sequence in (−0.9, 1.1), free of any symmetry of the model.
 fn start_value<T: Real>(i: usize) -> T {
+    // Multiples of the golden ratio are spread evenly and repeat nothing.
     let x = ((i as f64 + 1.0) * 0.618_033_988_749_894_9).fract();
     T::of(2.0 * (x * 7.31 + 0.137 * x * x).fract() - 0.9)
 }
@@ -288,14 +296,16 @@ impl Space<'_> {
     }
 
     /// Subtracts from `w` its parts along orthonormal vectors: one after the other, or all at once with one
-    /// all-reduce. Two passes are enough either way.
+    /// all-reduce.
     fn orthogonalise<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
+        // Called twice, which is enough either way.
         let Self::Nodes(layout, portion) = self else {
             return basis.iter().for_each(|b| {
                 let c = dot(w, b);
                 w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
             });
         };
+        // Exact sums, so that the coefficients do not depend on how nodes are dealt out to ranks.
         let mut sums = vec![Exact::zero(); basis.len()];
         for (sum, b) in sums.iter_mut().zip(basis) {
             ranks::add_products(layout, w, b, sum);

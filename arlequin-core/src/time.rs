@@ -28,6 +28,7 @@ impl Formula {
     /// Value at time `t` \[s\]. Before time zero the formula goes on; where it is not finite there, its value
     /// at zero is taken.
     pub fn value(&self, t: f64) -> f64 {
+        // Formulas such as `sqrt(t)` have no value before time zero, where integrals and differences may ask.
         let value = (self.function)(t);
         if t < 0.0 && !value.is_finite() {
             return (self.function)(0.0);
@@ -102,6 +103,7 @@ impl<T: Real> TimeFunction<T> {
             }
             Self::Table(rows) => {
                 let finite = rows.iter().all(|(t, v)| t.is_finite() && v.is_finite());
+                // Strictly rising: two values at one time would have no difference quotient.
                 if !rows.is_empty() && finite && rows.windows(2).all(|w| w[0].0 < w[1].0) {
                     Ok(())
                 } else {
@@ -138,6 +140,7 @@ impl<T: Real> TimeFunction<T> {
             Self::Formula(f) => f.value(t),
             Self::Integral(integrand) => integrand.integral(t),
             Self::Table(rows) => {
+                // By bisection: tables may be long, and are read in every step.
                 let k = rows.partition_point(|r| r.0.as_f64() <= t);
                 if k == 0 {
                     rows[0].1.as_f64()

@@ -53,9 +53,11 @@ impl<T: Real> BoxTree<T> {
         if count <= Self::LEAF {
             return;
         }
+        // Across the longest side, at the median: leaves stay compact and the tree is balanced for any boxes.
         let axis = (bounds[1] - bounds[0]).imax();
         let half = count / 2;
         let boxes = &self.boxes;
+        // Twice the centre; the factor does not change the order.
         let key = |k: &u32| (boxes[*k as usize][0][axis] + boxes[*k as usize][1][axis]).as_f64();
         // Ties by number, so that there is one tree for given boxes.
         self.order[range].select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
@@ -87,6 +89,7 @@ impl<T: Real> BoxTree<T> {
                     }
                 }
             } else {
+                // The right half waits on the stack while the left one is visited.
                 stack[depth] = node.right;
                 // The left child follows its parent.
                 stack[depth + 1] = id + 1;

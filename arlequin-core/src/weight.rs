@@ -68,9 +68,11 @@ impl<T: Real> std::fmt::Debug for Complement<T> {
 
 impl<T: Real> Weight<T> for Complement<T> {
     fn value(&self, x: &Point3<T>) -> T {
+        // From one, so that the weights sum to one at every point, whatever the others are.
         T::one() - self.0.iter().map(|w| w.value(x)).sum()
     }
     fn mean(&self, cell: &Cell<T>) -> T {
+        // Means of the same cell by the same rule: they sum to one as the values do.
         T::one() - self.0.iter().map(|w| w.mean(cell)).sum()
     }
 }
@@ -100,6 +102,8 @@ impl<T: Real> Weight<T> for Product<T> {
             let is_everywhere = |v: T| corners.iter().all(|x| w.value(x) == v);
             [T::zero(), T::one()]
                 .into_iter()
+                // The mean decides too: an overlap may pass through the middle of a cell without reaching its
+                // corners.
                 .find(|v| is_everywhere(*v) && w.mean(cell) == *v)
         };
         let (mut factor, mut varying) = (T::one(), Vec::new());
@@ -143,6 +147,8 @@ impl<T: Real> Ramp<T> {
     /// # Errors
     /// [`crate::Error::InvalidParameter`] for `ε` outside `[0, 0.5)` or a constant outside `[0, 1]`.
     pub fn new(overlap: Arc<dyn Overlap<T>>, profile: Profile<T>, epsilon: T) -> Result<Self> {
+        // Not `epsilon < 0`: a NaN must be refused, too. From one half on the weight would fall across the
+        // overlap.
         if !(epsilon >= T::zero() && epsilon < T::of(0.5)) {
             return Err(invalid("epsilon", epsilon, "must be at least 0 and below 0.5"));
         }
@@ -184,6 +190,7 @@ impl<T: Real> Ramp<T> {
             Place::Coarse => T::one(),
             Place::Fine => T::zero(),
             Place::Overlap(s) => match self.profile {
+                // A constant is the user's own choice and keeps its value whatever the floor.
                 Profile::Constant(c) => c,
                 _ => self.epsilon + (T::one() - self.epsilon - self.fine_epsilon) * self.profile.value(s),
             },
@@ -204,10 +211,12 @@ impl<T: Real> Ramp<T> {
             .iter()
             .map(position)
             .fold(-T::of(f64::MAX), |a, b| a.max(b));
+        // Most cells lie outside of the overlap: their mean needs no cut.
         if high <= zero || low >= one {
             return if high <= zero { zero } else { one };
         }
         let mut total = zero;
+        // What is left of the cell beyond the kinks cut so far.
         let mut remainder = Some(cell.clone());
         let mut sum = zero;
         let mut samples = Vec::new();
@@ -250,6 +259,7 @@ impl<T: Real> Weight<T> for Ramp<T> {
     }
 
     fn mean(&self, cell: &Cell<T>) -> T {
+        // A plane overlap first: its means are exact, those of all others are sums over samples.
         match (self.overlap.linear_position(), self.overlap.place_of_cell(cell)) {
             (Some((gradient, offset)), _) => self.exact_mean(cell, gradient, offset),
             (None, Some(CellPlace::Coarse)) => T::one(),

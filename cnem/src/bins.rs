@@ -46,10 +46,13 @@ impl Bins {
         let longest = extent.max().max(f64::MIN_POSITIVE);
         // Flat sets have no volume: at least a thousandth of the longest extent keeps the bin size positive.
         let filled: f64 = extent.iter().map(|e| (e / longest).max(1e-3)).product();
+        // One box per bin on average: a query then looks at a number of boxes that does not grow with the
+        // set.
         let size = longest * (filled / boxes.len().max(1) as f64).cbrt();
         // At most 2^24 bins in all, whatever the boxes.
         let counts = [0, 1, 2].map(|k| ((extent[k] / size).ceil() as usize).clamp(1, 256));
         let inverse = [0, 1, 2].map(|k| {
+            // An axis without extent has a single bin; dividing by its extent would not be finite.
             if extent[k] > 0.0 {
                 counts[k] as f64 / extent[k]
             } else {
@@ -69,6 +72,8 @@ impl Bins {
         for (i, b) in boxes.iter().enumerate() {
             out.visit(b, |bin| pairs.push((bin as u32, i as u32)));
         }
+        // Sorted pairs keep the boxes of a bin in ascending order, and a box that spans bins is entered in
+        // each.
         pairs.sort_unstable();
         pairs.iter().for_each(|p| out.start[p.0 as usize + 1] += 1);
         (0..bins).for_each(|i| out.start[i + 1] += out.start[i]);
@@ -79,6 +84,7 @@ impl Bins {
 
     fn visit(&self, b: &Aabb, mut f: impl FnMut(usize)) {
         let index = |p: &Point3<f64>, k: usize| {
+            // Boxes outside of the bounds count for the border bins: a query may reach beyond the set.
             (((p[k] - self.low[k]) * self.inverse[k]).max(0.0) as usize).min(self.counts[k] - 1)
         };
         for i in index(&b[0], 0)..=index(&b[1], 0) {
@@ -100,6 +106,7 @@ impl Bins {
                 }
             }
         });
+        // A box that spans several bins was found once in each of them.
         out.sort_unstable();
         out.dedup();
     }

@@ -1,8 +1,4 @@
 //! Circumcentres that stay accurate on nearly flat tetrahedra.
-//!
-//! In double precision the centre has a relative error of `1e-16 * size^3 / volume`. Below a relative volume
-//! of 1e-3 the numerator and the determinant are computed in double-double arithmetic from exact differences.
-//! The error then stays below 1e-16 down to the flattest tetrahedra that occur with exact predicates.
 
 use nalgebra::{Point3, Vector3};
 use std::ops::{Add, Mul, Sub};
@@ -17,6 +13,8 @@ struct Dd(f64, f64);
 
 fn two_sum(a: f64, b: f64) -> Dd {
     let s = a + b;
+    // Knuth's sum: `t` is the part of `b` that arrived in `s`, so both brackets are exact round-off, whatever
+    // the larger of `a` and `b`.
     let t = s - a;
     Dd(s, (a - (s - t)) + (b - t))
 }
@@ -31,6 +29,8 @@ fn split(a: f64) -> (f64, f64) {
 impl Add for Dd {
     type Output = Self;
     fn add(self, o: Self) -> Self {
+        // The low parts alone may exceed half a last digit of `s`: the second sum makes the pair canonical
+        // again.
         let s = two_sum(self.0, o.0);
         two_sum(s.0, s.1 + self.1 + o.1)
     }
@@ -48,7 +48,10 @@ impl Mul for Dd {
     fn mul(self, o: Self) -> Self {
         let p = self.0 * o.0;
         let ((ah, al), (bh, bl)) = (split(self.0), split(o.0));
+        // The exact error of `p`, from the exact products of the halves (Dekker). The order of the terms
+        // matters.
         let e = ((ah * bh - p) + ah * bl + al * bh) + al * bl;
+        // The product of the two low parts lies below the last digit of the pair.
         two_sum(p, e + (self.0 * o.1 + self.1 * o.0))
     }
 }
@@ -69,6 +72,7 @@ fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
 /// (six times the volume). The centre is not finite if this determinant is zero.
 #[inline]
 pub(crate) fn circumcentre(corners: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
+    // All vectors start at one corner: large coordinates then cancel before anything is squared.
     let [o, p, q, r] = corners;
     quick(&(p - o), &(q - o), &(r - o)).unwrap_or_else(|| accurate(corners))
 }
@@ -80,6 +84,10 @@ pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Opt
     let (b2, c2, d2) = (b.norm_squared(), c.norm_squared(), d.norm_squared());
     let (cd, db, bc) = (c.cross(d), d.cross(b), b.cross(c));
     let det = b.dot(&cd);
+    // In double precision the centre has a relative error of `1e-16 * size^3 / volume`. Below a relative
+    // volume of 1e-3, the numerator and the determinant are computed in double-double arithmetic from exact
+    // differences. The error then stays below 1e-16 down to the flattest tetrahedra that occur with exact
+    // predicates.
     if det * det > FLAT * b2 * c2 * d2 {
         Some(((cd * b2 + db * c2 + bc * d2) * (0.5 / det), det))
     } else {
@@ -93,6 +101,7 @@ pub(crate) fn quick(b: &Vector3<f64>, c: &Vector3<f64>, d: &Vector3<f64>) -> Opt
 pub(crate) fn six_volumes(corners: [&Point3<f64>; 4]) -> f64 {
     let [o, p, q, r] = corners;
     let (b, c, d) = (p - o, q - o, r - o);
+    // The same test of flatness as `quick`: signs and volumes agree with the centres.
     let det = b.dot(&c.cross(&d));
     if det * det > FLAT * b.norm_squared() * c.norm_squared() * d.norm_squared() {
         return det;
@@ -104,6 +113,8 @@ pub(crate) fn six_volumes(corners: [&Point3<f64>; 4]) -> f64 {
 /// Like [`circumcentre`], in double-double arithmetic.
 #[cold]
 pub(crate) fn accurate([o, p, q, r]: [&Point3<f64>; 4]) -> (Vector3<f64>, f64) {
+    // Exact differences: rounding them would move the corners, and a flat tetrahedron amplifies this without
+    // bound.
     let difference = |e: &Point3<f64>| [0, 1, 2].map(|k| two_sum(e[k], -o[k]));
     let (b, c, d) = (difference(p), difference(q), difference(r));
     let (b2, c2, d2) = (dot(b, b), dot(c, c), dot(d, d));

@@ -72,8 +72,7 @@ impl Polyhedron {
     }
 
     /// Like `clip`; corners with `|normal . y - offset| <= snap` count as lying on the plane. A face all of
-    /// whose corners lie on the plane coincides with the cut. It gets `tag` if `free` accepts the face's tag:
-    /// round-off, which puts such a face before or behind the plane, must not decide about its area.
+    /// whose corners lie on the plane gets `tag` if `free` accepts the face's tag.
     pub(crate) fn clip_near(
         &mut self,
         normal: &Vector3<f64>,
@@ -84,6 +83,8 @@ impl Polyhedron {
     ) -> bool {
         let place = |p: &Vector3<f64>| {
             let s = normal.dot(p) - offset;
+            // Distances within `snap` become exactly zero, so that every later comparison with zero takes the
+            // same side.
             if s.abs() <= snap { 0.0 } else { s }
         };
         let (mut before, mut on_plane, mut behind) = (false, false, false);
@@ -93,11 +94,14 @@ impl Polyhedron {
             behind |= s > 0.0;
             on_plane |= s == 0.0;
         }
+        // Nothing lies in front of the plane: faces that only touch it bound no volume.
         if !before {
             self.points.clear();
             self.faces.clear();
             return true;
         }
+        // A face in the plane coincides with the cut. Round-off, which puts it before or behind the plane,
+        // must not decide about its area.
         if on_plane {
             let mut start = 0;
             for (end, face_tag) in &mut self.faces {
@@ -126,8 +130,11 @@ impl Polyhedron {
             let first = self.spare.len();
             for (i, p) in polygon.iter().enumerate() {
                 let q = &polygon[(i + 1) % polygon.len()];
+                // The signs are taken anew from the same function for each face: both faces at an edge see
+                // the same bits.
                 let (sp, sq) = (place(p), place(q));
                 if sp <= 0.0 {
+                    // A corner on the plane belongs to the face that stays and to the cap.
                     self.spare.push(*p);
                     if sp >= 0.0 {
                         self.cap.push(*p);
@@ -139,6 +146,8 @@ impl Polyhedron {
                     self.cap.push(cut);
                 }
             }
+            // A face that only touches the plane keeps an edge or a corner: it has no area and would be no
+            // polygon.
             if self.spare.len() >= first + 3 {
                 self.spare_faces.push((self.spare.len(), face_tag));
             } else {
@@ -168,10 +177,12 @@ impl Polyhedron {
             .fold(Vector3::zeros(), |a: Vector3<f64>, b| {
                 if b.norm_squared() > a.norm_squared() { b } else { a }
             });
+        // The axis to the farthest point is the best conditioned: a nearer one could be round-off in length.
         let v = normal.cross(&farthest);
         let u = v.cross(normal);
         let (u, v) = (u / u.norm(), v / v.norm());
         self.angles.clear();
+        // Angles order the points whatever order the faces contributed them in; the section is convex.
         self.angles.extend(self.cap.iter().map(|p| {
             let d = p - middle;
             (d.dot(&v).atan2(d.dot(&u)), *p)
@@ -213,6 +224,7 @@ impl Polyhedron {
 
     /// Returns the volume.
     pub(crate) fn volume(&self) -> f64 {
+        // From a corner of the polyhedron: about a far origin the pyramids would cancel.
         let o = self.points.first().copied().unwrap_or_default();
         self.faces()
             .map(|(_, f)| f.area.dot(&(f.centroid - o)))
@@ -221,9 +233,10 @@ impl Polyhedron {
     }
 }
 
-/// Returns the point where an edge meets the plane. Both faces at the edge get the same bits: the computation
-/// always starts from the end in front of the plane.
+/// Returns the point where an edge meets the plane.
 fn crossing(p: &Vector3<f64>, q: &Vector3<f64>, sp: f64, sq: f64) -> Vector3<f64> {
+    // Both faces at the edge get the same bits: the computation always starts from the end in front of the
+    // plane.
     if sp < 0.0 {
         p + (q - p) * (sp / (sp - sq))
     } else {
@@ -234,9 +247,12 @@ fn crossing(p: &Vector3<f64>, q: &Vector3<f64>, sp: f64, sq: f64) -> Vector3<f64
 fn face_sum(polygon: &[Vector3<f64>]) -> FaceSum {
     let o = polygon[0];
     let mut area = Vector3::zeros();
+    // A fan from the first corner: differences are small, so the area of a small face far away keeps its
+    // digits.
     for pair in polygon.windows(2) {
         area += (pair[0] - o).cross(&(pair[1] - o)) * 0.5;
     }
+    // The projection on the total area weights the fan's triangles with their sign.
     let square = area.norm_squared();
     let mut centroid = o;
     if square > 0.0 {

@@ -61,6 +61,7 @@ impl Copies {
     /// Returns the node that a vertex is a copy of; the vertex itself if it is no copy.
     #[inline]
     pub(crate) fn original(&self, v: u32) -> u32 {
+        // Ghost vertices have the largest number but are no copies.
         if v < self.first || v == crate::tet::INF {
             v
         } else {
@@ -71,6 +72,7 @@ impl Copies {
     /// Returns a node and its copies; empty if there are no copies.
     #[inline]
     pub(crate) fn unknowns_of(&self, original: u32) -> &[u32] {
+        // Most domains have no crack: they must not pay for a look into the map.
         if self.originals.is_empty() {
             &[]
         } else {
@@ -113,8 +115,10 @@ impl Domain {
         let cracks = self.mesh.faces.iter().enumerate().filter(|f| f.1.crack);
         cracks.map(|(face, _)| {
             let [below, above] = [0, 1].map(|side: usize| {
+                // The low two bits are the slot of the face in the tetrahedron.
                 let tet = self.copies.sides[face][side] >> 2;
                 let v = self.face_on_side(face as u32, side).map(|v| v as usize);
+                // Shape functions live on tetrahedra that are not flat: only these lips carry unknowns.
                 self.inside[tet as usize].then_some(v)
             });
             Lips { face, below, above }
@@ -127,6 +131,7 @@ impl Domain {
         let tet = self.copies.sides[face as usize][side] >> 2;
         let corners = self.delaunay.tets[tet as usize].v;
         self.mesh.faces[face as usize].v.map(|v| {
+            // The tetrahedron may have the copy of a corner: corners are compared by their originals.
             let twin = corners.iter().find(|&&w| self.copies.original(w) == v);
             twin.copied().unwrap_or(v)
         })
@@ -152,10 +157,14 @@ impl Domain {
         visited.push(tet);
         let (mut next, mut level) = (0, 1);
         let mut nearest = None;
+        // Bounded: in a domain that cracks divide, the walk could visit a whole part without finding the
+        // node.
         while next < visited.len() && next < MAX_REACHED {
             let tet = visited[next];
             let t = &self.delaunay.tets[tet as usize];
             let corner = t.v.into_iter().find(|v| unknowns.contains(v));
+            // The smallest index among equals: the copy does not depend on the order in which neighbours are
+            // visited.
             nearest = corner.map_or(nearest, |v| Some(nearest.map_or(v, |f: u32| f.min(v))));
             for (slot, &n) in t.n.iter().enumerate() {
                 if self.walls[tet as usize] >> slot & 1 == 0 && !visited.contains(&(n >> 2)) {
@@ -176,6 +185,7 @@ impl Domain {
 
     /// Gives every group of tetrahedra around a crack node its own vertex.
     pub(crate) fn open_cracks(&mut self) {
+        // The sides are taken before vertices are replaced: faces are looked up by the original nodes.
         self.copies = Copies::new(self.delaunay.points.len(), self.sides());
         let mut nodes: Vec<(u32, u32)> = Vec::new();
         for (i, f) in self.mesh.faces.iter().enumerate().filter(|f| f.1.crack) {
@@ -187,6 +197,8 @@ impl Domain {
         let (mut star, mut group) = (Vec::new(), Vec::new());
         for (node, below) in nodes {
             self.delaunay.star(node, &mut star);
+            // Glued tetrahedra are flat but join groups: without them a node inside the body would fall
+            // apart.
             star.retain(|&t| self.inside[t as usize] || self.glued[t as usize]);
             // If the triangle lies outside the domain, any group may keep the node.
             let keeps = star.iter().copied().find(|&t| t == below);

@@ -81,6 +81,7 @@ impl Domain {
     pub fn with_limit(points: &[Point3<f64>], surface: &Surface, limit: usize) -> Result<Self> {
         surface.check(points)?;
         checks::check_span(points)?;
+        // The unconstrained complex first: faces that it already has need no recovery.
         let mut delaunay = Delaunay::new(points)?;
         let (mesh, recovery) = recover(&mut delaunay, surface, limit)?;
         // From here on tetrahedra keep their numbers: the lists below are indexed by them.
@@ -95,12 +96,15 @@ impl Domain {
             centre: Vec::new(),
             mesh,
             face_at: HashMap::new(),
+            // Coordinates have a relative round-off of their own, so the tolerance grows with the largest
+            // coordinate.
             tolerance: ON_BOUNDARY * largest_coordinate(points),
             copies: Copies::default(),
             starts: Starts::default(),
             recovery,
             volume: 0.0,
         };
+        // Without a given boundary the hull is the boundary; it is known only once the complex stands.
         if surface.boundary_faces().is_empty() {
             domain.take_hull();
         }
@@ -160,6 +164,7 @@ impl Domain {
     }
 
     fn take_hull(&mut self) {
+        // Numbered after the given faces: cracks keep the indices that the user gave them.
         let first = self.mesh.faces.len() as u32;
         let hull: Vec<[usize; 3]> = self.delaunay.hull().collect();
         for (i, f) in hull.into_iter().enumerate() {
@@ -185,6 +190,7 @@ impl Domain {
                 });
             };
             let this_side = tet << 2 | slot as u32;
+            // A face has two sides, one in each tetrahedron; both must block the sight.
             let far_side = self.delaunay.tets[tet as usize].n[slot];
             for side in [this_side, far_side] {
                 let wall = 1 << (side & 3);
@@ -225,6 +231,8 @@ impl Domain {
                     .get(&n)
                     .is_some_and(|&f| !self.mesh.faces[f as usize].crack);
                 seen[neighbour] = true;
+                // Parity, not orientation: bodies within cavities and cavities within bodies need no
+                // consistent normals.
                 self.inside[neighbour] = self.inside[t as usize] ^ boundary;
                 queue.push(n >> 2);
             }
@@ -243,6 +251,7 @@ impl Domain {
             .sum::<f64>()
             / 6.0;
         let centre_of = |t: &crate::tet::Tet| {
+            // A ghost has no sphere; its entry keeps the list in step with the tetrahedra.
             if t.is_ghost() {
                 Vector3::zeros()
             } else {
@@ -250,6 +259,7 @@ impl Domain {
             }
         };
         self.centre = self.delaunay.tets.iter().map(centre_of).collect();
+        // After all centres: a flat tetrahedron takes that of a neighbour, as its own is meaningless.
         self.share_centres();
         self.starts = Starts::new(&self.delaunay);
     }

@@ -95,6 +95,7 @@ impl NaturalField {
     /// inserted points; [`crate::Error::Parameter`] where cracks would split nodes.
     pub fn within(points: &[Point3<f64>], surface: &Surface, kind: Interpolant) -> Result<Self> {
         let domain = Domain::with_limit(points, surface, 0)?;
+        // A copy of a node would be an unknown that no particle has.
         match domain.copies().count() {
             0 => Ok(Self::new(domain, kind)),
             split => Err(parameter(
@@ -148,6 +149,7 @@ impl NaturalField {
         let mut scratch = popped.unwrap_or_default();
         row.clear();
         let shape = match tet {
+            // Functions within a known tetrahedron need no search, and no choice on a face between two.
             Some(tet) => Ok(self
                 .domain
                 .shape_within(self.kind, x, tet, &mut scratch, gradient)),
@@ -157,6 +159,7 @@ impl NaturalField {
         let outcome = match shape {
             Ok(shape) => {
                 for (k, (&node, &value)) in shape.nodes.iter().zip(&shape.values).enumerate() {
+                    // A node with the value zero counts only for its gradient, which need not vanish.
                     if gradient {
                         row.push_with_gradient(node, value, shape.gradients[k]);
                     } else if value != 0.0 {
@@ -165,6 +168,7 @@ impl NaturalField {
                 }
                 Ok(())
             }
+            // Points at the surface may lie outside by round-off of their own; farther ones stay an error.
             Err(_) => self.extrapolate(x, gradient, row),
         };
         free().push(scratch);
@@ -181,6 +185,7 @@ impl NaturalField {
         let Some(tet) = self.domain.locate_near(x, NEAR) else {
             return Err(outside(x, self.kind()));
         };
+        // A flat nearest tetrahedron has no gradients: a neighbour with a thickness continues the field.
         let nodes = self.domain.corners_of(self.domain.thick(tet, x));
         let p = nodes.map(|v| self.domain.nodes()[v]);
         let gradients = linear_gradients(&p).0;

@@ -72,19 +72,25 @@ impl Cylinder {
         // A regular polygon with `n` corners at `R` has the area `n/2 R² sin(2π/n)`; this `R` makes it
         // `π r²`.
         let radius = self.radius * (2.0 * PI / outer / (2.0 * PI / outer).sin()).sqrt();
+        // One layer is refused by the check; this guards the division alone.
         let (dr, steps) = (radius / self.rings as f64, self.layers.saturating_sub(1).max(1));
         let dx = (self.x[1] - self.x[0]) / steps as f64;
         let mut out = Vec::with_capacity(self.node_count());
         for layer in 0..self.layers {
             let end = layer == 0 || layer + 1 == self.layers;
             let x = self.x[0] + dx * layer as f64;
+            // `6 k` nodes on ring `k` keep the spacing along the ring at about the spacing between rings.
             for ring in 0..=self.rings {
                 let count = (6 * ring).max(1);
                 for k in 0..count {
                     let angle = 2.0 * PI * k as f64 / count as f64;
                     let r = dr * ring as f64;
                     let mut p = Vector3::new(x, r * angle.cos(), r * angle.sin());
+                    // Three numbers are drawn for every node, used or not: the sequence stays in step with
+                    // the nodes.
                     let mut shift = Vector3::new(next() * dx, next() * dr, next() * dr) * self.jitter;
+                    // Nodes on the ends move within the end: it stays plane, and the cylinder keeps its
+                    // length.
                     if end {
                         shift.x = 0.0;
                     }
@@ -165,6 +171,7 @@ pub fn block(
                 let index = [i, j, k];
                 out.push(Point3::from([0, 1, 2].map(|a| {
                     let border = index[a] == 0 || index[a] == steps[a];
+                    // Drawn on the border too: the sequence stays in step with the nodes.
                     let shift = next() * if border { 0.0 } else { jitter };
                     // The far side takes the exact coordinate, so that hull faces are flat.
                     if index[a] == steps[a] {
@@ -181,11 +188,14 @@ pub fn block(
 
 /// Returns a repeatable sequence of numbers in (−1, 1).
 fn noise(seed: u64) -> impl FnMut() -> f64 {
+    // The state must not be zero: xorshift would stay there. The multiplier spreads small seeds over all
+    // bits.
     let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     move || {
         s ^= s << 13;
         s ^= s >> 7;
         s ^= s << 17;
+        // 53 bits fill the mantissa; divided by 2^52 they lie in [0, 2).
         (s >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 }

@@ -22,9 +22,11 @@ pub(crate) fn insertion_order(points: &[Point3<f64>]) -> Vec<u32> {
         .map(|(i, p)| {
             let axis = |k: usize| ((p[k] - low[k]) * scale) as u32;
             let round = u64::from(round_of(i as u64, rounds));
+            // The round in the high bits: rounds come first, the curve orders points within a round.
             ((round << 56) | key([axis(0), axis(1), axis(2)]), i as u32)
         })
         .collect();
+    // The index at the end of the pair breaks ties of the key: the order is the same in every run.
     keyed.sort_unstable();
     keyed.into_iter().map(|(_, i)| i).collect()
 }
@@ -64,6 +66,7 @@ fn frame(points: &[Point3<f64>]) -> ([f64; 3], f64) {
     }
     let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
     let top = f64::from((1_u32 << BITS) - 1);
+    // One factor for all axes: a curve stretched along an axis would no longer keep neighbours together.
     (low, if extent > 0.0 { top / extent } else { 0.0 })
 }
 
@@ -71,6 +74,8 @@ fn round_count(points: usize) -> u32 {
     let mut rounds = 1;
     let mut n = points;
     while n > FIRST_ROUND {
+        // Seven eighths of the points fall into the last round, so each further round is for an eighth of
+        // them.
         n /= 8;
         rounds += 1;
     }
@@ -84,12 +89,14 @@ fn round_of(i: u64, rounds: u32) -> u32 {
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     h ^= h >> 31;
+    // Three trailing zero bits have the probability 1/8.
     let earlier = h.trailing_zeros() / 3;
     (rounds - 1).saturating_sub(earlier)
 }
 
 /// Returns the position on the 3D Hilbert curve (Skilling's transform).
 fn key(mut x: [u32; 3]) -> u64 {
+    // First the turns of the octants are undone, from the largest octant down; then the Gray code is built.
     let mut q = 1_u32 << (BITS - 1);
     while q > 1 {
         let p = q - 1;
@@ -115,6 +122,7 @@ fn key(mut x: [u32; 3]) -> u64 {
         q >>= 1;
     }
     let mut out = 0_u64;
+    // Bits of the three axes alternate: the key is one integer whose order is that of the curve.
     for bit in (0..BITS).rev() {
         for v in x {
             out = (out << 1) | u64::from(((v ^ t) >> bit) & 1);

@@ -38,10 +38,12 @@ impl Spread {
     pub(crate) fn centroids(domain: &Domain, cells: &Voronoi, kind: Interpolant) -> Self {
         let shares = |scratch: &mut Scratch, i: usize| {
             let unspread = vec![(i as u32, 1.0)];
+            // The centroid of a cell beside a re-entrant edge may lie outside: its mass stays on the node.
             let Ok(row) = domain.shape(kind, &centroid(domain, cells, i), scratch) else {
                 return unspread;
             };
             let sum: f64 = row.values.iter().sum();
+            // A negative share would make a negative mass possible, and with it no stable step.
             let good = row.values.iter().all(|v| *v >= -ROUND_OFF) && (sum - 1.0).abs() <= ROUND_OFF;
             if !good {
                 return unspread;
@@ -59,6 +61,7 @@ impl Spread {
         for (row, m) in self.0.iter().zip(masses) {
             row.iter().for_each(|&(j, share)| out[j as usize] += share * m);
         }
+        // Serial, in the order of the cells: the sum has the same bits for any number of threads.
         out
     }
 }
@@ -70,6 +73,8 @@ fn centroid(domain: &Domain, cells: &Voronoi, node: usize) -> Point3<f64> {
     let arms = cells.facets(node).iter().map(|f| (f.area, f.centroid - x));
     let triple_volume: f64 = arms.clone().map(|(area, arm)| area.dot(&arm)).sum();
     arms.fold(x, |c, (area, arm)| {
+        // The centroid of a pyramid lies at three quarters of the way from its tip to the centroid of its
+        // base.
         c + arm * (0.75 * area.dot(&arm) / triple_volume)
     })
 }

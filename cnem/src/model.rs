@@ -122,7 +122,9 @@ impl CnemModel {
         let cells = domain.voronoi()?;
         let mut smoothing = Smoothing::new(&domain, &cells, options.kind)?;
         let sub = SubCells::new(&domain, &mut smoothing, amount);
+        // Weights of one: an uncoupled body, as which the model is checked below.
         let ones = vec![1.0; cells.len()];
+        // Counted before the field takes the domain.
         let neighbours = domain.neighbours();
         let spread = match options.inertia {
             Inertia::Cells => None,
@@ -142,6 +144,8 @@ impl CnemModel {
             patches: OnceLock::new(),
             part: None,
         };
+        // Round-off of coordinates can spoil the gradients: refused here by name rather than found in
+        // results.
         model.check_linear_fields()?;
         Ok(model)
     }
@@ -212,8 +216,7 @@ impl CnemModel {
     }
 
     /// Returns the facets of [`CnemModel::boundary`] that satisfy a condition, for loads. The share of a node
-    /// \[m²\] is the facet's area times the node's shape function at the centroid. The nodal integration uses
-    /// the same rule, so a constant stress is in equilibrium with its tractions to round-off.
+    /// \[m²\] is the facet's area times the node's shape function at the centroid.
     ///
     /// # Errors
     /// [`Error::EmptySelection`].
@@ -222,6 +225,8 @@ impl CnemModel {
             let area = f.area.norm();
             SurfaceFacet {
                 nodes: f.nodes.clone(),
+                // The rule of the nodal integration: a constant stress is in equilibrium with its tractions
+                // to round-off.
                 shares: f.values.iter().map(|v| v * area).collect(),
                 centre: f.centroid,
                 normal: f.area / area,
@@ -274,9 +279,11 @@ impl CnemModel {
     fn cell_means(&self, weight: &dyn Weight<f64>) -> Vec<f64> {
         let mean = |work: &mut CellBodies, i: usize| {
             let bodies = self.domain().cell_bodies(&self.cells, i, work);
+            // The common case: a convex cell, whose mean the weight computes exactly where it can.
             if let [body] = bodies.as_slice() {
                 return weight.mean(body);
             }
+            // Pieces are convex, the cell is not: means are weighted by volume.
             let (mut sum, mut total) = (0.0, 0.0);
             for (body, size) in bodies.iter().map(|b| (b, b.measure())).filter(|b| b.1 > 0.0) {
                 sum += weight.mean(body) * size;
@@ -327,6 +334,7 @@ impl Model<f64> for CnemModel {
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         let means = self.cell_means(alpha);
+        // Checked before it is stored: a weight that is not finite would reach every later force.
         arlequin_core::check_finite("cell weights", &means)?;
         let Some(part) = &mut self.part else {
             self.forces.set_weights(&self.sub, means);

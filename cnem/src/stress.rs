@@ -17,6 +17,7 @@ fn centroid(model: &CnemModel, cell: usize) -> Point3<f64> {
         sum += (f.centroid.coords * 0.75 + x * 0.25) * v;
         volume += v;
     }
+    // A cell without volume has no centroid; its node stands for it.
     if volume > 0.0 {
         Point3::from(sum / volume)
     } else {

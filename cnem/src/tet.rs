@@ -42,6 +42,7 @@ impl Tet {
     pub(crate) fn slot_opposite(&self, face: [u32; 3]) -> Option<usize> {
         let outside = |s: &usize| !face.contains(&self.v[*s]);
         let hits = face.iter().filter(|f| self.v.contains(f)).count();
+        // All three must be corners: with two in common, the slot opposite would not be unique.
         if hits == 3 { (0..4).find(outside) } else { None }
     }
 }
@@ -98,12 +99,14 @@ impl EdgeTable {
     #[inline]
     pub(crate) fn pair(&mut self, a: u32, b: u32, payload: u32) -> Option<u32> {
         let (low, high) = if a < b { (a, b) } else { (b, a) };
+        // Nearly all cavities fit: a table of fixed size needs no hash.
         if (high as usize) < SIDE {
             let entry = &mut self.square[low as usize * SIDE + high as usize];
             if *entry == NONE {
                 *entry = payload;
                 return None;
             }
+            // Emptied as it is read: a closed surface leaves the table clean for the next cavity.
             return Some(std::mem::replace(entry, NONE));
         }
         match self.spill.remove(&(low, high)) {

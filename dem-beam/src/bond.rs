@@ -82,6 +82,7 @@ impl BeamMaterial {
                 ratios: [BULK[0][0], BULK[BULK.len() - 1][0]],
             });
         }
+        // The table falls in Poisson's ratio. Ends are left out, so that there is always an interval.
         let end = BULK[1..BULK.len() - 1].partition_point(|row| row[1] > poisson) + 1;
         let [a, b] = [BULK[end - 1], BULK[end]];
         let radius_ratio = a[0] + (b[0] - a[0]) * (poisson - a[1]) / (b[1] - a[1]);
@@ -91,6 +92,7 @@ impl BeamMaterial {
             ..Self::SILICA
         };
         Ok(Self {
+            // The modulus is proportional to that of the beams.
             young: young / unit.bulk()[0],
             ..unit
         })
@@ -129,6 +131,7 @@ impl BeamMaterial {
         positive("beam Young's modulus", self.young)?;
         positive("beam radius ratio", self.radius_ratio)?;
         positive("mean particle radius", mean_radius)?;
+        // Not `<= -1`: a NaN must be refused, too.
         if !(self.poisson > -1.0 && self.poisson <= 0.5) {
             return Err(Error::out_of_range(
                 "beam Poisson's ratio",
@@ -142,6 +145,7 @@ impl BeamMaterial {
         Ok(BeamRigidity {
             axial: self.young * area,
             bending: self.young * inertia,
+            // `G I_O = E/(2 (1 + ν)) 2 I`.
             torsion: self.young / (1.0 + self.poisson) * inertia,
         })
     }
@@ -227,10 +231,12 @@ impl LinearBond {
         let diff = j.angular - i.angular;
         // `b = w k_b`; the transverse coefficients follow as `w k_s = 3 b/l` and `w k_t = 6 b/l^2`.
         let b = 2.0 * k.bending * s * q;
+        // What the first term adds along the axis is taken back here, so that no projection is needed.
         let force = (du * (6.0 * q) + p.cross(&sum) * 3.0) * b
             + p * ((k.axial - 12.0 * k.bending * q) * s * p.dot(&du));
         let shear = p.cross(&du) * (3.0 * b);
         let twist = p * (k.torsion * s * p.dot(&diff));
+        // Bending acts across the axis: the part along it is taken off.
         let bend = |x: Vector3<f64>| x * b - p * (2.0 * k.bending * s * p.dot(&x));
         (
             Twist {

@@ -84,7 +84,9 @@ pub(crate) fn end_layers(body: &BondedParticles, bar: &Bar) -> Result<[Vec<usize
     let gap = TOUCH * body.mean_radius();
     let mut ends = [Vec::new(), Vec::new()];
     for (i, (x, r)) in body.positions().iter().zip(body.radii()).enumerate() {
+        // By touch, not by the centre: a sphere belongs to the layer that a plate would press on.
         let (along, reach) = (x.x - bar.start, r + gap);
+        // A sphere that touches both ends of a short bar belongs to the first.
         if along < reach {
             ends[0].push(i);
         } else if bar.length - along < reach {
@@ -118,6 +120,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         }
     }
     let solution = problem.solve(body, TOLERANCE, ITERATIONS)?;
+    // Reactions of both ends, one half each: their mean has less of the residual.
     let pull: f64 = solution
         .reactions
         .iter()
@@ -125,6 +128,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
         .map(|(r, s)| 0.5 * s * r.linear.x)
         .sum();
     let gauge = |i: &usize| {
+        // The middle half: strains near the ends are those of the held layer.
         let t = (body.positions()[*i].x - bar.start) / bar.length;
         (0.25..0.75).contains(&t)
     };
@@ -147,6 +151,7 @@ pub fn tension_test(body: &BondedParticles, bar: &Bar) -> Result<Elasticity> {
 /// Returns the least-squares gradient of a scalar given at points.
 fn gradient(points: impl Iterator<Item = (Vector3<f64>, f64)> + Clone) -> Result<Vector3<f64>> {
     let count = points.clone().count() as f64;
+    // About the mean, so that the fit has no constant to find.
     let centre = points.clone().map(|p| p.0).sum::<Vector3<f64>>() / count;
     let mean = points.clone().map(|p| p.1).sum::<f64>() / count;
     let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
@@ -179,6 +184,7 @@ impl Spread {
         let mean = x.iter().sum::<f64>() / n;
         let square: f64 = x.iter().map(|x| (x - mean) * (x - mean)).sum();
         Self {
+            // One sample has no deviation, and nothing to divide by.
             mean,
             deviation: (square / (n - 1.0).max(1.0)).sqrt(),
         }
@@ -295,6 +301,7 @@ pub fn beam_for(
         poisson: beam_poisson,
         radius_ratio,
     };
+    // The modulus of the beams scales out: only their radius is searched for.
     let mut test = |ratio: f64| test(beam(ratio, UNIT)).map(|[e, nu]| (e, nu - poisson));
     let [mut low, mut high] = RATIOS;
     let (mut f_low, mut f_high) = (test(low)?.1, test(high)?.1);
@@ -313,6 +320,7 @@ pub fn beam_for(
         let ratio = (low * f_high - high * f_low) / (f_high - f_low);
         let (modulus, f) = test(ratio)?;
         if f.abs() < NEAR {
+            // The law is linear in the modulus, so the wanted one follows without another test.
             return Ok(beam(ratio, UNIT * young / modulus));
         }
         if f * f_high > 0.0 {

@@ -8,9 +8,6 @@
 //! - [`lanczos`]: the largest Ritz value plus its residual, in memory of a few vectors.
 //! - `min sqrt(m/k_n)` from the literature considers translations only. It gives 1.8 times the critical step
 //!   and is not offered.
-//!
-//! The block bound holds because a bond's energy is a nonnegative quadratic form: it obeys `U(x_i, x_j) <= 2
-//! (U(x_i, 0) + U(0, x_j))`, and the sum over bonds is `K <= 2 diag(K_ii)`.
 
 use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
@@ -35,6 +32,8 @@ pub(crate) fn diagonal_blocks(body: &BondedParticles) -> Vec<Matrix6<f64>> {
 /// # Errors
 /// [`Error::OutOfRange`] if no particle has both mass and stiffness.
 pub fn block_bound(body: &BondedParticles) -> Result<f64> {
+    // The bound holds because a bond's energy is a nonnegative quadratic form. It obeys `U(x_i, x_j) <= 2
+    // (U(x_i, 0) + U(0, x_j))`, and the sum over bonds is `K <= 2 diag(K_ii)`.
     let mut top = 0.0_f64;
     for (p, mut k) in diagonal_blocks(body).into_iter().enumerate() {
         let (m, i) = (body.mass()[p], body.inertia()[p]);
@@ -51,6 +50,7 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
         }
         top = top.max(k.symmetric_eigenvalues().max());
     }
+    // The factor two of `K <= 2 diag(K_ii)`.
     step_from_eigenvalue(2.0 * top)
 }
 

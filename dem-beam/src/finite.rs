@@ -62,6 +62,7 @@ pub fn energy(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> f64 {
         relative,
         ..
     } = Deformed::new(bond, i, j);
+    // `bond.scale` is `w l`; over the square of the length it is `w/l0`, which all rigidities share.
     let scale = bond.scale * inverse * inverse;
     let twist = 2.0 * n.dot(&relative.imag());
     // Transverse parts: 1 - c^2 = |e|^2 and t_i.t_j - c_i c_j = e_i.e_j, without cancellation.

@@ -42,6 +42,7 @@ pub struct Bulk {
 fn unit(c: usize) -> Matrix3<f64> {
     const PLACE: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
     let [i, j] = PLACE[c];
+    // An engineering shear of one is half on both sides of the diagonal; on it, the halves add up.
     let mut e = Matrix3::zeros();
     e[(i, j)] += 0.5;
     e[(j, i)] += 0.5;
@@ -152,6 +153,7 @@ fn anisotropy(c: &Matrix6<f64>) -> f64 {
     let mut part = Matrix6::zeros();
     for i in 0..3 {
         for j in 0..3 {
+            // The isotropic stiffness in Voigt's order, with engineering shear strains.
             part[(i, j)] = bulk - 2.0 / 3.0 * shear + if i == j { 2.0 * shear } else { 0.0 };
         }
         part[(i + 3, i + 3)] = shear;

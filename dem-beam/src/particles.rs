@@ -1,8 +1,7 @@
 //! Particles joined by beams, stored in the flat arrays that every solver of this crate reads.
 //!
 //! The mass of a particle in a body of volume `V` is `m_i = rho V r_i^3 / sum r^3`, its rotational inertia
-//! `I_i = 2/5 m_i r_i^2`. The spheres fill only part of the body, so that sphere volume times density would
-//! be far too light. In a packing of several bodies the sum runs over the spheres of one body
+//! `I_i = 2/5 m_i r_i^2`. In a packing of several bodies the sum runs over the spheres of one body
 //! ([`crate::packing::parts`]).
 //!
 //! Weights follow the energy-consistent rule: the stiffness of bond b is multiplied by its weight `w_b`, mass
@@ -117,6 +116,8 @@ impl BondedParticles {
     ) -> Result<Self> {
         positive("body volume", matter.volume)?;
         check_spheres(&positions, &radii)?;
+        // Volumes in proportion to the cubes of the radii. The spheres fill only part of the body, so that
+        // sphere volume times density would be far too light.
         let cubes: f64 = radii.iter().map(|r| r * r * r).sum();
         let volumes: Vec<f64> = radii.iter().map(|r| matter.volume * r * r * r / cubes).collect();
         let contents = Contents {
@@ -230,6 +231,7 @@ impl BondedParticles {
             self.scales[b] = bond.scale;
         }
         self.weights.copy_from_slice(weights);
+        // A particle without bonds keeps its whole mass.
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
             self.mass[i] = self.full_mass[i] * w;
         }
@@ -237,8 +239,7 @@ impl BondedParticles {
         Ok(())
     }
 
-    /// Sets stiffness and density of each particle, relative to the packing's material. A bond between
-    /// stiffnesses `a` and `b` is two half-beams in series: `2 a b/(a + b)`.
+    /// Sets stiffness and density of each particle, relative to the packing's material.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`]; [`Error::OutOfRange`] unless all are positive.
@@ -254,8 +255,10 @@ impl BondedParticles {
         }
         let series = |&[i, j]: &[u32; 2]| {
             let [a, b] = [i, j].map(|k| stiffness[k as usize]);
+            // Two half-beams in series.
             2.0 * a * b / (a + b)
         };
+        // Grades multiply the stored scales through `set_weights`, which knows the rounding too.
         self.grades = self.pairs.iter().map(series).collect();
         self.full_mass.iter_mut().zip(density).for_each(|(m, d)| *m *= d);
         // `set_weights` copies into `self.weights`, which must keep its length.
@@ -390,6 +393,7 @@ impl BondedParticles {
     pub fn bond(&self, b: usize) -> LinearBond {
         let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
         let d: [f64; 3] = (j - i).into();
+        // The nearest image, in a periodic box.
         let d = Vector3::from(self.period.map_or(d, |p| image(d, &p)));
         let length = d.norm();
         LinearBond {

@@ -83,6 +83,7 @@ impl StaticProblem {
         let loads: Vec<Six> = self.loads.iter().map(join).collect();
         let mut x: Vec<Six> = self.start.iter().map(join).collect();
         let (iterations, residual) = system.conjugate_gradients(&loads, &mut x, tolerance, limit);
+        // A NaN residual is no convergence: hence the comparison this way round.
         let converged = residual <= tolerance;
         if !converged {
             return Err(Error::NoConvergence {
@@ -93,6 +94,7 @@ impl StaticProblem {
             });
         }
         let mut pull = vec![Six::zeros(); x.len()];
+        // Reactions are what is left of the balance at held components.
         system.stiffness(&x, &mut pull);
         let reactions = pull
             .iter()
@@ -138,6 +140,7 @@ struct System<'a> {
 
 impl<'a> System<'a> {
     fn new(body: &'a BondedParticles, held: &[Held]) -> Self {
+        // Each bond from both ends: particles gather, and no two tasks write the same force.
         let ends = |(bond, &[i, j]): (LinearBond, &[u32; 2])| [(i, (j, bond)), (j, (i, bond.reversed()))];
         let bonds = body.bonds().zip(body.pairs()).flat_map(ends);
         let bonds = Adjacency::new(body.len(), bonds);
@@ -156,10 +159,12 @@ impl<'a> System<'a> {
                 // Held rows and columns get a multiple of the unit matrix, so that the block can be inverted.
                 let mask = free * free.transpose();
                 let held_diagonal = Matrix6::from_diagonal(&free.map(|f| 1.0 - f));
+                // Of the size of the stiffness: the inverse of the block stays well scaled.
                 let k = k.component_mul(&mask) + held_diagonal * k.diagonal().max();
                 // A block without stiffness cannot be inverted; the unit matrix does.
                 k.try_inverse()
                     .unwrap_or_else(Matrix6::identity)
+                    // Masked again: held components take no part in any direction.
                     .component_mul(&mask)
             })
             .collect();
@@ -218,6 +223,7 @@ impl<'a> System<'a> {
                 return (step, residual);
             }
             self.stiffness(&p, &mut q);
+            // Directions must leave held components alone, and `K p` does not.
             q.iter_mut()
                 .zip(&self.free)
                 .for_each(|(q, f)| q.component_mul_assign(f));

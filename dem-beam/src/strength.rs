@@ -9,9 +9,7 @@
 //! its peak.
 //!
 //! A force is the work of the ends over their elongation, averaged over a fifth of a transit; the strength is
-//! the largest of these forces over the section. Times scale with the root of the density and loads with the
-//! strength of the beams. The ratio of beam strength to body strength therefore depends on the packing, the
-//! criterion and the scatter alone.
+//! the largest of these forces over the section.
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::{Bar, end_layers};
@@ -81,6 +79,9 @@ pub fn strength_test(
     fracture: Fracture,
 ) -> Result<Strength> {
     packing.connected("a strength test")?;
+    // Times scale with the root of the density and loads with the strength of the beams. The ratio of beam
+    // strength to body strength therefore depends on the packing, the criterion and the scatter alone, and
+    // any density will do.
     let model = DemModel::new("bar", packing, beam, DENSITY)?.with_fracture(fracture)?;
     let stretched = Stretched::new(&model, bar)?;
     // At this load the bar has the elongation of the static solution; the first bond breaks at a load of one.
@@ -92,8 +93,8 @@ pub fn strength_test(
             "finite values > 0: the bar must carry tension",
         ));
     }
-    // The energy per section grows with the square of the elongation.
-    // Elongation at the first break over the elongation of the static solution: stresses are linear in it.
+    // Stresses are linear in the elongation, the energy per section grows with its square. This is the
+    // elongation at the first break over that of the static solution.
     let first = match fracture.criterion {
         Criterion::Energy => load.sqrt().recip(),
         _ => load.recip(),
@@ -136,9 +137,11 @@ impl Stretched {
     fn new(model: &DemModel, bar: &Bar) -> Result<Self> {
         let body = model.body();
         let ends = end_layers(body, bar)?;
+        // Small: the linear law has no scale, and the solution is scaled later.
         let elongation = 1e-4 * bar.length;
         let mut problem = StaticProblem::free(body.len());
         for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+            // The uniform strain as a start: it is close, and has the held values at the ends.
             start.linear.x = elongation * ((x.x - bar.start) / bar.length - 0.5);
         }
         for (end, side) in ends.iter().zip([-0.5, 0.5]) {
@@ -149,6 +152,7 @@ impl Stretched {
         }
         let solution = problem.solve(body, SOLVE.0, SOLVE.1)?;
         let pull = |end: &[usize]| end.iter().map(|&i| solution.reactions[i].linear.x).sum::<f64>();
+        // The mean of both ends: they are equal up to the residual.
         let force = 0.5 * (pull(&ends[1]) - pull(&ends[0]));
         let linear = |t: &Twist| [t.linear.x, t.linear.y, t.linear.z];
         let angular = |t: &Twist| [t.angular.x, t.angular.y, t.angular.z];
@@ -188,6 +192,7 @@ struct Peak {
 
 impl Pull {
     fn run(&self, model: DemModel, stretched: &Stretched, bar: &Bar) -> Result<Peak> {
+        // Slow against the waves of the bar, so that the load is nearly static.
         let rate = self.first / (LOADING * self.transit);
         let (begin, end) = (START * self.first, GIVEN_UP * self.first);
         let duration = (end - begin) / rate;

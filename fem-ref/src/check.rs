@@ -46,6 +46,7 @@ pub(crate) fn mesh<T: Real>(
             });
         }
     }
+    // In this order: later checks rely on indices that earlier ones have accepted.
     references(kind, nodes, connectivity)?;
     repeated(kind, nodes, connectivity)?;
     let pairs = coincident(nodes)?;
@@ -81,6 +82,7 @@ fn references<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u
 fn repeated<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
     let elements = connectivity.chunks_exact(kind.corners());
     let mut keyed: Vec<(NodeSet, u32)> = elements.map(node_set).zip(0..).collect();
+    // Sorted, so that twins are neighbours; the lowest pair is reported.
     keyed.sort_unstable();
     let twins = keyed.windows(2).filter(|pair| pair[0].0 == pair[1].0);
     match twins.map(|pair| [pair[0].1 as usize, pair[1].1 as usize]).min() {
@@ -123,6 +125,7 @@ fn nearness<T: Real>(nodes: &[Point3<T>]) -> f64 {
 /// Pairs of coincident nodes: each node with an earlier one.
 pub(crate) fn coincident<T: Real>(nodes: &[Point3<T>]) -> Result<Vec<[u32; 2]>> {
     let [low, _] = bounds_of(nodes.iter());
+    // A mesh without extent has all nodes at one place.
     let limit = nearness(nodes);
     if limit <= 0.0 {
         return match nodes {
@@ -187,11 +190,13 @@ fn shapes<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32])
             .map(|[a, b]| (p[*b] - p[*a]).norm())
             .fold(T::zero(), |a, b| a.max(b));
         let (corner, jacobian) = worst_corner(kind, &p);
+        // Relative to the longest edge, so that the limit does not depend on the unit of length.
         let relative = jacobian / (longest * longest * longest);
         if relative > limit {
             continue;
         }
         let (kind, element, centre) = (kind.name(), e, centre(nodes, corners));
+        // Beyond the limit in the negative sense the element is inside out, not flat.
         let (jacobian, inverted, limit) = (relative.as_f64(), relative < -limit, limit.as_f64());
         return Err(if inverted {
             Error::InvertedElement {
@@ -217,6 +222,7 @@ fn shapes<T: Real>(kind: ElementKind, nodes: &[Point3<T>], connectivity: &[u32])
 }
 
 /// Returns the corner with the smallest Jacobian `∂x/∂(edges)`, and the Jacobian \[m³\].
+// Linear elements have one Jacobian.
 fn worst_corner<T: Real>(kind: ElementKind, p: &[Point3<T>; 8]) -> (usize, T) {
     if kind == ElementKind::Tet4 {
         return (0, element::tet_gradients(p).1);
@@ -236,6 +242,7 @@ fn worst_corner<T: Real>(kind: ElementKind, p: &[Point3<T>; 8]) -> (usize, T) {
 fn bar_lengths<T: Real>(nodes: &[Point3<T>], connectivity: &[u32]) -> Result<()> {
     let [low, high] = bounds_of(nodes.iter());
     let size = (high - low).norm();
+    // In single precision 1e-9 is below round-off.
     let limit = T::of(1e-9).max(T::epsilon() * T::of(4.0));
     for (element, ends) in connectivity.chunks_exact(2).enumerate() {
         let [a, b] = [nodes[ends[0] as usize], nodes[ends[1] as usize]];

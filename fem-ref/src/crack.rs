@@ -55,6 +55,7 @@ impl<T: Real> Mesh<T> {
             .map(|(k, x)| on_crack(k, x))
             .collect();
         let inner = self.inner_faces(&on);
+        // A face belongs to the crack if all of its corners do; then its two elements part.
         let walls: BTreeSet<[u32; 2]> = inner
             .iter()
             .filter(|(nodes, _)| nodes.iter().all(|k| on[*k as usize]))
@@ -68,10 +69,12 @@ impl<T: Real> Mesh<T> {
         }
         let mut nodes = self.nodes().to_vec();
         let mut connectivity = self.connectivity().to_vec();
+        // Ordered maps: copies get their numbers in the same order in every run.
         let mut copies: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         let corners = self.kind().corners();
         let around = Adjacency::of_slots(nodes.len(), self.connectivity());
         let mut joined: HashMap<u32, Vec<[u32; 2]>> = HashMap::new();
+        // Faces that the crack touches but does not contain keep their elements together.
         for (face, pair) in inner.iter().filter(|(_, pair)| !walls.contains(pair)) {
             for k in face.iter().filter(|k| on[**k as usize]) {
                 joined.entry(*k).or_default().push(*pair);
@@ -95,11 +98,13 @@ impl<T: Real> Mesh<T> {
                 }
             }
         }
+        // Checked like any mesh: a crack around a single element cuts it off.
         let (volumes, regions) = (self.volumes().to_vec(), self.regions().to_vec());
         let mut out = Self::with_volumes(self.kind(), nodes, connectivity, volumes, regions)?
             .with_section(self.section())?;
         for (name, group) in self.groups() {
             let copies = group.nodes.iter().filter_map(|k| copies.get(k)).flatten();
+            // Facets follow their elements, and their nodes with them.
             let nodes = match group.facets.is_empty() {
                 true => group.nodes.iter().chain(copies).copied().collect(),
                 false => Vec::new(),
@@ -124,6 +129,7 @@ impl<T: Real> Mesh<T> {
             }
         }
         let two = |(nodes, elements): (Vec<u32>, Vec<u32>)| match elements[..] {
+            // Faces with one element lie on the surface.
             [a, b] => Some((nodes, [a, b])),
             _ => None,
         };

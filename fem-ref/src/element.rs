@@ -104,6 +104,7 @@ pub(crate) const HEX_CORNERS: [[f64; 3]; 8] = [
 pub(crate) fn hex_values<T: Real>(xi: &Vector3<T>) -> [T; 8] {
     let eighth = T::of(0.125);
     HEX_CORNERS.map(|c| {
+        // At corners every factor is exactly zero or two, so that values there are exact.
         (0..3).fold(eighth, |n, a| {
             if c[a] > 0.0 {
                 n * (T::one() + xi[a])
@@ -158,6 +159,7 @@ pub struct GaussPoint<T: Real> {
 pub(crate) fn tet_gradients<T: Real>(p: &[Point3<T>; 8]) -> ([Vector3<T>; 4], T) {
     let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
     let six = a.cross(&b).dot(&c);
+    // Normals of faces over six volumes; the fourth follows from the sum of one.
     let g = [b.cross(&c) / six, c.cross(&a) / six, a.cross(&b) / six];
     ([-(g[0] + g[1] + g[2]), g[0], g[1], g[2]], six)
 }
@@ -179,6 +181,7 @@ pub(crate) fn for_each_gauss<T: Real>(
             let d = p[1] - p[0];
             let g = d / d.norm_squared();
             point.weight = d.norm() * section;
+            // One point is exact for linear functions: the middle, where both are one half.
             point.values[..2].fill(T::of(0.5));
             point.gradients[0] = -g;
             point.gradients[1] = g;
@@ -192,6 +195,7 @@ pub(crate) fn for_each_gauss<T: Real>(
             visit(&point);
         }
         ElementKind::Hex8 => {
+            // Two points per direction integrate the stiffness of a parallelepiped exactly.
             let a = T::of(1.0 / 3f64.sqrt());
             for c in HEX_CORNERS {
                 let xi = Vector3::from(c.map(T::of)) * a;
@@ -222,6 +226,7 @@ pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], sect
 /// Local coordinates of `x` in a hexahedron by Newton's method; `None` if the iteration does not converge
 /// near the element.
 pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<Vector3<T>> {
+    // Clamped within this distance: far outside, the map may fold over and Newton's method wander.
     let reach = T::of(3.0);
     let settled = T::epsilon() * T::of(16.0);
     let mut xi = Vector3::zeros();
@@ -237,6 +242,7 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
         let stalled = size >= step && size < T::epsilon().sqrt();
         xi = (xi + d).map(|c| c.clamp(-reach, reach));
         step = size;
+        // A stalled iteration is as good as a settled one: round-off allows no more.
         if size <= settled || stalled {
             return (xi.amax() < reach).then_some(xi);
         }
@@ -244,12 +250,11 @@ pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<
     None
 }
 
-/// Cuts a hexahedron into six tetrahedra.
-///
-/// The corner of lowest `rank` is the apex. Each of the three faces without the apex is cut along the
-/// diagonal from its own lowest corner and joined to the apex. Neighbours therefore cut their common face
-/// alike; so do the two lips of a slit if `rank` is the same for nodes at the same place.
+/// Cuts a hexahedron into six tetrahedra, in the same way for all hexahedra at a face if `rank` is the same.
 pub(crate) fn split_hexahedron(corners: &[u32], rank: impl Fn(u32) -> u32) -> [[u32; 4]; 6] {
+    // The corner of lowest rank is the apex. Each of the three faces without the apex is cut along the
+    // diagonal from its own lowest corner and joined to the apex. Neighbours therefore cut their common face
+    // alike; so do the two lips of a slit if ranks are the same for nodes at the same place.
     let apex = (0..8).min_by_key(|&k| rank(corners[k])).unwrap_or(0);
     let mut out = [[0; 4]; 6];
     let far = ElementKind::Hex8.faces().iter().filter(|f| !f.contains(&apex));

@@ -86,6 +86,7 @@ impl<T: Real> FemField<T> {
         let boxes = (0..mesh.element_count()).map(|e| {
             let p = mesh.corners(e);
             let [low, high] = bounds_of(p[..mesh.kind().corners()].iter());
+            // A warped face bulges out of the box of its corners.
             let slack = hexes.get(e).map_or(T::zero(), |h: &HexShape<T>| h.warp);
             // Wide enough for all points that `locate` accepts.
             let margin = Vector3::repeat((high - low).norm() * (tolerance + slack) * T::of(2.0));
@@ -117,6 +118,7 @@ impl<T: Real> FemField<T> {
     /// The errors of [`Mesh::new`] (fewer than two points, coincident points, coordinates that are not
     /// finite) and of [`Mesh::with_section`].
     pub fn on_line(points: Vec<Point3<T>>, section: T) -> Result<Self> {
+        // Along the line from the first point to the farthest one, in whatever order points come.
         let origin = points.first().copied().unwrap_or_else(Point3::origin);
         let far = |p: &Point3<T>| (p - origin).norm_squared();
         let axis = points.iter().fold(Vector3::zeros(), |a, p| {
@@ -162,6 +164,7 @@ impl<T: Real> FemField<T> {
                 let p = self.mesh.corners(e);
                 let d = p[1] - p[0];
                 let s = d.dot(&(x - p[0])) / d.norm_squared();
+                // Off the line counts like beyond the ends.
                 let off = (x - (p[0] + d * s)).norm() / d.norm();
                 ([one - s, s, zero, zero], (-s).max(s - one).max(off))
             }
@@ -182,6 +185,7 @@ impl<T: Real> FemField<T> {
                         c
                     }
                 });
+                // Half, since the reference cube has edges of length two.
                 ([xi.x, xi.y, xi.z, zero], (xi.amax() - one) * T::of(0.5))
             }
         };
@@ -198,6 +202,7 @@ impl<T: Real> FemField<T> {
         let mut best: Option<Located<T>> = None;
         let mut near: Option<Located<T>> = None;
         self.tree.any(&[*x, *x], &mut |e| {
+            // A lower number has been found: a higher one could not be chosen.
             if best.as_ref().is_some_and(|b| b.element < e) {
                 return false;
             }
@@ -310,8 +315,10 @@ impl<T: Real> FemField<T> {
 
 fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
     let j = element::hex_jacobian(p, &element::hex_gradients(&Vector3::zeros()));
+    // Relative to the size of the Jacobian, which is that of the element.
     let size = j.norm();
     let centre = element::hex_map(p, &Vector3::zeros());
+    // How far the corners are from those of the affine map at the centre.
     let bent = p
         .iter()
         .zip(element::HEX_CORNERS)

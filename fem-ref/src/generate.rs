@@ -47,6 +47,7 @@ pub fn bar_at<T: Real>(x: &[T], section: T) -> Result<Mesh<T>> {
     let last = x.len().saturating_sub(1) as u32;
     let connectivity = (0..last).flat_map(|k| [k, k + 1]).collect();
     let mesh = Mesh::new(ElementKind::Bar2, nodes, connectivity)?.with_section(section)?;
+    // Compared exactly: the ends have these coordinates to the last bit.
     let (low, high) = (x[0], x[x.len() - 1]);
     mesh.with_surfaces(&[("x-min", &|p| p.x <= low), ("x-max", &|p| p.x >= high)])
 }
@@ -189,6 +190,7 @@ fn cuboid<T: Real>(
             }
         }
     }
+    // Nodes inside the hole belong to no element and are left out.
     let mut used = vec![false; (nx + 1) * (ny + 1) * (nz + 1)];
     for &v in &connectivity {
         used[v as usize] = true;
@@ -205,6 +207,7 @@ fn cuboid<T: Real>(
         *v = number[*v as usize];
     }
     let [low, high] = [0, 1].map(|end| [0, 1, 2].map(|c| [sides[c].start, sides[c].end][end]));
+    // Exact comparisons: `between` gives the faces their coordinates to the last bit.
     Mesh::new(ElementKind::Hex8, nodes, connectivity)?
         .with_surfaces(&[
             ("x-min", &|p| p.x <= low[0]),
@@ -258,6 +261,7 @@ impl<T: Real> Cylinder<T> {
         ascending("cylinder end x1", ends[0], ends[1])?;
         let whole = |x: T| (x.as_f64().round() as usize).max(1);
         let across = (radius + radius) / size;
+        // Half of the diameter for the core, the other half for the rings on both sides.
         let core = whole(across * T::of(0.5));
         let rings = core.div_ceil(2);
         Ok(Self {
@@ -374,6 +378,7 @@ fn butterfly<T: Real>(shape: &Cylinder<T>) -> (Vec<[T; 2]>, Vec<[u32; 4]>) {
         let t = ring as f64 / rings as f64;
         let first = points.len() as u32;
         for (k, b) in border.iter().enumerate() {
+            // Each point of the core's border goes to its angle on the rim, evenly spaced.
             let angle = std::f64::consts::FRAC_PI_2 * (k as f64 / m - 1.5);
             let out = [rim * angle.cos(), rim * angle.sin()];
             points.push([b[0] + t * (out[0] - b[0]), b[1] + t * (out[1] - b[1])]);

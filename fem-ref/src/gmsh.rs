@@ -66,7 +66,9 @@ fn contents(bytes: &[u8]) -> Result<Contents> {
             )));
         }
     };
+    // All formats write names alike.
     file.names = v4::physical_names(bytes)?;
+    // Before elements are counted: second order has names of its own.
     file.linearise();
     Ok(file)
 }

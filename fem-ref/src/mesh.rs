@@ -123,6 +123,7 @@ impl<T: Real> Mesh<T> {
     /// The errors of [`Mesh::new`], if the moved mesh is not valid.
     pub fn mapped(mut self, map: impl Fn(&Point3<T>) -> Point3<T>) -> Result<Self> {
         self.nodes.iter_mut().for_each(|x| *x = map(x));
+        // A map may invert elements or bring nodes together.
         let pairs = check::mesh(self.kind, &self.nodes, &self.connectivity)?;
         slit::checked(self, &pairs)
     }
@@ -207,6 +208,7 @@ impl<T: Real> Mesh<T> {
             ]))),
             ElementKind::Hex8 if planar => out.push(Cell::Polyhedron(Polyhedron::hexahedron(p))),
             ElementKind::Hex8 => {
+                // By number: neighbours cut their common face along the same diagonal.
                 let tets = element::split_hexahedron(self.element(e), |k| k);
                 out.extend(
                     tets.map(|t| {
@@ -250,6 +252,7 @@ impl<T: Real> Mesh<T> {
                 let first = 6 * hex_facet.element;
                 let faces =
                     (first..first + 6).flat_map(|element| (0..4).map(move |face| Facet { element, face }));
+                // Of the faces of six tetrahedra, those within the quadrilateral.
                 facets.extend(faces.filter(|f| mesh.facet_nodes(*f).iter().all(|k| quad.contains(k))));
             }
             mesh.set_group(name, group.nodes.clone(), facets);
@@ -334,6 +337,8 @@ impl<T: Real> Mesh<T> {
                 };
                 let mut key = [u32::MAX; 4];
                 let corners = self.element(e);
+                // Unused places hold the largest number, so that triangles and quadrilaterals can be
+                // compared.
                 for (k, local) in key.iter_mut().zip(self.kind.faces()[face]) {
                     *k = corners[*local];
                 }
@@ -461,6 +466,7 @@ impl<T: Real> Mesh<T> {
         let (normal, shares) = match p.as_slice() {
             [a, b, c] => {
                 let n = (b - a).cross(&(c - a)) * T::of(0.5);
+                // A triangle gives each corner a third of its area.
                 (n, vec![n.norm() / T::of(3.0); 3])
             }
             [a, b, c, d] => {
@@ -470,6 +476,7 @@ impl<T: Real> Mesh<T> {
             }
             _ => {
                 let [a, b, ..] = self.corners(facet.element as usize);
+                // The end of a bar faces away from its other end.
                 let axis = if facet.face == 0 { a - b } else { b - a };
                 (axis, vec![self.section])
             }

@@ -20,6 +20,7 @@ impl<T: Real> Mesh<T> {
         let mut elements: Vec<(u32, u32)> = (0..self.element_count() as u32)
             .map(|e| {
                 let nodes = self.element(e as usize).iter();
+                // By their lowest node, elements run through memory as their nodes do.
                 (nodes.map(|&k| place[k as usize]).min().unwrap_or(0), e)
             })
             .collect();
@@ -58,6 +59,7 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
     let mut seen = vec![false; nodes];
     let mut order: Vec<u32> = Vec::with_capacity(nodes);
     let mut by_degree: Vec<u32> = (0..nodes as u32).collect();
+    // Seeds by degree: a corner of the body is a good end to begin at.
     by_degree.sort_unstable_by_key(degree);
     for &seed in &by_degree {
         if seen[seed as usize] {
@@ -91,6 +93,7 @@ fn node_order<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
             }
         }
     }
+    // Reversed, the profile of a factor is smaller; the bandwidth stays.
     order.reverse();
     order
 }

@@ -199,6 +199,7 @@ impl<T: Real> Halves<T> {
         for t in [[v[0], a, b, c], [a, v[1], d, e], [b, d, v[2], f], [c, e, f, v[3]]] {
             out.extend(t);
         }
+        // The shortest diagonal distorts the parts least; ties go to the first.
         let length = |[i, j]: [u32; 2]| (self.nodes[i as usize] - self.nodes[j as usize]).norm_squared();
         let axes = [
             ([a, f], [b, c, e, d]),
@@ -225,6 +226,8 @@ impl<T: Real> Halves<T> {
     /// Divides a hexahedron into eight on the lattice of half edges.
     fn hexahedron(&mut self, v: &[u32], out: &mut Vec<u32>) {
         let lattice_node = |halves: &mut Self, place: [usize; 3]| {
+            // A place on the lattice of half edges: between the corners that agree with it in every even
+            // direction.
             let near = |corner: &[usize; 3]| (0..3).all(|c| place[c] == 1 || place[c] == 2 * corner[c]);
             let mut nodes = [0; 8];
             let mut n = 0;

@@ -63,12 +63,14 @@ impl<T: Real> Mesh<T> {
         let part = node_parts(self);
         let mut elements: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for e in 0..self.element_count() {
+            // All nodes of an element are in one part: the first tells which.
             elements
                 .entry(part[self.element(e)[0] as usize])
                 .or_default()
                 .push(e);
         }
         let mut lists: Vec<Vec<usize>> = elements.into_values().collect();
+        // The largest first, ties by number.
         lists.sort_by_key(|list| (std::cmp::Reverse(list.len()), list[0]));
         lists.iter().map(|list| self.piece(list)).collect()
     }
@@ -118,6 +120,7 @@ pub(crate) fn node_parts<T: Real>(mesh: &Mesh<T>) -> Vec<u32> {
 /// Returns the node that represents all nodes joined with `k`, and shortens the path to it.
 pub(crate) fn find(root: &mut [u32], mut k: u32) -> u32 {
     while root[k as usize] != k {
+        // Path halving keeps later searches short.
         root[k as usize] = root[root[k as usize] as usize];
         k = root[k as usize];
     }

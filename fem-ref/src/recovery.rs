@@ -21,6 +21,7 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
     let (mut position, mut gradients, mut volume) = (Vector3::zeros(), [Vector3::zeros(); 8], T::zero());
     mesh.for_each_gauss_point(e, |g| {
         volume += g.weight;
+        // Weighted by the shape functions: the centroid of the volume, not the mean of the corners.
         for (k, node) in corners.iter().enumerate() {
             position += mesh.nodes()[*node as usize].coords * (g.values[k] * g.weight);
             gradients[k] += g.gradients[k] * g.weight;
@@ -33,10 +34,6 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
 }
 
 /// Makes the patches of all nodes.
-///
-/// The patch of an inner node holds the elements around it. A surface node uses the patches of the nearest
-/// inner nodes that share an element with it. If there are none, its patch holds the elements around it and
-/// their neighbours.
 pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
     let corners = mesh.kind().corners();
     let samples: Vec<Point3<T>> = (0..mesh.element_count())
@@ -47,11 +44,13 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
         mesh.nodes().len(),
         slots.map(|(slot, node)| (*node, (slot / corners) as u32)),
     );
+    // Nodes of the surface have patches on one side only, which would extrapolate.
     let mut outer = vec![false; mesh.nodes().len()];
     for f in mesh.boundary() {
         mesh.facet_nodes(f).iter().for_each(|k| outer[*k as usize] = true);
     }
     Patches::new(mesh.nodes(), &samples, |node, out| {
+        // An inner node has the elements around it.
         if !outer[node] {
             out.push(around.row(node).to_vec());
             return;
@@ -71,6 +70,8 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
             .map(distance)
             .fold(None, |m: Option<T>, d| Some(m.map_or(d, |m| m.min(d))));
         match least {
+            // A surface node uses the patches of the nearest inner nodes that share an element with it. If
+            // there are none, its patch holds the elements around it and their neighbours.
             Some(least) => {
                 // Nodes at the same distance up to round-off count alike: regular meshes have several nearest
                 // ones.
@@ -78,6 +79,7 @@ pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
                 let close = inner().filter(|k| distance(k) <= reach);
                 out.extend(close.map(|k| around.row(*k as usize).to_vec()));
             }
+            // A body of one element in thickness has no inner node.
             None => {
                 let mut grown: Vec<u32> = near
                     .iter()
@@ -106,6 +108,7 @@ impl<T: Real> FemModel<T> {
         }
         let strain = SymmetricTensor::from_matrix(&h);
         let material = self.materials().at(e);
+        // A bar has axial stress alone, whatever Poisson's ratio.
         let stress = if mesh.kind() == ElementKind::Bar2 {
             let mut pull = SymmetricTensor::zero();
             pull.0[0] = material.young() * strain.0[0];

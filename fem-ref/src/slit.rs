@@ -15,10 +15,6 @@ pub(crate) fn checked<T: Real>(mesh: Mesh<T>, pairs: &[[u32; 2]]) -> Result<Mesh
 }
 
 /// Returns an error for coincident nodes that are not the lips of a slit.
-///
-/// Lips satisfy four conditions. Each of their nodes lies on surface facets that face another facet at the
-/// same place. No node lies on two facets at one place that look the same way. The body is connected around
-/// the slit. No lip wraps around a single element or a single node.
 fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
     let Some(first) = pairs.first() else { return Ok(()) };
     let refuse = |pair: &[u32; 2]| {
@@ -28,9 +24,11 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
             pair[1] as usize,
         ))
     };
+    // A bar has no faces that could face each other.
     if mesh.kind() == ElementKind::Bar2 {
         return refuse(first);
     }
+    // Across a slit, the body must be connected around it: otherwise these are two bodies that touch.
     let parts = node_parts(mesh);
     if let Some([a, b]) = pairs
         .iter()
@@ -49,7 +47,10 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
         *opposed.entry(n).or_insert(true) &= good;
     }
     let lip = |n: &u32| opposed.get(n).copied().unwrap_or(false);
+    // Every node of a lip lies on surface facets that face another facet at the same place, and never on two
+    // at one place that look the same way.
     let pocket = facing.pocket(&place);
+    // No lip wraps around a single element or a single node.
     let in_pocket = |n: &u32| pocket.is_some_and(|p| *n == p);
     let bad = |pair: &&[u32; 2]| !pair.iter().all(lip) || pair.iter().any(in_pocket);
     pairs.iter().find(bad).map_or(Ok(()), refuse)
@@ -59,6 +60,7 @@ fn lips<T: Real>(mesh: &Mesh<T>, pairs: &[[u32; 2]]) -> Result<()> {
 pub(crate) fn places(pairs: &[[u32; 2]]) -> HashMap<u32, u32> {
     let mut place: HashMap<u32, u32> = HashMap::new();
     for pair in pairs {
+        // The first node stands for the place, also where three nodes meet.
         let first = place.get(&pair[0]).copied().unwrap_or(pair[0]);
         place.insert(pair[0], first);
         place.insert(pair[1], first);
@@ -91,6 +93,7 @@ impl Facing {
     fn from_mesh<T: Real>(mesh: &Mesh<T>, place: &HashMap<u32, u32>) -> Self {
         let mut facets: BTreeMap<Vec<u32>, Vec<(u32, Vec<u32>)>> = BTreeMap::new();
         for facet in mesh.boundary() {
+            // Only facets with a doubled node can be lips.
             let nodes = mesh.facet_nodes(facet);
             if nodes.iter().any(|n| place.contains_key(n)) {
                 let place_of = |n: &u32| place.get(n).copied().unwrap_or(*n);
@@ -120,8 +123,7 @@ impl Facing {
     }
 
     /// Returns a node of a lip that faces one other lip and wraps around a single element, or around the few
-    /// elements at a single node. A mesh with a missing connection looks like this; the faces of a crack bend
-    /// less.
+    /// elements at a single node.
     fn pocket(&self, place: &HashMap<u32, u32>) -> Option<u32> {
         // Facets that share a doubled node belong to the same lip.
         let doubled = |f: &LipFacet| -> Vec<u32> {
@@ -144,6 +146,7 @@ impl Facing {
             lips.entry(lip).or_default().push(f);
             at_place.entry(f.place).or_default().push(lip);
         }
+        // A mesh with a missing connection looks like this; the faces of a crack bend less.
         let wrapped = |(lip, facets): &(&u32, &Vec<&LipFacet>)| {
             let opposite_lips = facets.iter().flat_map(|f| &at_place[&f.place]);
             let opposite_lips: BTreeSet<u32> = opposite_lips.copied().filter(|o| o != *lip).collect();

@@ -38,6 +38,8 @@ impl std::str::FromStr for Address {
             "unix" if cfg!(unix) => Ok(Self::Unix(PathBuf::from(location))),
             "unix" => Err(wrong("this system has no such sockets; write tcp:127.0.0.1:PORT")),
             "tcp" | "tcp-open" => {
+                // The one name that is allowed: it is the loopback address on every machine, without a
+                // look-up.
                 let localhost = location
                     .strip_prefix("localhost:")
                     .map(|port| format!("{}:{port}", Ipv4Addr::LOCALHOST));
@@ -46,6 +48,7 @@ impl std::str::FromStr for Address {
                     .unwrap_or(location)
                     .parse()
                     .map_err(|_| wrong("needs an IP address and a port, as in tcp:127.0.0.1:7007"))?;
+                // Refused here, not at the connection: a listener open to a network would be open at once.
                 if scheme == "tcp" && !socket.ip().is_loopback() {
                     return Err(wrong(
                         "is not of this machine, and the protocol has no password; on a network that is closed to strangers, \
@@ -148,19 +151,22 @@ impl Write for Stream {
     }
 }
 
-/// Listens at a path. A socket that a killed run has left there, and at which nobody listens, is replaced.
+/// Listens at a path. A socket there at which nobody listens is replaced.
 #[cfg(unix)]
 fn bind(path: &Path) -> std::io::Result<UnixListener> {
     use std::io::ErrorKind::{AddrInUse, ConnectionRefused};
     use std::os::unix::fs::FileTypeExt;
+    // Only a refusal for this reason may be a socket that a killed run left behind.
     let in_use = match UnixListener::bind(path) {
         Err(e) if e.kind() == AddrInUse => e,
         other => return other,
     };
+    // Of the file itself, not of where a link leads.
     let is_socket = std::fs::symlink_metadata(path).is_ok_and(|m| m.file_type().is_socket());
     // A datagram socket is of another type than the listener: its attempt to connect shows whether somebody
     // listens, and the listener never sees it.
     match UnixDatagram::unbound()?.connect(path) {
+        // Refused: nobody listens. Only then is the file removed, and only if it is a socket.
         Err(e) if is_socket && e.kind() == ConnectionRefused => {
             std::fs::remove_file(path)?;
             UnixListener::bind(path)
@@ -205,6 +211,7 @@ impl Listener {
             Address::Unix(path) => {
                 let listener = bind(path).map_err(&failed)?;
                 socket_file = Some(path.clone());
+                // The wait must look at the deadline, at Ctrl-C and at the process meanwhile.
                 listener.set_nonblocking(true).map_err(&failed)?;
                 Door::Unix(listener)
             }
@@ -241,6 +248,7 @@ impl Listener {
             loop {
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let folder = base.join(format!("arlequin-{}-{number}", std::process::id()));
+                // Mode 0700: nobody else can reach the socket in it, whatever the socket's own mode.
                 match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
                     // A killed process with the same number has left this folder.
                     Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
@@ -299,6 +307,7 @@ impl Listener {
             match attempt {
                 Ok(stream) => return Ok(Some(stream)),
                 Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {}
+                // A signal that is handled elsewhere is no end of the wait.
                 Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
                 Err(e) => return Err(failed(e)),
             }

@@ -67,6 +67,7 @@ impl Channel {
         if remaining.is_zero() {
             return Err(self.silent(waited));
         }
+        // The first moment is kept: the grace period counts from there.
         self.interrupted = interrupt::is_requested().then(|| self.interrupted.unwrap_or(now));
         if self.interrupted.is_some_and(|since| now - since >= GRACE) {
             return Err(Error::Interrupted {
@@ -86,6 +87,7 @@ impl Channel {
     }
 
     fn failed(&self, e: &std::io::Error, what: &str) -> Error {
+        // All of these mean that the other side is gone, whatever the system calls it.
         match e.kind() {
             ErrorKind::BrokenPipe
             | ErrorKind::ConnectionReset
@@ -165,6 +167,7 @@ impl Channel {
     pub(crate) fn receive(&mut self, due: &[Kind], lengths: std::ops::RangeInclusive<u64>) -> Result<Header> {
         let expected = due.first().map_or(String::new(), Kind::to_string);
         loop {
+            // Each wait begins anew: `Working` may come any number of times.
             let until = self.until();
             self.fill(HEADER, until, &expected)?;
             let mut bytes = [0; HEADER];
@@ -175,6 +178,7 @@ impl Channel {
                 Kind::Working => 0..=0,
                 // A text: its length in four bytes, and at most `SMALL` bytes.
                 Kind::Failed => 4..=SMALL + 4,
+                // Both limits: that of this side and that of this kind.
                 _ if is_due => *lengths.start()..=self.limit.min(*lengths.end()),
                 found => {
                     return Err(Error::Unexpected {
@@ -184,6 +188,7 @@ impl Channel {
                     });
                 }
             };
+            // Before anything of the content is read, let alone stored.
             if !lengths.contains(&header.length) {
                 let rule = match (lengths.start(), lengths.end()) {
                     (a, b) if a == b => format!("and {a} are due"),

@@ -47,6 +47,7 @@ impl Started {
             });
         };
         let mut start = Command::new(program);
+        // No input: a program that asks a question would wait for ever.
         start
             .args(arguments)
             .env(VARIABLE, address.to_string())
@@ -142,6 +143,7 @@ impl Started {
             use rustix::process::{Pid, Signal, kill_process_group};
             let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
         }
+        // Without process groups only the process itself can be ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -68,6 +68,7 @@ impl Link {
                 earlier: earlier.to_string(),
             });
         }
+        // After any error the two sides may disagree on what comes next: nothing more is sent.
         what(self).map_err(|e| {
             let e = self.explained(e);
             self.broken = Some(e.clone());
@@ -120,6 +121,7 @@ impl Link {
         // Taken out, since the content borrows the channel.
         let [mut v, mut q, mut a] = [&mut self.v, &mut self.q, &mut self.a].map(std::mem::take);
         let mut content = self.channel.content(header);
+        // In a closure, so that the arrays come back after an error too.
         let mut read = || {
             let fields = Fields(content.u32()?);
             if fields != wanted {
@@ -146,6 +148,7 @@ impl Link {
         let read = read();
         (self.v, self.q, self.a) = (v, q, a);
         self.invariant = read?;
+        // What was known stays known: the state is the same.
         self.known = self.known.and(wanted);
         Ok(())
     }
@@ -156,6 +159,7 @@ impl Link {
             return Ok(());
         }
         self.guarded(|link| {
+            // Only what is missing is asked for: every exchange is a round trip.
             let wanted = Fields(fields.0 & !link.known.0);
             link.channel.out.begin(Kind::Tell).u32(wanted.0).u32(0);
             link.read_state(wanted)
@@ -195,6 +199,7 @@ impl Link {
     fn check_kick(&self, impulse: &[f64], before: &[f64]) -> Result<bool> {
         let expected = |i: usize| {
             let m = self.inertia[i];
+            // Prescribed unknowns have no inertia, and an impulse does not move them.
             if m > 0.0 { impulse[i] / m } else { 0.0 }
         };
         let largest = |x: &mut dyn Iterator<Item = f64>| x.fold(0.0_f64, |m, x| m.max(x.abs()));
@@ -218,6 +223,7 @@ impl Link {
 
 impl Drop for Link {
     fn drop(&mut self) {
+        // A broken link cannot carry an orderly end.
         if self.broken.is_some() {
             return;
         }

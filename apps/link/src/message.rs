@@ -199,6 +199,7 @@ impl Description {
         let inertia = content.vector("inertia", layout.dofs())?;
         check_inertia(&content, &inertia)?;
         let shape = read_shape(&mut content, element, [nodes, parts], section)?;
+        // Bytes that are left mean another layout.
         content.end()?;
         let (positions, _) = positions.as_chunks::<3>();
         Ok(Self {
@@ -226,6 +227,7 @@ fn read_shape(
         Some(_) => Vec::new(),
     };
     let ends = content.integers(parts * element.map_or(2, Element::nodes))?;
+    // An interface would index with these numbers.
     if let Some(beyond) = ends.iter().find(|k| **k as usize >= nodes) {
         return Err(content.wrong(format!("an element or pair names node {beyond} of {nodes}")));
     }
@@ -243,6 +245,7 @@ fn read_shape(
 }
 
 pub(crate) fn check_step(content: &Content<'_>, step: f64) -> Result<()> {
+    // Not `<= 0`: a NaN must be refused, too.
     if step > 0.0 {
         return Ok(());
     }
@@ -337,6 +340,7 @@ impl Ask {
             POLYHEDRA => 0,
             _ => return Err(content.wrong(format!("places of kind {kind} are asked for; 0 to 4 there are"))),
         };
+        // Polyhedra have any number of corners: their own counts follow in the message.
         let places = if corners == 0 {
             Places::Cells(polyhedra(&mut content, count)?)
         } else {
@@ -409,9 +413,10 @@ fn points(content: &mut Content<'_>, count: usize) -> Result<Vec<Point3<f64>>> {
     Ok(flat.as_chunks::<3>().0.iter().map(|x| Point3::from(*x)).collect())
 }
 
-/// Reads polyhedra. The announced counts allocate nothing: each cell and each face takes at least four bytes
-/// of the message, so that a wrong count ends the reading.
+/// Reads polyhedra.
 fn polyhedra(content: &mut Content<'_>, count: usize) -> Result<Vec<Cell<f64>>> {
+    // The announced counts allocate nothing: each cell and each face takes at least four bytes of the
+    // message, so that a wrong count ends the reading.
     let mut out = Vec::new();
     for _ in 0..count {
         let faces = content.u32()?;
@@ -452,6 +457,7 @@ pub fn read_record(mut content: Content<'_>) -> Result<Record<f64>> {
     let integers = content.count("integers", 8)?;
     let record = Record {
         numbers: content
+            // By their bits: a NaN of the solver's own keeps its value.
             .long_integers(numbers)?
             .into_iter()
             .map(f64::from_bits)

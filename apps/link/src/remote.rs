@@ -73,6 +73,7 @@ impl Remote {
     pub fn start(name: &str, command: &[String], folder: &Path, options: Options) -> Result<Self> {
         let listener = Listener::private()?;
         let child = Started::new(command, folder, listener.address())?;
+        // The command as typed, so that the user can try it by hand.
         let peer = format!("'{name}' ({})", shown(command));
         Self::meet(name, peer, &listener, Some(child), options)
     }
@@ -107,6 +108,7 @@ impl Remote {
                 let (peer, waited) = (peer.clone(), waited());
                 return Err(Error::Interrupted { peer, waited });
             }
+            // A solver that ends before it connects is noticed at once, not at the end of the wait.
             match &mut child {
                 None => Ok(()),
                 Some(c) => c
@@ -164,6 +166,7 @@ impl Remote {
             let mut header = link.exchange_of(&due, 0..=u64::MAX)?;
             let mut questions = QUESTIONS + QUESTIONS_PER_NODE * nodes;
             while header.kind == Kind::Ask {
+                // Solvers ask for weights at places of their own choosing; the run alone knows the overlap.
                 let ask = Ask::read(link.channel.content(header))?;
                 questions = questions.checked_sub(1).ok_or_else(|| {
                     let limit = QUESTIONS + QUESTIONS_PER_NODE * nodes;
@@ -176,9 +179,11 @@ impl Remote {
             let mut content = link.channel.content(header);
             let critical = content.f64()?;
             check_step(&content, critical)?;
+            // Everything is read and checked before anything of it is used.
             content.numbers("inertia", inertia)?;
             check_inertia(&content, inertia)?;
             content.end()?;
+            // Weights are at most one, so weighted inertia is at most the unweighted one.
             let heavier = |(m, w): (&f64, &f64)| *m > *w * (1.0 + WEIGHED);
             if let Some(unknown) = inertia.iter().zip(unweighted).position(heavier) {
                 return Err(Error::Heavier {
@@ -220,6 +225,7 @@ impl Participant<f64> for Remote {
     fn advance(&mut self, time: f64, step: f64) -> arlequin_core::Result<()> {
         let outcome = self.link.borrow_mut().guarded(|link| {
             let wanted = link.step_fields();
+            // Unknown from here on, also if the step fails.
             link.known = Fields::default();
             link.channel
                 .out
@@ -258,6 +264,7 @@ impl Participant<f64> for Remote {
 
     fn accelerations(&self, out: &mut [f64]) -> bool {
         let mut link = self.link.borrow_mut();
+        // Not offered is not asked for: a solver may not know the field.
         let is_known = link.offers.has(Fields::ACCELERATIONS) && link.know(Fields::ACCELERATIONS).is_ok();
         if is_known {
             out.copy_from_slice(&link.a);

@@ -39,6 +39,7 @@ impl Asked {
     /// Sends a request and returns the answer; NaN if there is none, with the error kept in [`Talk::failed`].
     fn ask(&self, write: impl FnOnce(&mut Channel)) -> f64 {
         let mut talk = lock(&self.talk);
+        // After a failure no further request is sent: the run would not expect it.
         if talk.failed.is_some() {
             return f64::NAN;
         }
@@ -75,10 +76,12 @@ pub fn serve(address: &Address, solver: &mut dyn Participant<f64>, shape: &Shape
     let until = Instant::now() + LOOK;
     let stream = loop {
         match Stream::connect(address) {
+            // The run may be started after the solver.
             Err(_) if Instant::now() < until => std::thread::sleep(GLANCE),
             other => break other?,
         }
     };
+    // No limit: the run may think for as long as it likes between two steps.
     let channel = Channel::new(stream, format!("the run at {address}"), None, LIMIT);
     let talk = Arc::new(Mutex::new(Talk {
         channel,
@@ -142,6 +145,7 @@ impl Server<'_> {
         self.solver.weigh(&Weights::uncoupled(), &mut inertia)?;
         let mut offers = Fields::MOTION;
         let optional = [
+            // Tried once at the start: the run never asks for what was not offered.
             (
                 self.solver.accelerations(&mut self.numbers),
                 Fields::ACCELERATIONS,
@@ -177,6 +181,7 @@ impl Server<'_> {
             Kind::End,
         ];
         let shared = self.talk.clone();
+        // Locked for the whole request: weights are asked for through the same channel, one at a time.
         let mut talk = lock(&shared);
         let header = talk.channel.receive(&DUE, 0..=u64::MAX)?;
         let outcome = match header.kind {

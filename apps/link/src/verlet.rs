@@ -32,6 +32,7 @@ impl Verlet {
     pub fn new(mut model: Box<dyn Model<f64>>, q: Vec<f64>, v: Vec<f64>) -> Result<Self> {
         arlequin_core::check_size(&*model, "displacements", q.len())?;
         arlequin_core::check_size(&*model, "velocities", v.len())?;
+        // The run's ledger has no line for energy that leaves within another process.
         if model.evolving().is_some() {
             return Err(Error::Unsupported {
                 model: model.name().to_owned(),
@@ -110,6 +111,7 @@ impl Participant<f64> for Verlet {
         self.q.iter_mut().zip(&self.v).for_each(|(q, v)| *q += step * v);
         self.compute_forces()?;
         self.half_kick(step);
+        // For the invariant, which contains the step.
         self.step = step;
         Ok(())
     }
@@ -164,6 +166,7 @@ impl Participant<f64> for Verlet {
 
     fn restore(&mut self, record: &Record<f64>) -> Result<()> {
         let n = self.q.len();
+        // A record of another model is shorter than this state: say so and change nothing.
         let Some(split) = record.numbers.len().checked_sub(3 * n + 1) else {
             return record.expect(self.model.name(), 3 * n + 1, record.integers.len());
         };

@@ -118,6 +118,7 @@ impl Header {
     pub fn read(bytes: &[u8; HEADER], peer: &str) -> Result<Self> {
         let [a, b, c, d, v, w, k, l, length @ ..] = *bytes;
         let (peer, found) = (peer.to_owned(), [a, b, c, d]);
+        // Before the version: bytes of another protocol have none.
         if found != MAGIC {
             return Err(Error::Stranger { peer, found });
         }
@@ -188,6 +189,7 @@ impl Message {
     pub fn numbers(&mut self, x: &[f64]) -> &mut Self {
         let start = self.bytes.len();
         self.bytes.resize(start + 8 * x.len(), 0);
+        // Room is made once, and numbers are written in place: most messages are arrays.
         let (slots, _) = self.bytes[start..].as_chunks_mut::<8>();
         slots.iter_mut().zip(x).for_each(|(b, x)| *b = x.to_le_bytes());
         self
@@ -196,6 +198,7 @@ impl Message {
     /// Appends a text: its length in bytes, then its bytes in UTF-8. A text longer than `limit` bytes is cut.
     pub fn text(&mut self, text: &str, limit: usize) -> &mut Self {
         let mut end = text.len().min(limit);
+        // Cut between characters: the other side refuses what is not UTF-8.
         while !text.is_char_boundary(end) {
             end -= 1;
         }
@@ -335,6 +338,7 @@ impl<'a> Content<'a> {
     /// [`Error::Content`] naming `what`.
     pub fn count(&mut self, what: &str, size: usize) -> Result<usize> {
         let count = self.u64()?;
+        // The bytes that are there bound what may be allocated.
         let room = self.unread.len() / size.max(1);
         match usize::try_from(count) {
             Ok(count) if count <= room => Ok(count),
@@ -388,6 +392,7 @@ impl<'a> Content<'a> {
     /// # Errors
     /// [`Error::Length`].
     pub fn integers(&mut self, count: usize) -> Result<Vec<u32>> {
+        // The product of a wrong count must not wrap round to a small one.
         let bytes = self.raw(count.saturating_mul(4))?;
         let (chunks, _) = bytes.as_chunks::<4>();
         Ok(chunks.iter().map(|b| u32::from_le_bytes(*b)).collect())
@@ -403,8 +408,7 @@ impl<'a> Content<'a> {
         Ok(chunks.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// Reads the next text. Control characters become blanks, so that no message from outside can move a
-    /// terminal's cursor.
+    /// Reads the next text. Control characters become blanks.
     ///
     /// # Errors
     /// [`Error::Length`]; [`Error::Content`] for a text that is too long or not UTF-8.
@@ -414,6 +418,7 @@ impl<'a> Content<'a> {
             return Err(self.wrong(format!("{what} has {count} bytes, more than {limit}")));
         }
         match std::str::from_utf8(self.raw(count)?) {
+            // No message from outside may move the cursor of a terminal.
             Ok(text) => Ok(text
                 .chars()
                 .map(|c| if c.is_control() { ' ' } else { c })

@@ -27,7 +27,9 @@ impl Launched {
     }
 
     fn from_variables(variable: &dyn Fn(&str) -> Option<String>) -> Option<Self> {
+        // A variable that holds no number counts as not set.
         let number = |name: &str| variable(name)?.trim().parse::<usize>().ok();
+        // Both or none: Slurm sets the number of tasks where no launcher has set a rank, too.
         VARIABLES.iter().find_map(|(rank, sizes)| {
             let ranks = sizes.iter().find_map(|name| number(name))?;
             Some(Self {

@@ -66,6 +66,7 @@ pub fn run<R, E: Display>(
         ));
     }
     let world = SimpleCommunicator::world();
+    // Before any work: a wrong launcher would make every process run the whole scene.
     check_launcher(world.size() as usize)?;
     let process = Arc::new(Process {
         rank: world.rank() as usize,
@@ -75,6 +76,7 @@ pub fn run<R, E: Display>(
     let panics = Panics(&process);
     match work(process.clone()) {
         Ok(done) => {
+            // The guard must not act on an orderly end.
             std::mem::forget(panics);
             Ok(done)
         }
@@ -82,9 +84,10 @@ pub fn run<R, E: Display>(
     }
 }
 
-/// Refuses fewer ranks than the launcher started. The `mpirun` of another MPI library leaves each process
-/// alone in a world of its own, and each would make the whole run.
+/// Refuses fewer ranks than the launcher started.
 fn check_launcher(ranks: usize) -> Result<(), RankError> {
+    // The `mpirun` of another MPI library leaves each process alone in a world of its own, and each would
+    // make the whole run.
     let Some(launched) = Launched::from_environment().filter(|l| l.ranks > ranks) else {
         return Ok(());
     };
@@ -158,6 +161,7 @@ impl Process {
                 };
                 self.end(&silent.to_string(), true);
             }
+            // Looked for only while this rank waits: a rank at work is not disturbed.
             if let Some((by, why)) = last_word() {
                 let rank = self.rank;
                 self.end(&RankError::GaveUp { rank, by, why }.to_string(), false);
@@ -210,6 +214,7 @@ impl Communicator for Process {
             for Message { peer, out, into } in messages.iter_mut() {
                 let process = world.process_at_rank(*peer as i32);
                 let expected = into.len();
+                // Receives before sends, so that messages find their place.
                 let receive = process.immediate_receive_into_with_tag(scope, &mut into[..], DATA);
                 receives.push((*peer, expected, Some(receive)));
                 sends.push((
@@ -228,6 +233,7 @@ impl Communicator for Process {
                     });
                 }
             };
+            // All receives are awaited, whatever a length says: an open one would write into freed memory.
             for (peer, expected, request) in &mut receives {
                 let (peer, expected) = (*peer, *expected);
                 self.look_after(
@@ -247,6 +253,7 @@ impl Communicator for Process {
 
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         let world = SimpleCommunicator::world();
+        // MPI reads from one array and writes to another.
         let local = words.to_vec();
         let operation = match how {
             Reduction::Sum => SystemOperation::sum(),
@@ -274,6 +281,7 @@ impl Communicator for Process {
                 Some(process.immediate_send_with_tag(scope, words, LAST_WORD))
             };
             let mut open: Vec<_> = other_ranks.map(send).collect();
+            // Up to the time limit: ranks that wait look for this message.
             while Instant::now() < until {
                 for o in &mut open {
                     is_done(o, &mut |_| ());

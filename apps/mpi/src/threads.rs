@@ -111,8 +111,9 @@ impl Drop for Leaving<'_> {
 }
 
 impl Thread {
-    /// Locks the state. A poisoned lock is taken as well: nothing panics while it holds the lock.
+    /// Locks the state.
     fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing panics while it holds the lock, so that a poisoned one does no harm.
         self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -127,6 +128,7 @@ impl Thread {
         let until = Instant::now() + self.shared.wait;
         let mut state = self.lock();
         loop {
+            // Looked at first: a value that has come counts, even if its sender has ended since.
             if let Some(found) = ready(&mut state) {
                 return Ok(found);
             }
@@ -134,6 +136,7 @@ impl Thread {
                 let (by, why) = (*by, why.clone());
                 return Err(RankError::GaveUp { rank, by, why });
             }
+            // Only ranks that have to act: others may have ended in good order.
             if let Some(peer) = from.clone().find(|r| *r != rank && state.ended[*r]) {
                 return Err(RankError::Lost { rank, peer });
             }
@@ -172,6 +175,7 @@ impl Communicator for Thread {
         for m in &*messages {
             state.boxes[rank * ranks + m.peer].push_back(m.out.clone());
         }
+        // Before any wait: no rank holds the state while it waits for another.
         drop(state);
         self.shared.changed.notify_all();
         for m in messages {
@@ -195,6 +199,7 @@ impl Communicator for Thread {
     fn reduce(&self, words: &mut [i64], how: Reduction) -> Result<(), RankError> {
         let (rank, ranks) = (self.rank, self.shared.ranks);
         let mut state = self.lock();
+        // The first rank of a reduction gives the words, the others add theirs.
         if state.given == 0 {
             state.words = words.to_vec();
         } else if state.words.len() == words.len() {
@@ -217,6 +222,7 @@ impl Communicator for Thread {
         }
         state.given += 1;
         let turn = state.done;
+        // The last one publishes the result; the others see the number of finished reductions grow.
         if state.given == ranks {
             let s = &mut *state;
             std::mem::swap(&mut s.words, &mut s.result);

@@ -15,6 +15,7 @@ pub(crate) fn array(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>
 
 /// Returns an array with rows of `columns` numbers.
 pub(crate) fn rows(py: Python<'_>, values: Vec<f64>, columns: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    // Nodes without rotations have rows of no columns, by which nothing can be divided.
     let count = values.len() / columns.max(1);
     PyArray1::from_vec(py, values).reshape([count, columns])
 }

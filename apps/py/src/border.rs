@@ -75,6 +75,7 @@ impl Pulse {
     /// Checks for signals and calls `then` if the interval has passed. Exceptions of a signal or of `then`
     /// are the error.
     pub(crate) fn beat(&mut self, then: impl FnOnce(Python<'_>) -> PyResult<()>) -> PyResult<()> {
+        // The crates may have taken the signal within the step.
         if let Some(raised) = raised() {
             return Err(raised);
         }
@@ -164,6 +165,7 @@ static CLAIMED: Mutex<BTreeSet<usize>> = Mutex::new(BTreeSet::new());
 
 impl Claim {
     pub(crate) fn new(name: &str, object: &Py<PyAny>) -> Result<Self, Fault> {
+        // The owner of the claim holds the object, so that no other gets its address meanwhile.
         let address = object.as_ptr() as usize;
         let mut claimed = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
         if claimed.insert(address) {

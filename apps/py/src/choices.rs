@@ -225,6 +225,7 @@ impl Junction {
     #[pyo3(signature = (kind = "l2", length = 1.0))]
     fn new(kind: &str, length: f64) -> Result<Self, Fault> {
         let out = Self(kind.parse()?, length);
+        // Refuses an invalid length here and not in a run.
         out.make()?;
         Ok(out)
     }
@@ -304,6 +305,7 @@ pub(crate) fn time_function(from: Option<&Bound<'_, PyAny>>) -> PyResult<OverTim
     let pending = Pending::default();
     let slot = pending.clone();
     let evaluate = move |t: f64| {
+        // A function that has failed is not called again: the run stops soon.
         if slot.waits() {
             return f64::NAN;
         }
@@ -341,6 +343,7 @@ impl Effect {
     ) -> Result<Self, Fault> {
         // Refuses invalid values where the effect is created, not only where it is used.
         make()?;
+        // One effect may be added to several subdomains; each gets its own.
         let make = Box::new(move || -> Made { Ok(Box::new(make()?)) });
         Ok(Self { make, pending })
     }

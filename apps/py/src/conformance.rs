@@ -22,6 +22,7 @@ fn with(
     }
     let (mut model, _, callbacks) = plug::model(object)?;
     let answer = outside(object.py(), move || {
+        // Models in Python expect weights before anything else.
         model.set_internal_weight(&Uniform(1.0))?;
         call(&mut *model)
     });

@@ -94,10 +94,12 @@ impl Observer<f64> for Watch<'_> {
                 .unwrap_or_else(PoisonError::into_inner)
                 .push(row);
         }
+        // The step is complete, so that the next call can continue.
         if let Err(e) = self.pulse.beat(|_| Ok(())) {
             self.stop = Some(e);
             return Ok(ControlFlow::Break(()));
         }
+        // The values of a model whose exception waits are NaN; the run must not go on with them.
         Ok(match self.callbacks.waits() {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
@@ -253,6 +255,7 @@ impl Coupled {
         let (this, py) = (slf.get(), slf.py());
         let mut steps_made = 0;
         while steps_made < steps {
+            // Without an observer all steps are one computation.
             let ahead = match observer {
                 Some(_) => every.max(1).min(steps - steps_made),
                 None => steps - steps_made,
@@ -269,10 +272,12 @@ impl Coupled {
                     warned: Vec::new(),
                 };
                 let done = run.run(ahead, &mut watch)?;
+                // Ctrl-C between two steps tears nothing; an exception of a model may.
                 this.torn.store(this.callbacks.waits(), Ordering::Relaxed);
                 Ok((done, watch.stop, watch.warned))
             })?;
             steps_made += done;
+            // A filter of the user may turn a warning into an exception.
             warn(py, &warned)?;
             stop.map_or(Ok(()), Err)?;
             // The observer runs with the interpreter's lock, between two computations.
@@ -348,6 +353,7 @@ impl Coupled {
     /// Kinetic plus internal energy [J].
     #[getter]
     fn energy(&self, py: Python<'_>) -> PyResult<f64> {
+        // A model in Python is asked for its energy and may raise.
         self.compute(py, |run| Ok(run.energy()))
     }
 
@@ -440,6 +446,7 @@ impl Coupled {
     /// Restores a state of this run, or of a run that was built in the same way.
     fn restore(&self, py: Python<'_>, snapshot: &Snapshot) -> PyResult<()> {
         self.compute(py, |run| {
+            // An exception in the middle leaves some models restored and others not.
             self.torn.store(true, Ordering::Relaxed);
             run.restore(&snapshot.0)?;
             self.torn.store(false, Ordering::Relaxed);

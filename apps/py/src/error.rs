@@ -67,6 +67,7 @@ impl Fault {
 
     /// Returns the error for a panic.
     pub(crate) fn panic(payload: &(dyn Any + Send)) -> Self {
+        // The payload of a panic is a literal or a formatted text.
         let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned());
         let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
         let text = text.unwrap_or_else(|| "without a word".into());
@@ -79,6 +80,7 @@ impl Fault {
     /// Returns an error of a scene with the line of the scene file.
     pub(crate) fn of_scene(e: arlequin_scene::Error, source: &Source) -> Self {
         let (key, span) = e.place();
+        // An error found after reading names a key; the source knows its line.
         let span = span.or_else(|| source.span_of(key?));
         let place = span.map(|s| {
             1 + source.text[..s.start.min(source.text.len())]
@@ -107,6 +109,7 @@ impl From<PyErr> for Fault {
 impl From<core::Error> for Fault {
     fn from(e: core::Error) -> Self {
         if let core::Error::Model { source, .. } = &e {
+            // The exception of a user's model comes back as it was raised.
             if let Some(Raised(raised)) = source.downcast_ref() {
                 return Self::Python(Python::attach(|py| raised.clone_ref(py)));
             }
@@ -161,6 +164,7 @@ impl From<arlequin_link::Error> for Fault {
 impl From<arlequin_scene::Error> for Fault {
     fn from(e: arlequin_scene::Error) -> Self {
         use arlequin_scene::Error;
+        // The outer message names the key, the inner error gives the code.
         let message = e.to_string();
         let inner = match e {
             Error::Core { source, .. } => source.into(),
@@ -198,6 +202,7 @@ impl From<Fault> for PyErr {
                 if e.is_instance_of::<PyKeyboardInterrupt>(py) {
                     return e;
                 }
+                // A plain error is better than none if the package's Python part fails.
                 PyRuntimeError::new_err(message.clone())
             })
         })

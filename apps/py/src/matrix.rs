@@ -17,6 +17,7 @@ pub(crate) struct MatrixModel {
 impl MatrixModel {
     pub(crate) fn new(about: Described) -> Self {
         let n = about.layout.dofs();
+        // The matrix depends on the weights, which come later.
         let stiffness = CsMat::zero((n, n));
         Self { about, stiffness }
     }
@@ -57,6 +58,7 @@ impl MatrixModel {
 /// Returns the largest `|K − Kᵀ|` over the largest `|K|`.
 fn asymmetry(k: &CsMat<f64>) -> f64 {
     let top = |m: &CsMat<f64>| m.data().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
+    // Only matrices stored in the same order can be subtracted.
     let transposed = &k.transpose_view().to_csr();
     let apart = top(&(k - transposed));
     apart / top(k).max(f64::MIN_POSITIVE)
@@ -73,6 +75,7 @@ impl Model<f64> for MatrixModel {
         let shares = self.about.shares(alpha);
         let stiffness = Python::attach(|py| self.matrix(py, shares));
         self.stiffness = stiffness.map_err(|e| self.about.raised(e))?;
+        // Comparisons with NaN would pass below.
         if let Some(index) = self.stiffness.data().iter().position(|x| !x.is_finite()) {
             let what = format!("stiffness of '{}'", self.about.name);
             return Err(Error::NotFinite { what, index });
@@ -88,6 +91,7 @@ impl Model<f64> for MatrixModel {
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> Result<()> {
         use rayon::prelude::*;
+        // Every row is summed by one thread, so that the bits do not depend on their number.
         if parallel::pays(q.len()) {
             f.par_iter_mut()
                 .enumerate()

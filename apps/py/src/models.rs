@@ -107,6 +107,7 @@ impl NativeModel {
         self.with(|m| {
             m.set_internal_weight(&*weights.internal)?;
             let answer = call(m, weights);
+            // Also after an error: other calls expect the whole model.
             m.set_internal_weight(&*whole.internal)?;
             answer
         })
@@ -217,6 +218,7 @@ impl NativeModel {
 
     fn __repr__(&self) -> String {
         let summary = self.with(|m| Ok(format!("{} '{}', {} nodes", m.kind(), m.name(), m.nodes().len())));
+        // A particle model that a run has taken away still has its name.
         format!("<Model {}>", summary.unwrap_or_else(|_| self.name.clone()))
     }
 }
@@ -404,6 +406,7 @@ impl DemModel {
             }
         };
         let model = model.map_err(Fault::from)?;
+        // Kept here, because a run takes the model away.
         let order = model.order().to_vec();
         let base = NativeModel::initializer(name, Kind::Dem(Some(Box::new(model))));
         Ok(base.add_subclass(Self { order }))

@@ -91,6 +91,7 @@ impl Described {
                 return Err(Fault::new("InvalidParameter", rule).into());
             }
         };
+        // A mesh beside bonds is there for the field only.
         let places = match (optional(object, "bonds")?, mesh) {
             (Some(bonds), _) => Places::Bonds(bonds_of(&name, &bonds, &nodes)?),
             (None, Some(mesh)) => {
@@ -369,6 +370,7 @@ impl Model<f64> for PythonModel {
                 .extract::<f64>(py)
         });
         let step = step.map_err(|e| self.about.raised(e))?;
+        // The comparison refuses NaN too.
         if step > 0.0 {
             return Ok(step);
         }
@@ -398,6 +400,7 @@ pub(crate) fn saved(about: &Described, py: Python<'_>) -> PyResult<Option<Record
         return Ok(None);
     };
     let answer = save.call0()?;
+    // A forgotten `return` would lose the state in silence.
     if answer.is_none() {
         let rule = format!(
             "save of '{}' answers None; give numbers, or have no save",

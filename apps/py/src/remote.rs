@@ -54,6 +54,7 @@ pub(crate) fn meet(
         ..usual
     };
     let solver = match place {
+        // Commands are found from the current folder, as in a shell.
         Place::Command(command) => Remote::start(name, command, Path::new("."), options)?,
         Place::Address(address) => Remote::await_at(name, &address.parse::<Address>()?, options)?,
     };

@@ -132,6 +132,7 @@ impl Scene {
             let folder = out.map(|f| RunFolder::new(&self.0, Some(&f), force));
             let folder = folder.transpose().map_err(self.fault())?;
             let prepared = self.0.prepare().map_err(self.fault())?;
+            // Preparing takes long; Ctrl-C that came meanwhile counts before the first step.
             Python::attach(|py| py.check_signals())?;
             let kept_frames = KeptFrames::new(&prepared, frames).map_err(self.fault())?;
             let mut watch = Watch::new(Some(kept_frames), listener);
@@ -194,6 +195,7 @@ impl Observer for Watch {
     fn warning(&mut self, text: &str) {
         let Some(listener) = &self.listener else { return };
         let reported = Python::attach(|py| listener.call_method1(py, "warning", (text,)).map(drop));
+        // The first exception is the cause of later ones.
         if let (Err(e), None) = (reported, &self.stop) {
             self.stop = Some(e.into());
         }

@@ -79,6 +79,7 @@ impl PythonSolver {
             }
         });
         result.unwrap_or_else(|e: PyErr| {
+            // NaN stops the run, which then raises the exception.
             self.about.pending.keep(e);
             Some(f64::NAN)
         })

@@ -56,6 +56,7 @@ impl Subdomain {
     }
 
     fn change(&self, how: impl FnOnce(Inner) -> Result<Inner, Fault>) -> Result<(), Fault> {
+        // The core takes the subdomain over: after a failed change there is none.
         let changed = how(self.take()?)?;
         *self.inner.lock().unwrap_or_else(PoisonError::into_inner) = Some(changed);
         Ok(())

@@ -24,6 +24,7 @@ impl Runner for InProcess {
         let mut watch = Watch::new(None, None);
         let scene = Scene::read(&member.scene).and_then(|s| s.assign(&member.set));
         let outcome = scene.and_then(|s| {
+            // The sweep knows which runs are finished; all others may be overwritten.
             let folder = RunFolder::new(&s, Some(folder), true)?;
             s.prepare()?.run_into(folder, &mut watch)
         });
@@ -63,6 +64,7 @@ pub(crate) fn sweep(
         let source = Source::read(&path)?;
         let fault = |e| Fault::of_scene(e, &source);
         let planned = PlannedSweep::new(&source).map_err(fault)?;
+        // A mistake in the file leaves no folder behind.
         mark::claim("out", &out)?;
         let runner = InProcess(Mutex::new(None));
         let report_progress = |label: &str, done: usize, total: usize| {
@@ -79,6 +81,7 @@ pub(crate) fn sweep(
         let results = planned
             .make(&out, fresh, &runner, &report_progress)
             .map_err(fault)?;
+        // What an interrupted sweep has reached is written as well.
         let text = results.write(&out)?;
         match runner.stop().take() {
             Some(e) => Err(e),

@@ -50,6 +50,7 @@ fn builder() -> ThreadPoolBuilder {
 /// Makes this thread part of a new pool that lasts as long as the process. Returns false if the thread
 /// belongs to a pool already: that of the parent process, if the parent was forked as well.
 fn join() -> bool {
+    // One attempt only: a thread cannot be part of two pools.
     FIRST.set(false);
     let built = builder().use_current_thread().build();
     let joined = built.is_ok();
@@ -97,6 +98,7 @@ pub(crate) fn set_threads(count: usize) -> PyResult<()> {
 
 fn start(count: usize) -> PyResult<()> {
     if FORKED.load(Ordering::Relaxed) && FIRST.get() {
+        // The pool of this process is built later, with this number.
         COUNT.store(count, Ordering::Relaxed);
         return Ok(());
     }

@@ -142,6 +142,7 @@ pub fn end_displacement(case: &Case, junction: Box<dyn Junction<f64>>) -> Result
         junction,
         options: InterfaceOptions::default(),
     };
+    // The step has no part in a static solution.
     let mut run = Coupled::new(subdomains, vec![interface], TimeStep::Fraction(0.5), None)?;
     Ok(run.equilibrium(0.0)?.displacements[1][8])
 }

@@ -62,6 +62,7 @@ pub fn reciprocity(line: &Line, steps: usize) -> Result<f64> {
     ];
     let top = at_particle.iter().fold(0.0, |m: f64, u| m.max(u.abs()));
     let pairs = at_particle.iter().zip(&at_bar);
+    // A motionless particle would make the ratio 0/0.
     Ok(pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs())) / top.max(f64::MIN_POSITIVE))
 }
 
@@ -72,6 +73,7 @@ pub fn reciprocity(line: &Line, steps: usize) -> Result<f64> {
 /// # Errors
 /// Errors of the set-up and the steps.
 pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Result<f64> {
+    // The dispersion of the chain, `ω = 2 sin(k/2)`: the packet from the bar gets the same frequency.
     let omega = 2.0 * (std::f64::consts::PI / wavelength).sin();
     // Wavenumber, phase velocity and group velocity of a lattice of spacing a.
     let lattice = |a: f64| {
@@ -95,6 +97,7 @@ pub fn comes_back(line: &Line, side: usize, wavelength: f64, width: f64) -> Resu
     };
     let before = side_energy(&c);
     // Long enough for the slower lattice to bring the reflected packet back out of the overlap.
+    // At the slower of the two group velocities.
     let way = (2.0 * width + 100.0 + 2.0 * line.overlap) / lattice(line.h).2.min(fast);
     let steps = (way / c.dt()) as usize;
     run(&mut c, steps)?;
@@ -116,6 +119,7 @@ pub struct ToAndFro {
 /// Errors of the set-up and the steps.
 pub fn to_and_fro(line: &Line, width: f64, rounds: usize) -> Result<ToAndFro> {
     let mut c = line.build(&rest, &pulse(width + 20.0, width, 0.0, -1.0))?;
+    // One round passes both models twice, less the overlap that they share.
     let before = c.energy();
     let length = line.h * line.coarse_elements as f64 + line.fine_bonds as f64 - line.overlap;
     let steps = (2.0 * length * rounds as f64 / c.dt()) as usize;

@@ -92,6 +92,7 @@ impl Line {
     fn coarse_weights(&self) -> Result<Weights<f64>> {
         let weight: Arc<dyn Weight<f64>> = match self.everywhere {
             Some(w) => Arc::new(arlequin::core::Uniform(w)),
+            // A constant over the whole models is no ramp: there is no place at which it could change.
             None => {
                 let slab = Slab::between(Point3::origin(), Point3::new(-self.overlap, 0.0, 0.0))?;
                 Arc::new(Ramp::new(Arc::new(slab), self.profile.clone(), self.epsilon)?)
@@ -131,6 +132,7 @@ impl Line {
     /// Errors of the core and the models.
     pub fn subdomains(&self, coarse: Wave, fine: Wave) -> Result<[Subdomain<f64>; 2]> {
         let weights = self.coarse_weights()?;
+        // From left to right, as bars need ascending nodes.
         let x: Vec<f64> = (0..=self.coarse_elements)
             .rev()
             .map(|j| -self.h * j as f64)
@@ -179,12 +181,14 @@ pub fn rest(_: f64) -> (f64, f64) {
 pub fn pulse(x0: f64, width: f64, k: f64, speed: f64) -> impl Fn(f64) -> (f64, f64) {
     move |x| {
         let y = (x - x0) / width;
+        // Exactly zero outside, so that nothing runs ahead of the pulse.
         if y.abs() >= 1.0 {
             return (0.0, 0.0);
         }
         let half = std::f64::consts::FRAC_PI_2;
         let (c, s) = ((half * y).cos(), (half * y).sin());
         let (wave, slope) = ((k * (x - x0)).cos(), -k * (k * (x - x0)).sin());
+        // The velocity of a wave in one direction: minus the speed times the slope.
         let gradient = -4.0 * c.powi(3) * s * half / width * wave + c.powi(4) * slope;
         (c.powi(4) * wave, -speed * gradient)
     }

@@ -139,6 +139,7 @@ pub fn momentum_scale(c: &Coupled<f64>) -> [f64; 2] {
     for s in c.subdomains() {
         for (k, x) in s.model().nodes().iter().enumerate() {
             let m = (0..3)
+                // Moduli before they cancel: momenta of a free body may sum to nothing.
                 .map(|a| (s.inertia()[3 * k + a] * s.state().v[3 * k + a]).abs())
                 .sum::<f64>();
             p += m;

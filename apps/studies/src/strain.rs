@@ -96,6 +96,7 @@ impl Bar {
 
     fn packing(&self) -> Result<Packing> {
         let high = Vector3::new(self.length(), self.section, self.section);
+        // One packing for both bodies: differences of loads are then those of the coupling alone.
         let container = Container::cuboid(Vector3::zeros(), high)?;
         // Number of spheres at a packing density of 0.6; 1.0625 is their mean cubed diameter.
         let count = container.volume() / (std::f64::consts::PI / 6.0 * 1.0625) * 0.6;
@@ -131,6 +132,7 @@ impl Bar {
             volume: packing.volume * cubes(&radii) / cubes(&packing.radii),
         };
         let model = DemModel::from_spheres("particles", &positions, &radii, &pairs, &matter)?;
+        // The model numbers its spheres anew: bonds of both bodies are compared by the packing's numbers.
         let numbers = model.order().iter().map(|i| numbers[*i as usize]).collect();
         Ok((model, numbers))
     }
@@ -141,6 +143,7 @@ impl Bar {
         weights: Weights<f64>,
         time: TimeFunction<f64>,
     ) -> Result<Subdomain<f64>> {
+        // The layer of spheres at the free end.
         let face = model.select(|x| x.x < 1.0);
         let force = Vector3::new(-self.section * self.section, 0.0, 0.0);
         let load = Load::on_dofs("pull", model.force(&face, force, LoadShare::Mass)?, time)?;
@@ -151,6 +154,7 @@ impl Bar {
     fn alone(&self, packing: &Packing, time: TimeFunction<f64>) -> Result<Body> {
         let (model, numbers) = Self::particles(packing, f64::INFINITY)?;
         let bonds = model.body().clone();
+        // The layer at the other end is clamped, as the elements are in the coupled body.
         let fixed_unknowns = model.clamped(&model.select(|x| x.x > self.length() - 1.0));
         let body = self.pulled(model, Weights::uncoupled(), time)?;
         let body = body.with_support(PrescribedMotion::fixed(fixed_unknowns));
@@ -198,6 +202,7 @@ impl Bar {
         let mesh = self.block(self.zone, self.length(), self.h)?;
         let nodes = mesh.nodes().iter().enumerate();
         let fixed_unknowns = nodes
+            // Nodes of the end face have its coordinate up to round-off.
             .filter(|(_, x)| x.x > self.length() - 1e-9)
             .flat_map(|(k, _)| [3 * k, 3 * k + 1, 3 * k + 2])
             .collect();
@@ -308,6 +313,7 @@ fn gather(body: &Body, q: &[f64], loads: &mut Loads) -> Result<()> {
     let now = Criterion::Rankine.loads(&body.bonds, q)?;
     for (pair, load) in body.bonds.pairs().iter().zip(now) {
         let [a, b] = pair.map(|i| body.numbers[i as usize]);
+        // In ascending order: the two bodies may list the ends of a bond differently.
         let top = loads.entry([a.min(b), a.max(b)]).or_insert(0.0);
         *top = top.max(load);
     }

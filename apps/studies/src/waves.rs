@@ -35,6 +35,7 @@ pub fn long_pulse(line: &Line) -> Result<Passage> {
     let before = c.energy();
     run(&mut c, 2600)?;
     Ok(Passage {
+        // Away from the overlap, where only what passed or came back is left.
         t: peak(&c, COARSE, |x| x < -100.0),
         r: peak(&c, FINE, |x| x > 100.0),
         energy: (c.energy() - before) / before,
@@ -84,6 +85,7 @@ impl Damping {
     /// Errors of meshes.
     pub fn effect(&self, line: &Line) -> Result<Absorber<f64>> {
         let (width, top, power) = (line.overlap, self.rate, self.power);
+        // Zero at the fine border, where the chain must not notice the absorber.
         let rate = Arc::new(move |x: &Point3<f64>| top * (-x.x / width).clamp(0.0, 1.0).powi(power));
         Ok(match self.resolved {
             None => Absorber::new(line.mediator_space()?, rate),
@@ -114,6 +116,7 @@ pub struct Echo {
 pub fn packet(line: &Line, wavelength: f64, width: f64, damping: Option<Damping>) -> Result<Echo> {
     let k = TAU / wavelength;
     // Phase velocity on the lattice, so that the packet travels in one direction.
+    // A uniform wave travels at the speed of sound.
     let speed = if k > 0.0 { 2.0 * (k / 2.0).sin() / k } else { 1.0 };
     let [bar, chain] = line.subdomains(&rest, &pulse(width + 30.0, width, k, -speed))?;
     let chain = match damping {
@@ -174,6 +177,7 @@ pub fn patch_defects(line: &Line) -> Result<Patch> {
     let last = chain.model().layout().nodes - 1;
     let right = chain.model().nodes()[last].x;
     let bar = bar.with_support(PrescribedMotion::fixed(vec![0]));
+    // A strain of one over both models, whatever is between.
     let pull = PrescribedMotion {
         dofs: vec![last],
         amplitude: right - left,

@@ -38,6 +38,7 @@ pub fn weights<T: Real>(
     amplitude: T,
 ) -> Result<WeightDefect<T>> {
     let n = model.layout().dofs();
+    // Any displacements will do: linearity in the weight holds at each of them.
     let q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
     let mut under = |weight: &dyn Weight<T>| -> Result<(Vec<T>, Vec<T>, T)> {
         let (mut inertia, mut forces) = (vec![T::zero(); n], vec![T::zero(); n]);

@@ -29,8 +29,8 @@ const CREATED: f64 = 1e-3;
 /// million steps.
 const LINEAR: f64 = 1e-9;
 
-/// Accepted drift of linear laws, and accepted velocity jump, in units of round-off: the larger limit in
-/// single precision.
+/// Accepted drift of linear laws and accepted velocity jump in units of round-off. In single precision this
+/// is more than the limits above and replaces them.
 const DIGITS: f64 = 4096.0;
 
 /// Safety factor of the sum in the module's bound, which is extrapolated from every tenth step.
@@ -60,8 +60,10 @@ impl<T: Real> Coupled<T> {
             let relative = created / reference;
             self.ledger.top_created = self.ledger.top_created.max(relative);
         }
+        // A user may tighten the guard, but not loosen this limit.
         let share = self.guard.growth.min(T::of(CREATED));
         let bound = share * reference + self.rounded;
+        // Without energy in play there is nothing to compare with.
         if created <= bound || reference <= T::zero() {
             return Ok(());
         }
@@ -81,6 +83,7 @@ impl<T: Real> Coupled<T> {
             .iter()
             .flat_map(Subdomain::works)
             .chain(self.pairs.iter().map(|p| p.line.work()));
+        // Supports and the constraint do work as well: without them the balance would not close.
         let mut all_works = works.chain([self.ledger.supports, self.ledger.constraint]);
         all_works
             .by_ref()
@@ -119,6 +122,7 @@ impl<T: Real> Coupled<T> {
         // Before the first evaluation only a model that changed itself in the first step has done work.
         let start = *self.ledger.start.get_or_insert(invariant - work);
         let drift = invariant - start - work;
+        // The scale never shrinks: a drift is judged against the largest energy there was.
         let scale = self.ledger.scale.max(start.abs());
         let scale = scale.max(invariant.abs()).max(volume);
         self.ledger.scale = scale;
@@ -224,6 +228,7 @@ impl<T: Real> Coupled<T> {
             return Ok(());
         }
         let (share, iterations) = ((jump / top).as_f64(), i.iterations());
+        // Direct solvers have no iterations to add: their jump is reported, not refused.
         if share > accepted && iterations > 0 && !i.is_cut_short() {
             return Err(Error::MultipliersUnsolved {
                 interface: i.report().name.clone(),
@@ -306,6 +311,7 @@ impl<T: Real> Coupled<T> {
         let mut curvature = T::zero();
         let invariants = self.subdomains.iter_mut().map(|s| {
             let [invariant, term] = s.invariant();
+            // The term of the last own step stands for all own steps of the macro step.
             curvature += term.abs() * T::of(s.own_steps() as f64);
             invariant
         });
@@ -321,6 +327,7 @@ impl<T: Real> Coupled<T> {
             return linear;
         }
         let laws = linear + T::of(SAMPLED) * self.ledger.curvature / scale;
+        // Whatever the laws, one per cent is not explained.
         laws.min(T::of(ANY_LAW)) + self.rounded / scale
     }
 
@@ -337,6 +344,7 @@ impl<T: Real> Coupled<T> {
             return Ok(());
         }
         let bound = self.guard.growth * scale + digits;
+        // Only a loss: growth is judged against the energy put in.
         if -drift > bound {
             return Err(Error::EnergyLoss {
                 step: self.step,

@@ -75,6 +75,7 @@ pub(super) fn choose<T: Real>(
     lockstep: &[Lockstep],
 ) -> Result<Pace<T>> {
     for (c, s) in critical.iter().zip(subdomains) {
+        // Not `< 0` alone: a NaN would pass every comparison below.
         if c.as_f64().is_nan() || *c <= T::zero() {
             let what = format!("critical step of model '{}'", s.model().name());
             let rule = "must be a number above zero: its stiffness over its mass has too few digits; look at its material \
@@ -90,6 +91,7 @@ pub(super) fn choose<T: Real>(
     for (w, s) in wishes.iter().zip(subdomains) {
         check(w.request, s)?;
     }
+    // Lockstep groups first: the choices below must see the same number for all members.
     agree(&mut wishes, subdomains, lockstep)?;
     let (dt, mut steps) = match step {
         TimeStep::Seconds(dt) | TimeStep::Unchecked(dt) => {
@@ -155,6 +157,7 @@ fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep:
             let rule = "must be as many, since an effect acts between the two; name one number, or that of one of them";
             return Err(invalid(&what, numbers, rule));
         }
+        // Only members that named nothing: fractions stay, and the group takes the largest number in the end.
         for &k in &group.members {
             if matches!(wishes[k].request, OwnStep::Same) {
                 wishes[k].request = OwnStep::Ratio(steps);
@@ -171,6 +174,7 @@ fn longest<T: Real>(wishes: &[Wish<T>], share: T) -> Result<T> {
         OwnStep::Ratio(m) => Some(T::of(m as f64) * share * w.critical),
         OwnStep::Fraction(_) | OwnStep::Implicit => None,
     };
+    // The macro step must suit the most demanding participant.
     let smallest = |a: Option<T>, b: T| Some(a.map_or(b, |a| a.min(b)));
     if let Some(dt) = wishes.iter().filter_map(longest_run).fold(None, smallest) {
         return Ok(dt);
@@ -231,6 +235,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
     let room = if wishes.iter().any(Wish::is_implicit) {
         MOST as f64
     } else {
+        // Round-off of an exact multiple must not cost a step.
         (coarse * top / finest_step).as_f64() * (1.0 + 1e-9)
     };
     // If everybody makes `most` own steps, the longer macro step saves nothing: try a shorter one.
@@ -248,6 +253,7 @@ fn chosen<T: Real>(wishes: &[Wish<T>], finest: T, lockstep: &[Lockstep]) -> Resu
 /// Gives all members of a lockstep group the largest number of own steps among them.
 fn equalise_steps(steps: &mut [usize], lockstep: &[Lockstep]) {
     for group in lockstep {
+        // The largest number: every member is then stable.
         let most = group.members.iter().map(|k| steps[*k]).max().unwrap_or(1);
         group.members.iter().for_each(|k| steps[*k] = most);
     }
@@ -277,6 +283,7 @@ fn refuse_unstable<T: Real>(
             .filter(|((w, _), _)| !w.is_implicit())
     };
     let excess = |w: &Wish<T>, m: usize| (run / T::of(m as f64)) / w.critical;
+    // The worst model is named: its step is what the user must change.
     let worst = explicit().reduce(|a, b| {
         let [x, y] = [a, b].map(|((w, m), _)| excess(w, *m));
         if y > x { b } else { a }

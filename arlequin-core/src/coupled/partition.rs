@@ -204,6 +204,7 @@ impl<'a, T: Real> Group<'a, T> {
             excess: [T::zero(); 3],
             worst: [(T::zero(), Point3::origin()); 3],
             covers: vec![Cover::Outside; numbers.len()],
+            // Most models have one weight for all three kinds: a third of the evaluations.
             kinds: if numbers.iter().all(|&k| subdomains[k].weights().are_one()) {
                 1
             } else {
@@ -218,6 +219,7 @@ impl<'a, T: Real> Group<'a, T> {
         if self.members.len() == 1 {
             return self.check_alone();
         }
+        // Means before sums: a wrong mean would show up as a wrong mass, without a place.
         self.check_means()?;
         let mut weighted = T::zero();
         let mut known = true;
@@ -236,6 +238,8 @@ impl<'a, T: Real> Group<'a, T> {
         let over = if shared > T::zero() { shared } else { measure };
         report.measure = measure.as_f64();
         report.shared = shared.as_f64();
+        // Without volumes or without an overlap there is no share to judge; weights at points were judged
+        // above.
         if !known || over <= T::zero() {
             return Ok(());
         }
@@ -253,6 +257,7 @@ impl<'a, T: Real> Group<'a, T> {
                 });
             }
         }
+        // After the sums of weights: unequal shapes are judged where the weights are known to fit.
         for t in &self.ties {
             self.check_shapes(t)?;
         }
@@ -262,7 +267,9 @@ impl<'a, T: Real> Group<'a, T> {
         let chance = self.ties.iter().map(|t| t.filling.chance()).fold(0.0, f64::max);
         let limit = if particles { PARTICLES + chance } else { MASS };
         let nodal = |m: &Member<'_, T>| m.subdomain.weights().weighting == Weighting::Nodal;
+        // Cells that several borders cut are measured by samples, whose error is bounded by their share.
         let undecided = UNDECIDED * relative(self.sampled);
+        // Weights at nodes need not add up to the mass of the space.
         if report.excess_mass.abs() > limit + report.missing + undecided && !self.members.iter().any(nodal) {
             return Err(Error::PartitionMass {
                 models: report.models.join("', '"),
@@ -308,8 +315,7 @@ impl<'a, T: Real> Group<'a, T> {
         Some(out)
     }
 
-    /// Refuses an overlap that one model fills more than the other. Differences between facets of one surface
-    /// cancel.
+    /// Refuses an overlap that one model fills more than the other.
     fn check_shapes(&self, t: &Tie<'_, T>) -> Result<()> {
         let sides = t.sides.map(|k| &self.members[k]);
         // Lengths do not tell sections apart.
@@ -318,6 +324,7 @@ impl<'a, T: Real> Group<'a, T> {
             return t.filling.check(t.name, sides.map(Member::name));
         }
         let more = t.only[0] - t.only[1];
+        // The difference, not the sum: facets of one surface lack here what they have in excess there.
         if more.abs() <= t.overlap * T::of(SHARE) {
             return Ok(());
         }
@@ -369,6 +376,7 @@ impl<'a, T: Real> Group<'a, T> {
         for x in member.subdomain.model().nodes() {
             for kind in 0..3 {
                 let w = member.weight(kind).value(x);
+                // Not `> tolerance` alone: a NaN must be refused, too.
                 if !w.is_finite() || (w - T::one()).abs() > tolerance() {
                     return Err(self.violation(0, x, kind, Cover::Inside));
                 }

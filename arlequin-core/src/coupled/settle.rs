@@ -55,6 +55,7 @@ const LOOK: usize = 200;
 impl<T: Real> Coupled<T> {
     /// Returns `Ok` if the run can be solved directly, otherwise the reason why not.
     pub fn solves_directly(&mut self) -> std::result::Result<(), String> {
+        // A force between two models depends on their positions, which one linear system cannot know.
         if let Some(p) = self.pairs.first() {
             return Err(format!("'{}' acts between two models", p.line.effect.name()));
         }
@@ -84,6 +85,7 @@ impl<T: Real> Coupled<T> {
         }
         self.check_settling()?;
         let settled = match self.solves_directly() {
+            // Not a fallback after a failure: models that cannot be solved directly are never tried.
             Ok(()) => self.settle_directly(time)?,
             Err(_) => self.relax(from, time, how)?,
         };
@@ -103,6 +105,7 @@ impl<T: Real> Coupled<T> {
             return Ok(());
         }
         let free = self.free_motions();
+        // A free rigid motion makes the system singular; relaxed runs resist it by inertia.
         if free.is_empty() {
             return Ok(());
         }
@@ -143,15 +146,17 @@ impl<T: Real> Coupled<T> {
         })
     }
 
-    /// Relaxes with one own step of all models. With several own steps, a model moves between two reflections
-    /// under forces that the multipliers balance in the mean only. It moves by its stiffness, and the state
-    /// that returns at every reflection is no equilibrium.
+    /// Relaxes with one own step of all models.
     fn relax(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
         let steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
         if steps.iter().all(|m| *m == 1) {
             return self.relax_in_step(from, time, how);
         }
+        // With several own steps, a model moves between two reflections under forces that the multipliers
+        // balance in the mean only. It moves by its stiffness, and the state that returns at every reflection
+        // is no equilibrium.
         let run = self.dt;
+        // The shortest own step is stable for every model.
         let shortest = self.subdomains.iter().fold(run, |m, s| m.min(s.own_dt()));
         self.change_pace(shortest, &vec![1; steps.len()])?;
         let settled = self.relax_in_step(from, time, how);
@@ -186,6 +191,7 @@ impl<T: Real> Coupled<T> {
         // Where bonds break, forces are compared with the largest one before, not with the zero that is left.
         let mut borne = self.largest_internal_force()?;
         for k in 1..=how.most {
+            // Loads ramp up over the first steps, so that the relaxation does not start with a blow.
             let share = T::of((k as f64 / how.ramp.max(1) as f64).min(1.0));
             let now = if k >= how.ramp {
                 time
@@ -201,6 +207,7 @@ impl<T: Real> Coupled<T> {
             // there.
             let passed = kinetic < peak;
             peak = kinetic;
+            // Between maxima the residual is looked at rarely: it costs an evaluation of all forces.
             if passed || (k >= how.ramp && k.is_multiple_of(LOOK)) {
                 if passed {
                     self.stop()?;
@@ -271,6 +278,7 @@ impl<T: Real> Coupled<T> {
                 let layout = s.model().layout();
                 let mass = parallel::largest(&s.inertia()[..layout.translations()]);
                 let [low, high] = bounds_of(s.model().nodes().iter());
+                // A rigid displacement is round-off of positions too, hence the extent of the body.
                 let reach = parallel::largest(&s.state().q[..layout.translations()]) + (high - low).norm();
                 let omega = T::of(2.0) / *critical;
                 mass * omega * omega * reach * T::epsilon()
@@ -309,6 +317,7 @@ impl<T: Real> Coupled<T> {
             }
             // Supports balance the prescribed unknowns.
             let free = self.subdomains[k].inverse_inertia()[..moving].iter().zip(&forces);
+            // Inverse inertia zero marks prescribed unknowns.
             let free = free.filter(|(w, _)| **w > T::zero());
             off = free.fold(off, |m, (_, f)| m.max(f.abs()));
         }

@@ -61,6 +61,7 @@ impl<T: Real> System<T> {
         };
         for (v, (i, j)) in linear.stiffness().iter() {
             self.matrix.add_triplet(start + i, start + j, *v);
+            // The scale for multipliers: their rows have no stiffness of their own.
             self.scale = self.scale.max(v.abs());
         }
         let n = s.model().layout().dofs();
@@ -98,6 +99,7 @@ impl<T: Real> Coupled<T> {
         for (s, &start) in self.subdomains.iter_mut().zip(&starts) {
             system.add(s, start, t)?;
         }
+        // After all stiffnesses: the compliance is relative to their largest entry.
         self.add_constraints(&starts, system.scale, &mut system.matrix);
         let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
         // Taken out while `system` is solved, and put back after an error too.
@@ -150,13 +152,12 @@ impl<T: Real> Coupled<T> {
         (starts, size)
     }
 
-    /// Adds the constraint blocks. Dependent multipliers get a compliance of 1e-12, relative to constraint
-    /// and stiffness entries, on their diagonal: it makes the system regular and changes the solution by as
-    /// little.
+    /// Adds the constraint blocks.
     fn add_constraints(&self, starts: &[usize], scale: T, matrix: &mut TriMat<T>) {
         for (k, i) in self.interfaces.iter().enumerate() {
             let row_start = starts[self.subdomains.len() + k];
             for (m, coupling) in i.coupling.iter().enumerate() {
+                // The jump is coarse minus fine.
                 let sign = if m == 0 { T::one() } else { -T::one() };
                 let (d, col_start) = (coupling.shared(), starts[i.sides[m]]);
                 for (r, c, v) in coupling.entries() {
@@ -167,6 +168,8 @@ impl<T: Real> Coupled<T> {
                     }
                 }
             }
+            // Dependent multipliers get a compliance of 1e-12, relative to constraint and stiffness entries,
+            // on their diagonal. It makes the system regular and changes the solution by as little.
             let regularise = !i.report().null_modes.is_empty();
             let size = i.coupling[0]
                 .entries()
@@ -192,12 +195,12 @@ pub(super) struct Factored<T> {
 }
 
 impl<T: Real> System<T> {
-    /// Returns the factors of a symmetric scaling of rows and columns. Rows of multipliers have no positive
-    /// diagonal: their largest entry is scaled to the stiffness instead, so that pivoting compares like with
-    /// like.
+    /// Returns the factors of a symmetric scaling of rows and columns.
     fn scaling(&self, full: &CsMat<T>) -> Vec<T> {
         let factor = |(i, row): (usize, CsVecView<'_, T>)| {
             let diagonal = row.get(i).copied().unwrap_or_else(T::zero);
+            // Rows of multipliers have no positive diagonal. Their largest entry is scaled to the stiffness
+            // instead, so that pivoting compares like with like.
             let top = row.iter().fold(T::zero(), |s, (_, v)| s.max(v.abs()));
             if diagonal > T::zero() {
                 T::one() / diagonal.sqrt()
@@ -253,7 +256,9 @@ fn solve_with_supports<T: Real>(
     let weight = system.scaling(&full);
     let (fresh, b) = system.reduced(&full, &weight);
     let Factored { matrix: a, factor } = match cache.take() {
+        // Equal to the last bit: load steps of a linear model repeat the same matrix.
         Some(known) if known.matrix == fresh => cache.insert(known),
+        // LU: multipliers make the matrix indefinite.
         _ => cache.insert(Factored {
             factor: T::lu(&fresh)?,
             matrix: fresh,
@@ -266,6 +271,7 @@ fn solve_with_supports<T: Real>(
     factor.solve(&mut r);
     let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
     x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+    // Judged on displacements alone: multipliers of dependent rows are hardly determined.
     let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
     let r = residual(a, &x, &b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));

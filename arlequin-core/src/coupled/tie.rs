@@ -53,6 +53,7 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
         return Ok(0.0);
     }
     let share = |x: T| (x / t.overlap).as_f64();
+    // Only points farther than half an element count: nearer ones still feel the border elements.
     if share(t.deep) > SHARE {
         return Err(Error::UncoveredOverlap {
             interface: t.name.to_owned(),

@@ -97,6 +97,7 @@ impl<T: Real> AttachedAbsorber<T> {
             gather: rows(&n.transpose_view().to_csr()),
             damped: rows(&gram(n, |i| mass[i][1])),
             scatter: rows(n),
+            // No factor: the resolved space is not coarser than the model.
             factor: T::cholesky(&gram(n, |i| mass[i][0]).to_csc()).ok()?,
             local: zeros(2 * nodes.len()),
             coarse: zeros(2 * n.cols()),
@@ -117,6 +118,7 @@ impl<T: Real> AttachedAbsorber<T> {
             self.resolved.as_chunks_mut::<N>().0,
             self.coarse.as_chunks_mut::<W>().0,
         );
+        // The factor takes components one after the other, the products take them interleaved.
         for (j, x) in resolved.iter().enumerate() {
             (0..N).for_each(|c| self.columns[c * count + j] = x[c]);
         }
@@ -171,6 +173,7 @@ impl<T: Real> AttachedAbsorber<T> {
     fn update_forces<const N: usize, const W: usize>(&mut self, v: &[T]) {
         let v = v.as_chunks::<N>().0;
         let load = |nodes: &[u32], mass: &[[T; 2]], local: &mut [[T; W]]| {
+            // Both products at once: velocities are read once.
             for ((node, mass), local) in nodes.iter().zip(mass).zip(local) {
                 let v = &v[*node as usize];
                 (0..W).for_each(|c| local[c] = mass[c / N] * v[c % N]);
@@ -260,6 +263,7 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         }
         let n: CsMat<T> = n.to_csr();
         let rates: Vec<T> = shapes.iter().map(|s| (self.rate)(&s.0.x)).collect();
+        // Not `r < 0`: a NaN must be refused, too. A negative rate would create energy.
         if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
             return Err(invalid("absorber rate", bad, "must be finite and not negative"));
         }

@@ -41,6 +41,7 @@ pub(crate) fn shortened<T: Real>(free: T, demands: impl Iterator<Item = StepDema
     for d in demands {
         square += d.stiffness;
         gain *= d.gain;
+        // Damping of the stiffness grows with the frequency: `viscosity ω²` at the highest one.
         rate += d.damping + d.viscosity * bare;
     }
     // Where effects demand nothing, keep the bits of `free`.
@@ -92,6 +93,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
     /// Energy that the effect has created \[J\], `work + stored − supplied` but not below zero; positive only
     /// if its law is wrong.
     pub(crate) fn created(&self) -> T {
+        // Half of the last work belongs to the half step that is still to come.
         let work = self.work - self.last_work * T::of(0.5);
         let excess = |supplied: T| (work + self.effect.stored() - supplied).max(T::zero());
         self.effect.supplied().map_or_else(T::zero, excess)

@@ -83,6 +83,7 @@ impl<T: Real> BulkViscosity<T> {
         let mut row = ShapeRow::default();
         self.field.shape_in(number, &centre, true, &mut row)?;
         let length = volume.powf(T::of(1.0 / 3.0));
+        // The mean over the cell, as the stiffness has it.
         let weight = host.weights.internal.mean(cell);
         let impedance = self.impedances.get(number).unwrap_or(&self.impedance);
         Ok(ViscousCell {

@@ -144,6 +144,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                 }
             }
             Spread::Facets(facets) => {
+                // The weight at the centre of the facet, where the traction is sampled as well.
                 for (facet, traction) in facets {
                     let w = gamma.value(&facet.centre);
                     for (node, share) in facet.nodes.iter().zip(&facet.shares) {
@@ -158,6 +159,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
         }
         Ok(Box::new(WeightedLoad {
             name: self.name,
+            // Unknowns without a force would be visited in every step.
             forces: sum.into_iter().filter(|(_, f)| *f != T::zero()).collect(),
             time: self.time,
             factor: T::zero(),
@@ -174,6 +176,7 @@ impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
 impl<T: Real> Effect<T> for WeightedLoad<T> {
     fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         self.factor = self.time.value(instant.time);
+        // A load that is switched off costs nothing.
         if self.factor != T::zero() {
             self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
         }

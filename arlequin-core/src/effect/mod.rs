@@ -122,7 +122,7 @@ pub struct Instant<'a, T> {
 /// effect: `ω² → gain (ω² + stiffness)`, damped at the rate `damping + viscosity ω²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepDemand<T> {
-    /// Largest `ω²` that the effect can add \[1/s²\]: contact springs.
+    /// Largest `ω²` that the effect can add \[1/s²\], as springs of a contact do.
     pub stiffness: T,
     /// Factor on all forces: dampings that scale with the force.
     pub gain: T,

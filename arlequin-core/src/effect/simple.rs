@@ -38,6 +38,7 @@ impl<T: Real> EffectSpec<T> for BodyForce<T> {
     fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let layout = host.model.layout();
         let mut force = vec![T::zero(); layout.dofs()];
+        // The model's own lumping under `γ`: gravity then acts on the masses that move.
         host.model.lumped_inertia(&*host.weights.external, &mut force)?;
         for (i, m) in force.iter_mut().enumerate() {
             // Gravity has no moment on rotations.
@@ -196,6 +197,7 @@ impl<T: Real> EffectSpec<T> for LocalDamping<T> {
             }
         };
         let demand = StepDemand {
+            // All forces grow by the share at most: the highest frequency, squared, grows by it.
             gain: T::one() + share,
             ..StepDemand::none()
         };

@@ -56,6 +56,7 @@ impl<T: Real> CrackFront<T> {
         }
         let axis = along / length;
         let d = self.direction;
+        // Growth along the front is no growth: this component would only stretch `q`.
         let across = d - axis * axis.dot(&d);
         let share = across.norm() / d.norm();
         // Negated, so that the NaN of a zero direction is refused as well.
@@ -141,6 +142,7 @@ pub(super) fn swept<T: Real>(
     cylinder: &Cylinder<T>,
     direction: &Vector3<T>,
 ) -> Result<T> {
+    // Without tapers `q` is one along the whole front.
     if cylinder.tapers == [T::zero(); 2] {
         return Ok(cylinder.length);
     }
@@ -168,6 +170,7 @@ pub(super) fn swept<T: Real>(
         }
     }
     let share = sum / T::of(SAMPLES as f64);
+    // The integral divides by this length: a part shorter than an element has next to none.
     if share < T::of(0.1) {
         let rule = "no node lies well within the part of the front; look at a longer part, or at all of it";
         return Err(invalid("length of the crack front", cylinder.length, rule));
@@ -208,6 +211,7 @@ pub(super) fn tapers<T: Real>(
     let taper = (outer - inner).min(length * T::of(0.5));
     let mut out = [T::zero(); 2];
     for (out, t) in out.iter_mut().zip([-NEAR_END, 1.0 + NEAR_END]) {
+        // The body goes on beyond this end: `q` must be zero there. Where it ends, the front meets a surface.
         if outside(t)?.is_none() {
             *out = taper;
         }

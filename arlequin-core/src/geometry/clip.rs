@@ -1,10 +1,7 @@
 //! Clipping of convex bodies that stays closed whatever the round-off.
 //!
 //! Corners are stored once, and each is classified once per plane: inside, on the plane or outside. The part
-//! of every face that remains follows from this classification alone. The cap is bounded by the edges in the
-//! plane that belong to only one remaining face. A face that nearly lies in the plane is therefore kept, or
-//! replaced by the cap, or shares its area with the cap: it is never counted twice, and the parts on the two
-//! sides of a plane add up to the whole.
+//! of every face that remains follows from this classification alone.
 
 use super::{HalfSpace, Polyhedron};
 use crate::Real;
@@ -35,6 +32,7 @@ pub(crate) struct Body<T: Real> {
 impl<T: Real> Body<T> {
     /// Welds the corners of a polyhedron's faces.
     pub(crate) fn new(polyhedron: &Polyhedron<T>) -> Self {
+        // Bodies have some ten corners: comparing all pairs is cheaper than a search structure.
         let all_corners = || polyhedron.faces.iter().flatten();
         let reach = all_corners().fold(T::zero(), |m, p| m.max(p.coords.amax()));
         let mut out = Self {
@@ -63,6 +61,7 @@ impl<T: Real> Body<T> {
 
     /// Adds a face unless it has shrunk to an edge.
     fn add_face(&mut self, mut corners: Vec<u32>) {
+        // Welding may have made neighbouring corners one; a loop closes by itself.
         while corners.len() > 1 && corners.first() == corners.last() {
             corners.pop();
         }
@@ -108,7 +107,9 @@ impl<T: Real> Body<T> {
 
     /// Cuts off the part beyond a plane; returns `false` if nothing is left.
     fn clip(&mut self, plane: &HalfSpace<T>) -> bool {
+        // Before anything is cut, so that all faces at a corner see the same side.
         let mut sides: Vec<(Side, T)> = self.points.iter().map(|x| self.side(plane, x)).collect();
+        // Cuts of earlier planes leave corners that no face uses any more.
         let used = |s: Side| {
             let mut corners = self.faces.iter().flatten();
             corners.any(|k| sides[*k as usize].0 == s)
@@ -132,6 +133,7 @@ impl<T: Real> Body<T> {
                     (sa, sb),
                     (Side::Inside, Side::Outside) | (Side::Outside, Side::Inside)
                 ) {
+                    // Always from the inner to the outer end: the other face at the edge finds the same cut.
                     let edge = if sa == Side::Inside { [a, b] } else { [b, a] };
                     let cut = self.cut(edge, &mut sides, &mut cuts);
                     push_corner(&mut piece, cut);
@@ -142,12 +144,16 @@ impl<T: Real> Body<T> {
             if let Some(remaining) = self.faces[before..].first() {
                 for (k, &a) in remaining.iter().enumerate() {
                     let edge = [a, remaining[(k + 1) % remaining.len()]];
+                    // Edges in the plane bound the cap, unless both faces at the edge remain.
                     if edge.iter().all(|c| sides[*c as usize].0 == Side::On) {
                         toggle_edge(&mut rim, edge);
                     }
                 }
             }
         }
+        // The cap is bounded by the edges in the plane that belong to only one remaining face. A face that
+        // nearly lies in the plane is therefore kept, or replaced by the cap, or shares its area with the
+        // cap. It is never counted twice, and the parts on the two sides of a plane add up to the whole.
         self.cap(rim, &plane.normal);
         // Fewer faces enclose no volume.
         self.faces.len() >= 4
@@ -156,6 +162,7 @@ impl<T: Real> Body<T> {
     /// Number of the corner at which an edge, from its inner to its outer end, meets the plane. Both faces of
     /// the edge get the same corner.
     fn cut(&mut self, edge: [u32; 2], sides: &mut Vec<(Side, T)>, cuts: &mut Vec<([u32; 2], u32)>) -> u32 {
+        // Computed once per edge: two computations could differ in the last digit and open the body.
         if let Some((_, k)) = cuts.iter().find(|(e, _)| *e == edge) {
             return *k;
         }
@@ -174,6 +181,7 @@ impl<T: Real> Body<T> {
 
     /// Closes the body with the loops that its free edges form.
     fn cap(&mut self, mut rim: Vec<[u32; 2]>, normal: &Vector3<T>) {
+        // More than one loop is possible if a face nearly lies in the plane.
         while let Some([first, mut last]) = rim.pop() {
             let mut corners = vec![first, last];
             while last != first {

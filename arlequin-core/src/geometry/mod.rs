@@ -150,8 +150,9 @@ impl<T: Real> Cell<T> {
         }
     }
 
-    /// Appends samples like [`Self::quadrature`], but half to two thirds of them, from tetrahedra at a common
-    /// corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or nearly.
+    /// Appends samples like [`Self::quadrature`], but only half to two thirds as many, from tetrahedra at a
+    /// common corner. The rule is not symmetric: use it only for integrands that it integrates exactly, or
+    /// nearly.
     pub fn lean_quadrature(&self, degree: usize, out: &mut Vec<Sample<T>>) {
         match self {
             Self::Polyhedron(p) if degree > 2 => {
@@ -226,6 +227,7 @@ pub fn closest_on_triangle(p: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> V
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
         return b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)));
     }
+    // Barycentric coordinates: only here is the denominator certain not to vanish.
     // Within the triangle.
     let denom = 1.0 / (va + vb + vc);
     a + ab * (vb * denom) + ac * (vc * denom)
@@ -237,6 +239,7 @@ pub fn mean<T: Real>(cell: &Cell<T>, levels: usize, f: &dyn Fn(&Point3<T>) -> T)
     for p in &parts(cell, levels) {
         p.quadrature(5, &mut samples);
     }
+    // Over the sum of the samples, not the measure: a constant keeps its value to the last digit.
     let total: T = samples.iter().map(|s| s.measure).sum();
     samples.iter().map(|s| f(&s.point) * s.measure).sum::<T>() / total
 }
@@ -268,6 +271,7 @@ fn cut_at_centre<T: Real>(cell: &Cell<T>) -> Vec<Cell<T>> {
     let [low, high] = cell.bounds();
     let mid = nalgebra::center(&low, &high);
     let mut parts = vec![cell.clone()];
+    // Axis by axis: each of the three cuts halves all parts made so far.
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
         let plane = HalfSpace::new(&mid, axis);
         parts = parts

@@ -71,6 +71,7 @@ impl<T: Real> Polyhedron<T> {
     /// Mean of the corners, an inner point.
     pub fn centre(&self) -> Point3<T> {
         let mut sum = Vector3::zeros();
+        // Corners count once per face. The mean is inside in any case, which is all that is asked of it.
         let mut count = T::zero();
         for p in self.faces.iter().flatten() {
             sum += p.coords;
@@ -88,6 +89,7 @@ impl<T: Real> Polyhedron<T> {
         let centre = self.centre();
         let plane = |f: &Vec<Point3<T>>| {
             let normal = loop_normal(f);
+            // A face without area has no normal, and bounds nothing that its neighbours do not bound.
             (normal.norm_squared() > T::zero()).then(|| {
                 let h = HalfSpace::new(&plane_point(f), normal.normalize());
                 // Loops may run either way round.
@@ -115,6 +117,7 @@ impl<T: Real> Polyhedron<T> {
 
     /// Visits tetrahedra that fill the body: the triangles of every face, joined to the centre.
     pub fn for_each_tetrahedron(&self, mut visit: impl FnMut([Point3<T>; 4])) {
+        // A tetrahedron needs no division; the general way would make four parts of it.
         if self.faces.len() == 4 && self.faces.iter().all(|f| f.len() == 3) {
             let base = &self.faces[0];
             if let Some(apex) = self.faces[1].iter().find(|p| !base.contains(p)) {
@@ -175,6 +178,7 @@ impl<T: Real> Polyhedron<T> {
             // Second moments of a tetrahedron about the centre.
             covariance += (squares + sum * sum.transpose()) * (v / T::of(20.0));
         });
+        // A flat body has no covariance across it.
         let Some(factor) = (covariance / volume).cholesky() else {
             return false;
         };
@@ -198,6 +202,7 @@ impl<T: Real> Polyhedron<T> {
 
     /// Volume \[m³\].
     pub fn volume(&self) -> T {
+        // Unsigned: the loops of the faces may run either way round.
         let mut v = T::zero();
         self.for_each_tetrahedron(|t| v += tetrahedron_volume(&t).abs());
         v
@@ -218,6 +223,7 @@ fn plane_point<T: Real>(face: &[Point3<T>]) -> Point3<T> {
     if face.len() == 3 {
         return face[0];
     }
+    // Summed relative to the first corner, to lose no digits to large coordinates.
     let arms = face.iter().fold(Vector3::zeros(), |s, p| s + (p - face[0]));
     face[0] + arms / T::of(face.len() as f64)
 }

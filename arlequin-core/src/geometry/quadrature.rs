@@ -13,6 +13,7 @@ pub(super) fn gauss_line(degree: usize) -> Vec<(f64, f64)> {
         let a = 0.5 / 3f64.sqrt();
         return vec![(0.5 - a, 0.5), (0.5 + a, 0.5)];
     }
+    // Three points are exact up to degree five.
     let a = 0.5 * 0.6f64.sqrt();
     vec![(0.5 - a, 5.0 / 18.0), (0.5, 4.0 / 9.0), (0.5 + a, 5.0 / 18.0)]
 }

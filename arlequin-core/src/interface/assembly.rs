@@ -68,6 +68,8 @@ pub(super) fn assemble<T: Real>(
     let (coupling, measure) = match spec.options.sampling {
         Sampling::Projection => (projection(spec, sides, &cells, components)?, total),
         Sampling::Intersection => {
+            // Quadrature points of a refinement are no particles, and between its particles the field has no
+            // value.
             if sides.iter().any(|s| s.field.samples().is_some()) {
                 return Err(crate::error::invalid_option(
                     &spec.name,
@@ -102,6 +104,8 @@ pub(super) fn assemble<T: Real>(
                 [covered, total],
                 [T::of(PARTICLE_COVERAGE); 2],
             )?;
+            // What reaches beyond the mediator counts too: the particles there are tied to a continuation of
+            // the field.
             (summed.coupling, covered + summed.reached)
         }
     };
@@ -155,6 +159,7 @@ fn check_coverage<T: Real>(
     [excess, defect]: [T; 2],
 ) -> Result<()> {
     let (interface, model) = (spec.name.clone(), model.to_owned());
+    // No sample at all has an error of its own: a share of nothing would be reported as 100 % outside.
     if covered <= T::zero() {
         return Err(Error::EmptyOverlap { interface, model });
     }
@@ -211,6 +216,7 @@ impl<T: Real> CellSet<T> {
             return visit(NO_CELL, cell);
         }
         let bounds = cell.bounds();
+        // Once per mediator cell: its corners are welded for all cells that it meets.
         let body = match cell {
             Cell::Polyhedron(p) => Some(Body::new(p)),
             Cell::Segment { .. } => None,
@@ -234,9 +240,9 @@ impl<T: Real> CellSet<T> {
     }
 }
 
-/// Gives a segment the cross-section of the mediator's line. The section of the model would only scale the
-/// multipliers.
+/// Gives a segment the cross-section of the mediator's line.
 fn with_section<T: Real>(line: &Cell<T>, mut piece: Cell<T>) -> Cell<T> {
+    // The section of the model would only scale the multipliers.
     if let (
         Cell::Segment { section, .. },
         Cell::Segment {
@@ -272,6 +278,7 @@ fn refined<T: Real>(
     let sampler = Sampler::new(spec, sides, components);
     let task = |worker: &mut Worker<T>, m: usize| {
         sets[0].pieces(&cells[m], &mut |c, piece| {
+            // Counted before the fine cells cut the piece, so that the two sides' coverages are told apart.
             worker.tally.covered[0] += piece.measure();
             sets[1].pieces(piece, &mut |f, part| {
                 // Taken out while `add` borrows the worker; its memory is used again.
@@ -291,6 +298,8 @@ fn refined<T: Real>(
         })
     };
     let summed = sampler.sum(cells.len(), warnings, &task)?;
+    // A model that covers the mediator more than once has cells on top of each other; too little is a faceted
+    // surface.
     let limits = [T::of(TWICE).max(T::epsilon().sqrt()), T::of(OVERHANG_LIMIT)];
     for (side, covered) in sides.iter().zip(summed.covered) {
         check_coverage(spec, side.name, [covered, total], limits)?;
@@ -378,6 +387,7 @@ fn momentum_defect<T: Real>(coupling: &[Coupling<T>; 2], sides: &[Side<'_, T>; 2
             reach = reach.max(x.norm());
             moments[i][0] += sign * *v;
             (0..3).for_each(|c| moments[i][c + 1] += sign * *v * x[c]);
+            // Forces of one side alone give the scale: the difference of the two is what is judged.
             moments[i][7] += if m == 0 { v.abs() } else { T::zero() };
         }
     }
@@ -403,6 +413,7 @@ fn pin<T: Real>(
     components: usize,
 ) -> Result<()> {
     let nodes = spec.mediator.nodes();
+    // Without a point of the user's any will do: the pin only fixes a constant.
     let x = spec.options.pin.unwrap_or(nodes[0]);
     let distance = |k: &usize| (nodes[*k] - x).norm().as_f64();
     let nearest = (0..nodes.len())

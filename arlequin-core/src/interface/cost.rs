@@ -51,9 +51,11 @@ impl Work {
             solver,
             seconds: seconds + broadcast,
         };
+        // Sixteen bytes: each number is read by the forward and by the backward substitution.
         let factor = self
             .factor
             .map(|e| solution_time("factor", 16.0 * e as f64 / MEMORY));
+        // Each iteration has one product and two sums over all ranks.
         let gradients = solution_time("conjugate gradients", self.gradients * (product + 2.0 * sum));
         factor.into_iter().chain([gradients]).collect()
     }

@@ -95,6 +95,7 @@ impl<T: Real> Operator<T> {
         components: usize,
     ) -> Result<Self> {
         let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
+        // Both directions of `B`, for each side.
         let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
         let Analysis {
             blocks,
@@ -107,6 +108,7 @@ impl<T: Real> Operator<T> {
             null_modes,
             mut work,
         } = find_blocks(wanted, coupling, inverse, components)?;
+        // Nothing but null modes: the mediator acts on no free unknown.
         if null_modes.len() == rows * shared {
             return Err(Error::SingularInterface {
                 interface: wanted.name.to_owned(),
@@ -115,9 +117,12 @@ impl<T: Real> Operator<T> {
         }
         work.unknowns = rows * shared;
         work.shared = shared;
+        // Known from the spectrum, so a duration can be foretold before anything is solved.
         work.gradients = ITERATIONS * (range[1] / range[0]).sqrt();
         let iterated = (!exact).then(|| {
             let apply = match only.filter(|s| s.nnz() < passes) {
+                // Whichever reads fewer entries in an iteration: `S` by rows, or `B` in both directions on
+                // every side.
                 Some(s) => Apply::Rows(Rows::from_entries(rows, s.iter().map(|(v, (i, j))| (j, i, *v)))),
                 None => Apply::Sides,
             };
@@ -209,6 +214,8 @@ impl<T: Real> Precondition<T> for Blocks<T> {
         for (block, components) in &mut self.all {
             let columns = &mut self.columns[..n * components.len()];
             for (column, c) in columns.chunks_exact_mut(n).zip(&*components) {
+                // Components are interleaved in `b`; a factor solves them faster one after the other in one
+                // call.
                 let values = b[*c..].iter().step_by(d);
                 column.iter_mut().zip(values).for_each(|(x, b)| *x = *b);
             }
@@ -232,6 +239,7 @@ impl<T: Real> Block<T> {
         match self {
             Self::Diagonal { inverse } => scaled(b, inverse),
             Self::Factor { scale, factor } => {
+                // The factor is that of the scaled operator, so both sides of it are scaled.
                 scaled(b, scale);
                 factor.solve(b);
                 scaled(b, scale);
@@ -305,6 +313,7 @@ fn find_blocks<T: Real>(
             analysis.null_modes.extend(modes_of[k].iter().cloned());
             continue;
         }
+        // Assembled only where no known block serves: products of the coupling matrices are dear.
         let s = operator(coupling, &weights);
         let outcome = if wanted.options.lumped {
             lumped(wanted.name, &s)?
@@ -341,13 +350,16 @@ fn block<T: Real>(
     passes: usize,
 ) -> Result<Outcome<T>> {
     let tolerance = options.rank_tolerance;
+    // Equilibrated: multipliers at light and heavy nodes then count alike in the rank decision.
     let (scaled, scale) = equilibrated(s);
+    // Counted before it is made: a factor that is too large is never begun.
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
     // Preconditioner of the iterations: scale² is the inverse diagonal.
     let diagonal = Block::Diagonal {
         inverse: scale.iter().map(|x| *x * *x).collect(),
     };
+    // A row that acts on nothing has the scale zero and no pivot.
     if entries <= LARGEST_FACTOR
         && scale.iter().all(|x| *x > T::zero())
         && let Ok(mut factor) = T::cholesky(&scaled)
@@ -376,6 +388,7 @@ fn block<T: Real>(
             });
         }
     }
+    // Too many for dense eigenvalues: iterations leave null modes alone.
     if scaled.rows() > rank::DENSE_LIMIT {
         let [low, high] = rank::range(&scaled, tolerance)?;
         return Ok(Outcome {
@@ -390,6 +403,7 @@ fn block<T: Real>(
                 .flatten(),
         });
     }
+    // Dependent and few: eigenmodes treat all multipliers alike, where a pivoted factor would keep a subset.
     let analysis = rank::resolve_modes(&scaled, tolerance, per_node)?;
     let [low, high] = analysis.range;
     let modes = Block::Modes {
@@ -437,6 +451,7 @@ fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
 fn lumped<T: Real>(interface: &str, s: &CsMat<T>) -> Result<Outcome<T>> {
     let n = s.rows();
     let mut sums = vec![T::zero(); n];
+    // Row sums act on uniform multipliers exactly as the operator does.
     s.iter().for_each(|(v, (_, i))| sums[i] += *v);
     let (low, high) = sums
         .iter()

@@ -31,6 +31,7 @@ pub(super) fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -
     let n = a.rows();
     let mut work = vec![T::zero(); n];
     let iterate = |apply: &mut dyn FnMut(&mut Vec<T>)| {
+        // No symmetric start: a mode that it is orthogonal to would never be found.
         let mut x: Vec<T> = (0..n).map(scattered).collect();
         let mut value = T::zero();
         for step in 0..300 {
@@ -51,6 +52,7 @@ pub(super) fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -
         }
         value
     };
+    // The largest eigenvalue from products, the smallest from solves, as the largest of the inverse.
     let high = iterate(&mut |x| {
         multiply(a, x, &mut work);
         x.copy_from_slice(&work);
@@ -95,6 +97,7 @@ pub(super) fn resolve_modes<T: Real>(
     let top = eigen.values.last().copied().unwrap_or_else(T::zero);
     let (mut modes, mut null_modes, mut low) = (Vec::new(), Vec::new(), top);
     for (value, mode) in eigen.values.iter().zip(eigen.vectors.chunks_exact(n.max(1))) {
+        // Divided by the root, so that a solve is two products with the modes.
         if *value > top * tolerance {
             low = low.min(*value);
             let root = value.sqrt();
@@ -102,6 +105,7 @@ pub(super) fn resolve_modes<T: Real>(
             continue;
         }
         let size = |k: usize| mode[k].abs().as_f64();
+        // The node at which the mode is largest, to name a place that the user can look at.
         let peak = (0..n).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
         let relative = if top > T::zero() { *value / top } else { T::zero() };
         null_modes.push(NullMode {
@@ -124,6 +128,7 @@ pub(super) fn count_null_modes<T: Real>(
     tolerance: T,
     per_node: usize,
 ) -> Option<Vec<NullMode>> {
+    // The smallest eigenvalue is not needed here, so nothing is solved.
     let [_, top] = extremes(scaled, &mut |b| b.fill(T::zero()));
     let rows = T::negative_pivots(scaled, top * tolerance)?;
     let mode = |row: usize| NullMode {
@@ -140,6 +145,7 @@ pub(super) fn range<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<[T; 2]> {
     let start: Vec<T> = (0..n).map(scattered).collect();
     let (mut v, mut before, mut w) = (vec![T::zero(); n], vec![T::zero(); n], vec![T::zero(); n]);
     // A product lies in the range of `a`: the iteration then never sees the null space.
+    // Three-term recurrence: no stored vectors; lost orthogonality repeats extreme values and harms no bound.
     multiply(a, &start, &mut v);
     let (mut diagonal, mut off): (Vec<T>, Vec<T>) = (Vec::new(), Vec::new());
     let mut norm = dot(&v, &v).sqrt();
@@ -169,6 +175,7 @@ pub(super) fn range<T: Real>(a: &CsMat<T>, tolerance: T) -> Result<[T; 2]> {
     let values = T::symmetric_eigen(k, &dense)?.values;
     let top = values.last().copied().unwrap_or_else(T::one);
     // Ritz values at or below the tolerance are round-off in the null space.
+    // The smallest Ritz value lies above the smallest eigenvalue: the condition is a lower bound.
     let low = values.into_iter().find(|v| *v > top * tolerance).unwrap_or(top);
     Ok([low, top])
 }

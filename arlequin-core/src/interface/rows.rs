@@ -1,8 +1,7 @@
 //! Sparse matrices summed row by row from dense blocks, in a fixed order.
 //!
 //! A task (a cell of the mediator, or some particles) sums its products in one dense block over its nodes and
-//! hands over the rows. Rows are merged in the order of the tasks, each row by itself. Only the few entries
-//! of a row are sorted, and results have the same bits for any number of threads.
+//! hands over the rows. Rows are merged in the order of the tasks.
 
 use crate::Real;
 use crate::adjacency::Adjacency;
@@ -100,6 +99,7 @@ impl<T: Real> Block<T> {
             let entries = rows.nodes.len() * cols.nodes.len() * self.size * self.size;
             self.piece.resize(entries, T::zero());
         }
+        // One number per pair of nodes suffices only where components do not mix.
         match junction.coefficients(x).filter(|_| self.size == 1) {
             Some(factors) => add_scalar(&mut self.piece, factors.map(|f| f * measure), rows, cols),
             None => self.add_blocks(junction, (x, measure), rows, cols),
@@ -158,6 +158,7 @@ impl<T: Real> Block<T> {
         self.flush();
         let size = self.size;
         let mut order: Vec<usize> = (0..self.cols.nodes.len()).collect();
+        // Columns were met in the order of the samples; sorted, rows can be merged without further sorting.
         order.sort_unstable_by_key(|k| self.cols.nodes[*k]);
         let mut parts = Vec::with_capacity(self.rows.nodes.len() * size);
         for (node, values) in self.rows.nodes.iter().zip(&mut self.values) {
@@ -172,6 +173,7 @@ impl<T: Real> Block<T> {
                     entries: entries.filter(|e| e.1 != T::zero()).collect(),
                 });
             }
+            // Kept with its memory for the next task.
             values.clear();
         }
         self.rows.clear();
@@ -231,6 +233,7 @@ impl<T: Real> Rows<T> {
     pub(super) fn add(&mut self, parts: Vec<Part<T>>) {
         self.entries += parts.iter().map(|p| p.entries.len()).sum::<usize>();
         self.pending.extend(parts);
+        // Merging in batches bounds the memory of entries that wait.
         if self.entries > PENDING {
             self.merge();
         }
@@ -249,7 +252,8 @@ impl<T: Real> Rows<T> {
             for &k in parts_of_row {
                 row.extend_from_slice(&parts[k as usize].entries);
             }
-            // The sort is stable: entries of one column stay in the order of tasks, and so do their sums.
+            // Only the few entries of a row are sorted. The sort is stable: entries of one column stay in the
+            // order of tasks, and so do their sums, for any number of threads.
             row.sort_by_key(|e| e.0);
             row.dedup_by(|next, sum| {
                 let is_same_column = next.0 == sum.0;
@@ -269,6 +273,7 @@ impl<T: Real> Rows<T> {
         let (mut columns, mut values) = (Vec::with_capacity(count), Vec::with_capacity(count));
         starts.push(0);
         for row in std::mem::take(&mut self.rows) {
+            // Zeros arise where entries cancel; in every step they would only cost time.
             for (j, v) in row.into_iter().filter(|e| e.1 != T::zero()) {
                 columns.push(j as usize);
                 values.push(v);

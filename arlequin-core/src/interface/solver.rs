@@ -61,12 +61,14 @@ impl<T: Real> Solver<T> {
     pub(super) fn with(self, other: Self) -> Self {
         let (tolerance, max_iterations) = match (self.iterates(), other.iterates()) {
             (true, true) => {
+                // The tighter tolerance and the larger limit: neither interface gets less than it asked for.
                 let ((a, m), (b, n)) = (self.limits(), other.limits());
                 (a.min(b), m.max(n))
             }
             (true, false) => self.limits(),
             (false, true) => other.limits(),
             (false, false) if self == other => return self,
+            // `Auto` and `Factor`: a factor serves both.
             (false, false) => return Self::Factor,
         };
         Self::ConjugateGradients {
@@ -79,6 +81,7 @@ impl<T: Real> Solver<T> {
     pub(super) fn check(self, interface: &str) -> Result<()> {
         let (tolerance, most) = self.limits();
         let invalid = |value: &str, rule| Err(crate::error::invalid_option(interface, "solver", value, rule));
+        // Not `tolerance < 0`: a NaN must be refused, too.
         if !(tolerance >= T::zero() && tolerance < T::one()) {
             let value = format!("tolerance {tolerance}");
             return invalid(&value, "must be at least 0 and below 1, such as 1e-12");
@@ -93,6 +96,7 @@ impl<T: Real> Solver<T> {
     }
 }
 
+// In single precision 1e-12 would never be reached.
 fn default_tolerance<T: Real>() -> T {
     T::of(1e-12).max(T::epsilon() * T::of(32.0))
 }

@@ -1,9 +1,7 @@
 //! Integrals of formulas from time zero on. Their bits do not depend on what was asked before, so that no
 //! step of a run depends on how earlier ones were found.
 //!
-//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept. A step of a formula or a short
-//! pulse is thus resolved once, in the interval between two cuts that contains it, and counts in all later
-//! integrals. Every interval is halved until two rules agree.
+//! Time is cut at `2^k (1 + j/16)`, and the integrals up to the cuts are kept.
 
 use super::Formula;
 use std::sync::PoisonError;
@@ -73,6 +71,7 @@ fn integral_by_halving(
     let change: f64 = values.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
     let round = 2.0 * f64::EPSILON * change * a.abs().max(b.abs()) / half.abs().max(f64::MIN_POSITIVE);
     let apart = gap.abs() > (AGREE[0] * size).max(AGREE[1]).max(round);
+    // Within round-off of the two rules, or after the allowed halvings, the finer rule counts.
     if !apart || depth_left == 0 || *halvings_left == 0 {
         return sum * half;
     }
@@ -98,6 +97,8 @@ impl Formula {
         if sums.is_empty() {
             sums.push(integral_between(&f, 0.0, FIRST));
         }
+        // A step of a formula or a short pulse is resolved once, in the interval between two cuts that
+        // contains it, and counts in all later integrals.
         for k in first + sums.len() - 1..last {
             let next = sums[k - first] + integral_between(&f, cut(k), cut(k + 1));
             sums.push(next);

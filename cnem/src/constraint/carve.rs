@@ -40,9 +40,11 @@ pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -
         walls.remove(&face_key(mesh.faces[f as usize].v));
     });
     let mut unrecovered = Vec::new();
+    // Ordered sets: the regions, and with them the complex, do not depend on hashing.
     let mut todo: BTreeSet<u32> = missing.iter().copied().collect();
     let mut star = Vec::new();
     while let Some(first) = todo.pop_first() {
+        // An earlier cavity may have recovered a face of this region by chance: such faces take no part.
         let faces = connected(delaunay, mesh, first, &mut todo);
         let present =
             |f: &&u32, star: &mut Vec<u32>| delaunay.face(mesh.faces[**f as usize].v, star).is_some();
@@ -51,6 +53,7 @@ pub(super) fn carve(delaunay: &mut Delaunay, mesh: &FaceMesh, missing: &[u32]) -
             continue;
         }
         let region = Region::new(mesh, &faces);
+        // The complex changes only if both halves can be filled and fit: a failed attempt leaves no trace.
         match region.fill(delaunay, &walls) {
             Some((old, new)) if delaunay.replace(&old, &new) => {
                 walls.extend(region.triangles.iter().map(|v| face_key(*v)));
@@ -73,6 +76,7 @@ fn connected(delaunay: &Delaunay, mesh: &FaceMesh, first: u32, todo: &mut BTreeS
         next += 1;
         for k in 0..3 {
             let edge = key(v[k], v[(k + 1) % 3]);
+            // Only flat pairs: one plane must separate the two halves of the cavity.
             let pair = mesh.flat_pair(&delaunay.points, edge);
             for f in pair.into_iter().flat_map(|[f, g, ..]| [f, g]) {
                 if todo.remove(&f) {
@@ -105,6 +109,7 @@ impl Region {
     /// Returns the cavity and the tetrahedra that fill it; `None` if it cannot be filled.
     fn fill(&self, delaunay: &Delaunay, walls: &HashSet<[u32; 3]>) -> Option<(Vec<u32>, Vec<[u32; 4]>)> {
         let mut cavity = self.cut(delaunay)?;
+        // Growth has an end: a cavity that keeps growing would take in the whole complex.
         for _ in 0..MAX_GROWTH {
             let mut new = Vec::new();
             let mut grown = Vec::new();
@@ -116,6 +121,8 @@ impl Region {
                     Filled::All(tets) => new.extend(tets),
                     Filled::Without(faces) => {
                         for f in faces {
+                            // A face of the region itself has nothing behind it to grow by: the attempt
+                            // fails.
                             let behind = half.behind[f]?;
                             let face = face_key(half.faces[f]);
                             if walls.contains(&face) || delaunay.tets[behind as usize].is_ghost() {
@@ -127,6 +134,8 @@ impl Region {
                 }
             }
             if grown.is_empty() {
+                // The exact predicates decide the topology; the volumes tell whether old and new fill the
+                // same space.
                 let size = |v: &[u32; 4]| volume(v.map(|v| &delaunay.points[v as usize]));
                 let old_volume: f64 = cavity.iter().map(|&t| size(&delaunay.tets[t as usize].v)).sum();
                 let new_volume: f64 = new.iter().map(size).sum();
@@ -141,12 +150,14 @@ impl Region {
     /// Returns whether a node is above or below the region; `Equal` for nodes of the region and nodes within
     /// round-off of its plane.
     fn place(&self, delaunay: &Delaunay, v: u32) -> Ordering {
+        // Nodes of the region are on its plane by definition, also where round-off says otherwise.
         if self.nodes.contains(&v) {
             return Ordering::Equal;
         }
         let p = &delaunay.points[v as usize];
         let [a, b, c] = self.plane.map(|v| &delaunay.points[v as usize]);
         let n = (b - a).cross(&(c - a));
+        // Nodes within round-off of the plane would otherwise be dealt out to the halves at random.
         if n.dot(&(p - a)).abs() <= ON_FACE * n.norm() * (p - a).norm() {
             return Ordering::Equal;
         }
@@ -158,6 +169,8 @@ impl Region {
     fn cut(&self, delaunay: &Delaunay) -> Option<BTreeSet<u32>> {
         let (mut out, mut queue) = (BTreeSet::new(), Vec::new());
         let mut star = Vec::new();
+        // Tetrahedra that the region cuts are reached from the stars of its nodes, over neighbours that are
+        // cut too.
         for &v in &self.nodes {
             delaunay.star(v, &mut star);
             queue.extend(star.iter().copied());
@@ -174,6 +187,7 @@ impl Region {
             if !is_cut {
                 continue;
             }
+            // An edge of the hull pierces the region: no cavity can fill what lies outside.
             if tet.is_ghost() {
                 return None;
             }
@@ -194,10 +208,12 @@ impl Region {
         self.triangles.iter().any(|t| {
             let [a, b, c] = t.map(point);
             let sides = [orient3d(a, b, c, p), orient3d(a, b, c, q)];
+            // Edges with an end in the plane touch the region but do not cross it.
             if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
                 return false;
             }
             let turns = [orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a)];
+            // Not strict: an edge that passes exactly through an edge between two triangles counts as well.
             !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
         })
     }
@@ -223,9 +239,11 @@ impl Region {
                 let places = face.map(|v| self.place(delaunay, v));
                 let apex = self.place(delaunay, tet.v[slot]);
                 let (up, down) = (places.contains(&side), places.contains(&side.reverse()));
+                // A face on both sides of the plane belongs to neither half.
                 if up && down {
                     return None;
                 }
+                // A face in the plane belongs to the half that its tetrahedron lies in.
                 if up || (!down && apex == side) {
                     out.faces.push(face);
                     out.behind.push(Some(n >> 2));
@@ -271,6 +289,7 @@ enum Filled {
 }
 
 impl Half {
+    // Closed: every edge is run through as often in one direction as in the other.
     fn is_closed(&self) -> bool {
         let mut edges: BTreeMap<(u32, u32), i32> = BTreeMap::new();
         for f in &self.faces {
@@ -282,15 +301,17 @@ impl Half {
         edges.values().all(|n| *n == 0)
     }
 
-    /// Builds the Delaunay complex of the half's nodes and returns its tetrahedra inside the half. The nodes
-    /// keep their order, so that ties are broken as in the large complex.
+    /// Builds the Delaunay complex of the half's nodes and returns its tetrahedra inside the half.
     fn tetrahedra(&self, delaunay: &Delaunay) -> Option<Filled> {
+        // The nodes keep their order, so that ties are broken as in the large complex.
         let nodes: Vec<u32> = self.nodes.iter().copied().collect();
         let points: Vec<Point3<f64>> = nodes.iter().map(|&v| delaunay.points[v as usize]).collect();
         let complex = Delaunay::new(&points).ok()?;
         let local = |v: u32| nodes.binary_search(&v).map(|k| k as u32).ok();
         let mut star = Vec::new();
         let (mut border, mut missing, mut queue) = (HashSet::new(), Vec::new(), Vec::new());
+        // Start the flood on the inner side of each face: the complex of the nodes is convex, the half need
+        // not be.
         for (k, f) in self.faces.iter().enumerate() {
             let v = [local(f[0])?, local(f[1])?, local(f[2])?];
             match complex.face(v, &mut star) {
@@ -312,6 +333,7 @@ impl Half {
         let mut inside: BTreeSet<u32> = queue.iter().copied().collect();
         while let Some(t) = queue.pop() {
             let tet: &Tet = &complex.tets[t as usize];
+            // The flood reached the outside: the faces of the half do not enclose it in this complex.
             if tet.is_ghost() {
                 return None;
             }

@@ -80,6 +80,7 @@ impl FaceMesh {
     /// of boundary or of crack faces.
     pub(crate) fn flat_pair(&self, points: &[Point3<f64>], edge: (u32, u32)) -> Option<[u32; 4]> {
         let list = self.edges.get(&edge)?;
+        // More than two faces meet at the edge: the patch branches there, and no diagonal can be swapped.
         let &[f, g] = list.as_slice() else { return None };
         // A swap must not make a boundary face of a crack face.
         if self.faces[f as usize].crack != self.faces[g as usize].crack {
@@ -94,8 +95,10 @@ impl FaceMesh {
         let (c, d) = (apex(f)?, apex(g)?);
         let [pa, pb, pc, pd] = [edge.0, edge.1, c, d].map(|v| &points[v as usize]);
         let n = (pb - pa).cross(&(pc - pa));
+        // Taken the other way round, so that both normals agree where the patch is flat and not folded.
         let m = (pd - pa).cross(&(pb - pa));
         let height = n.dot(&(pd - pa)).abs();
+        // Relative to the longer edge at `d`: its height above the other plane is judged by its own size.
         let flat = height <= ON_FACE * n.norm() * (pd - pa).norm().max((pd - pb).norm());
         (c != d && flat && n.dot(&m) > 0.0).then_some([f, g, c, d])
     }
@@ -107,6 +110,7 @@ impl FaceMesh {
         let area = |p: &Point3<f64>, q: &Point3<f64>, r: &Point3<f64>| (q - p).cross(&(r - p)).dot(&n);
         // Above round-off: a swap must not make triangles without area.
         let small = 1e-12 * n.norm_squared();
+        // Strictly convex: both triangles of the other diagonal have an area, on the same side.
         area(c, a, d) > small && area(d, b, c) > small
     }
 
@@ -129,8 +133,10 @@ impl FaceMesh {
         let Some(list) = self.edges.get(&edge).cloned() else {
             return;
         };
+        // The list is a copy: replacing a face changes the lists of its edges.
         for id in list {
             let face = self.faces[id as usize];
+            // Each face keeps its orientation, crack flag and origin; only a corner changes.
             let replace_by_m = |end: u32| face.v.map(|v| if v == end { m } else { v });
             self.replace(id, replace_by_m(edge.0));
             self.push(Face {
@@ -151,16 +157,18 @@ impl FaceMesh {
 }
 
 /// Returns whether `d` is inside the circle through `a`, `b`, `c` in their common plane. Ties are broken by
-/// index as in the Delaunay complex. An auxiliary point off the plane turns the circle into a sphere; any
-/// such point gives the same answer.
+/// index as in the Delaunay complex.
 pub(crate) fn in_circle(points: &[Point3<f64>], [a, b, c, d]: [u32; 4]) -> bool {
     let [pa, pb, pc, pd] = [a, b, c, d].map(|v| &points[v as usize]);
     let n: Vector3<f64> = (pb - pa).cross(&(pc - pa));
     let size = (pb - pa).norm();
+    // An auxiliary point off the plane turns the circle into a sphere. Any such point gives the same answer;
+    // the size of the triangle keeps all numbers of one order.
     let aux = pa + n * (size / n.norm());
     // Rank 0 goes to the auxiliary point, so that it never decides a tie before a node.
     let rank = |v: u32| u64::from(v) + 1;
     let (corners, ranks) = match orient3d(pa, pb, pc, &aux) {
+        // The sphere test wants a positive orientation; exchanging two corners must exchange their ranks too.
         Ordering::Greater => ([pa, pb, pc, &aux], [rank(a), rank(b), rank(c), 0, rank(d)]),
         Ordering::Less => ([pb, pa, pc, &aux], [rank(b), rank(a), rank(c), 0, rank(d)]),
         Ordering::Equal => return false,

@@ -97,6 +97,7 @@ impl Surface {
             }
         }
         let mut boundary: Vec<_> = count.into_values().filter(|c| c.1 == 1).map(|c| c.0).collect();
+        // Sorted: the order of a hash map differs from run to run.
         boundary.sort_unstable();
         Self {
             boundary,
@@ -116,6 +117,7 @@ impl Surface {
     /// # Errors
     /// `UnknownNode` for faces on nodes that `order` does not contain.
     pub fn renumbered(&self, order: &[usize]) -> Result<Self> {
+        // Entries that `order` does not name keep the marker, so that faces on them are refused below.
         let mut place = vec![usize::MAX; order.len()];
         for (new, &old) in order.iter().enumerate() {
             if let Some(p) = place.get_mut(old) {
@@ -166,6 +168,7 @@ impl Surface {
                 });
             }
             let [a, b, c] = nodes.map(|v| &points[v]);
+            // Exact: a face with any area at all has a plane for the predicates.
             if collinear(a, b, c) {
                 return Err(Error::FlatFace { face, nodes });
             }
@@ -187,6 +190,7 @@ impl Surface {
         for f in &self.boundary {
             for k in 0..3 {
                 let (a, b) = (f[k], f[(k + 1) % 3]);
+                // Even, not two: at an edge where two bodies touch, four faces meet.
                 *edges.entry((a.min(b), a.max(b))).or_insert(0) += 1;
             }
         }
@@ -215,6 +219,7 @@ impl Surface {
             .collect();
         let bins = Bins::new(boxes.clone());
         let mut near = Vec::new();
+        // Boxes first: the exact predicates see only pairs that can meet.
         let mut pairs: Vec<(usize, usize)> = Vec::new();
         for (i, f) in faces.iter().enumerate() {
             bins.overlapping(&boxes[i], &mut near);
@@ -242,12 +247,14 @@ impl Surface {
 /// Returns whether a segment passes through a face: the ends are strictly on opposite sides, the piercing
 /// point is in the closed face, and no node is common.
 fn pierces(points: &[Point3<f64>], segment: [usize; 2], face: &[usize; 3]) -> bool {
+    // Faces with a common node always touch there.
     if segment.iter().any(|v| face.contains(v)) {
         return false;
     }
     let [p, q] = segment.map(|v| &points[v]);
     let [a, b, c] = face.map(|v| &points[v]);
     let (sp, sq) = (orient3d(a, b, c, p), orient3d(a, b, c, q));
+    // A segment that ends in the plane touches the face at most; recovery handles this by splitting at nodes.
     if sp == Ordering::Equal || sq == Ordering::Equal || sp == sq {
         return false;
     }

@@ -26,6 +26,8 @@ struct Patch {
 /// Replaces the faces of the patches around `missing` where the complex covers one side of the patch. Returns
 /// the number of faces replaced.
 pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -> usize {
+    // Below this height a tetrahedron is flat by round-off of its coordinates and proves nothing about its
+    // side.
     let limit = ON_BOUNDARY * largest_coordinate(&delaunay.points);
     let (mut seen, mut replaced) = (BTreeSet::<u32>::new(), 0);
     for &face in missing {
@@ -33,6 +35,7 @@ pub(super) fn adopt(delaunay: &Delaunay, mesh: &mut FaceMesh, missing: &[u32]) -
             continue;
         }
         let patch = Patch::around(mesh, &delaunay.points, face);
+        // Each patch is tried once, however many of its faces are missing.
         seen.extend(&patch.faces);
         // Either side will do; both cover the same plane patch.
         let covering = [1.0, -1.0]
@@ -61,6 +64,7 @@ impl Patch {
             let v = mesh.faces[out.faces[next] as usize].v;
             next += 1;
             let area = twice_area(points, v) * 0.5;
+            // The input need not be oriented: the first face gives the direction to the others.
             let sign = if area.dot(&out.normal) < 0.0 { -1.0 } else { 1.0 };
             out.normal += area * sign;
             out.area += area.norm();
@@ -93,10 +97,14 @@ impl Patch {
                 for slot in 0..4 {
                     let [a, b, c] = t.face(slot);
                     let on_patch = [a, b, c].iter().all(|v| self.nodes.contains(v));
+                    // Each face is found from the star of each of its nodes: it is taken at the smallest one
+                    // alone.
                     if t.v[slot] == INF || node != a.min(b).min(c) || !on_patch {
                         continue;
                     }
                     let apex = delaunay.points[t.v[slot] as usize] - delaunay.points[a as usize];
+                    // Flat tetrahedra on the patch are what the two sides differ by: only one with a
+                    // thickness shows the side.
                     let high = up.dot(&apex) > limit.max(ON_FACE * apex.norm());
                     if high && !t.is_ghost() && !is_flat(delaunay.corners(t), limit) {
                         out.push([a, c, b]);
@@ -132,6 +140,7 @@ impl Patch {
         let corners_of = |id: &u32| sorted(mesh.faces[*id as usize].v);
         let mut old: BTreeMap<[u32; 3], u32> = self.faces.iter().map(|id| (corners_of(id), *id)).collect();
         let mut new: Vec<[u32; 3]> = Vec::new();
+        // Triangles that the patch already has keep their face and their origin.
         for v in triangles {
             if old.remove(&sorted(*v)).is_none() {
                 new.push(*v);
@@ -145,11 +154,13 @@ impl Patch {
         let corners: Vec<[u32; 3]> = ids.iter().map(|&id| mesh.faces[id as usize].v).collect();
         let origins: Vec<u32> = ids.iter().map(|&id| mesh.faces[id as usize].origin).collect();
         let mut near = Vec::new();
+        // Old and new have the same number of faces: `is_covered_by` has compared them.
         for (&id, v) in ids.iter().zip(&new) {
             let middle =
                 Point3::from(v.iter().map(|&v| points[v as usize].coords).sum::<Vector3<f64>>() / 3.0);
             bins.overlapping(&around([&middle], ON_FACE * self.area.sqrt()), &mut near);
             let depth = |k: &u32| depth(corners[*k as usize].map(|v| &points[v as usize]), &middle);
+            // The deepest inside: round-off may put a centroid on the border of two input faces.
             let holds = near.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
             // The new corners keep the orientation of the face that they replace.
             let turn = if twice_area(points, *v).dot(&twice_area(points, mesh.faces[id as usize].v)) < 0.0 {
@@ -174,6 +185,7 @@ fn twice_area(points: &[Point3<f64>], v: [u32; 3]) -> Vector3<f64> {
 /// Returns the smallest barycentric coordinate \[–\] of a point in the plane of a triangle.
 pub(crate) fn depth(corners: [&Point3<f64>; 3], x: &Point3<f64>) -> f64 {
     let n = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+    // Signed by the normal: negative where the point is outside of that edge.
     let part = |k: usize| {
         (corners[(k + 1) % 3] - x)
             .cross(&(corners[(k + 2) % 3] - x))

@@ -22,6 +22,7 @@ pub(crate) fn recover(
         limit,
         delaunay,
     };
+    // The usual case: a mesh whose faces its own nodes recover.
     if work.missing_faces().is_empty() {
         return Ok((work.mesh, work.record));
     }
@@ -36,6 +37,7 @@ pub(crate) fn recover(
         }
         // Edges before faces: a region can be divided only if all of its edges are in the complex.
         if work.insert_on_edges()? {
+            // New points change the complex: swaps may recover more faces before further points are spent.
             continue;
         }
         let unrecovered = work.divide();
@@ -88,10 +90,10 @@ impl Work<'_> {
         edges
     }
 
-    /// Swaps diagonals (Lawson) in the flat patches around missing faces. The perturbed circle test is the
-    /// restriction of the sphere test to the plane, so a flat patch ends in the triangulation that the
-    /// complex has on it, if there is one.
+    /// Swaps diagonals (Lawson) in the flat patches around missing faces.
     fn swap_diagonals(&mut self) {
+        // The perturbed circle test is the restriction of the sphere test to the plane. A flat patch
+        // therefore ends in the triangulation that the complex has on it, if there is one.
         let missing = self.missing_faces();
         self.record.swapped += super::patch::adopt(self.delaunay, &mut self.mesh, &missing);
         let mut queue: Vec<(u32, u32)> = Vec::new();
@@ -113,6 +115,8 @@ impl Work<'_> {
             let present = |w: &mut Self, x: [u32; 3], y: [u32; 3]| {
                 usize::from(w.has_face(x)) + usize::from(w.has_face(y))
             };
+            // A swap counts by the faces that it recovers; where these are equal in number the circle
+            // decides, as in the complex.
             let before = present(self, [a, b, c], [b, a, d]);
             let after = present(self, [c, d, a], [d, c, b]);
             let illegal = in_circle(&self.delaunay.points, [a, b, c, d]);
@@ -125,16 +129,18 @@ impl Work<'_> {
         }
     }
 
-    /// Splits missing faces and edges at given nodes that lie on them. Also splits faces that are in the
-    /// complex only because round-off of the coordinates puts nodes of their plane behind them: a flat patch
-    /// can adopt the triangles of the complex only if it has all nodes of that plane.
+    /// Splits faces and edges at given nodes that lie on them, missing ones first.
     fn split_at_nodes(&mut self) {
+        // Round-off of the coordinates may put nodes of a face's plane behind it, and the face into the
+        // complex. It is split as well: a flat patch can adopt the triangles of the complex only if it has
+        // all nodes of that plane.
         let round_off = ON_BOUNDARY * largest_coordinate(&self.delaunay.points);
         let boxes = self.delaunay.points.iter().map(|p| [*p, *p]).collect();
         let bins = Bins::new(boxes);
         let mut near = Vec::new();
         let missing = self.missing_faces();
         let mut queue: Vec<u32> = (0..self.mesh.faces.len() as u32).collect();
+        // Missing faces are put last, so that they are popped first.
         queue.retain(|f| missing.binary_search(f).is_err());
         queue.extend(missing);
         while let Some(f) = queue.pop() {
@@ -144,6 +150,8 @@ impl Work<'_> {
                 .map(|k| (corners[k] - corners[(k + 1) % 3]).norm())
                 .fold(0.0, f64::max);
             let tolerance = if self.has_face(v) {
+                // A face that is in the complex needs no wider tolerance: only nodes of its own plane concern
+                // it.
                 round_off
             } else {
                 ON_FACE * size
@@ -151,6 +159,7 @@ impl Work<'_> {
             bins.overlapping(&around(corners.iter(), tolerance), &mut near);
             let hit = near
                 .iter()
+                // A duplicate is a corner of no tetrahedron and cannot become a corner of a face.
                 .filter(|&&m| !v.contains(&m) && self.delaunay.at_vertex[m as usize] != crate::tet::NONE);
             let locate = |m: u32| on_face(&corners, &self.delaunay.points[m as usize], tolerance);
             // The node nearest to the middle gives well-shaped pieces.
@@ -165,6 +174,7 @@ impl Work<'_> {
                 Place::Face => self.mesh.split_face(f, m),
                 Place::Edge(k) => {
                     let edge = key(v[k], v[(k + 1) % 3]);
+                    // All faces at the edge are split with it: their pieces may hold further nodes.
                     queue.extend(self.mesh.edges.get(&edge).into_iter().flatten().copied());
                     self.mesh.split_edge(edge, m);
                 }
@@ -180,6 +190,7 @@ impl Work<'_> {
         let faces = self.missing_faces();
         let mut has_inserted = false;
         for edge in self.missing_edges(&faces) {
+            // Looked at again: an earlier insertion may have split or recovered this edge.
             if self.mesh.edges.contains_key(&edge)
                 && !self.has_edge(edge)
                 && self.mesh.flat_pair(&self.delaunay.points, edge).is_none()
@@ -191,14 +202,15 @@ impl Work<'_> {
         Ok(has_inserted)
     }
 
-    /// Splits an edge at its middle. Next to one given node the edge is split at a distance that is a power
-    /// of two: edges that meet there at a small angle are then cut at equal distances and stop encroaching on
-    /// each other.
+    /// Splits an edge at its middle, or near it if one of its ends is a given node.
     fn insert_on_edge(&mut self, edge: (u32, u32)) -> Result<()> {
         let [a, b] = [edge.0, edge.1].map(|v| self.delaunay.points[v as usize]);
         let first_new = self.record.inserted.first().map_or(usize::MAX, |i| i.node);
+        // Shells are for given nodes: an edge between two of them, or between two inserted points, is halved.
         let old = [edge.0, edge.1].map(|v| (v as usize) < first_new);
         let length = (b - a).norm();
+        // Next to one given node the distance is a power of two. Edges that meet there at a small angle are
+        // then cut at equal distances and stop encroaching on each other.
         let shell = (0.5 * length).log2().round().exp2() / length;
         let fraction = match old {
             [true, false] => shell,
@@ -212,26 +224,28 @@ impl Work<'_> {
             .and_then(|l| l.first())
             .map_or(0, |&f| self.mesh.faces[f as usize].origin);
         let m = self.insert(a + (b - a) * fraction, origin, edge.0)?;
+        // On an edge as short as round-off the point coincides with an end.
         if m != edge.0 && m != edge.1 {
             self.mesh.split_edge(edge, m);
         }
         Ok(())
     }
 
-    /// Divides the tetrahedra that missing faces cut. Later points can only be inserted in a Delaunay
-    /// complex: unless all faces are recovered, the complex is restored, and the faces that could not be
-    /// recovered are returned.
+    /// Divides the tetrahedra that missing faces cut. Returns the faces that could not be recovered; the
+    /// complex is then as before.
     fn divide(&mut self) -> Vec<u32> {
         let missing = self.missing_faces();
         let undivided = self.delaunay.clone();
         let mut unrecovered = super::carve::carve(self.delaunay, &self.mesh, &missing);
         if unrecovered.is_empty() {
+            // Carving one region may have destroyed a face that was present before.
             unrecovered = self.missing_faces();
         }
         if unrecovered.is_empty() {
             self.record.divided = missing.len();
             self.delaunay.before = Some(joined(&undivided));
         } else {
+            // Later points can only be inserted in a Delaunay complex.
             *self.delaunay = undivided;
         }
         unrecovered
@@ -246,11 +260,13 @@ impl Work<'_> {
                 continue;
             }
             let p = face.v.map(|v| self.delaunay.points[v as usize]);
+            // A face may have been recovered by the points inserted for the faces before it.
             let square = |k: usize| (p[(k + 1) % 3] - p[k]).norm_squared();
             let longest = (0..3)
                 .max_by(|&i, &j| square(i).total_cmp(&square(j)))
                 .unwrap_or(0);
             // Barycentric coordinates of the circumcentre, times a common factor.
+            // For an obtuse triangle one of them is negative: the circumcentre is outside.
             let l = [square(1), square(2), square(0)];
             let w = [0, 1, 2].map(|k: usize| l[k] * (l[(k + 1) % 3] + l[(k + 2) % 3] - l[k]));
             let sum = w[0] + w[1] + w[2];
@@ -277,6 +293,7 @@ impl Work<'_> {
             .delaunay
             .insert(p, self.delaunay.at_vertex[start_node as usize])
             .0;
+        // The point may be a node that exists already: only new ones are reported.
         if v as usize == count {
             self.record.inserted.push(InsertedPoint {
                 node: count,
@@ -295,6 +312,7 @@ impl Work<'_> {
         faces.sort_unstable();
         faces.dedup();
         let count = faces.len();
+        // The message names a few faces; the count tells the rest.
         faces.truncate(16);
         Error::FacesNotRecovered {
             faces,
@@ -316,15 +334,18 @@ fn on_face(corners: &[Point3<f64>; 3], p: &Point3<f64>, tolerance: f64) -> Optio
     let [a, b, c] = corners;
     let n = (b - a).cross(&(c - a));
     let area = n.norm();
+    // Height times area on both sides: no division by the area of a sliver.
     if n.dot(&(p - a)).abs() > tolerance * area {
         return None;
     }
     let mut edge = None;
     for k in 0..3 {
         let (s, e) = (&corners[k], &corners[(k + 1) % 3]);
+        // A node at a corner is no new node of the face: it would make a face without area.
         if (p - s).norm() <= tolerance {
             return None;
         }
+        // Distance from the edge, positive inside: all three decide between the interior and an edge.
         let inward = (e - s).cross(&(p - s)).dot(&n) / (area * (e - s).norm());
         if inward < -tolerance {
             return None;

@@ -20,6 +20,7 @@ pub(super) fn build(points: &[Point3<f64>]) -> Result<Delaunay> {
     // The rank is the caller's index: ties do not depend on the order of insertion.
     let mut delaunay = Delaunay::empty(sorted, order);
     delaunay.start(first);
+    // The last tetrahedron is near the next point: consecutive points are close along the curve.
     let mut hint = 0;
     for v in 0..points.len() as u32 {
         if first.contains(&v) {
@@ -88,6 +89,7 @@ fn few_or(points: &[Point3<f64>], error: Error) -> Error {
 impl Delaunay {
     /// Creates one finite tetrahedron and its four ghosts.
     fn start(&mut self, v: [u32; 4]) {
+        // Infinity stands in slot 3, where `Tet::is_ghost` looks for it.
         let mut tets = vec![Tet { v, n: [NONE; 4] }];
         for slot in 0..4 {
             let [a, b, c] = tets[0].face(slot);
@@ -115,6 +117,8 @@ impl Delaunay {
     /// Returns to the caller's numbering; drops unused slots.
     fn finish(&mut self, points: &[Point3<f64>]) {
         self.compact();
+        // Until here the rank was the way back to the caller's numbers. From now on index and rank are the
+        // same.
         let order = std::mem::take(&mut self.rank);
         for t in &mut self.tets {
             for v in &mut t.v {
@@ -125,6 +129,7 @@ impl Delaunay {
         }
         self.points.clear();
         self.points.extend_from_slice(points);
+        // The walk finds duplicates in the order of insertion; sorted, the first pair does not depend on it.
         self.duplicates.sort_unstable();
         self.at_vertex = vec![NONE; points.len()];
         self.refresh_at_vertex(0);

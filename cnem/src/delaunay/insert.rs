@@ -61,6 +61,7 @@ impl Work {
     }
 
     fn next_stamp(&mut self) -> u32 {
+        // Marks hold `2 * stamp + 1`: the stamp must leave one bit free.
         if self.stamp >= (u32::MAX >> 1) - 1 {
             self.mark.fill(0);
             self.stamp = 0;
@@ -102,6 +103,7 @@ impl Delaunay {
     /// Inserts vertex `v`, starting the walk at `hint`.
     pub(super) fn insert_vertex(&mut self, v: u32, hint: u32) -> Inserted {
         let q = self.points[v as usize];
+        // An equal point can only be a corner of the tetrahedron that holds it.
         let start = self.walk(&q, hint);
         for w in self.tets[start as usize].v {
             if w != INF && self.points[w as usize] == q {

@@ -50,9 +50,7 @@ impl Delaunay {
         }
     }
 
-    /// Returns the tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond. Visibility
-    /// walks in a Delaunay complex never cycle. In a constrained complex they can: after a while the faces
-    /// are tested in changing order, so that no cycle lasts.
+    /// Returns the tetrahedron that holds `q`, or a ghost whose hull face `q` is strictly beyond.
     pub(crate) fn walk(&self, q: &Point3<f64>, hint: u32) -> u32 {
         let mut current = hint;
         let mut previous = NONE;
@@ -66,7 +64,9 @@ impl Delaunay {
         'step: loop {
             let mut exit = NONE;
             steps += 1;
-            // A hash of the step count: varied, and the same in every run.
+            // Visibility walks in a Delaunay complex never cycle. In a constrained complex they can: after a
+            // while the faces are tested in changing order, so that no cycle lasts. A hash of the step count
+            // is varied, and the same in every run.
             let turn = if steps > ORDERLY {
                 steps.wrapping_mul(0x9e37_79b9) >> 7
             } else {

@@ -136,6 +136,7 @@ impl Delaunay {
         use std::cmp::Ordering::{Equal, Greater, Less};
         let corners = self.corners(t);
         match crate::predicates::insphere(corners, q) {
+            // On the sphere to the last bit: ranks perturb the points, in the same way for every tetrahedron.
             Greater => true,
             Less => false,
             Equal => {
@@ -145,12 +146,12 @@ impl Delaunay {
         }
     }
 
-    /// Returns whether a ghost holds `q`. A ghost holds the open half space beyond its hull face. In the
-    /// plane of the face it holds the circle that the circumsphere of the tetrahedron behind the face cuts
-    /// out of the plane.
+    /// Returns whether a ghost holds `q`.
     fn ghost_conflicts(&self, t: &Tet, q: &Point3<f64>, rank: u64) -> bool {
         use std::cmp::Ordering::{Equal, Greater, Less};
         let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
+        // A ghost holds the open half space beyond its hull face. In the plane of the face it holds the
+        // circle that the circumsphere of the tetrahedron behind the face cuts out of the plane.
         match crate::predicates::orient3d(a, b, c, q) {
             Greater => true,
             Less => false,
@@ -174,6 +175,7 @@ impl Delaunay {
             for (&v, &n) in t.v.iter().zip(&t.n) {
                 let neighbour = n >> 2;
                 let has_vertex = || self.tets[neighbour as usize].slot_of(vertex).is_some();
+                // Over a face that contains the vertex: `v` is the corner opposite to the face.
                 if v != vertex && !out.contains(&neighbour) && has_vertex() {
                     out.push(neighbour);
                 }
@@ -213,6 +215,7 @@ impl Delaunay {
                     let q = &self.points[apex as usize];
                     bad += usize::from(self.sphere_holds(t, q, self.rank(apex)));
                 }
+                // The tetrahedron behind a hull face lies on the inner side of the face.
                 if apex != INF && t.is_ghost() && slot == 3 {
                     let [a, b, c] = [t.v[0], t.v[1], t.v[2]].map(|v| &self.points[v as usize]);
                     bad += usize::from(
@@ -236,6 +239,7 @@ pub fn volume(t: [&Point3<f64>; 4]) -> f64 {
 /// Returns the gradients \[1/m\] of the linear functions of a tetrahedron, and its volume \[m³\].
 pub(crate) fn linear_gradients(p: &[Point3<f64>; 4]) -> ([Vector3<f64>; 4], f64) {
     let six = (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]));
+    // With respect to a corner of the face: large coordinates cancel in the differences.
     let gradients = crate::tet::FACES.map(|f| {
         let [a, b, c] = f.map(|k| p[k]);
         -(b - a).cross(&(c - a)) / six
@@ -251,6 +255,7 @@ pub(crate) fn linear_values(
 ) -> [f64; 4] {
     let value = |k: usize| gradients[k].dot(&(x - p[0]));
     let [b, c, d] = [value(1), value(2), value(3)];
+    // The first value from the others: the sum is one by construction.
     [1.0 - b - c - d, b, c, d]
 }
 

@@ -32,6 +32,7 @@ impl Delaunay {
         let mut open: HashMap<[u32; 3], u32> = HashMap::new();
         for &t in old {
             for (slot, &n) in self.tets[t as usize].n.iter().enumerate() {
+                // Faces between two old tetrahedra vanish with them; the others must find a new owner.
                 if !old.contains(&(n >> 2)) {
                     open.insert(face_key(self.tets[t as usize].face(slot)), n);
                 }
@@ -50,6 +51,8 @@ impl Delaunay {
             let t = Tet { v, n: [NONE; 4] };
             for slot in 0..4 {
                 let face = face_key(t.face(slot));
+                // A face is met twice: by the two new tetrahedra that share it, or by a new one and the
+                // border.
                 if let Some((j, back)) = inner.remove(&face) {
                     links[k][slot] = id(j) << 2 | back as u32;
                     links[j][back] = id(k) << 2 | slot as u32;
@@ -61,6 +64,7 @@ impl Delaunay {
                 }
             }
         }
+        // Checked before anything is written: a failed replacement leaves the complex as it was.
         if !open.is_empty() || !inner.is_empty() {
             return false;
         }
@@ -75,6 +79,7 @@ impl Delaunay {
                 .filter(|v| *v != INF)
                 .for_each(|v| self.at_vertex[v as usize] = index);
         }
+        // Only now do the neighbours outside point to the new tetrahedra.
         for (behind, link) in outer {
             self.tets[(behind >> 2) as usize].n[(behind & 3) as usize] = link;
         }

@@ -70,6 +70,7 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     }
     let n = u.cross(&(c - a)) / width;
     let (height, d) = farthest(&|p| n.dot(&(p - a)).abs());
+    // Below the tolerance every tetrahedron of these nodes would be flat.
     if height <= limit {
         return Err(Error::AllCoplanar { nodes });
     }
@@ -77,9 +78,10 @@ pub(super) fn check_span(points: &[Point3<f64>]) -> Result<()> {
     check_sphere(points, &(a + to_centre), to_centre.norm())
 }
 
-/// Returns an error if more than 1000 nodes all lie on one sphere. This comes before the complex is built:
-/// the sphere through any four of the nodes holds all points inside, which would be neighbours of every node.
+/// Returns an error if more than 1000 nodes all lie on one sphere.
 fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Result<()> {
+    // Checked before the complex is built: the sphere through any four of the nodes holds all points inside,
+    // which would be neighbours of every node.
     let is_off = |p: &Point3<f64>| ((p - centre).norm() - radius).abs() > ON_SPHERE * radius;
     let nodes = points.len();
     if nodes as f64 <= MOST_NEIGHBOURS || points.iter().any(is_off) {
@@ -96,11 +98,13 @@ fn check_sphere(points: &[Point3<f64>], centre: &Point3<f64>, radius: f64) -> Re
 impl Domain {
     /// Counts the natural neighbours at sample points inside.
     pub fn neighbours(&self) -> Neighbours {
+        // Evenly spaced elements: the same samples in every run, and a fixed cost for any size.
         let elements: Vec<[usize; 4]> = self.elements().collect();
         let step = elements.len().div_ceil(SAMPLES).max(1);
         let (mut scratch, mut sum, mut count) = (Scratch::new(), 0, 0);
         for t in elements.iter().step_by(step) {
             let middle = t.iter().map(|&v| self.nodes()[v].coords).sum::<Vector3<f64>>() * 0.25;
+            // Samples outside by round-off do not count; Laplace functions are the cheaper kind.
             if let Ok(row) = self.shape(Interpolant::Laplace, &middle.into(), &mut scratch) {
                 sum += row.nodes.len();
                 count += 1;
@@ -123,6 +127,7 @@ impl Domain {
     /// of nodes, fewer the more nodes there are, but never fewer than 100.
     pub(crate) fn check_neighbours(&self) -> Result<()> {
         let neighbours = self.neighbours();
+        // Few nodes may have many neighbours each; many nodes must have few, since the product is the cost.
         let limit = (MOST_PAIRS / neighbours.nodes as f64).clamp(MANY_NEIGHBOURS, MOST_NEIGHBOURS);
         if neighbours.mean > limit {
             return Err(Error::TooManyNeighbours {

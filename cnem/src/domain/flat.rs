@@ -30,6 +30,8 @@ const THIN: f64 = 1e-6;
 pub(crate) fn is_flat(corners: [&Point3<f64>; 4], limit: f64) -> bool {
     let (widest, longest) = sizes(corners);
     // Four nodes on a line have neither height nor area.
+    // The lowest height is six volumes over twice the largest area. Multiplied out: a flat face has no area
+    // to divide by.
     widest <= limit * longest || six_volumes(corners).abs() <= limit * widest
 }
 
@@ -46,9 +48,9 @@ fn sizes(corners: [&Point3<f64>; 4]) -> (f64, f64) {
 }
 
 impl Domain {
-    /// Returns an error if two nodes are within the tolerance of each other. Every tetrahedron that joins two
-    /// such nodes is flat, so only flat ones are checked.
+    /// Returns an error if two nodes are within the tolerance of each other.
     fn check_distances(&self) -> Result<()> {
+        // Every tetrahedron that joins two such nodes is flat.
         let flat = self.flat.iter().zip(&self.delaunay.tets).filter(|t| *t.0);
         for (_, t) in flat {
             for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
@@ -88,6 +90,7 @@ impl Domain {
             .collect();
         let mut dropped = Vec::new();
         while let Some(t) = queue.pop() {
+            // The flag may have gone since it was queued, and without a wall it stays as a connection inside.
             if self.glued[t as usize] && self.walls[t as usize] != 0 {
                 self.take_out(t, &mut dropped, &mut queue)?;
             }
@@ -131,6 +134,7 @@ impl Domain {
         let Some(template) = template else { return Ok(()) };
         for (slot, &opposite) in t.n.iter().enumerate().filter(|s| walls >> s.0 & 1 == 0) {
             let v = t.face(slot);
+            // Freed faces are reused: a replaced face keeps the input face that it comes from.
             let id = match free.pop() {
                 Some(id) => {
                     self.mesh.replace(id, v);
@@ -155,6 +159,8 @@ impl Domain {
     fn renumber_faces(&mut self, dropped: &[u32]) {
         let mut place = vec![u32::MAX; self.mesh.faces.len()];
         let mut mesh = crate::constraint::FaceMesh::default();
+        // Faces refer to each other by index in the map of edges: the mesh is built anew without the dropped
+        // ones.
         for (i, face) in self.mesh.faces.iter().enumerate() {
             if !dropped.contains(&(i as u32)) {
                 place[i] = mesh.faces.len() as u32;
@@ -170,6 +176,7 @@ impl Domain {
         let mut queue: Vec<u32> = Vec::new();
         for (tet, glued) in self.glued.iter().enumerate() {
             let next_to = |t: &crate::tet::Tet| t.n.iter().any(|n| self.glued[(n >> 2) as usize]);
+            // Breadth first from thick tetrahedra: the first centre that arrives is the nearest.
             if !glued && self.inside[tet] && next_to(&self.delaunay.tets[tet]) {
                 queue.push(tet as u32);
             }
@@ -185,6 +192,7 @@ impl Domain {
                     continue;
                 }
                 done[neighbour] = true;
+                // Centres are stored relative to the first vertex, which differs between the two.
                 let [p, q] =
                     [t.v[0], self.delaunay.tets[neighbour].v[0]].map(|v| &self.delaunay.points[v as usize]);
                 let moved: Vector3<f64> = p - q;
@@ -226,6 +234,7 @@ impl Domain {
         let mut visited = vec![tet];
         let mut best = (f64::INFINITY, tet);
         let mut next = 0;
+        // Bounded: a body that is thin throughout must not be searched as a whole for each point.
         while next < visited.len() && next < 256 {
             let current = visited[next];
             next += 1;
@@ -238,6 +247,7 @@ impl Domain {
             }
             let t = &self.delaunay.tets[current as usize];
             for (slot, neighbour) in t.n.iter().map(|n| n >> 2).enumerate() {
+                // A function continued through a wall would see the material on the other side of a crack.
                 let wall = self.walls[current as usize] >> slot & 1 == 1;
                 if !wall && !visited.contains(&neighbour) {
                     visited.push(neighbour);

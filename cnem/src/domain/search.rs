@@ -43,6 +43,7 @@ impl Starts {
                 i % counts[2],
             ];
             let middle = Point3::from([0, 1, 2].map(|k| low[k] + (index[k] as f64 + 0.5) * size));
+            // Bins are visited in order, so the walk to the next middle is one bin long.
             hint = delaunay.walk(&middle, hint);
             *start = hint;
         }
@@ -102,6 +103,8 @@ impl Domain {
             return None;
         }
         let start = self.starts.start_near(x);
+        // The walk is exact. The rest is for points beyond the hull, beside flat tetrahedra, or outside by
+        // round-off.
         let mut tet = self.delaunay.walk(x, start);
         let mut reach = tolerance;
         let outside = self.delaunay.tets[tet as usize].is_ghost();
@@ -200,9 +203,7 @@ impl Domain {
     }
 
     /// For a point outside the hull, beyond the face of a ghost: returns a tetrahedron near it, and how far
-    /// around the point the search must go on from there \[m\]. Where the hull is flat up to round-off, the
-    /// ghost's face need not be next to the point. The point is therefore moved towards the middle, further
-    /// each time, until it is in a tetrahedron.
+    /// around the point the search must go on from there \[m\].
     fn enter(&self, x: &Point3<f64>, ghost: u32, start: u32, tolerance: f64) -> Option<(u32, f64)> {
         let v = self.delaunay.tets[ghost as usize].v;
         let [a, b, c] = [v[0], v[1], v[2]].map(|v| &self.delaunay.points[v as usize]);
@@ -216,6 +217,9 @@ impl Domain {
         if area > self.tolerance * longest && excess > 2.0 * tolerance {
             return None;
         }
+        // Where the hull is flat up to round-off, the ghost's face need not be next to the point. So the
+        // point is moved towards the middle, further each time, until it is in a tetrahedron.
+        // A point in the middle of the nodes has no direction inward, but cannot be outside the hull either.
         let inward = (self.starts.middle - x).try_normalize(0.0)?;
         // From 4 to some 8e6 tolerances: the smallest shift that leads into the hull is taken.
         let shifts = (0..8).map(|k| 4.0 * tolerance * 8.0_f64.powi(k));

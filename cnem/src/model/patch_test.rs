@@ -47,6 +47,7 @@ impl CnemModel {
     /// forces around the node, and that node.
     fn largest_force_defect(&mut self, gradient: &Matrix3<f64>) -> (f64, usize) {
         let [lambda, mu] = self.material.lame();
+        // The stress of the gradient by Hooke's law, not by the model's own code, which is under test.
         let stress =
             Matrix3::identity() * (lambda * gradient.trace()) + (gradient + gradient.transpose()) * mu;
         let mut forces = self.linear_field_forces(gradient);
@@ -54,6 +55,7 @@ impl CnemModel {
             let traction = stress * facet.area;
             for (node, value) in facet.nodes.iter().zip(&facet.values) {
                 let force = &mut forces.as_chunks_mut::<3>().0[*node];
+                // Internal forces are subtracted from zero, so boundary tractions must cancel them.
                 (0..3).for_each(|k| force[k] += traction[k] * value);
             }
         }
@@ -61,6 +63,7 @@ impl CnemModel {
         for (cell, volume) in self.smoothing.volumes.iter().enumerate() {
             let (nodes, b) = self.smoothing.row(cell);
             for (node, b) in nodes.iter().zip(b) {
+                // Cell forces before they cancel: a force that is zero by equilibrium is no measure.
                 scales[*node as usize] += volume * b.norm();
             }
         }
@@ -76,13 +79,14 @@ impl CnemModel {
             .fold((0.0, 0), |x, y| if not_less(x.0, y.0) { x } else { y })
     }
 
-    /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`. The translation `t` is as large as the
-    /// displacements of the body, so that every node moves.
+    /// Returns the internal forces \[N\] of `u = t + g (x − x̄)`.
     fn linear_field_forces(&mut self, gradient: &Matrix3<f64>) -> Vec<f64> {
         let field = self.field.clone();
         let nodes = field.domain().nodes();
         let [low, high] = crate::bins::around(nodes, 0.0);
         let middle: Point3<f64> = nalgebra::center(&low, &high);
+        // The translation is as large as the displacements of the body, so that every node moves: gradients
+        // whose sum is not zero would give it a force.
         let shift = Vector3::repeat((high - low).norm() * gradient.norm());
         let displacement = |x: &Point3<f64>| <[f64; 3]>::from(shift + gradient * (x - middle));
         let u: Vec<f64> = nodes.iter().flat_map(displacement).collect();

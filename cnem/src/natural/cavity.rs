@@ -82,6 +82,8 @@ impl Cavity {
     /// cavity is the star of `x` in the Delaunay complex of the cavity's nodes.
     pub(super) fn find(&mut self, domain: &Domain, x: &Point3<f64>, start: u32) -> bool {
         self.reach(domain, x, start);
+        // Beside walls the reach may go round an edge, which only the spheres show; elsewhere the star
+        // suffices.
         self.build_border(domain, x) && (!self.border.iter().any(|b| b.wall) || self.is_delaunay())
     }
 
@@ -91,16 +93,18 @@ impl Cavity {
         walls.map(|b| b.local.map(|l| self.nodes[l as usize]))
     }
 
-    /// Returns whether the sphere over every border face holds no node of the adjacent border faces. Then the
-    /// facets of the point's cell are convex where they meet, and the cell is the one that its neighbours
-    /// bound.
+    /// Returns whether the sphere over every border face holds no node of the adjacent border faces.
     fn is_delaunay(&self) -> bool {
+        // Then the facets of the point's cell are convex where they meet, and the cell is the one that its
+        // neighbours bound.
         self.ridges.iter().all(|ridge| {
             let [f, g] = ridge.faces.map(|f| &self.border[f as usize]);
             let apex = g.local.iter().find(|l| !ridge.ends.contains(l));
             apex.is_none_or(|&l| {
                 let (v, c) = (&self.rel[l as usize], &f.centre);
                 let size = v.norm();
+                // `|v|² − 2 c·v` is the power of the node with respect to the sphere through the origin about
+                // `c`.
                 size * size - 2.0 * c.dot(v) >= -EMPTY * (size + c.norm()) * size
             })
         })
@@ -125,6 +129,7 @@ impl Cavity {
             }
             local
         });
+        // Centres are relative to a vertex, so that no difference of large coordinates is taken here.
         let centre = self.rel[local[0] as usize] + domain.centre[tet as usize];
         self.index[tet as usize] = self.members.len() as u32;
         self.members.push(Member { tet, local, centre });
@@ -146,12 +151,14 @@ impl Cavity {
         let mut next = 0;
         while next < self.members.len() {
             let Member { tet, local, .. } = self.members[next];
+            // A wall stops the reach before any sphere is asked: what lies behind it is not visible.
             let t = &domain.delaunay.tets[tet as usize];
             let walls = domain.walls[tet as usize];
             for (slot, &n) in t.n.iter().enumerate() {
                 let neighbour = n >> 2;
                 let mut mark = self.mark[neighbour as usize];
                 let wall = walls >> slot & 1 == 1;
+                // Each neighbour is tested once, however many members it touches.
                 if !wall && mark < out {
                     let holds = holds(domain, neighbour, x);
                     mark = if holds { inside } else { out };
@@ -171,6 +178,7 @@ impl Cavity {
                         det: 0.0,
                     });
                 } else if tet < neighbour {
+                    // A face between two members is met from both sides: the smaller number records it.
                     let members = [next as u32, self.index[neighbour as usize]];
                     self.inner.push(Inner { local: face, members });
                 }
@@ -190,6 +198,8 @@ impl Cavity {
                 let [a, b, c] = local.map(|l| &domain.delaunay.points[self.nodes[l as usize] as usize]);
                 accurate([x, a, b, c])
             });
+            // A face seen edge-on or from behind: the point does not see the whole border, so this is no
+            // star.
             if det.is_nan() || det <= 0.0 {
                 star = false;
             }
@@ -198,6 +208,8 @@ impl Cavity {
             entry.det = det;
             for k in 0..3 {
                 let (p, q) = (local[k], local[(k + 1) % 3]);
+                // The second face at an edge completes the ridge; the table keeps one entry per edge until
+                // then.
                 if let Some(other) = self.table.pair(p, q, i as u32) {
                     self.ridges.push(Ridge {
                         ends: [p, q],
@@ -219,11 +231,13 @@ fn holds(domain: &Domain, tet: u32, x: &Point3<f64>) -> bool {
     let radius = offset.norm_squared();
     let gap = radius - centre.norm_squared();
     let margin = SHELL * radius;
+    // The cached sphere decides nearly always. Inside the shell its round-off could decide either way.
     if gap > margin {
         return true;
     }
     if gap < -margin {
         return false;
     }
+    // Strict: for a point on the sphere, the cavity with and without this tetrahedron gives the same cell.
     insphere(domain.delaunay.corners(t), x) == Ordering::Greater
 }

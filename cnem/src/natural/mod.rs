@@ -222,6 +222,7 @@ impl Domain {
         {
             return Place::Node(v);
         }
+        // Close to one face only cannot be an edge: its line lies on two.
         let edge = if count >= 2 { self.on_edges(t.v, x) } else { None };
         if let Some(place) = edge {
             return place;
@@ -238,6 +239,7 @@ impl Domain {
                 )
             })
             .filter(|(depth, _)| *depth >= -BESIDE)
+            // Equal depths go to the smaller slot.
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
         match holding.and_then(|(_, slot)| face_of(slot)) {
             Some(&face) => Place::Patch(face),
@@ -261,8 +263,11 @@ impl Domain {
                 if beside || along.cross(&arm).norm() > self.tolerance * along.norm() {
                     continue;
                 }
+                // The edge is a diagonal of a flat patch: the functions of the patch hold across it.
                 return Some(match (self.mesh.flat_pair(self.nodes(), edge), faces.first()) {
                     (Some(_), Some(&face)) => Place::Patch(face),
+                    // The key is sorted: copies at the ends go with the ends of the tetrahedron, not with
+                    // their order in the key.
                     _ if edge.0 == self.copies.original(v[i]) => Place::Edge(v[i], v[j]),
                     _ => Place::Edge(v[j], v[i]),
                 });
@@ -289,6 +294,7 @@ impl Domain {
         }
         s.row.clear();
         s.counters.reentrant += 1;
+        // The hull of visible nodes must not look for visible nodes again: that would recur without end.
         if s.alone || !self.on_visible(kind, x, s, slopes) {
             s.counters.linear += 1;
             self.linear(x, start, &mut s.row, slopes);
@@ -316,6 +322,8 @@ impl Domain {
         for (slot, face) in FACES.iter().enumerate() {
             let [a, b, c] = face.map(|k| p[k]);
             let outward = (b - a).cross(&(c - a));
+            // Round-off outside of a face makes a small negative value. Cut off and normalised, all stay
+            // shares.
             let value = (-outward.dot(&(x - a)) / six).max(0.0);
             sum += value;
             row.push(t.v[slot] as usize, value);

@@ -53,6 +53,7 @@ impl Domain {
         s: &mut Planar,
     ) -> bool {
         let corners = self.corners_of(tet).map(|v| self.delaunay.points[v] - x);
+        // The sum of the corners points to the inside of the tetrahedron, from whose side the patch is seen.
         let side = self.side_towards(face, &corners.into_iter().sum());
         let v = self.face_on_side(face, side);
         let [a, b, c] = v.map(|v| self.delaunay.points[v as usize]);
@@ -63,6 +64,7 @@ impl Domain {
         let w = normal.normalize().cross(&u);
         let axis_parallel = normal.iter().filter(|n| **n != 0.0).count() == 1;
         let k = normal.iamax();
+        // The projection must not mirror: circle tests depend on the orientation.
         let flip = if normal[k] > 0.0 { 1.0 } else { -1.0 };
         let project = |p: &Point3<f64>| {
             let d = p - x;
@@ -79,6 +81,7 @@ impl Domain {
         s.faces.push(first);
         let towards = if side == 1 { normal } else { -normal };
         self.flood_patch(s, &towards, &project);
+        // A cavity that is no star has no weights: the face's own functions are linear and always there.
         s.weigh(kind) && s.finish(self, x) || {
             s.linear(v, &project, self);
             false
@@ -94,6 +97,7 @@ impl Domain {
         project: &dyn Fn(&Point3<f64>) -> Vector2<f64>,
     ) {
         let mut next = 0;
+        // Bounded: on a patch with all nodes on one circle the cavity would be the whole patch.
         while next < s.faces.len() && next < MAX_FACES {
             let Triangle { face, v, .. } = s.faces[next];
             next += 1;
@@ -112,6 +116,7 @@ impl Domain {
                     continue;
                 }
                 let corners = [q, p, apex].map(|v| project(&self.delaunay.points[v as usize]));
+                // The point is the origin of the projection, so its coordinates are exact zeros.
                 let o = robust::Coord { x: 0.0, y: 0.0 };
                 let [a, b, e] = corners.map(|c| robust::Coord { x: c.x, y: c.y });
                 if robust::incircle(a, b, e, o) > 0.0 {
@@ -174,10 +179,13 @@ impl Planar {
                 let right = right.map(|t| (t.face, t.centre));
                 let (a, b) = (self.local(a), self.local(b));
                 match right {
+                    // Two faces share the edge: the segment is added by the one with the smaller number
+                    // alone.
                     Some((neighbour, _)) if neighbour < face => {}
                     Some((_, right_centre)) => self.segment(a, b, &right_centre, &centre),
                     None => {
                         let (p, q) = (self.rel[a], self.rel[b]);
+                        // The edge is seen from behind: the cavity is not star-shaped about the point.
                         if cross(&p, &q) <= 0.0 {
                             return false;
                         }
@@ -189,6 +197,8 @@ impl Planar {
                 }
             }
         }
+        // The segment along the cell of the point closes each polygon, from the circle of one border edge to
+        // the next.
         for i in 0..count {
             let [start, end] = self.gates[i];
             self.add(i, &end, &start);
@@ -198,6 +208,7 @@ impl Planar {
             let n = &self.rel[i];
             self.weights.push(match kind {
                 Interpolant::Laplace => self.area[i],
+                // The integral of `|y − n|² − |y|²` over the stolen area, which is linear in `y`.
                 Interpolant::Sibson => n.norm_squared() * self.area[i] - 2.0 * n.dot(&self.moment[i]),
             });
         }
@@ -228,6 +239,7 @@ impl Planar {
             if w.is_nan() || *w < -1e-9 {
                 return false;
             }
+            // Within the limit a negative weight is round-off; linear precision is restored below.
             *w = w.max(0.0);
         }
         self.rel3.clear();

@@ -57,6 +57,7 @@ pub(super) fn residual(values: &[f64], rel: &[Vector3<f64>], size: f64) -> (f64,
 /// correction, or `None` if the row is not usable.
 pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Option<f64> {
     let (initial, mut r) = residual(values, rel, size);
+    // A large residual is no round-off: the cavity was wrong, and a correction would hide it.
     if r.iter().any(|x| x.is_nan()) || initial > LARGEST {
         return None;
     }
@@ -65,10 +66,13 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
     }
     for _ in 0..3 {
         let Some(moments) = Moments::new(values.iter().copied(), rel, size) else {
+            // Nodes in one plane to all digits have no moments across it; a row that is good enough needs
+            // none.
             return (initial <= 1e-12).then_some(initial);
         };
         let c = moments.solve(&r);
         for (w, p) in values.iter_mut().zip(rel) {
+            // A change in proportion to the weight: what is zero stays zero, and the signs stay.
             *w *= 1.0 + basis(p, size).dot(&c);
         }
         let remaining = residual(values, rel, size);
@@ -83,14 +87,15 @@ pub(super) fn values(values: &mut [f64], rel: &[Vector3<f64>], size: f64) -> Opt
 }
 
 /// Removes the residual of the gradients: `sum grad = 0`, `sum (n_i - x) (x) grad = I`. Returns false if the
-/// gradients are not usable. The change involves all neighbours: next to a plane, the nodes on it have all of
-/// the weight but no part in the slope across the plane.
+/// gradients are not usable.
 pub(super) fn gradients(
     values: &[f64],
     slopes: &mut [Vector3<f64>],
     rel: &[Vector3<f64>],
     size: f64,
 ) -> bool {
+    // The change involves all neighbours: next to a plane, the nodes on it have all of the weight but no part
+    // in the slope across the plane.
     let even = 1.0 / values.len() as f64;
     let Some(moments) = Moments::new(values.iter().map(|w| w + even), rel, size) else {
         return false;
@@ -114,6 +119,7 @@ pub(super) fn gradients(
                 }
             }
         }
+        // After the first pass a residual this large is no round-off. Later passes only remove what is left.
         if worst.is_nan() || (pass == 0 && worst > LARGEST) {
             return false;
         }
@@ -149,6 +155,7 @@ pub(super) fn planar(weights: &mut [f64], rel: &[Vector2<f64>], size: f64) -> bo
             .diagonal()
             .map(|d: f64| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let scaled = Matrix3::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
+        // A line of nodes has no moments across it: what is left is judged at the end.
         let Some(factor) = scaled.cholesky() else { break };
         let c = factor.solve(&r.component_mul(&scale)).component_mul(&scale);
         for (w, p) in weights.iter_mut().zip(rel) {

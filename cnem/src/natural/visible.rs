@@ -50,8 +50,7 @@ impl Domain {
         alone.counters.linear == 0
     }
 
-    /// Returns whether `x` sees a node: no wall on the border of the cavity is between them. For a node on a
-    /// crack the line of sight must also end on the lip of this copy.
+    /// Returns whether `x` sees a node: no wall on the border of the cavity is between them.
     fn sees(&self, x: &Point3<f64>, node: u32, s: &Scratch) -> bool {
         let p = &self.delaunay.points[node as usize];
         let hidden = s.cavity.walls().any(|face| {
@@ -64,12 +63,15 @@ impl Domain {
             }
             let [a, b, c] = face.map(|v| &self.delaunay.points[v as usize]);
             let sides = [orient3d(a, b, c, x), orient3d(a, b, c, p)];
+            // A wall in the plane of sight, or on one side of both ends, hides nothing.
             if sides.contains(&Ordering::Equal) || sides[0] == sides[1] {
                 return false;
             }
             let turns = [orient3d(x, p, a, b), orient3d(x, p, b, c), orient3d(x, p, c, a)];
+            // Not strict: a line through the edge between two walls is hidden by both.
             !(turns.contains(&Ordering::Greater) && turns.contains(&Ordering::Less))
         });
+        // For a node on a crack, the line of sight must also end on the lip of this copy.
         !hidden && (self.copies.unknowns_of(self.copies.original(node)).is_empty() || self.lip_faces(x, node))
     }
 
@@ -82,6 +84,7 @@ impl Domain {
             let tet = &self.delaunay.tets[t as usize];
             (0..4).filter(|&slot| tet.v[slot] != node).all(|slot| {
                 let [a, b, c] = tet.face(slot).map(|v| &self.delaunay.points[v as usize]);
+                // A point on the plane of a face belongs to both lips: sight along the crack is allowed.
                 orient3d(a, b, c, x) != Ordering::Greater
             })
         })

@@ -50,6 +50,7 @@ impl Weights {
         }
         let size = cavity
             .rel
+            // The farthest neighbour sets the scale to which residuals are relative.
             .iter()
             .map(Vector3::norm_squared)
             .fold(0.0, f64::max)
@@ -81,6 +82,7 @@ impl Weights {
                 (Interpolant::Sibson, _) => self.facet_moment(cavity, ridge, slopes),
             }
         }
+        // So far twice the area times the distance: halved, and divided by the distance twice.
         for (a, r) in self.alpha.iter_mut().zip(&cavity.rel) {
             *a *= 0.5 / r.norm_squared();
         }
@@ -96,17 +98,19 @@ impl Weights {
         let [p, q] = ridge.faces.map(|f| cavity.border[f as usize].centre);
         let cross = q.cross(&p);
         let [a, b] = ridge.ends.map(|v| v as usize);
+        // The segment runs the other way round for the second node, hence the sign.
         self.alpha[a] += cross.dot(&cavity.rel[a]);
         self.alpha[b] -= cross.dot(&cavity.rel[b]);
     }
 
-    /// Like `facet`, with the gradient of alpha. If the point moves by `dx`, the circumcentre of a face moves
-    /// along the face's dual line by `(g . dx) / det`.
+    /// Like `facet`, with the gradient of alpha.
     fn facet_gradient(&mut self, cavity: &Cavity, ridge: &Ridge) {
         self.facet(cavity, ridge);
         let [f, g] = ridge.faces.map(|f| &cavity.border[f as usize]);
         let [mf, mg] = [f, g].map(|b| normal(cavity, b));
         let [a, b] = ridge.ends.map(|v| v as usize);
+        // If the point moves by `dx`, the circumcentre of a face moves along the face's dual line by `(g .
+        // dx) / det`.
         for (v, sign) in [(a, 0.5), (b, -0.5)] {
             let r = &cavity.rel[v];
             let scale = sign / r.norm_squared();
@@ -123,6 +127,8 @@ impl Weights {
         let [a, b] = ridge.ends.map(|v| v as usize);
         for (v, start, end) in [(a, &q, &p), (b, &p, &q)] {
             let r = &cavity.rel[v];
+            // The midpoint lies in the plane of the facet, so the triangles do too, and their centroids add
+            // up.
             let m = r * 0.5;
             let area = (start - m).cross(&(end - m)).dot(r);
             self.alpha[v] += area;
@@ -161,6 +167,7 @@ impl Weights {
         let w = q - p;
         let [ra, rb, rc] = [a, b, c].map(|v| &cavity.rel[v]);
         for (i, j, ri, rj) in [(a, b, ra, rb), (b, c, rb, rc), (c, a, rc, ra)] {
+            // Twelve: a sixth for the pyramid, and half of the vector between the nodes as its height.
             let pyramid = (rj - ri).dot(&(p - ri).cross(&w)) / 12.0;
             self.volume[i] += pyramid;
             self.volume[j] += pyramid;
@@ -178,6 +185,7 @@ impl Weights {
         }
         let sum: Vector3<f64> = self.vector.iter().sum();
         for (v, value) in self.vector.iter().zip(&row.values) {
+            // The quotient rule for `w / Σw`.
             row.gradients.push((v - sum * *value) / total);
         }
     }

@@ -59,6 +59,7 @@ pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f6
     let det = dx * (by * cz - bz * cy) + dy * (bz * cx - bx * cz) + dz * (bx * cy - by * cx);
     let (mx, my, mz) = (max3(bx, cx, dx), max3(by, cy, dy), max3(bz, cz, dz));
     let bound = ORIENT_BOUND * mx * my * mz;
+    // Below `TINY` the bound itself could underflow to zero, and round-off would decide.
     if mx > TINY && my > TINY && mz > TINY {
         if det > bound {
             return Ordering::Greater;
@@ -73,6 +74,7 @@ pub fn orient3d(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f6
 #[cold]
 fn orient3d_exact(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>, d: &Point3<f64>) -> Ordering {
     let [p, q, r, s] = [a, b, c, d].map(|x| [x.x, x.y, x.z]);
+    // Integers first: nodes on grids have differences of few digits.
     let small = Differences::new([q, r, s], p).orientation();
     // `robust` has the opposite sign convention, here and for the sphere.
     small.unwrap_or_else(|| sign(-robust::orient3d(coord(a), coord(b), coord(c), coord(d))))
@@ -87,6 +89,7 @@ pub fn insphere(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
     let (bx, by, bz) = (b.x - q.x, b.y - q.y, b.z - q.z);
     let (cx, cy, cz) = (c.x - q.x, c.y - q.y, c.z - q.z);
     let (dx, dy, dz) = (d.x - q.x, d.y - q.y, d.z - q.z);
+    // Minors that several cofactors share are computed once.
     let (ab, bc) = (ax * by - bx * ay, bx * cy - cx * by);
     let (cd, da) = (cx * dy - dx * cy, dx * ay - ax * dy);
     let (ac, bd) = (ax * cy - cx * ay, bx * dy - dx * by);
@@ -112,6 +115,7 @@ pub fn insphere(t: [&Point3<f64>; 4], q: &Point3<f64>) -> Ordering {
         if -det > bound {
             return Ordering::Less;
         }
+        // The stages cost a tenth of expansions and decide nearly all that the filter leaves.
         if let Some(sign) = insphere_staged(t, q, scale) {
             return sign;
         }
@@ -145,6 +149,7 @@ pub fn insphere_perturbed(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]
 #[cold]
 fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
     let mut order = [0, 1, 2, 3, 4];
+    // The perturbation grows infinitely fast with the rank: the highest rank that counts decides alone.
     order.sort_unstable_by_key(|&i: &usize| std::cmp::Reverse(ranks[i]));
     for i in order {
         if i == 4 {
@@ -152,6 +157,7 @@ fn tie_break(t: [&Point3<f64>; 4], q: &Point3<f64>, ranks: [u64; 5]) -> bool {
             return false;
         }
         let mut s = t;
+        // The coefficient of the lift of corner `i` is the volume with `q` in the corner's place.
         s[i] = q;
         match orient3d(s[0], s[1], s[2], s[3]) {
             Ordering::Greater => return true,
@@ -167,6 +173,7 @@ pub fn collinear(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> bool {
     let flat = |f: fn(&Point3<f64>) -> robust::Coord<f64>| {
         sign(robust::orient2d(f(a), f(b), f(c))) == Ordering::Equal
     };
+    // Points in space are on a line if and only if all three projections are.
     flat(|p| robust::Coord { x: p.x, y: p.y })
         && flat(|p| robust::Coord { x: p.y, y: p.z })
         && flat(|p| robust::Coord { x: p.z, y: p.x })

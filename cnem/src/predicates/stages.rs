@@ -35,10 +35,10 @@ fn fast_two_sum(a: f64, b: f64) -> [f64; 2] {
     [x, b - (x - a)]
 }
 
-/// Veltkamp's split into halves of 26 bits. No fused multiply-add: without hardware support it is a library
-/// call.
+/// Veltkamp's split into halves of 26 bits.
 #[inline]
 fn split(a: f64) -> [f64; 2] {
+    // No fused multiply-add: without hardware support it is a library call.
     let c = 134_217_729.0 * a;
     let high = c - (c - a);
     [high, a - high]
@@ -129,6 +129,7 @@ impl<const N: usize> Differences<N> {
 /// numbers, whose unit could not be represented.
 fn digits(x: f64) -> Option<(i32, i32)> {
     let bits = x.to_bits();
+    // The exponent without the bias; the mantissa gets back the leading one that is not stored.
     let exponent = (bits >> 52 & 0x7ff) as i32 - 1023;
     let mantissa = bits & ((1 << 52) - 1) | 1 << 52;
     let low = exponent - 52 + mantissa.trailing_zeros() as i32;
@@ -149,6 +150,7 @@ impl Differences<3> {
     /// Returns the sign of `(b-a) × (c-a) · (d-a)` for the differences of `b`, `c`, `d` to `a`; `None` if
     /// they are no small integers.
     pub(super) fn orientation(&self) -> Option<Ordering> {
+        // A minor of differences of 20 bits fits into 64 bits, see `BITS`.
         self.integers().map(|rows| triple(rows).cmp(&0))
     }
 }
@@ -160,6 +162,7 @@ impl Differences<4> {
     pub(super) fn sphere(&self, scale: f64) -> Option<Ordering> {
         if let Some(rows) = self.integers() {
             let [a, b, c, d] = rows;
+            // Squares still fit into 64 bits; only their products with minors need 128.
             let square = |p: [i64; 3]| i128::from(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
             let minor = |p, q, r| i128::from(triple([p, q, r]));
             let det = square(c) * minor(d, a, b) - square(d) * minor(a, b, c)
@@ -171,6 +174,7 @@ impl Differences<4> {
         let minor = |p, q, r| triple([p, q, r]);
         let Double([det, _]) = square(c) * minor(d, a, b) - square(d) * minor(a, b, c)
             + (square(a) * minor(b, c, d) - square(b) * minor(c, d, a));
+        // Between the bounds the result could be round-off: the caller goes on to expansions.
         let bound = DOUBLE_BOUND * scale;
         (det > bound)
             .then_some(Ordering::Greater)

@@ -4,13 +4,7 @@
 //! `f_j = Σ_I (S_I b_Ij + Q_I c_Ij) + Σ_k K_jk u_k`, where `S_I = α_I [(V_I + W_I) σ(G_I) − σ(D_I)]`,
 //! `Q_I = −α_I σ(G_I)` and `K` is the stiffness of the tetrahedra with the weights `w_T Σ_I∈T α_I`. There are
 //! three passes: stresses of the cells, gathering at the nodes through the transposed rows, product with `K`.
-//! Each pass writes every value once, from the value's own list in a fixed order. Results have the same bits
-//! for any number of threads.
-//!
-//! Why not one matrix: cells connect nodes to the neighbours of their neighbours, tetrahedra to neighbours
-//! only, so the rows of a single matrix would be five times as long. Why not tetrahedra one by one: a node
-//! has 24 of them and would read the data of each, but has only 15 neighbours. Figures: decision 0032,
-//! `benches/forces.rs` of the workspace.
+//! Figures: decision 0032, `benches/forces.rs` of the workspace.
 
 use super::matrix::{CHUNK, SERIAL, tetrahedra_stiffness};
 use super::{Smoothing, SubCells};
@@ -62,6 +56,7 @@ impl Traction {
     }
 
     fn sum(&self) -> [f64; 3] {
+        // `middle` was loaded from entry 4, one before its column: its sums stand one lane further on.
         [0, 1, 2].map(|r: usize| self.outer[r] + self.middle[r + 1])
     }
 }
@@ -115,6 +110,7 @@ impl Rows {
             out.starts.push(out.columns.len());
             out.with_c.push(out.c.len() / 3);
         }
+        // Padding: four lanes are loaded from the last entry too.
         out.b.push(0.0);
         out.c.push(0.0);
         out
@@ -134,6 +130,7 @@ impl Rows {
     fn by_node(smoothing: &Smoothing, sub: &SubCells) -> Self {
         let cells = smoothing.volumes.len();
         let slots = Adjacency::of_slots(cells, &smoothing.nodes);
+        // Slots ascend with the cells: a search replaces a list as long as the entries.
         let cell_of = |slot: usize| smoothing.starts.partition_point(|s| *s <= slot) - 1;
         Self::new((0..cells).map(|node| {
             slots.row(node).iter().map(|&slot| {
@@ -197,6 +194,7 @@ fn gradients(row: &Row<'_>, q: &[[f64; 3]]) -> [[Lanes; 3]; 2] {
         let u = &q[node as usize];
         let b = lanes(row.b, 3 * k);
         (0..3).for_each(|r| add(&mut g[r], u[r], b));
+        // Entries with a `c` come first, so a count replaces a second list of columns.
         if k < with_c {
             let c = lanes(row.c, 3 * k);
             (0..3).for_each(|r| add(&mut d[r], u[r], c));
@@ -212,6 +210,7 @@ fn stress(g: &[Lanes; 3], [lambda, mu]: [f64; 2]) -> [[f64; 3]; 3] {
     let mut out = [[0.0; 3]; 3];
     for (c, out) in out.iter_mut().enumerate() {
         for (r, out) in out.iter_mut().enumerate() {
+            // Twice the symmetric part times `mu`: the strain itself is never formed.
             *out = mu * (g[r][c] + g[c][r]);
         }
         out[c] += trace;
@@ -324,6 +323,7 @@ impl NullaryFnOnce for Energies<'_> {
 
 /// Calls `work` for chunks of the items, on all threads if there are many items. Allocates nothing.
 fn in_chunks<T: Send>(items: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
+    // Waking threads costs more than a small body's forces.
     if items.len() < SERIAL {
         return work(0, items);
     }
@@ -347,6 +347,7 @@ impl MatrixFree {
             columns: Rows::by_node(smoothing, sub),
             volumes: volumes.collect(),
             lame: material.lame(),
+            // Allocated once: an evaluation writes every entry before it reads any.
             cells: vec![Stresses::default(); alpha.len()],
             alpha: Vec::new(),
             tets: None,
@@ -358,6 +359,9 @@ impl MatrixFree {
 
     /// Sets the weights \[–\] of the cells.
     pub(crate) fn set_weights(&mut self, sub: &SubCells, alpha: Vec<f64>) {
+        // Not in one matrix with the cells: these connect nodes to the neighbours of their neighbours,
+        // tetrahedra to neighbours only, so that its rows would be five times as long. Not one by one: a node
+        // has 24 tetrahedra and would read the data of each, but has only 15 neighbours.
         self.tets = (!sub.tets.is_empty()).then(|| tetrahedra_stiffness(sub, self.lame, &alpha));
         self.alpha = alpha;
     }
@@ -426,6 +430,7 @@ impl MatrixFree {
 
     /// Subtracts the internal forces \[N\] at displacements `q` from `f`. Allocates nothing.
     pub(crate) fn subtract_product(&mut self, q: &[f64], f: &mut [f64]) {
+        // All stresses before any force: a node gathers from the cells of its neighbours as well.
         self.stress(q);
         self.gather(q, f);
     }
@@ -449,6 +454,8 @@ impl MatrixFree {
 
     /// Subtracts the forces of the cell stresses and of the tetrahedra from `f`.
     fn gather(&self, q: &[f64], f: &mut [f64]) {
+        // Every value is written once, from its own list in a fixed order, so that results have the same bits
+        // for any number of threads.
         let arch = Arch::new();
         in_chunks(f.as_chunks_mut::<3>().0, |first, f| {
             arch.dispatch(Nodes {

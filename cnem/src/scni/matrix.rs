@@ -149,6 +149,7 @@ pub(super) fn tetrahedra_stiffness(sub: &SubCells, lame: [f64; 2], alpha: &[f64]
 
 fn block(p: &Matrix3<f64>, [lambda, mu]: [f64; 2]) -> [f64; 9] {
     let trace = mu * (p[(0, 0)] + p[(1, 1)] + p[(2, 2)]);
+    // One material: `λ` and `μ` multiply the sums over cells once per block.
     let mut out = [0.0; 9];
     for a in 0..3 {
         for b in 0..3 {

@@ -83,6 +83,7 @@ impl Smoothing {
             .into_par_iter()
             .map(|i| {
                 let mut row = Vec::new();
+                // Opposite area, same point and values: what one cell gains over the facet the other loses.
                 for &(owner, k) in &received[i] {
                     add(&mut row, &sampled[owner as usize][k as usize], -1.0);
                 }
@@ -159,6 +160,7 @@ fn sample(
     s: &mut Scratch,
 ) -> Result<Vec<Sampled>> {
     let facets = cells.facets(i).iter().zip(cells.tets(i));
+    // A facet between two cells is evaluated once, for both.
     let owned = facets.filter(|f| !matches!(f.0.side, Side::Node(j) if j < i));
     owned
         .map(|(facet, &tet)| {
@@ -183,6 +185,7 @@ fn sample(
 
 fn add(row: &mut Vec<(u32, Vector3<f64>)>, s: &Sampled, sign: f64) {
     for (&node, &value) in s.nodes.iter().zip(&s.values) {
+        // Zeros would only widen the rows.
         if value != 0.0 {
             row.push((node as u32, s.facet.area * (sign * value)));
         }

@@ -177,6 +177,7 @@ impl Work {
     /// Adds a neighbour to the list, once for all of its copies.
     fn add_near(&mut self, domain: &Domain, node: u32, v: u32) {
         let v = domain.copies.original(v);
+        // Copies have one position and one bisector: a second one would cut nothing.
         if v != domain.copies.original(node) && !self.near.iter().any(|n| n.1 == v) {
             let seed = &domain.delaunay.points[node as usize];
             let r = domain.delaunay.points[v as usize] - seed;
@@ -184,8 +185,7 @@ impl Work {
         }
     }
 
-    /// Sums the facets from circumcentres. Each tetrahedron face at the node has a dual segment, which bounds
-    /// the facets towards the two other vertices of the face.
+    /// Sums the facets from circumcentres.
     fn read_circumcentres(&mut self, domain: &Domain, node: u32) {
         let seed = domain.delaunay.points[node as usize];
         let centre = |t: u32| {
@@ -204,6 +204,8 @@ impl Work {
                 if tet > n >> 2 {
                     continue;
                 }
+                // Each tetrahedron face at the node has a dual segment, which bounds the facets towards the
+                // two other vertices of the face.
                 let (p, q) = (centre(tet), centre(n >> 2));
                 for (neighbour, start, end) in [
                     (face[(position + 1) % 3], &p, &q),
@@ -235,6 +237,7 @@ impl Work {
         self.near.clear();
         self.list_near(domain, node);
         self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        // Flat tetrahedra have no volume to clip; cells pass through them by `behind_flat`.
         self.queue.clear();
         self.queue
             .extend(self.star.iter().filter(|&&t| domain.inside[t as usize]));
@@ -244,6 +247,7 @@ impl Work {
             let tet = self.queue[next];
             next += 1;
             self.clip_one(domain, tet, &seed);
+            // The cell goes on wherever a piece still has a face inside the domain.
             for (tag, _) in self.piece.faces() {
                 if tag & KIND == FREE {
                     domain.behind_flat((tag & !KIND) as u32, &mut self.behind);
@@ -290,6 +294,7 @@ impl Work {
             };
             let weight = face.area.norm();
             self.add(Piece {
+                // Summed with its area as the weight; the centroid follows at the end.
                 tag,
                 face: between,
                 area: face.area,
@@ -302,6 +307,7 @@ impl Work {
         if !piece.is_empty() {
             let volume = piece.volume();
             self.volume += volume;
+            // Volumes by tetrahedron show later which parts of the domain no cell covers.
             self.parts.push((tet, volume));
             if let Some(keep) = &mut self.keep {
                 keep.push(piece.clone());
@@ -329,6 +335,7 @@ impl Work {
         for (square, v, r) in &self.near {
             // Neighbours are sorted by distance. Beyond twice the farthest corner no bisector meets the
             // piece.
+            // The piece shrinks as it is cut, and with it the distance from which neighbours still count.
             if *square > 4.0 * reach {
                 break;
             }
@@ -350,6 +357,7 @@ impl Work {
         self.pieces.sort_unstable_by_key(|p| (p.tag, p.face));
         let size = self.pieces.iter().map(|p| p.weight).fold(0.0, f64::max);
         for p in &self.pieces {
+            // Relative to the largest facet: a facet of round-off size has no reliable normal.
             if p.weight > TINY_FACET * size {
                 let id = (p.tag & !(KIND | LIP)) as usize;
                 let side = if p.tag & KIND == NODE {

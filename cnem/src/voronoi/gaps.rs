@@ -67,16 +67,21 @@ impl Regions {
                 }
             })
             .collect();
+        // There are no gaps where the smallest spheres around the constrained faces are empty, as in blocks
+        // and cracks whose nodes on the faces are as dense as inside. A V-notch has some if nodes are closer
+        // to its flanks than the nodes on the flanks are to each other. A comparison of volumes finds them.
         let mut filled = vec![0.0; domain.delaunay.tets.len()];
         for &(tet, v) in extents.iter().flat_map(|e| &e.parts) {
             filled[tet as usize] += v;
         }
         let mut out = Self::default();
         for (tet, t) in domain.delaunay.tets.iter().enumerate() {
+            // Flat tetrahedra have no volume to cover.
             if !domain.inside[tet] {
                 continue;
             }
             let full = volume(domain.delaunay.corners(t));
+            // Too little is a gap, too much is covered twice: both are divided again.
             if (filled[tet] - full).abs() > full * UNCOVERED {
                 out.of_tet.insert(tet as u32, u32::MAX);
                 out.gaps.volume += (full - filled[tet]).abs();
@@ -108,9 +113,11 @@ impl Regions {
                 next += 1;
                 for slot in 0..4 {
                     let neighbour = domain.delaunay.tets[tet as usize].n[slot] >> 2;
+                    // Walls bound regions: what lies behind has its own nodes.
                     if domain.walls[tet as usize] >> slot & 1 == 1 {
                         continue;
                     }
+                    // Flat tetrahedra connect, but belong to no region themselves.
                     domain.behind_flat(neighbour, &mut behind);
                     for &neighbour in &behind {
                         if self.of_tet.get(&neighbour) == Some(&u32::MAX) {
@@ -129,8 +136,7 @@ impl Regions {
     }
 
     /// Gives each region its nodes: those whose cells reach the region or border on it, and the corners of
-    /// its tetrahedra. Nodes of bordering cells are needed: without them the strip inside the region that is
-    /// closest to them would go to other nodes, and the facets on the border would not match.
+    /// its tetrahedra.
     fn share(&mut self, domain: &Domain, extents: &[Extent]) {
         for (node, extent) in extents.iter().enumerate() {
             let tets = extent
@@ -138,6 +144,8 @@ impl Regions {
                 .iter()
                 .map(|p| p.0)
                 .chain(extent.beside.iter().copied());
+            // Without the nodes of bordering cells, the strip inside the region that is closest to them would
+            // go to other nodes, and the facets on the border would not match.
             for tet in tets {
                 if let Some(&r) = self.of_tet.get(&tet) {
                     self.regions[r as usize].nodes.push(node as u32);
@@ -153,6 +161,7 @@ impl Regions {
                 let original = domain.copies.original(region.nodes[i]);
                 region.nodes.extend(domain.copies.unknowns_of(original));
             }
+            // Sorted lists: regions and cells have the same bits in every run.
             region.nodes.sort_unstable();
             region.nodes.dedup();
             for &v in &region.nodes {

@@ -7,12 +7,9 @@
 //! then continue over the free faces of the remaining piece.
 //!
 //! A part of the domain whose closest node is behind a constrained face belongs to no cell by this rule.
-//! There is no such part where the smallest spheres around the constrained faces are empty. A comparison of
-//! volumes detects the gap. Connected regions of tetrahedra with gaps are divided again among the nodes whose
-//! cells reach the region: each point goes to the closest of these nodes. Facets still match on both sides,
-//! so that the cells fill the domain and close. [`Gaps`] counts what was reassigned. The blocks and cracks of
-//! the tests, whose nodes on the faces are as dense as inside, have no gaps; a V-notch has some if nodes are
-//! closer to its flanks than the nodes on the flanks are to each other.
+//! Connected regions of tetrahedra with such gaps are divided again among the nodes whose cells reach the
+//! region: each point goes to the closest of these nodes. Facets still match on both sides, so that the cells
+//! fill the domain and close. [`Gaps`] counts what was reassigned.
 
 mod cell;
 mod gaps;
@@ -158,6 +155,8 @@ impl Domain {
     /// facets of a cell do not close, `TooManyNeighbours` if a body with many nodes on its surface has hardly
     /// any inside.
     pub fn voronoi(&self) -> Result<Voronoi> {
+        // Before the cells: their cost grows with the number of neighbours, and a refusal must not take
+        // minutes.
         self.check_neighbours()?;
         let boxes = self
             .mesh
@@ -232,6 +231,7 @@ impl Domain {
         }
         let open: Vector3<f64> = body.faces().map(|f| f.1.area).sum();
         let closed = open.norm() <= CONVEX * volume.cbrt().powi(2);
+        // Same volume and a closed surface: the half spaces bound the cell itself.
         if closed && (body.volume() - volume).abs() <= CONVEX * volume {
             return vec![to_core(body)];
         }

@@ -37,6 +37,7 @@ impl Isa {
     pub(crate) fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
+            // Widest first: 256-bit vectors took 41 to 86 % longer (decision 0009).
             if let Some(s) = pulp::x86::V4::try_new() {
                 return Self::V4(s);
             }
@@ -111,15 +112,14 @@ pub(crate) trait Cut: Sized + Send {
 }
 
 /// Does work in parts of [`CHUNK`] blocks, on one thread or on all threads.
-///
-/// The parts are the same in both cases, so that sums over them have the same bits. They are whole blocks, so
-/// that no two threads write the unknowns of one particle.
 pub(crate) fn in_parts<P: Cut>(job: P, parallel: bool, work: &(impl Fn(P) + Sync)) {
     let blocks = job.blocks();
     if blocks <= CHUNK {
         return work(job);
     }
-    // Cuts at a multiple of CHUNK near the middle: the parts do not depend on the number of threads.
+    // Cuts at a multiple of CHUNK near the middle. The parts are the same on one thread and on many, so that
+    // sums over them have the same bits. They are whole blocks, so that no two threads write the unknowns of
+    // one particle.
     let (a, b) = job.cut(blocks.div_ceil(CHUNK) / 2 * CHUNK);
     if parallel {
         rayon::join(|| in_parts(a, true, work), || in_parts(b, true, work));
@@ -134,6 +134,7 @@ pub(crate) const PER_BLOCK: usize = 3 * LANES;
 
 /// Splits an array of unknowns after the first `blocks` blocks.
 pub(crate) fn cut_unknowns(x: &mut [f64], blocks: usize) -> (&mut [f64], &mut [f64]) {
+    // The last block may be short: unknowns end with the particles, blocks are counted in full.
     let split = x.len().min(PER_BLOCK * blocks);
     x.split_at_mut(split)
 }
@@ -288,6 +289,8 @@ fn fetch<L: Lanes, W: Law>(
     slot: &Slot,
     ready: &W::Ready<L>,
 ) -> W::Near<L> {
+    // Neighbours are scattered, and the processor cannot foresee their rows; in the near cache they need no
+    // help.
     if far && s + AHEAD < layout.neighbours.len() {
         for &p in &layout.neighbours[s + AHEAD] {
             l.prefetch(rows.as_ptr().wrapping_add(p as usize));
@@ -316,6 +319,7 @@ fn gather<L: Lanes, W: Law, K: Visitor<L, W>>(
     block: usize,
     visitor: &mut K,
 ) -> [L::V; 6] {
+    // Eight rows at once, turned into vectors in registers: faster than gather instructions.
     let block_rows = &rows[block * LANES..(block + 1) * LANES];
     let columns = l.transpose(eight!(r => block_rows[r].0));
     let ready = W::ready(l, &columns);

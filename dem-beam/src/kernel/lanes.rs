@@ -80,6 +80,7 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     /// Interleaves three vectors to `x0 y0 z0 x1 y1 ...`.
     #[inline(always)]
     fn interleave(self, v: Vec3<Self>) -> [Self::V; 3] {
+        // Through memory, for lanes without a permutation of two registers.
         let [x, y, z] = [self.store(v[0]), self.store(v[1]), self.store(v[2])];
         [
             self.load(&[x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2]]),
@@ -223,6 +224,7 @@ pub(crate) fn add_interleaved<L: Lanes>(l: L, v: Vec3<L>, target: &mut [f64]) {
         *target = l.store(l.add(l.load(target), part));
     }
     if !last.is_empty() {
+        // The tail of a short last block lies in the vector after the whole ones.
         let tail = l.store(parts[done.min(2)]);
         last.iter_mut().zip(tail).for_each(|(target, x)| *target += x);
     }

@@ -50,6 +50,7 @@ fn turn512(s: V4, r: [__m512d; 8]) -> [__m512d; 8] {
         f._mm512_unpackhi_pd(r[4], r[5]),
         f._mm512_unpackhi_pd(r[6], r[7]),
     ];
+    // Pairs first, then quarters, then halves: 24 shuffles for 64 numbers.
     let (e, o) = (blocks(s, lo), blocks(s, hi));
     [e[0], o[0], e[1], o[1], e[2], o[2], e[3], o[3]]
 }
@@ -90,6 +91,8 @@ impl Lanes for Wide512 {
         sqrt(s, a) => s.0.avx512f._mm512_sqrt_pd(a);
         madd(s, a, b, c) => s.0.avx512f._mm512_fmadd_pd(a, b, c);
         nmadd(s, a, b, c) => s.0.avx512f._mm512_fnmadd_pd(a, b, c);
+        // The order of the arguments matters: the instruction returns the second one where the first is not a
+        // number.
         max(s, a, b) => s.0.avx512f._mm512_max_pd(a, b);
     }
     #[inline(always)]

@@ -107,6 +107,7 @@ impl<L: Lanes> Rigidity<L> {
             };
         }
         let g = grid.step();
+        // Rigidities in units of the grid: the kernel then works on the stored integers without scaling them.
         let e = grid.per_volume();
         let square = e * g * g;
         Self {
@@ -116,6 +117,7 @@ impl<L: Lanes> Rigidity<L> {
             side: s!(12.0 * k.bending * e),
             lever: s!(6.0 * k.bending * e * g),
             bending: s!(k.bending * square),
+            // Torsion less bending: the axial part of the bending term is taken back where torsion is added.
             along: s!((k.torsion - k.bending) * square),
             step: s!(g),
             half_step: s!(0.5 * g),
@@ -185,9 +187,11 @@ impl Law for Linear {
         let s = l.load_f32(&slot.stiffness);
         // Empty lanes have a span of zero: at least one step keeps `1/q` finite, and their stiffness is zero.
         let q = l.max(dot(l, d, d), k.one);
+        // The only division of the law: `1/l²` in the axial coefficient.
         let stiff = l.mul(l.nmadd(k.side, l.recip(q), k.axial), s);
         let lever = l.mul(k.lever, s);
         let (rotation_sum, rotation_difference) = (sum(l, ti, tj), diff(l, tj, ti));
+        // The mean of the two rotations times the span in metres.
         let shear = axpy(l, cross(l, d, rotation_sum), k.half_step, du);
         let f = axpy(l, shear, l.mul(k.side, s), [acc[0], acc[1], acc[2]]);
         let f = axpy(l, d, l.mul(stiff, dot(l, d, du)), f);
@@ -212,6 +216,8 @@ impl Law for Linear {
         let (stretch, twist) = (dot(l, d, du), dot(l, d, rotation_difference));
         // End rotations against the chord: a.a + a.b + b.b = 3/4 |a + b|^2 + 1/4 |a - b|^2.
         let chord = l.mul(l.mul(k.two, k.per_step), l.recip(q));
+        // Strains of every bond and not forces times displacements, which would lose the digits of rotations
+        // common to all.
         let y = minus(l, cross(l, d, du), chord, rotation_sum);
         let along = dot(l, d, rotation_sum);
         let sums = l.nmadd(along, along, l.mul(q, dot(l, y, y)));
@@ -311,6 +317,7 @@ impl Law for Finite {
         let sum = l.add(length, rest_length);
         // One division for both 1/l and 1/(l + l0).
         let inverse_product = l.recip(l.mul(length, sum));
+        // `1/l = (l + l0)/(l (l + l0))`, and the stretch is the gain over `l + l0`.
         let shrink = l.mul(inverse_product, sum);
         FiniteNear {
             n: scale(l, d, shrink),
@@ -412,6 +419,7 @@ pub(super) fn turned_axes<L: Lanes>(
         dot(l, particles.turn[1], n0),
         dot(l, particles.turn[2], n0),
     ];
+    // No matrix for the neighbour: it would serve one bond only.
     let tj = turned(l, two, sj, qj, n0);
     // r = vec(q_j q_i*) = s_i q_j - s_j q_i + q_i x q_j.
     let r = axpy(l, qj, particles.s, cross(l, qi, qj));

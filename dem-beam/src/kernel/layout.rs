@@ -1,8 +1,6 @@
 //! Bonds in blocks: eight particles side by side, with one slot of eight half-bonds after the other.
 //!
-//! Every bond is stored twice, once with each of its ends, so that a particle gathers all its forces itself.
-//! Nothing is scattered, no two threads write to the same place, and sums have the same order for any number
-//! of threads.
+//! Every bond is stored twice, once with each of its ends.
 
 use super::lanes::{CacheLine, LANES};
 use super::span::{Grid, Slot};
@@ -45,10 +43,9 @@ pub(crate) fn work(bonds: &[usize]) -> usize {
 
 impl Layout {
     /// Lays out the bonds of the first `particles` particles of a body, with lengths at rest if `lengths`.
-    ///
-    /// Each row of the body's adjacency is sorted by the other end, so the sum over a particle's bonds does
-    /// not depend on how the caller numbered the bonds.
     pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
+        // Each row is sorted by the other end, so that the sum over a particle's bonds does not depend on how
+        // the caller numbered the bonds.
         let adjacency = body.adjacency();
         let blocks = particles.div_ceil(LANES);
         let mut out = Self {
@@ -66,7 +63,9 @@ impl Layout {
             slots += most.unwrap_or(0);
             out.start.push(slots as u32);
         }
-        // Allocates the exact size: these are the largest arrays of a body.
+        // Twice the bonds, so that a particle gathers all its forces itself: nothing is scattered, no two
+        // threads write to the same place, and sums have the same order for any number of threads. Allocates
+        // the exact size, as these are the largest arrays of a body.
         out.slots = vec![Slot::default(); slots];
         out.neighbours = vec![[0; LANES]; slots];
         out.rests = vec![CacheLine::default(); if lengths { slots } else { 0 }];
@@ -104,9 +103,12 @@ impl Layout {
     ) {
         let first = block * LANES;
         let (first_slot, end_slot) = (self.start[block] as usize, self.start[block + 1] as usize);
+        // Empty lanes first: bonds that broke leave lanes behind.
         self.slots[first_slot..end_slot].fill(Slot::default());
+        // The particle itself is always a valid row to load.
         self.neighbours[first_slot..end_slot].fill(std::array::from_fn(|k| (first + k) as u32));
         if self.lengths {
+            // Not zero: a length at rest divides.
             self.rests[first_slot..end_slot].fill(CacheLine([self.grid.step(); LANES]));
         }
         for i in self.lanes(block) {
@@ -114,6 +116,7 @@ impl Layout {
             let whole_bonds = adjacency.row(i).iter().filter(|[_, b]| whole(*b as usize));
             for (s, &[neighbour, b]) in whole_bonds.enumerate() {
                 let bond = body.bond(b as usize);
+                // Each end sees the span from itself, and both get the same digits with opposite signs.
                 let is_first_end = body.pairs()[b as usize][0] as usize == i;
                 let bond = if is_first_end { bond } else { bond.reversed() };
                 self.slots[first_slot + s].set(i - first, &bond, &self.grid);

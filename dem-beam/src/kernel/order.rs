@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-/// Morton key of a point in a box, with 21 bits per axis. All axes have the same scale, so that the cells of
-/// the curve are cubes.
+/// Morton key of a point in a box, with 21 bits per axis.
 pub(crate) fn morton_key(x: &Vector3<f64>, low: &Vector3<f64>, high: &Vector3<f64>) -> u64 {
+    // All axes have the same scale, so that the cells of the curve are cubes.
     let extent = (high - low).max().max(f64::MIN_POSITIVE);
     // Puts two zero bits between neighbouring bits of the integer, so that three axes fit into one key.
     let spread = |v: f64| {
@@ -25,8 +25,7 @@ const WINDOW: usize = 256;
 
 /// Returns the order of particles for the block kernel: entry k is the particle at place k.
 ///
-/// The order follows a Morton curve. Inside short windows it follows the number of bonds, so that the eight
-/// particles of a block have about equally many bonds and few lanes stay empty.
+/// The order follows a Morton curve, and inside short windows the number of bonds.
 #[must_use]
 pub fn block_order(positions: &[Vector3<f64>], pairs: &[[u32; 2]]) -> Vec<u32> {
     let low = positions
@@ -42,6 +41,8 @@ pub fn block_order(positions: &[Vector3<f64>], pairs: &[[u32; 2]]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     order.sort_by_cached_key(|&i| morton_key(&positions[i as usize], &low, &high));
     for window in order.chunks_mut(WINDOW) {
+        // The eight particles of a block then have about equally many bonds, and few lanes stay empty. The
+        // sort is stable: particles with equally many bonds keep the order of the curve.
         window.sort_by_key(|&i| degree[i as usize]);
     }
     order

@@ -31,7 +31,7 @@ const MARGIN: f64 = 1e-3;
 /// Limit of [`Screen::turn`], in place of infinity: products with it stay finite.
 const NEVER: f64 = 1e60;
 
-/// Lowest strength, as a strain, of which round-off in the kernel stays below a thousandth.
+/// Lowest strength, as a strain; round-off in the kernel stays below a thousandth of it.
 const LEAST_STRAIN: f64 = 1e-8;
 
 /// Limits against which half-bonds are checked.
@@ -50,10 +50,6 @@ pub(crate) struct Screen {
 impl Screen {
     /// Makes a screen from the `strengths` of all bonds \[Pa or J/m²\] and the smallest and largest of their
     /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
-    ///
-    /// In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
-    /// th)^2`, which must stay a thousandth below the square of the strength. Blocks with larger rotations
-    /// are marked without a check.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,
@@ -68,6 +64,9 @@ impl Screen {
             Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
         };
+        // In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
+        // th)^2`, which must stay a thousandth below the square of the strength. At this rotation it is a
+        // millionth of that square. Blocks with larger rotations are marked without a check.
         let turn = 1e3 * stress * shortest / (section.young * section.radius);
         (stress > LEAST_STRAIN * section.young).then(|| Self {
             criterion,
@@ -88,6 +87,7 @@ impl Screen {
     /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
         if let Some(row) = self.ratios.as_mut().and_then(|e| e.get_mut(slot)) {
+            // No strength is below the lowest, so ratios are at most one.
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
@@ -155,6 +155,7 @@ impl<L: Lanes> Test<L> {
             return l.add(l.nmadd(room, self.size(l, room), b), l.sub(clamped, remainder));
         }
         let room = l.sub(l.sub(self.one, t), n);
+        // `room |room|` keeps the sign of a negative room, which marks the lane.
         l.nmadd(room, self.size(l, room), b)
     }
 
@@ -224,7 +225,9 @@ impl Screened for Linear {
             let held = l.madd(t.difference, across(l, q, b, twist), held);
             return l.sub(t.scaled(l, held, ratio), l.sqrt(q));
         }
+        // `2 a + b`, half of the moment `m`; the factor two is in `t.bend`.
         let half = minus(l, c, t.three, sum(l, ti, rotation_sum));
+        // Squares are compared: no root per bond.
         let square = squared(l, ratio);
         let bend = t.scaled(
             l,
@@ -302,10 +305,11 @@ fn across<L: Lanes>(l: L, q: L::V, x: Vec3<L>, px: L::V) -> L::V {
     l.nmadd(px, px, l.mul(q, dot(l, x, x)))
 }
 
-/// Square of an optional ratio. Not `map`: closures are compiled without the instructions of the caller.
+/// Square of an optional ratio.
 #[allow(clippy::manual_map, reason = "a closure would not be compiled for the lanes")]
 #[inline(always)]
 fn squared<L: Lanes>(l: L, ratio: Option<L::V>) -> Option<L::V> {
+    // Not `map`: closures are compiled without the instructions of the caller.
     match ratio {
         Some(s) => Some(l.mul(s, s)),
         None => None,

@@ -4,11 +4,7 @@
 //! span `d` between the centres and `s = w/l³`, `w` the weight. Every coefficient of both laws is `s` times a
 //! polynomial in `d`, except for one division.
 //!
-//! The span is stored as three integers: [`Grid::snap`] moves the centres to a grid so fine that results do
-//! not change noticeably (by at most 5e-10 of the longest bond) and so coarse that differences of centres fit
-//! into 32 bits. These differences are exact, so a rigid motion causes no strain and moments balance to
-//! round-off. Stiffnesses are rounded to 24 bits before anything is computed from them: matrix, energy and
-//! forces belong to one law.
+//! The span is stored as three integers, in steps of a grid to which [`Grid::snap`] moves the centres.
 
 use super::lanes::LANES;
 use crate::bond::LinearBond;
@@ -28,6 +24,7 @@ impl Grid {
     /// Returns the grid for bonds whose components are at most `longest` \[m\].
     pub(crate) fn for_bonds(longest: f64) -> Self {
         // The next power of two: dividing by it is exact. A length that is not positive belongs to no bond.
+        // Clamped, so that the cube of the unit neither overflows nor vanishes.
         let exponent = longest.log2().ceil().clamp(-300.0, 300.0);
         let unit = if longest > 0.0 { exponent.exp2() } else { 1.0 };
         Self { unit }
@@ -45,11 +42,16 @@ impl Grid {
 
     /// Returns the grid point nearest to `x` \[m\].
     pub(crate) fn snap(&self, x: &Vector3<f64>) -> Vector3<f64> {
+        // The grid is so fine that results do not change noticeably (by at most 5e-10 of the longest bond),
+        // and so coarse that differences of centres fit into 32 bits. These are exact, so a rigid motion
+        // causes no strain and moments balance to round-off. The step is a power of two: only the rounding to
+        // an integer changes anything.
         x.map(|c| (c / self.step()).round() * self.step())
     }
 
     /// `w/l³` of a bond in units of the grid, rounded to single precision.
     fn stiffness(&self, bond: &LinearBond) -> f32 {
+        // `scale = w l`: times `(1/l²)²` this is `w/l³`.
         let q = bond.axis.norm_squared() * self.unit * self.unit;
         (bond.scale / self.unit * q * q) as f32
     }
@@ -57,6 +59,8 @@ impl Grid {
     /// Returns the bond with its stiffness rounded as the kernel stores it.
     pub(crate) fn rounded(&self, bond: &LinearBond) -> LinearBond {
         let q = bond.axis.norm_squared() * self.unit * self.unit;
+        // Rounded before anything is computed from it, and back through the same operations: tests and
+        // matrices use the stored number, so that matrix, energy and forces belong to one law.
         LinearBond {
             scale: f64::from(self.stiffness(bond)) / (q * q) * self.unit,
             ..*bond
@@ -80,6 +84,7 @@ impl Slot {
     pub(crate) fn set(&mut self, lane: usize, bond: &LinearBond, grid: &Grid) {
         let d = bond.span() / grid.step();
         for (row, d) in self.span.iter_mut().zip(d.iter()) {
+            // An integer already, up to round-off of the axis and its inverse.
             row[lane] = d.round() as i32;
         }
         self.stiffness[lane] = grid.stiffness(bond);

@@ -4,9 +4,6 @@
 //! ```text
 //! v' = v + h a   q += dt v'   rows(q)   |   f(rows)   a' = w f   v = v' + h a'
 //! ```
-//!
-//! The half-step velocity `v'` is computed twice instead of stored. Products and sums are rounded one by one
-//! as in the core, so the bits are the same.
 
 use super::engine::{Cut, Finish, OnLanes, PER_BLOCK, With, cut_unknowns, prefetch_lines};
 use super::lanes::{CacheLine, Job, LANES, Lanes, sum};
@@ -45,7 +42,8 @@ impl<L: Lanes> Job for With<L, Drift<'_>> {
         let (vs, v) = v.as_chunks::<LANES>();
         let (accelerations, a) = a.as_chunks::<LANES>();
         for (q, (v, a)) in qs.iter_mut().zip(vs.iter().zip(accelerations)) {
-            // `mul` and `add` and no fused multiply-add: it would round once where the core rounds twice.
+            // The half-step velocity is computed twice instead of stored. `mul` and `add` and no fused
+            // multiply-add: it would round once where the core rounds twice.
             let v = l.add(l.load(v), l.mul(half, l.load(a)));
             *q = l.store(l.add(l.load(q), l.mul(wide, v)));
         }
@@ -78,6 +76,7 @@ impl Cut for Moving<'_> {
         let first = Moving {
             rows,
             reached,
+            // Chunks of whole blocks: a particle's unknowns and its row belong to one task.
             q: [q, th],
             v: self.v.map(|v| &v[..split]),
             a: self.a.map(|a| &a[..split]),
@@ -157,6 +156,7 @@ impl Finish for Accelerate<'_> {
 
     #[inline(always)]
     fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]) {
+        // The last block may be short.
         let range = PER_BLOCK * b..self.v[0].len().min(PER_BLOCK * (b + 1));
         let linear = l.interleave([f[0], f[1], f[2]]);
         let angular = l.interleave([f[3], f[4], f[5]]);
@@ -189,11 +189,13 @@ impl Accelerate<'_> {
         let mut work = l.splat(0.0);
         for i in 0..whole {
             let old = l.load(&accelerations[i]);
+            // The same operations as in the first pass, so the same bits.
             let kicked = l.add(l.load(&vs[i]), l.mul(half, old));
             let new = l.mul(f[i], l.load(&ws[i]));
             if let Some(m) = m.0.get(i) {
                 // v' (½ m v' + ¼ dt (f' - m a))
                 let m = l.load(m);
+                // `m a` is the force before: the old forces are not stored.
                 let pull = l.mul(l.splat(0.25 * dt), l.nmadd(m, old, f[i]));
                 work = l.madd(kicked, l.madd(l.mul(l.splat(0.5), m), kicked, pull), work);
             }
@@ -201,6 +203,7 @@ impl Accelerate<'_> {
             vs[i] = l.store(l.add(kicked, l.mul(half, new)));
         }
         if !v.is_empty() {
+            // Particles behind the last whole vector, with the rounding of the vector code.
             let f = l.store(f[whole.min(2)]);
             for (i, (((v, a), w), f)) in v.iter_mut().zip(a).zip(w).zip(f).enumerate() {
                 let kicked = *v + h * *a;
@@ -212,6 +215,7 @@ impl Accelerate<'_> {
             }
         }
         if self.m.is_some() {
+            // One sum per call, in a fixed order of lanes.
             self.sum += l.store(work).iter().sum::<f64>();
         }
     }

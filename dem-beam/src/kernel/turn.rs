@@ -1,8 +1,7 @@
 //! Advances orientations, eight particles at a time.
 //!
 //! The row of a particle keeps the unit quaternion `q` of its last state. The spin added up since then, `d =
-//! th - reached`, rotates it: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`. Spins of spheres are constant between
-//! two kicks, so this is the exact motion, and the scheme is the variational one.
+//! th - reached`, rotates it: `q <- (cos |d|/2, sin |d|/2 d/|d|) q`.
 
 use super::engine::OnLanes;
 use super::lanes::{CacheLine, Job, LANES, Lanes, Vec3, cross, dot, eight, scale};
@@ -38,6 +37,7 @@ fn half_angle(x: f64) -> (f64, f64) {
         let series = |k: &[f64; 6]| k[0] + y * (k[1] + y * (k[2] + y * (k[3] + y * (k[4] + y * k[5]))));
         return (series(&COS), series(&SIN));
     }
+    // More than half a radian in one step is rare: speed does not matter here.
     let a = x.sqrt();
     let (s, c) = (0.5 * a).sin_cos();
     (c, s / a)
@@ -46,6 +46,8 @@ fn half_angle(x: f64) -> (f64, f64) {
 /// Rotates the unit quaternion `q` (scalar first) by the rotation vector `d`.
 #[inline(always)]
 pub(crate) fn turned(q: [f64; 4], d: [f64; 3]) -> [f64; 4] {
+    // Spins of spheres are constant between two kicks. So this is the exact motion, and the scheme is the
+    // variational one.
     let (c, s) = half_angle(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     let [x, y, z] = [s * d[0], s * d[1], s * d[2]];
     let p = [

@@ -70,6 +70,7 @@ impl<L: Lanes> Energy<L> {
     /// Energy \[J\] of the visited bonds: half the sum, because each bond is visited from both ends.
     #[inline(always)]
     pub(crate) fn total(&self) -> f64 {
+        // Lanes are added at the end: in the loop each lane has a sum of its own.
         0.5 * self.l.store(self.sum).iter().sum::<f64>()
     }
 }

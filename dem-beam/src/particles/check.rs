@@ -71,6 +71,7 @@ pub(super) fn make_bond(
     let d: [f64; 3] = (positions[second] - positions[first]).into();
     let d = Vector3::from(period.map_or(d, |p| image(d, &p)));
     let length = d.norm();
+    // Relative to the radii: the limit must not depend on the unit of length.
     let limit = COINCIDENT * (radii[first] + radii[second]);
     if first == second {
         return Err(Error::ZeroLengthBond {

@@ -48,6 +48,7 @@ pub fn ball<T: Real>(kind: ElementKind, centre: Point3<T>, radius: T, size: T) -
     let nodes: Vec<Point3<T>> = nodes.iter().map(|x| Point3::from(x.map(T::of))).collect();
     let unit = Mesh::new(ElementKind::Hex8, nodes, connectivity)?;
     let wanted = T::of(4.0 / 3.0 * PI) * radius * radius * radius;
+    // Scaled once the mesh is known: the volume of the faceted ball is then exact.
     let scale = (wanted / unit.volume()).cbrt();
     let mesh = unit.mapped(|x| centre + x.coords * scale)?;
     // Takes in the outermost shell only.
@@ -67,6 +68,7 @@ fn cube_in_shells(side: usize, rings: usize) -> (Vec<Vector3<f64>>, Vec<u32>) {
     for corner in lattice {
         let p = Vector3::from(corner.map(station));
         let reach = p.amax();
+        // The middle of the cube has no direction.
         let bulged = if reach > 0.0 {
             direction(p / reach) * reach
         } else {
@@ -102,6 +104,7 @@ fn cube_in_shells(side: usize, rings: usize) -> (Vec<Vector3<f64>>, Vec<u32>) {
         let mut outer = BTreeMap::new();
         for corner in &border {
             let start = nodes[places[corner] as usize];
+            // Shells run from the bulged cube to the sphere, straight along their rays.
             let end = direction(Vector3::from(corner.map(station)));
             outer.insert(*corner, nodes.len() as u32);
             nodes.push(start + (end - start) * t);

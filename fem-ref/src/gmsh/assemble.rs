@@ -37,6 +37,7 @@ pub(super) fn mesh<T: Real>(file: &Contents) -> Result<Mesh<T>> {
         ));
     }
     mesh.set_notices(notices);
+    // Last: the numbers of a file jump, and with them memory accesses.
     Ok(mesh.renumbered())
 }
 
@@ -53,10 +54,10 @@ struct Filling {
 }
 
 impl Filling {
-    /// Collects the elements. A second listing on the same entity is a repetition and left out; on another
-    /// entity it means that two volumes lie at one place, perhaps of two materials, which is an error.
+    /// Collects the elements.
     fn collect(file: &Contents, kind: ElementKind) -> Result<Self> {
         let mut out = Self::default();
+        // By the set of nodes: the order of corners differs between listings.
         let mut known: HashMap<NodeSet, (i32, u64)> = HashMap::new();
         for block in domain(file, kind) {
             let number = (kind != ElementKind::Bar2).then(|| out.volume(file, block));
@@ -67,6 +68,8 @@ impl Filling {
                         out.connectivity.extend(corners);
                         out.regions.extend(number);
                     }
+                    // A second listing on the same entity is a repetition and left out. On another entity it
+                    // means that two volumes lie at one place, perhaps of two materials.
                     Some((entity, _)) if entity == block.entity => out.repeated += 1,
                     Some((entity, tag)) => {
                         return Err(fault(format!(
@@ -183,6 +186,7 @@ fn add_group<T: Real>(mesh: &mut Mesh<T>, name: &str, group: RawGroup) {
         nodes.sort_unstable();
         nodes
     };
+    // Searched for only if the group has faces: the boundary is a pass over all elements.
     let mut faces: HashMap<Vec<u32>, Facet> = HashMap::new();
     if group.iter().any(|(d, _)| *d == facet_dimension) {
         let boundary = mesh.boundary();

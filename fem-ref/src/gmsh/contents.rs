@@ -51,6 +51,7 @@ impl Contents {
     /// Makes elements of second order linear by keeping only the corners, which come first. Drops nodes that
     /// are no element's corner.
     pub(super) fn linearise(&mut self) {
+        // Collected over all elements before any node goes: edges are shared.
         let mut middles = HashSet::new();
         let mut count = 0;
         for block in &mut self.blocks {

@@ -24,6 +24,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Contents> {
             "format 2.2 with numbers of 4 bytes is not supported; save in 4.1",
         ));
     }
+    // In binary files the number one follows the header: its bytes tell their order.
     let little = match (header.width, bytes.get(header.end..header.end + 4)) {
         (None, _) | (_, Some([1, 0, 0, 0])) => true,
         (_, Some([0, 0, 0, 1])) => false,
@@ -87,6 +88,7 @@ fn nodes(mut source: Source<'_>, count: u64, out: &mut Contents) -> Result<()> {
 
 fn elements(mut source: Source<'_>, count: u64) -> Result<Vec<Listed>> {
     let mut out = Vec::new();
+    // Not `Vec::with_capacity(count)`: a broken file may announce any number.
     while (out.len() as u64) < count {
         let before = out.len();
         let good = if source.binary {
@@ -131,6 +133,7 @@ fn binary_elements(source: &mut Source<'_>, count: u64, out: &mut Vec<Listed>) -
         return Ok(None);
     };
     let (element_type, n) = known(code)?;
+    // More elements than announced, or a count of tags that no program writes: the file is broken.
     if follow < 1 || follow as u64 > count - out.len() as u64 || !(0..=64).contains(&tags) {
         return Ok(None);
     }
@@ -172,13 +175,13 @@ fn listed(
     })
 }
 
-/// Sorts elements into blocks of one type, entity and set of groups. The file lists an entity in several
-/// groups once per group, reversed if the group's tag is negative; elements are therefore identified by their
-/// set of nodes.
+/// Sorts elements into blocks of one type, entity and set of groups.
 fn blocks(listed: Vec<Listed>) -> Vec<Block> {
     let mut indices: HashMap<(i32, i32, Vec<u64>), usize> = HashMap::new();
     let mut merged: Vec<(Listed, Vec<i32>)> = Vec::new();
     for e in listed {
+        // The file lists an entity in several groups once per group, reversed if the group's tag is negative.
+        // So an element is identified by the set of its nodes.
         let mut nodes = e.nodes.clone();
         nodes.sort_unstable();
         let key = (e.element_type as i32, e.entity, nodes);

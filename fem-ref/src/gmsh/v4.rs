@@ -124,9 +124,6 @@ pub(super) fn line(bytes: &[u8], position: usize) -> &[u8] {
 }
 
 /// Checks what the parser takes for granted, and makes it keep node tags.
-///
-/// The parser drops the tags if the header says that they are dense, although blocks may list dense tags in
-/// any order. The header's largest tag is therefore raised.
 fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
     let (width, little) = (header.width, header.little);
     let mut out = bytes.to_vec();
@@ -143,6 +140,8 @@ fn prepared(bytes: &[u8], header: &Header) -> Result<Vec<u8>> {
                 "section {section} is empty; mesh the geometry before saving"
             )));
         }
+        // The parser drops the tags if the header says that they are dense, although blocks may list dense
+        // tags in any order. A larger largest tag makes it keep them.
         if section == "$Nodes" {
             match width {
                 None => {

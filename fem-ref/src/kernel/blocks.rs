@@ -42,9 +42,11 @@ pub(crate) fn assemble<T: Real>(
     weights: &[T],
     row: &(dyn Fn(u32) -> Option<usize> + Sync),
 ) {
+    // On a rank with part of the body, only its elements are integrated.
     let has_row = |e: &usize| mesh.element(*e).iter().any(|k| row(*k).is_some());
     matrix.clear();
     let mut batch = Vec::with_capacity(BATCH);
+    // In batches: matrices of all elements at once would take more memory than the result.
     for first in (0..mesh.element_count()).step_by(BATCH) {
         let range = first..(first + BATCH).min(mesh.element_count());
         range

@@ -231,6 +231,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         refused: None,
     };
     uniform(&results, &mut out);
+    // Beams fitted to a refused modulus would be wrong as well.
     if out.refused.is_some() {
         return Ok(out);
     }
@@ -243,6 +244,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
             Ok([e.young.mean, e.poisson.mean])
         })
         .map_err(dem(&sample.key))?;
+        // The search knows means only; this test gives the spreads.
         let reached = test(&sample, &packings, beams, "checking", progress)?.elastic();
         out.target = Some(Target {
             young,
@@ -344,6 +346,7 @@ fn lines(sample: &Sample, packings: &[Packing], results: &TestResults) -> Vec<Pa
                 dropped: r.dropped,
                 coordination_all: r.coordination_all,
                 coordination_retained: r.coordination_retained,
+                // The report has zero if no sphere is far from the walls.
                 coordination_interior: (r.coordination_interior > 0.0).then_some(r.coordination_interior),
                 volume_fraction: r.volume_fraction,
                 mean_overlap: r.mean_overlap,

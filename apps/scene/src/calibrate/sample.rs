@@ -177,6 +177,7 @@ fn table_from_options(wanted: &Wanted) -> ModelTable {
         shape,
         spacing: None,
         divisions: None,
+        // Not used: the beams have constants of their own, and statics needs no density.
         material: Material {
             young: 1.0,
             poisson: None,
@@ -243,6 +244,7 @@ fn recipes(
     filling: &Filling,
 ) -> Result<Vec<(Option<u64>, Recipe)>> {
     if table.dem.file.is_some() {
+        // Spheres from a file do not depend on a seed.
         return Ok(vec![(
             None,
             Recipe::from_table(model_key, table, folder, filling)?,
@@ -266,6 +268,7 @@ fn periodic(wanted: &Wanted, model_key: String, table: &ModelTable) -> Result<Sa
         return Err(key(format!("{model_key}.dem.file"), rule));
     }
     let count = wanted.count.unwrap_or(PERIODIC);
+    // Moduli do not depend on the size of the spheres, so any diameter will do.
     let diameter = table.spacing.unwrap_or(1e-3);
     let edge = (count as f64 * mean_sphere_volume(diameter) / JAMMED_PERIODIC).cbrt();
     let container = Container::periodic(edge).map_err(dem(&model_key))?;

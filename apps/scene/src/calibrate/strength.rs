@@ -96,6 +96,7 @@ pub(super) fn test_strength(
         None => sizes.push((sample.clone(), packings.to_vec())),
         Some(all) => {
             for &d in all {
+                // The bars stay the same, so a diameter decides the number of spheres.
                 let sized = Wanted {
                     spacing: Some(d),
                     count: None,
@@ -107,6 +108,7 @@ pub(super) fn test_strength(
             }
         }
     }
+    // The elastic tests, which come first, need whole bars.
     for (sample, packings) in &mut sizes {
         for p in packings {
             sample.cut(p)?;
@@ -114,7 +116,8 @@ pub(super) fn test_strength(
     }
     let strength = asked.beam_strength.unwrap_or(BEAMS);
     let mean = |p: &Packing| 2.0 * p.report.mean_radius;
-    // Elastic energy per section of a beam one mean diameter long at the axial stress `strength`.
+    // Elastic energy per section of a beam one mean diameter long at the axial stress `strength`. It is the
+    // same for all sizes, as a material constant would be.
     let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sample.beam.young);
     let mut rows = Vec::new();
     let chosen = ALL

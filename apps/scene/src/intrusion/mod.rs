@@ -3,15 +3,10 @@
 //!
 //! Obstacles act on the particles of the models that they name, and contact acts between particles. Elements
 //! have no contact, so that obstacles and other bodies pass through them. The watch checks pairs without an
-//! effect between them: an obstacle and a body, or two bodies that no interface joins. One is inside the
-//! other if the depth exceeds the depth at rest (of particles) by [`TOLERANCE`] times the spacing of nodes or
-//! particles, because bodies may touch at the start and a flush face vibrates.
+//! effect between them: an obstacle and a body, or two bodies that no interface joins.
 //!
-//! A look costs a pass over the displacements and velocities of the bodies; surfaces are compared only if
-//! bounding boxes meet. The next look comes early enough that nothing passes unseen: at the present speeds,
-//! the pair covers at most the gap between its boxes plus [`STRIDE`] times the smaller of its spacings or
-//! radii. It comes after at most [`LONGEST`] steps, because a body may be struck in between. A scene without
-//! such pairs costs nothing.
+//! A look costs a pass over the displacements and velocities of the bodies. A scene without such pairs costs
+//! nothing.
 
 mod surface;
 
@@ -123,6 +118,7 @@ impl Watch {
             for (a, first) in members[..b].iter().enumerate() {
                 let Some(first) = first else { continue };
                 let pair = [first.name.clone(), second.name.clone()];
+                // Models that an interface joins overlap on purpose.
                 if bodies[a] == bodies[b] || touching.contains(&pair) {
                     continue;
                 }
@@ -166,13 +162,17 @@ impl Watch {
             }
             let gap = self.gap(&self.pairs[k]);
             let within = self.size(&self.pairs[k]) * STRIDE;
-            // For a pair at rest this is infinite, and [`LONGEST`] holds.
+            // Until the next look, the pair covers at most the gap between its boxes and a part of its
+            // spacing, so that nothing passes unseen. As a body may be struck in between, and for a pair at
+            // rest, [`LONGEST`] holds.
             let until_look = (gap.max(0.0) + within) / (self.speed(&self.pairs[k]) * run.dt());
             steps = until_look.min(steps);
+            // Surfaces are compared only if the boxes meet.
             if gap > 0.0 {
                 continue;
             }
             let line = self.examine(k, run)?;
+            // Only rank 0 has the line, but all ranks must agree on the pairs that are left.
             self.pairs[k].warned = ranks.any(line.is_some())?;
             lines.extend(line);
         }
@@ -277,6 +277,7 @@ impl Watch {
                 return Ok(None);
             }
         }
+        // Only a pair that comes near needs the depth at rest.
         if self.pairs[k].at_rest.is_none() {
             for m in &models {
                 let shell = self.members[*m].as_mut().and_then(|m| m.shell.as_mut());
@@ -295,6 +296,8 @@ impl Watch {
         };
         let pair = &self.pairs[k];
         let spacing = models.iter().filter_map(|m| Some(self.member(*m)?.spacing));
+        // More than at rest (of particles) and than a share of the spacing, because bodies may touch at the
+        // start and a flush face vibrates.
         let limit = self.touching_depth(pair) + TOLERANCE * spacing.fold(f64::INFINITY, f64::min);
         let deepest = self.depth(first, second, &moved).filter(|d| d.depth > limit);
         Ok(deepest.map(|d| self.line(pair, &d, run.time())))
@@ -393,6 +396,7 @@ impl Member {
             particles,
             spacing: info.spacing,
             radius: grid.radii.iter().fold(0.0, |m: f64, r| m.max(*r)),
+            // Rank 0 alone compares surfaces.
             grid: leads.then(|| grid.clone()),
             shell: None,
             bounds: [Point3::origin(); 2],
@@ -420,9 +424,11 @@ impl Member {
         }
         self.speed = square.sqrt();
         if let Some(p) = s.portion() {
+            // Ranks agree on largest values only: the smallest is that of the negatives.
             (0..3).for_each(|c| (low[c], high[c]) = (-p.highest(-low[c]), p.highest(high[c])));
             self.speed = p.largest(self.speed);
         }
+        // The largest radius for all particles: the box only has to contain them.
         let reach = Vector3::repeat(self.radius);
         self.bounds = [(low - reach).into(), (high + reach).into()];
     }

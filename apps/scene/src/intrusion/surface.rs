@@ -103,6 +103,7 @@ impl Shell {
     }
 
     fn sort(&mut self) {
+        // Sorted by x, the triangles near a point are one stretch of the list.
         self.sorted.clear();
         self.widest = 0.0;
         for (k, triangle) in self.triangles.iter().enumerate() {
@@ -158,10 +159,12 @@ impl Shell {
     /// Returns whether a point lies within the elements.
     fn holds(&self, x: &Point3<f64>) -> bool {
         let [low, high] = bounds_of(self.now.iter());
+        // The winding number costs a pass over all triangles.
         if self.triangles.is_empty() || (0..3).any(|c| x[c] < low[c] || x[c] > high[c]) {
             return false;
         }
         let corners = |k: usize| self.corners(k).map(|p| p.coords);
+        // Inside it is one, outside zero; a half tells them apart despite rounding.
         winding(&x.coords, (0..self.triangles.len()).map(corners)) > 0.5
     }
 
@@ -182,6 +185,7 @@ impl Shell {
             (true, true) => self.overlap(other, &within),
             (true, false) => self.depth_behind(other, &within),
             (false, true) => other.depth_behind(self, &within),
+            // A corner of either body may be inside the other.
             (false, false) => {
                 let depths = [
                     self.depth_behind(other, &within),
@@ -246,6 +250,7 @@ impl Shell {
                 best = Some((distance, height));
             }
         }
+        // Beside a triangle the height over its plane is smaller than the distance; only its sign counts.
         best.map(|(distance, height)| distance.copysign(height))
     }
 
@@ -307,5 +312,6 @@ fn boundary(grid: &Grid, kind: ElementKind) -> Vec<[u32; 3]> {
         let [a, b, c, d] = face[0][1];
         [[a, b, c], [a, c, d]]
     });
+    // A triangular face has no second half.
     halves.filter(|t| t[2] != u32::MAX).collect()
 }

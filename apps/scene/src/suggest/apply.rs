@@ -34,6 +34,7 @@ impl Change {
 /// Returns whether enough energy lies above the coarse cutoff to be worth an absorber: more than a tenth of
 /// the square of the predicted error.
 pub(super) fn needs_absorber(p: &Prospect) -> bool {
+    // Energies compare with the square of an error.
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
 
@@ -80,6 +81,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
             text: None,
         });
     }
+    // The junction L2 has no length.
     if let Some(l) = c.length_ratio.filter(|_| s.junction != JunctionKind::L2) {
         out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
     }
@@ -106,6 +108,7 @@ fn extents(shape: &Shape) -> Vec<f64> {
 /// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which
 /// lie at one place.
 fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
+    // Ten digits hide what rounding leaves in the sum, such as 0.30000000000000004.
     let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {
@@ -134,6 +137,7 @@ fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine
             let (start, end) = if up {
                 (from[0], place)
             } else {
+                // The other end of the cylinder stays.
                 out.push(Change::new(format!("{shape}.cylinder.from"), point(*from)));
                 (place, from[0] + length)
             };
@@ -161,6 +165,7 @@ pub(super) fn write(scene: &Scene, changes: &[Change], out: &Path) -> Result<()>
                 message: e.message().to_owned(),
                 span: e.span(),
             })?;
+    // Earlier values come first, so that a change of the same key wins.
     let earlier = scene
         .changes()
         .iter()
@@ -190,12 +195,15 @@ fn put(document: &mut DocumentMut, change: &Change) -> Result<()> {
         table.remove(last);
         return Ok(());
     };
+    // As for `--set`, a word without quotes is a string.
     let mut new = text
         .parse::<Value>()
         .unwrap_or_else(|_| Value::from(text.as_str()));
     match table.get_mut(last) {
+        // A value that stays keeps its spelling.
         Some(Item::Value(old)) if is_equal(old, &new) => {}
         Some(Item::Value(old)) => {
+            // The decor holds spaces and the comment behind the value.
             *new.decor_mut() = old.decor().clone();
             *old = new;
         }
@@ -212,6 +220,7 @@ fn is_equal(a: &Value, b: &Value) -> bool {
     match (a.as_float(), b.as_float()) {
         (Some(x), Some(y)) => x.total_cmp(&y).is_eq(),
         _ => {
+            // Reading both as data makes spelling irrelevant.
             let plain =
                 |v: &Value| toml::from_str::<toml::Table>(&format!("x = {}", v.to_string().trim())).ok();
             plain(a) == plain(b)

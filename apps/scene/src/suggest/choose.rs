@@ -61,6 +61,7 @@ impl CostModel {
 
     /// Returns the own step of the finest model of a candidate \[s\].
     pub(super) fn dt(&self, c: &Candidate) -> f64 {
+        // The critical step of a lattice is proportional to its spacing.
         let [coarse, fine] = self.measured.critical;
         self.fraction * fine.min(coarse * c.h / self.base.h)
     }
@@ -71,6 +72,7 @@ impl CostModel {
         let critical = [coarse * c.h / self.base.h, fine];
         match TimeStep::chosen(self.fraction, &critical) {
             Ok((dt, own_steps)) if s.free_steps => (dt, [0, 1].map(|k| own_steps[k] as f64)),
+            // A step, or own steps, that the scene gives stay as they are.
             _ => (self.measured.most * self.dt(c), self.measured.own_steps),
         }
     }
@@ -81,6 +83,7 @@ impl CostModel {
         let d = self.dimension;
         // Numbers of nodes grow with the power of the dimension.
         let shrink = (b.h / c.h).powi(d);
+        // A wider overlap lengthens the fine body; the coarse one keeps its ends.
         let wider = c.overlap / b.overlap;
         let fine = (s.lengths[1] + c.overlap) / (s.lengths[1] + b.overlap);
         // In space, a solve with a banded factor grows faster than the number of unknowns.
@@ -150,6 +153,7 @@ impl<'a> Search<'a> {
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
         while spacing >= r {
             for form in overlaps_to_try(s, spacing) {
+                // Overlaps that reflect alike share one harmonic analysis, the expensive part.
                 let known = forms.iter().position(|f| reflect_alike(f, &form));
                 let table = known.unwrap_or_else(|| {
                     forms.push(form);
@@ -193,6 +197,7 @@ impl<'a> Search<'a> {
         };
         let error = |p: &Prospect| p.errors.worst();
         let time = |p: &Prospect| p.seconds;
+        // If none is eligible, the error message names the nearest.
         match goal {
             Goal::Error(e) => least(&time, &|p| error(p) <= e).ok_or_else(|| least(&error, &|_| true)),
             Goal::Time(t) => least(&error, &|p| time(p) <= t).ok_or_else(|| least(&time, &|_| true)),
@@ -225,9 +230,10 @@ fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
     }
 }
 
-/// Returns whether two overlaps reflect alike. Above 10, the ratio of the spacings hardly matters.
+/// Returns whether two overlaps reflect alike.
 fn reflect_alike(a: &Form, b: &Form) -> bool {
     let close = |x: f64, y: f64| (x / y).ln().abs() < 0.02;
+    // Above 10, the ratio of the spacings hardly matters.
     close(a.ratio.min(10.0), b.ratio.min(10.0))
         && close(a.overlap, b.overlap)
         && close(a.h_b, b.h_b)

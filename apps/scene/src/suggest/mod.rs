@@ -130,6 +130,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
         .unwrap_or(first.dt / first.critical[0].min(first.critical[1]));
     let as_given = CostModel::new(search.given, first, &s, fraction);
     let current = search.predict(&search.given, &as_given, first.dt);
+    // The scene as given keeps its step; proposals choose theirs.
     let costs = CostModel::new(search.given, first, &s, FRACTION);
     let (chosen, changes) = settle(scene, &search, goal, costs)?;
     let absorber = s.absorber || apply::needs_absorber(&chosen);
@@ -161,6 +162,7 @@ fn settle(
     for round in 1..=ROUNDS {
         let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
         let (m, _) = measure(scene, &changes)?;
+        // The measured candidate becomes the base, where scaling costs no accuracy.
         costs = CostModel::new(proposal.candidate, m, s, FRACTION);
         let measured = costs.seconds(&proposal.candidate, s, search.end);
         let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
@@ -170,6 +172,7 @@ fn settle(
             Goal::Time(t) => measured <= t,
         };
         let next = pick(search, goal, &costs)?;
+        // A candidate that is picked again would only be measured again.
         if round == ROUNDS || (agreed && goal_met) || next.candidate == proposal.candidate {
             return Ok((proposal, changes));
         }

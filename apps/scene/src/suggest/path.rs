@@ -66,6 +66,7 @@ impl Line {
 /// Returns the arrivals within the distance `way` \[m\] at displacement probes and at velocity probes. `None`
 /// if the scene has no probes along the axis or too many arrivals.
 pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) -> Option<[Vec<Arrival>; 2]> {
+    // Half of the overlap counts as fine, half as coarse.
     let line = Line {
         length: s.lengths[0] + s.lengths[1],
         border: s.lengths[1] + 0.5 * overlap,
@@ -110,6 +111,7 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
 pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
+        // The middle stands in for the mean over a box.
         (_, Some(Selection::Box(low, high))) => Some(0.5 * (low[axis] + high[axis])),
         (_, Some(Selection::Group(name))) => end_coordinate(scene, p.model.as_ref()?, name, axis),
         _ => None,
@@ -137,6 +139,7 @@ pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis:
         Selection::Group(name) => end_coordinate(scene, model, name, axis),
         Selection::Box(low, high) => {
             let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
+            // A box may reach beyond the body; the load acts within it.
             Some(0.5 * (low[axis].max(a) + high[axis].min(b)))
         }
     }

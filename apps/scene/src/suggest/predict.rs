@@ -85,6 +85,7 @@ fn miniature(f: &Form) -> arlequin::core::Result<Coupled<f64>> {
     let slab = Arc::new(Slab::between(point(0.0), point(f.overlap))?);
     let half = (f.profile == ProfileKind::Constant).then_some(0.5);
     let stations = setup::stations(&*slab, mediator.nodes());
+    // The floor that scenes have by default.
     let ramp = Ramp::new(slab, f.profile.profile(half, &stations)?, 1e-6)?;
     let coarse = Weights::from_weight(Arc::new(ramp));
     let fine = Weights::complement_of(std::slice::from_ref(&coarse));
@@ -103,6 +104,7 @@ fn table(f: &Form) -> Result<Table> {
     let spacing = |k: usize| (nodes(k)[1].x - nodes(k)[0].x).abs();
     let port = |subdomain: usize, dof: usize| {
         let h = spacing(subdomain);
+        // With unit modulus and density, a bond has the stiffness 1/h and a node the mass h.
         Port {
             subdomain,
             dof,
@@ -179,6 +181,7 @@ fn wavenumber(omega: f64, speed: f64, [h, a]: Lattice, dt: f64) -> Option<f64> {
         if root <= 0.0 {
             return None;
         }
+        // The smaller root, written so that small `q` keep their digits.
         2.0 * q / (1.0 + root.sqrt())
     } else {
         q
@@ -272,6 +275,7 @@ fn at_probes(
                     Fate::Lost if p.passages > 0.0 => 2.0,
                     Fate::Lost => 0.0,
                 };
+                // The amplitude of a displacement is that of the velocity over ω.
                 error += a * a * loss / if kind == 0 { omega * omega } else { 1.0 };
             }
             // If the run ends within a signal, the error counts in the same proportion as the signal.

@@ -94,6 +94,7 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     let tolerance = 1e-6 * overlap;
     let meets = (far(fe, inward) - coarse[axis]).abs() < tolerance
         && (far(ce, -inward) - fine[axis]).abs() < tolerance;
+    // A count or divisions would change the fine spacing along with the length of the body.
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
     let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
     let fine_probes = scene
@@ -257,6 +258,7 @@ pub(super) fn spectrum(
         if !(f > 0.0 && f.is_finite()) {
             return Err(crate::error::value("--frequency", f, "must be positive [Hz]"));
         }
+        // The spectrum of a sin² pulse of length 2/f has its first zero at f.
         offer(
             2.0 / f,
             format!("a pulse of {:.3e} s (--frequency {f:e})", 2.0 / f),
@@ -349,6 +351,7 @@ fn transform(signal: &dyn Fn(f64) -> f64, duration: f64, end: f64, source: Strin
         .collect();
     let omega: Vec<f64> = (1..=count).map(|n| 2.0 * PI * n as f64 * step).collect();
     let amplitude = |w: &f64| {
+        // Half a sample only turns the phase, which is not used.
         let turn = w * duration / SAMPLES as f64;
         let sum = values.iter().enumerate().fold([0.0; 2], |s, (k, v)| {
             let (sin, cos) = (turn * k as f64).sin_cos();

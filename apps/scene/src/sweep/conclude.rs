@@ -41,6 +41,7 @@ fn knob(axis: &str, runs: &[&Run]) -> Option<Knob> {
             let v = || g.iter().filter_map(|r| r.point()).map(|p| p[k]);
             (v().fold(0.0, f64::max) / v().fold(f64::INFINITY, f64::min)).ln()
         };
+        // An error of zero, such as that of the reference, has no ratio.
         if !(spread(0).is_finite() && spread(1).is_finite()) {
             continue;
         }
@@ -168,6 +169,7 @@ fn scatter(runs: &[Run]) -> Option<String> {
 
 /// Returns whether this is an all-fine run other than the reference.
 fn other_fine(r: &Run) -> bool {
+    // The reference has no error against itself.
     r.mark == Some(Mark::AllFine) && r.error_judged.is_some_and(|e| e > 0.0)
 }
 

@@ -29,6 +29,7 @@ pub(super) fn probes(path: &Path) -> Result<Probes> {
     let (names, columns) = table(path)?;
     let times = columns.first().cloned().unwrap_or_default();
     let series = names.iter().zip(columns).skip(1).filter_map(|(name, values)| {
+        // Errors are defined for motion only; probes of other quantities are left out.
         let (name, quantity) = if let Some(n) = name.strip_suffix(" displacement [m]") {
             (n, Quantity::Displacement)
         } else {
@@ -64,6 +65,7 @@ fn table(path: &Path) -> Result<(Vec<String>, Vec<Vec<f64>>)> {
         }
     };
     let mut reader = csv::ReaderBuilder::new();
+    // Rows of a wrong length are refused below, with file and row.
     reader.trim(csv::Trim::All).flexible(true);
     let mut reader = reader.from_path(path).map_err(fault)?;
     let names: Vec<String> = reader
@@ -125,6 +127,7 @@ impl Curve {
                     let rule = "needs at least two rows with rising times";
                     return Err(key(format!("{place}.csv.time"), rule));
                 }
+                // Not used: the probe of the run decides what is compared.
                 let quantity = Quantity::Displacement;
                 Ok(Self::Samples(Series {
                     quantity,
@@ -183,6 +186,7 @@ impl Series {
         if last == 0 {
             return y[0];
         }
+        // Times rise from call to call, so that the search is rarely needed.
         if *hint >= last || x[*hint] > t {
             *hint = x.partition_point(|p| *p <= t).saturating_sub(1).min(last - 1);
         }
@@ -247,6 +251,7 @@ fn formula(f: &CurveTable, t: f64, quantity: Quantity) -> f64 {
             }
             particle_speed * sum
         }
+        // Not reached: `Curve::new` turns files into samples.
         CurveTable::Csv { .. } => f64::NAN,
     }
 }
@@ -302,6 +307,7 @@ pub(super) fn errors(run: &Probes, reference: &BTreeMap<String, Curve>, window: 
         if s[1] > 0.0 {
             out.probes.insert(name.clone(), (s[0] / s[1]).sqrt());
         }
+        // Sums of squares, not means of errors: a probe that hardly moves counts little.
         let kind_sums = &mut sums[usize::from(series.quantity == Quantity::Velocity)];
         kind_sums[0] += s[0];
         kind_sums[1] += s[1];

@@ -63,6 +63,7 @@ impl Kept {
     pub(super) fn run(&self, m: &Member, runner: &dyn Runner) -> Result<Result<Value, Outcome>> {
         let target = self.folder.join(&m.label);
         let mut best: Option<Value> = None;
+        // Repetitions differ in their times only, so that they may overwrite each other.
         for _ in 0..self.repeat {
             match runner.run(m, &target)? {
                 Outcome::Complete => {}
@@ -94,6 +95,7 @@ impl Kept {
 
     fn identity(&self, m: &Member) -> Identity {
         Identity {
+            // Only the name, so that folders may be moved; the hash covers the content.
             scene: m
                 .scene
                 .file_name()

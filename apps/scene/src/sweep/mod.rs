@@ -136,6 +136,7 @@ impl PlannedSweep {
                     r.status = "failed";
                     r.error = Some(words);
                 }
+                // Interrupted: this run and those behind it stay missing.
                 Err(_) => break,
             }
         }
@@ -171,14 +172,14 @@ impl PlannedSweep {
     }
 }
 
-/// Returns what `suggest` predicts for a finished run. The prediction is stored beside the results, because
-/// its times depend on the machine and its load.
+/// Returns what `suggest` predicts for a finished run.
 fn predicted(folder: &Path, m: &Member, reused: bool) -> Result<Prediction> {
     let path = folder.join("predicted.json");
     if let Some(known) = kept::read(&path).filter(|_| reused) {
         return Ok(known);
     }
     let prediction = suggest::predict_as_given(&Scene::read(&m.scene)?.assign(&m.set)?)?;
+    // Kept beside the results, because its times depend on the machine and its load.
     kept::put(&path, &prediction)?;
     Ok(prediction)
 }

@@ -88,6 +88,7 @@ fn named_runs(file: &SweepFile, folder: &Path) -> Result<Vec<Member>> {
     let mut out = Vec::new();
     for (name, run) in &file.run {
         let (scene, common) = match &run.scene {
+            // The common assignments belong to the base scene; another may not have their keys.
             Some(s) => (folder.join(s), &[][..]),
             None => (folder.join(&file.scene), file.set.as_slice()),
         };
@@ -208,6 +209,7 @@ fn base(name: &str, axis: &Axis, choices: &[Choice]) -> Result<usize> {
 fn value_text(v: &toml::Value) -> String {
     match v {
         toml::Value::String(s) => s.clone(),
+        // Labels stay short: 2e-7 instead of 0.0000002.
         toml::Value::Float(x) if *x != 0.0 && !(1e-3..1e6).contains(&x.abs()) => format!("{x:e}"),
         // A list is named after its first entry.
         toml::Value::Array(a) => a.first().map(value_text).unwrap_or_default(),
@@ -309,6 +311,7 @@ fn member(
     }
     let mut text = source.text.clone();
     for path in files {
+        // A mesh that cannot be read is an error of the run itself.
         let bytes = std::fs::read(source.folder.join(path)).unwrap_or_default();
         text += &String::from_utf8_lossy(&bytes);
     }
@@ -358,6 +361,7 @@ fn reference_first(file: &SweepFile, members: &mut [Member]) -> Result<()> {
         let labels: Vec<String> = members.iter().map(|m| m.label.clone()).collect();
         return Err(unknown("reference.run", &name, "run", labels.iter()));
     };
+    // Rotating keeps the order of the others.
     members[..=k].rotate_right(1);
     Ok(())
 }

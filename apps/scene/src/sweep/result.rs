@@ -116,6 +116,7 @@ impl Run {
     pub fn take(&mut self, summary: &Value, m: &Member, file: &SweepFile) {
         let scalar = |(name, m): (&String, &Measure)| {
             let value = measured(summary, m);
+            // `compare_measures` sets it, once the reference is known.
             let deviation = None;
             (name.clone(), Measured { value, deviation })
         };
@@ -209,6 +210,7 @@ fn phase(name: &str, m: &Member) -> String {
 pub(super) fn compare_measures(runs: &mut [Run]) {
     let reference = runs.first().map(|r| r.measures.clone()).unwrap_or_default();
     for (name, m) in runs.iter_mut().flat_map(|r| &mut r.measures) {
+        // A deviation from zero has no scale.
         let base = reference
             .get(name)
             .and_then(|b| b.value)
@@ -229,10 +231,11 @@ pub(super) fn mark_pareto(runs: &mut [Run]) {
     }
 }
 
-/// Shortest time of the fine model in a coupled run \[s\]. No choice of the coarse model makes a run faster.
+/// Shortest time of the fine model in a coupled run \[s\].
 pub(super) fn floor(runs: &[Run]) -> Option<f64> {
     let coupled = runs.iter().filter(|r| r.mark.is_none());
     let fine = coupled.filter_map(|r| r.phase_seconds("forces fine"));
+    // No choice of the coarse model makes a run faster.
     fine.reduce(f64::min)
 }
 

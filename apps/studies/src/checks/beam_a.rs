@@ -109,6 +109,7 @@ fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
                 ours[k],
                 printed[k],
                 J13,
+                // Printed values have errors of their own: five per cent at least.
                 Accept::Relative(most[k].max(0.05)),
             ));
         }
@@ -120,6 +121,7 @@ fn rows_of(kind: &str, r: &Record, most: [f64; 4]) -> Vec<Check> {
 /// Compares the energy of a short packet with and without absorber.
 fn packet_rows(done: &Runs) -> Vec<Check> {
     let mut checks = Vec::new();
+    // Both models together: what has left the particles may still be in the continuum.
     let energy_kept = |key: &str| done.get(key).map(|r| r.energies.iter().sum::<f64>());
     if let (Some(bare), Some(absorbed)) = (
         energy_kept("a/cnem-dem packet"),

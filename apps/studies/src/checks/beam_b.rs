@@ -136,6 +136,7 @@ pub(super) fn runs(quick: bool) -> Vec<RunSpec> {
             if quick && l.name == "bending" {
                 continue;
             }
+            // As many periods as the spectrum needs for the frequency.
             let end = l.periods / (l.guess)(BAR);
             let dear = if l.name == "bending" { 5 } else { 1 };
             let spec = RunSpec::new(&format!("b/{kind} {}", l.name), deck, cost * dear, &[]);
@@ -191,6 +192,7 @@ fn alone_rows(kind: &str, l: &Load, r: &Record) -> Vec<Check> {
             SOLID,
             Accept::Relative(most),
         ));
+        // Finite elements have no printed values.
         let printed = l.printed[k][column].filter(|_| kind != "fem");
         if let Some(p) = printed {
             checks.push(Check::against(
@@ -220,6 +222,7 @@ fn coupled_rows(kind: &str, l: &Load, r: &Record, dem: Option<&Record>) -> Vec<C
         checks.push(Check::against(name.clone(), ours[k], l.truth[k], SOLID, accept));
         if l.name == "bending" {
             let thin = [BAR.thin_deflection(), BAR.thin_bending()][k];
+            // What the thin theory leaves out is added, or a sound result would fail.
             let shear_effect = (l.truth[k] / thin - 1.0).abs();
             checks.push(
                 Check::against(

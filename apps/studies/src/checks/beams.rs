@@ -85,6 +85,7 @@ impl RunSpec {
         (env!("CARGO_PKG_VERSION"), self.deck.text(), &self.set).hash(&mut hash);
         let name = self.key.replace(['/', ' '], "-");
         let path = folder.join(format!("{name}-{:016x}.json", hash.finish()));
+        // Broken or unreadable records are made again.
         let known = std::fs::read(&path).ok();
         if let Some(record) = known.and_then(|text| serde_json::from_slice(&text).ok()) {
             return Ok(record);
@@ -140,6 +141,7 @@ impl RunSpec {
                 read(&mut out, &mut run)?;
                 let now = momentum_scale(&run);
                 // A body may start from rest, so the scale is the largest over the run.
+                // Momenta are relative to what moves, not to what cancels.
                 (0..2).for_each(|k| scale[k] = scale[k].max(now[k]));
             }
         }
@@ -300,6 +302,7 @@ impl Theory {
         let s2 = YOUNG * self.inertia() / (self.shear() * l2);
         let determinant = |f: f64| {
             let omega = 2.0 * PI * f;
+            // The frequency equation of a clamped-free Timoshenko beam: rotary inertia `r²`, shear `s²`.
             let b2 = DENSITY * self.section() * l2 * l2 * omega.powi(2) / (YOUNG * self.inertia());
             let root = ((r2 - s2).powi(2) + 4.0 / b2).sqrt();
             let half = |sign: f64| b2.sqrt() * (0.5 * (root + sign * (r2 + s2))).sqrt();
@@ -312,6 +315,7 @@ impl Theory {
         // Sixty halvings exhaust double precision.
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
+            // The sign change keeps the root between both ends.
             if determinant(low) * determinant(middle) <= 0.0 {
                 high = middle;
             } else {

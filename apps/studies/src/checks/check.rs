@@ -19,8 +19,10 @@ pub enum Accept {
 
 impl Accept {
     fn holds(self, ours: f64, reference: Option<f64>) -> bool {
+        // Without a reference, neither a relative nor an absolute difference can hold.
         let apart = reference.map(|r| (ours - r).abs());
         match self {
+            // Not `d > …`: a NaN must fail.
             Self::Relative(most) => apart.is_some_and(|d| d <= most * reference.unwrap_or_default().abs()),
             Self::Absolute(most) => apart.is_some_and(|d| d <= most),
             Self::AtMost(most) => ours.abs() <= most,
@@ -94,6 +96,7 @@ impl Check {
             reference,
             source: source.to_owned(),
             ours,
+            // A reference of zero has no relative difference.
             relative_difference: reference.filter(|r| *r != 0.0).map(|r| (ours - r) / r.abs()),
             accept,
             pass: accept.holds(ours, reference),
@@ -131,6 +134,7 @@ pub fn short(x: f64) -> String {
     if !(1e-3..1e7).contains(&x.abs()) {
         return format!("{x:.3e}");
     }
+    // Five digits in all.
     let digits = (4 - x.abs().log10().floor() as i32).clamp(0, 6) as usize;
     let text = format!("{x:.digits$}");
     if text.contains('.') {

@@ -181,6 +181,7 @@ pub(super) fn absorber(done: &Runs) -> Result<Report> {
     ] {
         let mut back = Vec::new();
         for w in &waves {
+            // A logarithmic axis cannot show zero.
             back.push(send(*w, 60.0f64.max(1.5 * w), damping)?.back.max(1e-6));
         }
         curves.push((name.to_owned(), waves.clone(), back));
@@ -360,6 +361,7 @@ fn reflection_curves(lines: &[Line]) -> arlequin::core::Result<Vec<Series>> {
             .iter()
             .map(|s| (std::f64::consts::PI / s.wavelength).sin() * line.h)
             .collect();
+        // A logarithmic axis cannot show zero.
         let r = responses.iter().map(|s| s.reflection.max(1e-6)).collect();
         curves.push((format!("r, L_O = {} h", line.overlap / 10.0), f.clone(), r));
         if line.overlap < 30.0 {

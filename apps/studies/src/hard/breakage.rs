@@ -173,6 +173,7 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
         .collect();
     let still = vec![0.0; stretched.len()];
     let mut model = cloud.model()?.with_fracture(spec)?;
+    // Weights of the bonds are read here, before the run takes the model.
     model.set_internal_weight(&*fine.internal)?;
     let (log, weights) = (model.break_log(), model.body().weights().to_vec());
     let places = model.places().to_vec();
@@ -219,6 +220,7 @@ impl Torn {
         let (before, energy) = (self.run.momentum(), self.run.energy());
         let mass: f64 = self.run.subdomains().iter().flat_map(|s| &s.inertia()[..3]).sum();
         self.run.run(steps, &mut Silent)?;
+        // With this energy, the bodies cannot have a larger momentum.
         let scale = (2.0 * mass * energy).sqrt();
         let after = self.run.momentum();
         // Contact turns spheres about their current positions, but angular momentum is about their initial
@@ -297,6 +299,7 @@ fn one_particle() -> Result<Outcome> {
     out.add("warnings that name the particle", torn.warnings(&name), 1.0..=1.0);
     let remedy = torn.warnings("enlarge the region of particles");
     out.add("warnings that name the remedy", remedy, 1.0..=1.0);
+    // The multipliers still hold it, so that it stays near.
     let far = (torn.moved(loner) - shift).norm() / cloud.radii[loner];
     out.add("way of the particle in its radii", far, 0.0..=1.0);
     // The naive masses: means over the remaining bonds, by the rule that made the initial masses.
@@ -342,6 +345,7 @@ fn fragment() -> Result<Outcome> {
         .collect();
     torn.keeps(&mut out, "", 300)?;
     out.add("bonds broken", torn.broken(), 1.0..=1000.0);
+    // The multipliers of the place it came from hold it back.
     let mean = chips.iter().map(|i| torn.moved(*i).dot(&away)).sum::<f64>() / chips.len() as f64;
     let flown = 0.02 + 0.3 * torn.run.time();
     out.add(
@@ -493,6 +497,7 @@ fn everything() -> Result<Outcome> {
         after / total,
         0.9..=1.0 + 1e-3,
     );
+    // At the new positions, the energy differs by the half step before the bonds broke.
     let mut unbroken = coupled(&cloud, Fracture::new(Criterion::Energy, 1e9), &start, &touching)?;
     unbroken.run.advance(&mut Silent)?;
     let new = unbroken.run.subdomains()[1].internal_energy();

@@ -145,6 +145,7 @@ fn lengths() -> Result<Outcome> {
         let report = c.interfaces()[0].report();
         top = top.max(report.condition);
         dropped = dropped.max(report.null_modes.len());
+        // The power of the growth shows at large lengths only.
         if ratio >= 10.0 {
             let naive = Naive::new(&c, &*line.mediator_space()?, ratio * 5.0, Rule::Refined)?;
             conditions.push((ratio, naive.condition()));
@@ -187,6 +188,7 @@ fn widths() -> Result<Outcome> {
                 ..Line::default()
             };
             let mut c = random_state(&line, [2, 1])?;
+            // Both models share the mass of the overlap, which counts once.
             let exact = length + fine_bonds as f64 - overlap;
             out.add(
                 format!("relative error of the mass, {name}, epsilon {epsilon}"),

@@ -89,6 +89,7 @@ fn contrasts() -> Result<Outcome> {
             c.constraint_residual(),
             0.0..=1e-10,
         );
+        // Only then is the step of the particles too long.
         if expected < 0.9 {
             let refused = contrast(young, density, TimeStep::Seconds(0.9));
             out.add_refusal(

@@ -188,10 +188,12 @@ impl Naive {
     #[must_use]
     pub fn critical_step(&self) -> f64 {
         let n = self.mass.len();
+        // Scaled by the masses, the matrix is symmetric with the squares of the frequencies as eigenvalues.
         let mut k = DMatrix::<f64>::zeros(n, n);
         for (v, (i, j)) in self.stiffness.iter() {
             k[(i, j)] += *v / (self.mass[i] * self.mass[j]).sqrt();
         }
+        // The limit of velocity Verlet.
         2.0 / k.symmetric_eigenvalues().max().sqrt()
     }
 
@@ -265,6 +267,7 @@ impl Naive {
     pub fn run(&mut self, dt: f64, steps: usize) -> Trace {
         let start = self.energy();
         let (mut growth, mut flips) = (1.0f64, 0.0);
+        // Not consistent on purpose: the multipliers are missing.
         self.a = self.acceleration();
         for _ in 0..steps {
             self.q += &self.v * dt + &self.a * (0.5 * dt * dt);

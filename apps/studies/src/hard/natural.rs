@@ -28,6 +28,7 @@ fn points(noise: f64) -> Result<Vec<Point3<f64>>> {
         1,
     )?;
     let mut next = crate::noise(3);
+    // Nodes on the surface stay, so that the body keeps its shape.
     let inner =
         |p: &Point3<f64>| (2.01..3.99).contains(&p.x) && [p.y, p.z].iter().all(|c| (0.01..0.99).contains(c));
     Ok(grid

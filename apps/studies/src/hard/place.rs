@@ -100,6 +100,7 @@ fn couple(bodies: Vec<Subdomain<f64>>, mediator: Mesh<f64>, length: f64) -> Resu
 }
 
 fn mass(c: &Coupled<f64>) -> f64 {
+    // A node has its mass once per component.
     c.subdomains()
         .iter()
         .flat_map(|s| s.inertia().iter().step_by(3))
@@ -182,6 +183,7 @@ fn clamped_line() -> Result<f64> {
 fn loaded(external_everywhere: bool) -> Result<[f64; 2]> {
     let mut weights = solid::weights(Profile::Cubic, 0.01)?;
     let mut fine_weights = Weights::complement_of(std::slice::from_ref(&weights));
+    // Loads act in full on both models, as in naive code.
     if external_everywhere {
         weights.external = Arc::new(Uniform(1.0));
         fine_weights.external = Arc::new(Uniform(1.0));
@@ -269,8 +271,7 @@ struct Nest {
     volume: f64,
 }
 
-/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator. At a free surface
-/// the blocks are extended beyond the body, so that the weight does not fall there.
+/// Builds the bodies. `counts` are the elements of coarse body, fine body and mediator.
 fn nest(
     whole: [[f64; 3]; 2],
     inner: [[f64; 3]; 2],
@@ -280,7 +281,7 @@ fn nest(
     let p = Point3::from;
     let far = |b: [[f64; 3]; 2]| Primitive::Block {
         low: Point3::from(Vector3::from_fn(|k, _| {
-            // At a free surface the block extends beyond the body.
+            // At a free surface the block extends beyond the body, so that the weight does not fall there.
             if b[0][k] <= whole[0][k] { -50.0 } else { b[0][k] }
         })),
         high: Point3::from(Vector3::from_fn(|k, _| {

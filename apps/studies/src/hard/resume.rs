@@ -30,6 +30,7 @@ pub(super) const CASES: &[HardCase] = &[
 
 /// Counts the numbers of two runs that differ in any bit.
 fn different<T: Real>(a: &Coupled<T>, b: &Coupled<T>) -> usize {
+    // The conversion from 32 to 64 bits is exact.
     let bits = |x: &T| x.as_f64().to_bits();
     let states = |c: &Coupled<T>| -> Vec<u64> {
         let state_bits = |s: &arlequin::core::Subdomain<T>| {

@@ -114,6 +114,7 @@ impl<T: Real> Filling<T> {
         let count: usize = self.particles.iter().sum();
         let grains = self.samples.iter().filter(|s| self.particles[s.0] > 0);
         let volume = grains.map(|s| s.2).sum::<T>() / T::of(count as f64);
+        // Large enough for both: enough particles, and more than one cell.
         let least = (volume * T::of(PARTICLES))
             .cbrt()
             .max(self.longest * T::of(CELLS));

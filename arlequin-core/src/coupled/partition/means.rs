@@ -52,6 +52,7 @@ impl<T: Real> Group<'_, T> {
 
 /// Returns lines between particles that follow each other in the list, which are near each other.
 fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
+    // Evenly through the list: a check with a bound on its cost, whatever the size of the packing.
     let stride = particles.len().div_ceil(LINES).max(1);
     let pairs = particles.windows(2).step_by(stride);
     let line = |pair: &[Sample<T>]| Cell::Segment {
@@ -61,10 +62,11 @@ fn lines_between<T: Real>(particles: &[Sample<T>]) -> Vec<Cell<T>> {
     pairs.map(line).collect()
 }
 
-/// Returns whether a weight has no jump near the ends of a line. Along a border of the overlap a weight jumps
-/// and has no mean.
+/// Returns whether a weight has no jump near the ends of a line.
 fn is_beside_jumps<T: Real>(weight: &dyn Weight<T>, line: &Cell<T>) -> bool {
+    // A step much shorter than the line, and much longer than its round-off.
     let step = crate::extent::length(line) * T::of(1e-4);
+    // Along a border of the overlap a weight jumps and has no mean.
     line.corners().iter().all(|x| {
         let value = weight.value(x);
         let nearby_value = |k: usize| {

@@ -84,6 +84,7 @@ impl<T: Real> Group<'_, T> {
             }
             let levels = LEVELS[usize::from(matches!(cell, Cell::Segment { .. }))];
             for part in geometry::parts(cell, levels) {
+                // The degree is low because the parts are many.
                 part.quadrature(1, samples);
             }
         } else {
@@ -148,6 +149,7 @@ impl<T: Real> Group<'_, T> {
         let part = s.measure / T::of(count as f64);
         let mut lacking = false;
         for kind in 0..self.kinds {
+            // A broken weight was recorded; nothing is added for a point without a sum.
             let Some([sure, likely]) = self.sums(s, kind) else {
                 return;
             };
@@ -163,6 +165,7 @@ impl<T: Real> Group<'_, T> {
         }
         self.measure += s.space * self.share_of_space(s.member);
         let floor = T::of(FLOOR);
+        // Shared where a model has part of the energy, or where weight is missing that somebody should have.
         let split = (0..self.members.len()).any(|k| {
             self.present(s.member, k) && self.kinetic[k] > floor && self.kinetic[k] < T::one() - floor
         });
@@ -221,10 +224,10 @@ impl<T: Real> Group<'_, T> {
         Some([sure, likely])
     }
 
-    /// Returns whether model `k` counts as present at a point of model `m`. If one of them is a packing, `k`
-    /// counts wherever it may be: surfaces of packings are rough, and what a packing fills is judged by the
-    /// volumes of its particles.
+    /// Returns whether model `k` counts as present at a point of model `m`.
     fn present(&self, m: usize, k: usize) -> bool {
+        // Surfaces of packings are rough, and what a packing fills is judged by the volumes of its particles.
+        // So beside a packing a model counts wherever it may be.
         let rough = [m, k].iter().any(|i| self.members[*i].extent.is_particles());
         self.covers[k] >= if rough { Cover::Surface } else { Cover::Hole }
     }
@@ -335,13 +338,14 @@ impl<T: Real> Group<'_, T> {
 }
 
 /// Returns the part of a particle's volume that lies in an overlap, judged at the octants of a cube of its
-/// size. A layer of particles on the border of the overlap thus counts as half.
+/// size.
 fn shared_part<T: Real>(s: &Station<'_, T>, is_shared: impl Fn(&Point3<T>) -> bool) -> T {
     let quarter = T::of(0.25) * s.measure.cbrt();
     let octant = |k: usize| {
         let offset = |c: usize| if k >> c & 1 == 0 { -quarter } else { quarter };
         s.point + Vector3::new(offset(0), offset(1), offset(2))
     };
+    // Thus a layer of particles on the border of the overlap counts as half.
     let count = (0..8).filter(|k| is_shared(&octant(*k))).count();
     T::of(count as f64 / 8.0)
 }
