@@ -79,12 +79,12 @@ impl Table {
 
 /// Writes the tables of probes, energy and effects; without effects, the last one has no file.
 pub(crate) fn write_all(folder: &Path, tables: [&Table; 3]) -> Result<()> {
-    let mut named = NAMES.into_iter().zip(tables);
-    let has_file = |(name, table): &(&str, &Table)| *name != NAMES[2] || !table.names.is_empty();
-    named.try_for_each(|t| match has_file(&t) {
-        true => put(&folder.join(t.0), &[t.1.text(0).as_bytes()]),
-        false => Ok(()),
-    })
+    for (name, table) in NAMES.into_iter().zip(tables) {
+        if name != NAMES[2] || !table.names.is_empty() {
+            put(&folder.join(name), &[table.text(0).as_bytes()])?;
+        }
+    }
+    Ok(())
 }
 
 /// Longest time between rows being recorded and written.
