@@ -38,7 +38,7 @@
 //! Left out: the motion of periodic bodies. Gravity and dampings are effects of the core. Results are
 //! bit-identical for any number of threads on one machine; between instruction sets the last bits may differ.
 //!
-//! Features, both on by default: `stl` reads surfaces from STL files, `vtu` reads spheres from VTU files.
+//! Features, both on by default: `stl` reads surfaces from STL files, `vtu` reads VTU files and spheres from them.
 
 pub mod bond;
 pub mod calibrate;
@@ -56,6 +56,8 @@ pub mod packing;
 pub mod particles;
 pub mod statics;
 pub mod strength;
+#[cfg(feature = "vtu")]
+pub mod vtu;
 
 pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};

@@ -36,36 +36,36 @@
 //! # }
 //! ```
 //!
+//! The crate has four rooms. A file names its own room and the rooms before it only (a test checks this):
+//!
+//! | room | modules |
+//! |---|---|
+//! | scene | [`spec`], [`setup`], `scene`, `cells`: the file, and the models that it describes |
+//! | output | [`output`]: folders and files of results |
+//! | run | `run`: sessions, recorders, checkpoints, models that sleep and wake |
+//! | explore | [`sweep`], [`suggest`], [`calibrate`], [`effects`], previews |
+//!
 //! [`SceneSpec`] has every key of a scene with its meaning and unit.
 
-pub mod calibrate;
 mod cells;
-mod checkpoint;
-mod crossing;
-pub mod effects;
 pub mod error;
-mod intrusion;
+mod explore;
 pub mod output;
-mod preview;
 mod ranks;
-mod recorder;
 mod run;
 mod scene;
 pub mod setup;
 pub mod spec;
 pub mod spectrum;
-pub mod suggest;
-pub mod sweep;
 pub mod threads;
-mod wake;
 
-pub use crossing::OverlapBreak;
 pub use error::{Error, Result};
-pub use preview::{LinkLine, Preview};
+pub use explore::{LinkLine, Preview, calibrate, effects, suggest, sweep};
+pub use output::summary::{LoadStep, OverlapBreak};
+pub use output::tables::Table;
 pub use ranks::{RankLine, together};
-pub use recorder::{PhaseClock, Table};
 pub use run::{
-    End, LoadStep, Observer, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume, resume_on,
+    End, Observer, PhaseClock, Prepared, Recorded, Results, Resumed, RunFolder, Silent, resume, resume_on,
 };
 pub use scene::{Scene, Source};
 pub use spec::SceneSpec;

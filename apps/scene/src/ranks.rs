@@ -1,18 +1,9 @@
-//! Scenes on several ranks: which models are partitioned, and what ranks must agree on.
-//!
-//! Every rank reads and builds the same scene. Bodies of particles or of elements are then partitioned,
-//! unless the scene asks for something that needs the whole body on one rank. Every other model stays whole
-//! and makes the same steps on every rank. Only rank 0 writes files and messages.
+//! Ranks of a run, and what they must agree on. Only rank 0 writes files and messages.
 
-use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
-use crate::scene::Scene;
-use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec, Scheme};
 use arlequin::core::Subdomain;
-use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
+use arlequin::core::ranks::{self, Communicator, RankError, Reduction};
 use serde::Serialize;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 /// Distribution of one model over several ranks.
@@ -34,80 +25,6 @@ impl RankLine {
             self.words += &format!(", {most:.1} % more work than the mean at most");
         }
     }
-}
-
-/// Distribution of each model of a scene over `ranks` ranks.
-fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
-    let line = |(m, body): (usize, &Body)| {
-        let nodes = body.model.layout().nodes;
-        let units = nodes.div_ceil(UNIT);
-        // A rank needs at least one unit: units are the smallest parts of a partition.
-        let small = || {
-            let rule = format!("its {nodes} nodes are {units} units of {UNIT}, fewer than ranks");
-            (units < ranks).then_some(rule)
-        };
-        let why = whole(scene, m, body).or_else(small);
-        let what = match body.model.particles() {
-            Some(_) => "particles",
-            None => "nodes",
-        };
-        RankLine {
-            model: body.model.name().to_owned(),
-            parts: why.is_none(),
-            words: why.unwrap_or_else(|| format!("{units} units of {UNIT} {what}")),
-        }
-    };
-    bodies.iter().enumerate().map(line).collect()
-}
-
-/// Returns why model `m` must be whole on every rank; `None` if it can be partitioned.
-fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
-    let (name, table) = scene.model.iter().nth(m)?;
-    let no = |words: &str| Some(words.to_owned());
-    if !matches!(table.kind, ModelKind::Dem | ModelKind::Fem | ModelKind::Cnem) {
-        return no("only bodies of particles, of finite and of natural elements go in parts");
-    }
-    if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
-        return Some(format!("model.{name}.step.scheme does not go in parts"));
-    }
-    if scene.wake.is_some() {
-        return no("models of a scene with [wake] do not go in parts");
-    }
-    if scene.statics.is_some() {
-        return no("models of a scene with [static] do not go in parts");
-    }
-    let nodal = |i: &&Interface| i.weight.weighting == arlequin::core::Weighting::Nodal;
-    if scene
-        .interface
-        .values()
-        .any(|i| nodal(&i) && [&i.coarse, &i.fine].contains(&name))
-    {
-        return no("weights at nodes do not go in parts");
-    }
-    for (k, e) in scene.effect.iter().enumerate() {
-        let between = e.between.as_ref().is_some_and(|b| b.contains(name));
-        let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
-        let works = match e.kind {
-            EffectKind::BodyForce(_)
-            | EffectKind::MassDamping(_)
-            | EffectKind::StiffnessDamping(_)
-            | EffectKind::LocalDamping(_)
-            | EffectKind::Prestress(_)
-            | EffectKind::Fracture(_)
-            | EffectKind::Obstacle(_) => true,
-            EffectKind::Contact(_) if !between => true,
-            _ => !e.enabled,
-        };
-        if acts && !works {
-            return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));
-        }
-    }
-    for (p, probe) in &scene.probe {
-        if probe.model.as_ref() == Some(name) && probe.crack.is_some() {
-            return Some(format!("probe.{p} asks for what one rank cannot tell"));
-        }
-    }
-    body.model.portion().map(|_| "it is in parts already".to_owned())
 }
 
 /// Ranks of a run, and what they agree on before and between its stages. A run on one rank agrees with
@@ -137,21 +54,6 @@ impl Ranks {
         }
     }
 
-    /// Compares the scene and its files between ranks. Collective.
-    ///
-    /// # Errors
-    /// A difference, on every rank; a file that cannot be read.
-    pub(crate) fn read(&self, scene: &Scene) -> Result<()> {
-        if self.communicator.is_none() {
-            return Ok(());
-        }
-        // A rank that cannot read a file reports this; all ranks then stop.
-        let origin = self.together(Origin::from_scene(scene))?;
-        let mut hasher = DefaultHasher::new();
-        origin.digest(&mut hasher);
-        self.agree("the scene and the files that it names", hasher.finish())
-    }
-
     /// The communicator, if there is more than one rank.
     pub(crate) fn communicator(&self) -> Option<&Arc<dyn Communicator>> {
         self.communicator.as_ref()
@@ -161,14 +63,6 @@ impl Ranks {
     pub(crate) fn count(&self) -> usize {
         let ranks = self.communicator.as_ref().map(|c| c.ranks());
         ranks.or(self.planned).unwrap_or(1)
-    }
-
-    /// Distribution of each model over the ranks; empty for a single rank.
-    pub(crate) fn holdings(&self, scene: &SceneSpec, bodies: &[Body]) -> Vec<RankLine> {
-        match self.count() {
-            1 => Vec::new(),
-            ranks => holdings(scene, bodies, ranks),
-        }
     }
 
     /// Number of this rank.
@@ -264,16 +158,6 @@ pub(crate) fn elsewhere(e: RankError) -> Error {
     Error::Core {
         key: "ranks".into(),
         source: arlequin::core::Error::Rank(e),
-    }
-}
-
-impl Origin {
-    /// Hashes all that defines the scene, except the folder it is in.
-    fn digest(&self, hasher: &mut DefaultHasher) {
-        self.text.hash(hasher);
-        self.set.hash(hasher);
-        self.fingerprints().for_each(|f| f.hash(hasher));
-        env!("CARGO_PKG_VERSION").hash(hasher);
     }
 }
 

@@ -2,14 +2,11 @@
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::ranks::Ranks;
-use crate::run::Prepared;
 use crate::setup::{self, zone};
 use crate::spec::SceneSpec;
-use arlequin::core::ranks::Communicator;
 use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
@@ -143,18 +140,6 @@ impl Scene {
         Ok(self)
     }
 
-    /// Runs the scene as one rank of several, all of which read the same scene: see [`crate::RankLine`]. Only
-    /// rank 0 writes files and receives warnings. [`Observer::step`](crate::Observer::step) is called on
-    /// every rank; one rank can end the steps of all. Collective.
-    ///
-    /// # Errors
-    /// Scenes, or files that they name, that differ between ranks: on every rank.
-    pub fn on_ranks(mut self, communicator: Arc<dyn Communicator>) -> Result<Self> {
-        self.ranks = Ranks::from_communicator(Some(communicator));
-        self.ranks.read(&self)?;
-        Ok(self)
-    }
-
     /// Plans for this number of ranks: [`Scene::prepare`] then reports how each model would be distributed
     /// ([`crate::setup::Built::holdings`]).
     #[must_use]
@@ -223,6 +208,11 @@ impl Scene {
         &self.spec
     }
 
+    /// Returns the scene with other ranks.
+    pub(crate) fn with_ranks(self, ranks: Ranks) -> Self {
+        Self { ranks, ..self }
+    }
+
     /// Returns a copy of the scene with other tables.
     pub(crate) fn with_spec(&self, spec: SceneSpec) -> Self {
         Self { spec, ..self.clone() }
@@ -248,24 +238,6 @@ impl Scene {
         let mut out = Vec::new();
         collect_files(&Value::Table(self.table.clone()), &mut out);
         out
-    }
-
-    /// Meshes, packs and couples everything that the scene describes. Collective.
-    ///
-    /// # Errors
-    /// Mistakes in the scene: the key, its value, the limit and the remedy.
-    pub fn prepare(&self) -> Result<Prepared> {
-        self.prepare_with(&mut |_| ())
-    }
-
-    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
-    /// as it begins.
-    ///
-    /// # Errors
-    /// See [`Self::prepare`].
-    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        let prepared = Prepared::new(self, announce).map_err(|e| zone::written(&self.spec, e));
-        self.ranks.together(prepared)
     }
 }
 

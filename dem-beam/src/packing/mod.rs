@@ -23,6 +23,8 @@ pub mod surface;
 #[cfg(feature = "vtu")]
 pub(crate) mod vtu;
 
+#[cfg(feature = "vtu")]
+pub use crate::vtu::pieces_of_pvtu;
 pub use around::Around;
 pub use assemble::Packing;
 pub use bonding::{LOOSE_LIMIT, Loose};
@@ -38,4 +40,4 @@ pub use report::PackingReport;
 pub use stl::read_facets;
 pub use surface::Surface;
 #[cfg(feature = "vtu")]
-pub use vtu::{pieces_of_pvtu, read_pieces, read_vtu};
+pub use vtu::{read_pieces, read_vtu};

@@ -1,11 +1,11 @@
-//! Reads the frames of a run: the index `results.pvd` and the VTU files with raw appended data, whole or in
-//! pieces. An array is read only when it is requested, so that at most one is in memory.
+//! Reads the frames of a run: the index `results.pvd` and the VTU files, whole or in pieces. An array is read
+//! only when it is requested, so that at most one is in memory.
 
-use super::pieces::Pieces;
+use super::pieces::Piece;
 use crate::error::{Error, Result, value};
-use roxmltree::{Document, Node};
+use arlequin::dem_beam::vtu::{self, Array, Section, Vtu};
+use roxmltree::Document;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Files of one model, mediator or rigid body over time.
@@ -67,221 +67,99 @@ pub(super) fn damaged(path: &Path, why: &str) -> Error {
     value("DIR", path.display(), &rule)
 }
 
-/// Section of a file to which an array belongs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
-    Point,
-    Cell,
-    /// Positions, connectivity, offsets and types.
-    Grid,
+/// Turns an error of the reader into one that names the file.
+pub(super) fn unreadable(path: &Path) -> impl Fn(arlequin::dem_beam::Error) -> Error + '_ {
+    move |e| match e {
+        arlequin::dem_beam::Error::BadFile { reason, .. } => damaged(path, &reason),
+        e => damaged(path, &e.to_string()),
+    }
 }
 
-/// Description of an array in a file.
-#[derive(Debug, Clone)]
-pub(super) struct Array {
-    pub(super) name: String,
-    pub(super) place: Place,
-    pub(super) components: usize,
-    bytes: usize,
-    decode: fn(&[u8]) -> f64,
-    offset: u64,
-}
-
-/// A model at one time.
+/// A model at one time: one file, or pieces in `.vtu` files that a `.pvtu` file lists.
 #[derive(Debug)]
 pub(super) struct Frame {
-    content: Content,
+    pub(super) path: PathBuf,
+    /// The file of the whole model, or its pieces.
+    pub(super) pieces: Vec<Piece>,
+    pub(super) in_pieces: bool,
     pub(super) points: usize,
     pub(super) cells: usize,
     pub(super) arrays: Vec<Array>,
-}
-
-#[derive(Debug)]
-enum Content {
-    Whole(Vtu),
-    Pieces(Pieces),
 }
 
 impl Frame {
     /// Reads the headers of the frame's file or files.
     pub(super) fn open(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "pvtu") {
-            let pieces = Pieces::open(path)?;
-            return Ok(Self {
-                points: pieces.points,
-                cells: pieces.cells,
-                arrays: pieces.arrays(),
-                content: Content::Pieces(pieces),
-            });
+            return Self::open_pieces(path);
         }
-        let file = Vtu::open(path)?;
+        let file = FrameFile::open(path)?;
         Ok(Self {
+            path: path.to_owned(),
+            in_pieces: false,
             points: file.points,
             cells: file.cells,
-            arrays: file.arrays.clone(),
-            content: Content::Whole(file),
+            arrays: file.grid.arrays.clone(),
+            pieces: vec![Piece::whole(file)],
         })
     }
 
-    /// Returns an array by its name; for an empty name the first array of vectors.
-    pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
-        named(&self.arrays, place, name)
+    /// Returns an array by its name.
+    pub(super) fn find(&self, section: Section, name: &str) -> Option<Array> {
+        let mut arrays = self.arrays.iter();
+        arrays.find(|a| a.section == section && a.name == name).cloned()
     }
 
-    /// Reads all numbers of an array.
-    pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
-        match &mut self.content {
-            Content::Whole(file) => file.numbers(array),
-            Content::Pieces(pieces) => pieces.numbers(array),
-        }
+    /// Returns the array of positions.
+    pub(super) fn positions(&self) -> Option<Array> {
+        let is_position = |a: &&Array| a.section == Section::Points && a.components == 3;
+        self.arrays.iter().find(is_position).cloned()
     }
 }
 
-/// Finds an array by its name; for an empty name the first array of vectors.
-fn named(arrays: &[Array], place: Place, name: &str) -> Option<Array> {
-    let mut candidates = arrays.iter();
-    candidates
-        .find(|a| a.place == place && (a.name == name || (name.is_empty() && a.components == 3)))
-        .cloned()
-}
-
-/// An open VTU file.
+/// An open VTU file with one grid.
 #[derive(Debug)]
-pub(super) struct Vtu {
+pub(super) struct FrameFile {
     pub(super) path: PathBuf,
-    file: File,
-    data: u64,
+    file: Vtu<File>,
+    pub(super) grid: vtu::Piece,
     pub(super) points: usize,
     pub(super) cells: usize,
-    pub(super) arrays: Vec<Array>,
 }
 
-impl Vtu {
+impl FrameFile {
     /// Reads the header of a file.
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let mut file = File::open(path).map_err(read(path))?;
-        let (head, data) = head(&mut file).map_err(read(path))?;
+        let mut file = Vtu::open(File::open(path).map_err(read(path))?).map_err(unreadable(path))?;
         let bad = |why: &str| damaged(path, why);
-        let head = head.ok_or_else(|| bad("its data are not appended raw"))?;
-        let xml = Document::parse(&head).map_err(|e| bad(&e.to_string()))?;
-        let piece = xml.descendants().find(|n| n.has_tag_name("Piece"));
-        let piece = piece.ok_or_else(|| bad("it has no piece"))?;
-        let count = |key: &str| piece.attribute(key).and_then(|v| v.parse().ok());
-        let (points, cells) = count("NumberOfPoints")
-            .zip(count("NumberOfCells"))
-            .ok_or_else(|| bad("no counts"))?;
-        let mut arrays = Vec::new();
-        for (section, place) in [
-            ("PointData", Place::Point),
-            ("CellData", Place::Cell),
-            ("Points", Place::Grid),
-            ("Cells", Place::Grid),
-        ] {
-            let sections = piece.children().filter(|n| n.has_tag_name(section));
-            for node in sections
-                .flat_map(|n| n.children())
-                .filter(|n| n.has_tag_name("DataArray"))
-            {
-                arrays.push(array(node, place).ok_or_else(|| bad("an array is of an unknown kind"))?);
-            }
+        let first = file.pieces.drain(..).next();
+        let grid = first.ok_or_else(|| bad("it has no piece"))?;
+        let counts = grid.points.zip(grid.cells);
+        let (points, cells) = counts.ok_or_else(|| bad("no counts"))?;
+        if grid.arrays.iter().any(|a| a.components == 0) {
+            return Err(bad("an array is of an unknown kind"));
         }
         Ok(Self {
             path: path.to_owned(),
             file,
-            data,
+            grid,
             points,
             cells,
-            arrays,
         })
-    }
-
-    /// Returns an array by its name; for an empty name the first array of vectors.
-    pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
-        named(&self.arrays, place, name)
     }
 
     /// Reads all numbers of an array.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
-        let path = self.path.clone();
-        let bytes = self.bytes(array).map_err(read(&path))?;
-        let numbers: Vec<f64> = bytes.chunks_exact(array.bytes).map(array.decode).collect();
-        let expected = match array.place {
-            Place::Point => Some(self.points * array.components),
-            Place::Cell => Some(self.cells * array.components),
-            Place::Grid => None,
+        let numbers = self.file.numbers(array).map_err(unreadable(&self.path))?;
+        let expected = match array.section {
+            Section::PointData => Some(self.points * array.components),
+            Section::CellData => Some(self.cells * array.components),
+            Section::Points | Section::Cells => None,
         };
         if expected.is_some_and(|n| n != numbers.len()) {
-            return Err(damaged(
-                &path,
-                &format!("'{}' has {} numbers", array.name, numbers.len()),
-            ));
+            let why = format!("'{}' has {} numbers", array.name, numbers.len());
+            return Err(damaged(&self.path, &why));
         }
         Ok(numbers)
     }
-
-    fn bytes(&mut self, array: &Array) -> std::io::Result<Vec<u8>> {
-        self.file.seek(SeekFrom::Start(self.data + array.offset))?;
-        let mut size = [0; 8];
-        self.file.read_exact(&mut size)?;
-        let size = u64::from_le_bytes(size);
-        // A damaged length must not allocate all memory.
-        let remaining = self
-            .file
-            .metadata()?
-            .len()
-            .saturating_sub(self.data + array.offset + 8);
-        if size > remaining {
-            return Err(std::io::ErrorKind::UnexpectedEof.into());
-        }
-        let mut bytes = vec![0; size as usize];
-        self.file.read_exact(&mut bytes)?;
-        Ok(bytes)
-    }
-}
-
-/// Returns the XML before the appended data, with the closing tag added, and the offset of the data
-/// \[bytes\]. The text is `None` if no appended data were found.
-fn head(file: &mut File) -> std::io::Result<(Option<String>, u64)> {
-    const MARK: &[u8] = b"<AppendedData encoding=\"raw\">";
-    let mut bytes = Vec::new();
-    let mut block = vec![0; 1 << 14];
-    loop {
-        let n = file.read(&mut block)?;
-        bytes.extend_from_slice(&block[..n]);
-        let mark = bytes.windows(MARK.len()).position(|w| w == MARK);
-        // The data begin behind the `_` that follows the tag.
-        let start = mark.and_then(|m| Some((m, m + bytes[m..].iter().position(|b| *b == b'_')? + 1)));
-        if let Some((mark, start)) = start {
-            let text = String::from_utf8(bytes[..mark].to_vec()).ok();
-            return Ok((text.map(|t| t + "</VTKFile>"), start as u64));
-        }
-        // A header holds only descriptions of arrays, so 1 MiB is ample.
-        if n == 0 || bytes.len() > 1 << 20 {
-            return Ok((None, 0));
-        }
-    }
-}
-
-fn array(node: Node<'_, '_>, place: Place) -> Option<Array> {
-    fn raw<const N: usize>(b: &[u8]) -> [u8; N] {
-        std::array::from_fn(|k| b[k])
-    }
-    let (bytes, decode): (usize, fn(&[u8]) -> f64) = match node.attribute("type")? {
-        "Float64" => (8, |b| f64::from_le_bytes(raw(b))),
-        "Float32" => (4, |b| f64::from(f32::from_le_bytes(raw(b)))),
-        "Int64" => (8, |b| i64::from_le_bytes(raw(b)) as f64),
-        "Int32" => (4, |b| f64::from(i32::from_le_bytes(raw(b)))),
-        "UInt32" => (4, |b| f64::from(u32::from_le_bytes(raw(b)))),
-        "UInt8" => (1, |b| f64::from(b[0])),
-        _ => return None,
-    };
-    let components = node.attribute("NumberOfComponents").unwrap_or("1");
-    Some(Array {
-        name: node.attribute("Name").unwrap_or_default().to_owned(),
-        place,
-        components: components.parse().ok().filter(|c| *c > 0)?,
-        bytes,
-        decode,
-        offset: node.attribute("offset")?.parse().ok()?,
-    })
 }

@@ -1,7 +1,8 @@
 //! Grid of a frame as it is drawn: faces between cells, and lines.
 
-use super::frames::{Frame, Place};
+use super::frames::Frame;
 use crate::error::{Result, value};
+use arlequin::dem_beam::vtu::{Array, Section};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -61,16 +62,16 @@ fn faces_of(kind: u8) -> Option<&'static [[usize; 4]]> {
 impl Grid {
     /// Reads the grid of a frame.
     pub(super) fn read_from(frame: &mut Frame, path: &Path) -> Result<Self> {
-        let need = |f: &Frame, name: &str| {
+        let need = |array: Option<Array>, name: &str| {
             let rule = format!("has no array '{name}'; make the run again");
-            f.find(Place::Grid, name)
-                .ok_or_else(|| value("DIR", path.display(), &rule))
+            array.ok_or_else(|| value("DIR", path.display(), &rule))
         };
+        let points = need(frame.positions(), "")?;
+        let points = frame.numbers(&points)?;
         let mut read = |name: &str| {
-            let array = need(frame, name)?;
+            let array = need(frame.find(Section::Cells, name), name)?;
             frame.numbers(&array)
         };
-        let points = read("")?;
         let corners: Vec<u32> = read("connectivity")?.into_iter().map(|x| x as u32).collect();
         let ends: Vec<u32> = read("offsets")?.into_iter().map(|x| x as u32).collect();
         let kinds: Vec<u8> = read("types")?.into_iter().map(|x| x as u8).collect();

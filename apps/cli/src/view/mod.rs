@@ -9,8 +9,9 @@ mod pieces;
 
 use crate::error::{Result, write};
 use crate::report;
+use arlequin::dem_beam::vtu::{Array, Section};
 use arlequin_scene::output::mark;
-use frames::{Frame, Place, Series};
+use frames::{Frame, Series};
 use part::Part;
 use std::path::{Path, PathBuf};
 
@@ -77,12 +78,15 @@ impl Plan {
         for s in series {
             let frame = Frame::open(first(s))?;
             // The page stores two bytes per value.
-            let bytes_per_item = |place: Place| -> usize {
-                let varying = frame.arrays.iter().filter(|a| a.place == place && varies(a));
+            let bytes_per_item = |section: Section| -> usize {
+                let varying = frame.arrays.iter().filter(|a| a.section == section && varies(a));
                 varying.map(|a| 2 * a.components).sum()
             };
-            let (of_point, of_cell) = (bytes_per_item(Place::Point), bytes_per_item(Place::Cell));
-            if frame.find(Place::Point, "radius [m]").is_some() {
+            let (of_point, of_cell) = (
+                bytes_per_item(Section::PointData),
+                bytes_per_item(Section::CellData),
+            );
+            if frame.find(Section::PointData, "radius [m]").is_some() {
                 grains += of_point * frame.points + of_cell * frame.cells;
                 count += frame.points;
             } else if frame.cells > CELLS {
@@ -129,7 +133,7 @@ fn first(series: &Series) -> &Path {
 }
 
 /// Returns whether an array may change over time.
-fn varies(array: &frames::Array) -> bool {
+fn varies(array: &Array) -> bool {
     const FIXED: [&str; 5] = ["alpha", "beta", "gamma", "radius [m]", "broken [-]"];
     !FIXED.contains(&array.name.as_str())
 }

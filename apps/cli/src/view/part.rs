@@ -1,9 +1,10 @@
 //! The part of a model, mediator or body that the page shows: grid, fields over time, broken bonds.
 
-use super::frames::{Array, Frame, Place, Series};
+use super::frames::{Frame, Series};
 use super::grid::Grid;
 use super::{CELLS, LINES, Plan, first};
 use crate::error::{Result, value};
+use arlequin::dem_beam::vtu::{Array, Section};
 use std::collections::BTreeSet;
 
 /// Frame number of a line that never breaks.
@@ -62,7 +63,7 @@ impl Part {
                 full.unknown
             ));
         }
-        let radii = match frame.find(Place::Point, "radius [m]") {
+        let radii = match frame.find(Section::PointData, "radius [m]") {
             Some(a) => frame.numbers(&a)?,
             None => Vec::new(),
         };
@@ -116,7 +117,7 @@ fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
     let mut out = Vec::new();
     for (k, path) in plan.times.iter().filter_map(|t| series.file_at(*t)).enumerate() {
         let mut frame = Frame::open(path)?;
-        let Some(array) = frame.find(Place::Cell, "broken [-]") else {
+        let Some(array) = frame.find(Section::CellData, "broken [-]") else {
             return Ok(out);
         };
         let now = frame.numbers(&array)?;
@@ -217,30 +218,27 @@ fn cracked(full: &Grid, broken: &[u16]) -> Option<BTreeSet<u32>> {
 /// Reads all fields over the selected frames.
 fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<Field>> {
     let frame = Frame::open(first(series))?;
-    let shown = |a: &&Array| a.place != Place::Grid && a.name != "radius [m]" && a.name != "broken [-]";
+    let is_value = |a: &&Array| matches!(a.section, Section::PointData | Section::CellData);
+    let shown = |a: &&Array| is_value(a) && a.name != "radius [m]" && a.name != "broken [-]";
     let mut wanted: Vec<Array> = frame.arrays.iter().filter(shown).cloned().collect();
     let moves = wanted.iter().any(|a| a.name == MOVE);
     // Without displacements the motion is read from the positions of each frame.
     if !moves {
-        wanted.extend(frame.find(Place::Grid, ""));
+        wanted.extend(frame.positions());
     }
     let mut out = Vec::new();
     for array in &wanted {
-        let on_lines = array.place == Place::Cell && full.faces.is_empty();
+        let on_lines = array.section == Section::CellData && full.faces.is_empty();
         if on_lines && kept.lines.is_empty() {
             continue;
         }
         let mut frames = Vec::new();
         for path in plan.times.iter().filter_map(|t| series.file_at(*t)) {
             let mut frame = Frame::open(path)?;
-            let current = frame.find(
-                array.place,
-                if array.place == Place::Grid {
-                    ""
-                } else {
-                    &array.name
-                },
-            );
+            let current = match array.section {
+                Section::Points => frame.positions(),
+                section => frame.find(section, &array.name),
+            };
             let current = current
                 .filter(|f| f.components == array.components)
                 .ok_or_else(|| {
@@ -251,7 +249,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                     value("DIR", path.display(), &rule)
                 })?;
             let mut values = frame.numbers(&current)?;
-            if array.place == Place::Grid {
+            if array.section == Section::Points {
                 if values.len() != full.points.len() {
                     let rule =
                         "has another number of points than the first frame, which this page cannot show";
@@ -259,18 +257,18 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                 }
                 // The array holds positions; the page needs displacements.
                 values.iter_mut().zip(&full.points).for_each(|(v, x)| *v -= x);
-            } else if array.place == Place::Cell && !on_lines {
+            } else if array.section == Section::CellData && !on_lines {
                 values = full.at_points(&values, array.components);
             }
             let list = if on_lines { &kept.lines } else { &kept.points };
             frames.push(picked(&values, array.components, list));
         }
-        let name = if array.place == Place::Grid {
+        let name = if array.section == Section::Points {
             MOVE
         } else {
             &array.name
         };
-        let mean = array.place == Place::Cell && !on_lines;
+        let mean = array.section == Section::CellData && !on_lines;
         let name = if mean {
             format!("{name}, mean at nodes")
         } else {
@@ -278,7 +276,7 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
         };
         let field = quantised(name, on_lines, array.components, frames);
         // Points that do not move need no displacement field.
-        if array.place != Place::Grid || field.frames > 1 {
+        if array.section != Section::Points || field.frames > 1 {
             out.push(field);
         }
     }

@@ -1,20 +1,15 @@
 //! Assembles a frame whose pieces were written by several ranks: points and cells in the order of the whole
 //! model, each once.
 
-use super::frames::{Array, Place, Vtu, damaged, read};
+use super::frames::{Frame, FrameFile, damaged, read, unreadable};
 use crate::error::Result;
-use roxmltree::Document;
-use std::path::{Path, PathBuf};
+use arlequin::dem_beam::vtu::{Array, CELL_NUMBERS, GHOSTS, POINT_NUMBERS, Section, pieces_of_pvtu};
+use std::path::Path;
 
-/// Arrays that number the points and cells of the whole model and mark ghosts. They are not shown.
-const POINTS: &str = "GlobalPointIds";
-const CELLS: &str = "GlobalCellIds";
-const GHOST: &str = "vtkGhostType";
-
-/// The file of one rank.
+/// A file of a frame, with numbers if it is a rank's piece.
 #[derive(Debug)]
-struct Piece {
-    file: Vtu,
+pub(super) struct Piece {
+    file: FrameFile,
     /// Numbers of the piece's points in the whole model.
     points: Vec<u32>,
     /// For each point: true if it is owned by another piece.
@@ -23,33 +18,23 @@ struct Piece {
     cells: Vec<u32>,
 }
 
-/// All pieces of a frame.
-#[derive(Debug)]
-pub(super) struct Pieces {
-    path: PathBuf,
-    pieces: Vec<Piece>,
-    pub(super) points: usize,
-    pub(super) cells: usize,
-}
-
-impl Pieces {
+impl Frame {
     /// Opens a `.pvtu` file and the pieces it names. Fails unless they hold every point and cell of the
     /// whole model exactly once.
-    pub(super) fn open(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(read(path))?;
-        let xml = Document::parse(&text).map_err(|e| damaged(path, &e.to_string()))?;
-        let named = xml.descendants().filter(|n| n.has_tag_name("Piece"));
-        let files = named.filter_map(|n| n.attribute("Source"));
-        let pieces = files.map(|f| Piece::open(&path.with_file_name(f)));
+    pub(super) fn open_pieces(path: &Path) -> Result<Self> {
+        let content = std::fs::read(path).map_err(read(path))?;
+        let files = pieces_of_pvtu(&content).map_err(unreadable(path))?;
+        let pieces = files.iter().map(|f| Piece::open(&path.with_file_name(f)));
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
-        if pieces.is_empty() {
-            return Err(damaged(path, "it names no pieces"));
-        }
         let owned_count = |p: &Piece| p.ghost.iter().filter(|g| !**g).count();
+        let shown = |a: &&Array| ![POINT_NUMBERS, CELL_NUMBERS, GHOSTS].contains(&a.name.as_str());
+        let arrays = pieces.iter().take(1).flat_map(|p| &p.file.grid.arrays);
         let out = Self {
             points: pieces.iter().map(owned_count).sum(),
             cells: pieces.iter().map(|p| p.cells.len()).sum(),
             path: path.to_owned(),
+            in_pieces: true,
+            arrays: arrays.filter(shown).cloned().collect(),
             pieces,
         };
         let points = out.pieces.iter().flat_map(Piece::owned_points).map(|p| p.1);
@@ -61,18 +46,15 @@ impl Pieces {
         Ok(out)
     }
 
-    /// Returns the arrays of the whole model that can be shown.
-    pub(super) fn arrays(&self) -> Vec<Array> {
-        let shown = |a: &&Array| ![POINTS, CELLS, GHOST].contains(&a.name.as_str());
-        self.pieces[0].file.arrays.iter().filter(shown).cloned().collect()
-    }
-
     /// Reads all numbers of an array, in the order of the whole model.
     pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
-        match (array.place, array.name.as_str()) {
-            (Place::Grid, "connectivity") => self.connectivity(),
-            (Place::Grid, "offsets") => Ok(self.ends()?.into_iter().map(|e| e as f64).collect()),
-            (Place::Cell, _) | (Place::Grid, "types") => {
+        if !self.in_pieces {
+            return self.pieces[0].file.numbers(array);
+        }
+        match (array.section, array.name.as_str()) {
+            (Section::Cells, "connectivity") => self.connectivity(),
+            (Section::Cells, "offsets") => Ok(self.ends()?.into_iter().map(|e| e as f64).collect()),
+            (Section::CellData | Section::Cells, _) => {
                 let cell_pairs = |p: &Piece| (0..).zip(p.cells.iter().copied()).collect();
                 self.gathered(array, self.cells, cell_pairs)
             }
@@ -91,7 +73,7 @@ impl Pieces {
         let width = array.components;
         let mut out = vec![0.0; width * count];
         for p in &mut self.pieces {
-            let numbers = p.numbers(array.place, &array.name, width)?;
+            let numbers = p.numbers(array.section, &array.name, width)?;
             for (local, global) in pairs(p) {
                 let from = numbers.get(width * local..width * (local + 1));
                 let from = from.ok_or_else(|| damaged(&self.path, "an array of a piece is too short"))?;
@@ -106,7 +88,7 @@ impl Pieces {
         let mut ends = vec![0; self.cells];
         for p in &mut self.pieces {
             let mut start = 0;
-            let offsets = p.numbers(Place::Grid, "offsets", 1)?;
+            let offsets = p.numbers(Section::Cells, "offsets", 1)?;
             for (cell, end) in p.cells.iter().zip(offsets) {
                 // First the number of corners of each cell, summed up below.
                 // Damaged offsets may decrease; the subtraction must not overflow.
@@ -128,7 +110,7 @@ impl Pieces {
         let rows = self
             .pieces
             .iter_mut()
-            .map(|p| p.numbers(Place::Grid, "connectivity", 1));
+            .map(|p| p.numbers(Section::Cells, "connectivity", 1));
         let rows = rows.collect::<Result<Vec<_>>>()?;
         let mut out = vec![0.0; rows.iter().map(Vec::len).sum()];
         let lost = || damaged(&self.path, "cells of a piece have corners that are not there");
@@ -147,17 +129,27 @@ impl Pieces {
 }
 
 impl Piece {
+    /// Takes a file with a whole model.
+    pub(super) fn whole(file: FrameFile) -> Self {
+        Self {
+            file,
+            points: Vec::new(),
+            ghost: Vec::new(),
+            cells: Vec::new(),
+        }
+    }
+
     fn open(path: &Path) -> Result<Self> {
-        let mut file = Vtu::open(path)?;
-        let mut numbers = |place: Place, name: &str| {
-            let array = file.find(place, name).filter(|a| a.components == 1);
-            let array = array.ok_or_else(|| damaged(path, &format!("it has no '{name}'")))?;
-            file.numbers(&array)
+        let mut file = FrameFile::open(path)?;
+        let mut numbers = |section: Section, name: &str| {
+            let array = file.grid.find(section, name).filter(|a| a.components == 1);
+            let array = array.cloned();
+            file.numbers(&array.ok_or_else(|| damaged(path, &format!("it has no '{name}'")))?)
         };
         let whole = |numbers: Vec<f64>| numbers.into_iter().map(|x| x as u32).collect();
-        let points = whole(numbers(Place::Point, POINTS)?);
-        let ghost = numbers(Place::Point, GHOST)?;
-        let cells = whole(numbers(Place::Cell, CELLS)?);
+        let points = whole(numbers(Section::PointData, POINT_NUMBERS)?);
+        let ghost = numbers(Section::PointData, GHOSTS)?;
+        let cells = whole(numbers(Section::CellData, CELL_NUMBERS)?);
         Ok(Self {
             file,
             points,
@@ -174,15 +166,11 @@ impl Piece {
             .map(|(k, (n, _))| (k, *n))
     }
 
-    fn numbers(&mut self, place: Place, name: &str, components: usize) -> Result<Vec<f64>> {
-        let array = self.file.find(place, name).filter(|a| a.components == components);
-        let lost = || {
-            damaged(
-                &self.file.path,
-                &format!("it has no '{name}' as the other pieces"),
-            )
-        };
-        let array = array.ok_or_else(lost)?;
+    fn numbers(&mut self, section: Section, name: &str, components: usize) -> Result<Vec<f64>> {
+        let array = self.file.grid.find(section, name);
+        let array = array.filter(|a| a.components == components).cloned();
+        let lost = || format!("it has no '{name}' as the other pieces");
+        let array = array.ok_or_else(|| damaged(&self.file.path, &lost()))?;
         self.file.numbers(&array)
     }
 }

@@ -2,8 +2,6 @@
 
 use super::csv;
 use crate::error::Result;
-use crate::recorder::Recorder;
-use crate::spec::{Curve, SceneSpec};
 use std::path::Path;
 
 /// An axis of a curve.
@@ -18,25 +16,6 @@ pub struct CurveAxis {
 }
 
 impl CurveAxis {
-    fn for_probe(probe: &str, factor: f64, r: &Recorder) -> Option<Self> {
-        let k = r.readers.iter().position(|p| p.name == probe)?;
-        let label = r.readers[k].quantity.label();
-        let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
-        let factor = (
-            factor,
-            if factor.to_bits() == 1.0_f64.to_bits() {
-                String::new()
-            } else {
-                format!("{factor} ")
-            },
-        );
-        Some(Self {
-            label: format!("{}{probe} {quantity}", factor.1),
-            unit: unit.to_owned(),
-            values: r.probes.columns[k].iter().map(|v| factor.0 * v).collect(),
-        })
-    }
-
     fn title(&self) -> String {
         format!("{} [{}]", self.label, self.unit)
     }
@@ -53,19 +32,6 @@ pub struct CurveLine {
     pub x: CurveAxis,
     /// Vertical axis.
     pub y: CurveAxis,
-}
-
-/// Returns the curves of a scene. A curve whose probe has no reader is left out.
-pub(crate) fn of(scene: &SceneSpec, r: &Recorder) -> Vec<CurveLine> {
-    let line = |(name, c): (&String, &Curve)| {
-        Some(CurveLine {
-            name: name.clone(),
-            times: r.probes.times.clone(),
-            x: CurveAxis::for_probe(&c.x, c.x_factor, r)?,
-            y: CurveAxis::for_probe(&c.y, c.y_factor, r)?,
-        })
-    };
-    scene.curve.iter().filter_map(line).collect()
 }
 
 /// Writes one table per curve.

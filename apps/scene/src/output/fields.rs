@@ -1,7 +1,7 @@
 //! Fields that models recover (stresses, strains, bond forces, …), as arrays of a frame.
 
 use super::pieces::Piece;
-use super::vtu::Array;
+use super::writer::Array;
 use crate::error::{Result, core};
 use crate::ranks::elsewhere;
 use crate::spec::OutputField;

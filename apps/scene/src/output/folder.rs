@@ -10,7 +10,6 @@
 //! ```
 
 use super::mark::{self, Mark};
-use crate::checkpoint;
 use crate::error::{Error, Result, value, write};
 use std::path::{Path, PathBuf};
 
@@ -52,7 +51,7 @@ impl Place {
         if !is_there(target) && earlier.exists() {
             std::fs::rename(&earlier, target).map_err(write(target))?;
         }
-        let resumable = partial.join(checkpoint::NAME).exists();
+        let resumable = partial.join(mark::CHECKPOINT).exists();
         if !is_there(target) && !resumable && mark::is_sealed(&partial) {
             std::fs::rename(&partial, target).map_err(write(target))?;
         }
@@ -135,7 +134,7 @@ impl Folder {
                 refuse_foreign(&old)?;
                 mark::remove(&old)?;
             }
-            if partial.join(checkpoint::NAME).exists() {
+            if partial.join(mark::CHECKPOINT).exists() {
                 std::fs::rename(&partial, &old).map_err(write(&old))?;
                 aside = Some(old);
             } else {
@@ -236,7 +235,7 @@ impl Folder {
         for entry in std::fs::read_dir(folder).map_err(write(folder))? {
             let path = entry.map_err(write(folder))?.path();
             let name = path.strip_prefix(&self.partial).unwrap_or(&path);
-            let stays = [checkpoint::NAME, mark::NAME]
+            let stays = [mark::CHECKPOINT, mark::NAME]
                 .iter()
                 .any(|n| name == Path::new(n));
             if mark::is_ours(name) && !stays {
@@ -299,7 +298,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        if self.is_kept || self.partial.join(checkpoint::NAME).exists() {
+        if self.is_kept || self.partial.join(mark::CHECKPOINT).exists() {
             return;
         }
         // Drop cannot report an error: on failure the folder stays under its unfinished name.

@@ -168,11 +168,6 @@ impl Fragments {
         }
         Ok(())
     }
-
-    /// Returns whether no model can break.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.bodies.is_empty()
-    }
 }
 
 /// Returns the number of particles, the model and the centre \[m\] of the largest fragment that no support
@@ -214,12 +209,15 @@ pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<
     largest
 }
 
-/// Writes the table of fragments.
-pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
+/// Writes the table of fragments if a model can break.
+pub(crate) fn write(folder: &Path, fragments: &Fragments) -> Result<()> {
+    if fragments.bodies.is_empty() {
+        return Ok(());
+    }
     let mut text = "time [s],model,fragment [-],particles [-],mass [kg],x [m],y [m],z [m],velocity x [m/s],velocity y [m/s],\
                     velocity z [m/s]\n"
         .to_owned();
-    for p in rows {
+    for p in &fragments.rows {
         let _ = write!(
             text,
             "{:e},{},{},{},{:e}",
@@ -230,5 +228,5 @@ pub(crate) fn write(path: &Path, rows: &[Piece]) -> Result<()> {
         }
         text.push('\n');
     }
-    put(path, &[text.as_bytes()])
+    put(&folder.join("fragments.csv"), &[text.as_bytes()])
 }

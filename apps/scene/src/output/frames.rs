@@ -1,9 +1,9 @@
 //! Frames: files with the state of all models and mediators at one instant.
 
+use super::fields;
 use super::painter::{Painter, Seen, vectors};
 use super::pieces::Piece;
-use super::vtu::{self, Array, Entry, Kinds, Numbers};
-use super::{fields, mark};
+use super::writer::{Array, Entry, WRITERS, Writer};
 use crate::error::{Error, Result, write};
 use crate::ranks::{Ranks, check_exchange};
 use crate::setup::{Grid, ModelInfo, RigidPicture};
@@ -11,11 +11,13 @@ use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use std::collections::HashSet;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// Writes frames, and their index at the end.
 #[derive(Debug)]
 pub struct Frames {
+    format: &'static dyn Writer,
     /// `None` on a rank that writes nothing.
     folder: Option<PathBuf>,
     /// All ranks, if each writes its part of partitioned models.
@@ -54,8 +56,8 @@ pub struct Picture<'a> {
 /// Files that a rank has written of one instant.
 #[derive(Debug)]
 struct Written {
-    /// Entries of models, with the names of the arrays of partitioned models.
-    models: Vec<(Entry, Option<Kinds>)>,
+    /// Entries of models; of partitioned ones with the stem of their files and their arrays without values.
+    models: Vec<(Entry, Option<(String, [Vec<Array>; 2])>)>,
     /// Paths of the files of this rank.
     files: Vec<PathBuf>,
     /// First error.
@@ -107,6 +109,7 @@ impl Frames {
         let pieces = pieces.into_iter().chain(std::iter::repeat_with(|| None));
         let models = pictures.models.into_iter().zip(run.subdomains()).zip(pieces);
         Self {
+            format: WRITERS[0],
             folder,
             ranks: None,
             fields: fields.to_vec(),
@@ -117,6 +120,11 @@ impl Frames {
             rigid: pictures.rigid,
             entries: Vec::new(),
         }
+    }
+
+    /// Chooses a file format instead of VTU.
+    pub(crate) fn with_format(self, format: &'static dyn Writer) -> Self {
+        Self { format, ..self }
     }
 
     /// Returns whether this rank writes the index and the models that are not partitioned.
@@ -139,13 +147,33 @@ impl Frames {
             .filter_map(|e| Path::new(&e.file).file_name()?.to_str())
             .collect();
         for file in std::fs::read_dir(folder).map_err(write(folder))?.flatten() {
-            let frame = mark::frame(&file.file_name());
+            let frame = self.listed_name(&file.file_name());
             if frame.is_some_and(|f| !listed.contains(f.as_str())) {
                 std::fs::remove_file(file.path()).map_err(write(&file.path()))?;
             }
         }
         self.entries = entries;
         Ok(())
+    }
+
+    /// Returns the name under which the index lists a frame, given the name of its file or of a rank's part.
+    /// Frames are named `MODEL_STEP.vtu`, parts `MODEL_STEP_RANK.vtu` (listed as `MODEL_STEP.pvtu`).
+    fn listed_name(&self, name: &OsStr) -> Option<String> {
+        let (stem, ending) = name.to_str()?.rsplit_once('.')?;
+        let [whole, pieces] = self.format.endings();
+        let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+        let is_frame = |stem: &str| {
+            let step = stem.rsplit_once('_').map(|(_, step)| step);
+            step.is_some_and(|s| s.len() >= 8 && is_number(s))
+        };
+        if ending != whole && ending != pieces {
+            return None;
+        }
+        if is_frame(stem) {
+            return Some(format!("{stem}.{ending}"));
+        }
+        let (stem, rank) = stem.rsplit_once('_')?;
+        (ending == whole && is_number(rank) && is_frame(stem)).then(|| format!("{stem}.{pieces}"))
     }
 
     /// Number of instants written.
@@ -215,15 +243,15 @@ impl Frames {
         let Some(folder) = self.folder.clone().filter(|_| self.leads()) else {
             return Ok(());
         };
-        for (entry, kinds) in written.models {
-            if let (Some(kinds), Some(ranks)) = (kinds, &self.ranks) {
-                let name = entry.file.trim_start_matches("vtu/").trim_end_matches(".pvtu");
-                let pieces: Vec<String> = (0..ranks.count()).map(|r| piece_file(name, r)).collect();
+        for (entry, arrays) in written.models {
+            if let (Some((name, arrays)), Some(ranks)) = (arrays, &self.ranks) {
+                let pieces: Vec<String> = (0..ranks.count()).map(|r| self.piece_file(&name, r)).collect();
                 pieces
                     .iter()
                     .enumerate()
                     .try_for_each(|(r, p)| check_visible(&folder.join(p), r))?;
-                vtu::write_parallel(&folder.join(format!("{name}.pvtu")), &kinds, &pieces)?;
+                let path = folder.join(format!("{name}.{}", self.format.endings()[1]));
+                self.format.write_pieces(&path, &arrays, &pieces)?;
             }
             self.entries.push(entry);
         }
@@ -236,37 +264,40 @@ impl Frames {
             if !self.leads() && s.portion().is_none() {
                 check_state(run, s)?;
             } else if let Some(picture) = self.picture(run, part)? {
-                self.write_model(run, part, &picture, to);
+                self.write_model(run, part, picture, to);
             }
         }
         Ok(())
     }
 
     /// Writes a model as this rank shows it, unless an earlier write of this instant failed.
-    fn write_model(&self, run: &Coupled<f64>, part: usize, p: &Picture<'_>, to: &mut Written) {
+    fn write_model(&self, run: &Coupled<f64>, part: usize, p: Picture<'_>, to: &mut Written) {
         let (Some(folder), Ok(())) = (&self.folder, &to.failed) else {
             return;
         };
         let name = format!("{}_{:08}", p.name, run.steps());
         let piece = self.models[part].piece.as_ref();
+        let [whole, pieces] = self.format.endings();
         let file = match (piece, &self.ranks) {
-            (Some(_), Some(ranks)) => piece_file(&name, ranks.rank()),
-            _ => format!("{name}.vtu"),
+            (Some(_), Some(ranks)) => self.piece_file(&name, ranks.rank()),
+            _ => format!("{name}.{whole}"),
         };
         let path = folder.join(file);
-        let numbers = piece.map(|piece| Numbers {
-            points: &piece.points,
-            owned: piece.owned,
-            cells: &piece.cells,
-        });
-        to.failed = vtu::write_grid(&path, p.grid, &p.points, &p.cells, numbers);
+        to.failed = self.format.write_grid(&path, &p, piece);
         to.files.push(path);
-        let (ending, kinds) = match piece {
-            None => ("vtu", None),
-            Some(_) => ("pvtu", Some(Kinds::from_arrays(&p.points, &p.cells))),
+        let ending = if piece.is_some() { pieces } else { whole };
+        let entry = self.entry(run, part, &p.name, format!("{name}.{ending}"));
+        let empty = |list: Vec<Array>| {
+            let arrays = list.into_iter();
+            arrays
+                .map(|a| Array {
+                    values: Vec::new(),
+                    ..a
+                })
+                .collect()
         };
-        let entry = entry(run, part, &p.name, format!("{name}.{ending}"));
-        to.models.push((entry, kinds));
+        let arrays = piece.map(|_| (name, [empty(p.points), empty(p.cells)]));
+        to.models.push((entry, arrays));
     }
 
     fn write_multipliers(&mut self, run: &Coupled<f64>, folder: &Path) -> Result<()> {
@@ -281,14 +312,14 @@ impl Frames {
                 components: 3,
                 values: vectors(i.multipliers(), i.components(), grid.points.len()),
             };
-            let file = format!("mediator-{name}_{:08}.vtu", run.steps());
-            vtu::write_grid(&folder.join(&file), grid, &[lambda], &[], None)?;
-            self.entries.push(entry(
-                run,
-                self.models.len() + k,
-                &format!("mediator-{name}"),
-                file,
-            ));
+            let picture = Picture {
+                name: format!("mediator-{name}"),
+                grid,
+                points: vec![lambda],
+                cells: Vec::new(),
+            };
+            let place = (self.models.len() + k, picture.name.as_str());
+            self.entries.push(self.write_whole(run, folder, place, &picture)?);
         }
         Ok(())
     }
@@ -305,7 +336,7 @@ impl Frames {
                 components: 3,
                 values: p.grid.points.iter().flat_map(|x| value(x).data.0[0]).collect(),
             };
-            let arrays = [
+            let arrays = vec![
                 array("displacement [m]", &|_| now.displacement),
                 array("velocity [m/s]", &|x| {
                     now.velocity + now.spin.cross(&(x - p.centre))
@@ -321,36 +352,53 @@ impl Frames {
                     '-'
                 }
             };
-            let file = format!(
-                "{}-{k}_{:08}.vtu",
-                name.chars().map(plain).collect::<String>(),
-                run.steps()
-            );
-            vtu::write_grid(&folder.join(&file), &p.grid, &arrays, &[], None)?;
+            let stem = format!("{}-{k}", name.chars().map(plain).collect::<String>());
             let part = self.models.len() + self.mediators.len() + k;
-            self.entries.push(entry(run, part, &name, file));
+            let picture = Picture {
+                name,
+                grid: &p.grid,
+                points: arrays,
+                cells: Vec::new(),
+            };
+            self.entries
+                .push(self.write_whole(run, folder, (part, &stem), &picture)?);
         }
         Ok(())
     }
 
-    /// Writes the index.
-    pub fn finish(&self, path: &Path) -> Result<()> {
-        vtu::write_index(path, &self.entries)
+    /// Writes a grid that is not partitioned, with number `part` in the index and `stem` in the name of the
+    /// file.
+    fn write_whole(
+        &self,
+        run: &Coupled<f64>,
+        folder: &Path,
+        (part, stem): (usize, &str),
+        picture: &Picture<'_>,
+    ) -> Result<Entry> {
+        let file = format!("{stem}_{:08}.{}", run.steps(), self.format.endings()[0]);
+        self.format.write_grid(&folder.join(&file), picture, None)?;
+        Ok(self.entry(run, part, &picture.name, file))
     }
-}
 
-fn entry(run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
-    Entry {
-        time: run.time(),
-        part,
-        name: name.to_owned(),
-        file: format!("vtu/{file}"),
+    fn entry(&self, run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {
+        Entry {
+            time: run.time(),
+            part,
+            name: name.to_owned(),
+            file: format!("{}/{file}", self.format.name()),
+        }
     }
-}
 
-/// File name of a rank's part.
-fn piece_file(name: &str, rank: usize) -> String {
-    format!("{name}_{rank}.vtu")
+    /// File name of a rank's part.
+    fn piece_file(&self, name: &str, rank: usize) -> String {
+        format!("{name}_{rank}.{}", self.format.endings()[0])
+    }
+
+    /// Writes the index into the folder of the results.
+    pub fn finish(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(self.format.indices()[0]);
+        self.format.write_index(&path, &self.entries)
+    }
 }
 
 /// Refuses a part that its rank has written where rank 0 does not see it.

@@ -10,16 +10,18 @@
 //! During a run there is no list. Then the names that a run uses decide, and a lock shows that the run goes
 //! on.
 
-use crate::checkpoint::fingerprint;
+use super::fingerprint;
+use super::writer::WRITERS;
 use crate::error::{Error, Result, write};
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::fs::{File, TryLockError};
 use std::io::{Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Name of the mark's file.
 pub const NAME: &str = ".arlequin-results";
+/// Name of the checkpoint file in a folder.
+pub(crate) const CHECKPOINT: &str = "checkpoint.bin";
 const HEAD: &str = "Results of arlequin. A run with --force replaces this folder as long as it holds nothing but the \
                     files listed here, unchanged.\n";
 /// Last line of a complete list.
@@ -46,24 +48,22 @@ fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
 }
 
 /// Files of a run at the top level.
-const FILES: [&str; 12] = [
+const FILES: [&str; 10] = [
     NAME,
     "probes.csv",
     "energy.csv",
     "effects.csv",
     "breaks.csv",
     "fragments.csv",
-    "results.pvd",
     "static.csv",
-    "results.pvd.tmp",
     "summary.json",
-    "checkpoint.bin",
+    CHECKPOINT,
     "checkpoint.bin.tmp",
 ];
 /// Files that a sweep or `arlequin view` adds to results later.
 const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view.html"];
-/// Subfolders and the endings of the files in them.
-const FOLDERS: [(&str, &str); 3] = [("vtu", ".vtu"), ("vtu", ".pvtu"), ("plots", ".svg")];
+/// Subfolder and ending of plots.
+const PLOTS: (&str, &str) = ("plots", "svg");
 /// Prefixes of tables that are named after a model or a curve.
 const NAMED: [&str; 2] = ["fracture-", "curve-"];
 /// Subfolder that again has results, of the time before a model woke.
@@ -240,36 +240,25 @@ pub fn is_ours(name: &Path) -> bool {
     }
 }
 
-/// Returns the name under which the index lists a frame, given the name of its file or of a rank's part.
-/// Frames are named `MODEL_STEP.vtu`, parts `MODEL_STEP_RANK.vtu` (listed as `MODEL_STEP.pvtu`).
-pub fn frame(name: &OsStr) -> Option<String> {
-    let name = name.to_str()?;
-    let is_step = |s: &str| s.len() >= 8 && s.bytes().all(|b| b.is_ascii_digit());
-    let is_frame = |stem: &str| stem.rsplit_once('_').is_some_and(|(_, step)| is_step(step));
-    if let Some(stem) = name.strip_suffix(".pvtu") {
-        return is_frame(stem).then(|| name.to_owned());
-    }
-    let stem = name.strip_suffix(".vtu")?;
-    if is_frame(stem) {
-        return Some(name.to_owned());
-    }
-    let (stem, rank) = stem.rsplit_once('_')?;
-    let is_rank = !rank.is_empty() && rank.bytes().all(|b| b.is_ascii_digit());
-    (is_rank && is_frame(stem)).then(|| format!("{stem}.pvtu"))
-}
-
 fn is_part(parts: &[&str]) -> bool {
     match parts {
         [] => true,
         [file] => {
             FILES.contains(file)
                 || ADDED.contains(file)
-                || FOLDERS.iter().any(|f| f.0 == *file)
+                || *file == PLOTS.0
+                || WRITERS
+                    .iter()
+                    .any(|w| w.name() == *file || w.indices().contains(file))
                 || NAMED
                     .iter()
                     .any(|n| file.starts_with(n) && file.ends_with(".csv"))
         }
-        [folder, file] => FOLDERS.iter().any(|f| f.0 == *folder && file.ends_with(f.1)),
+        [folder, file] => {
+            let ending = file.rsplit_once('.').map_or("", |(_, ending)| ending);
+            let writer = WRITERS.iter().find(|w| w.name() == *folder);
+            (*folder, ending) == PLOTS || writer.is_some_and(|w| w.endings().contains(&ending))
+        }
         _ => false,
     }
 }

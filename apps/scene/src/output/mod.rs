@@ -5,23 +5,22 @@ mod fields;
 mod folder;
 pub mod fragments;
 mod frames;
-pub(crate) mod live;
 pub mod mark;
-pub mod packing;
 mod painter;
 mod pieces;
 pub mod summary;
 pub mod tables;
-mod vtu;
+pub(crate) mod writer;
 
+pub use crate::setup::packing;
 pub use folder::{Folder, Place};
 pub use frames::{Frames, Picture, Pictures};
-pub use vtu::{Array, Entry};
+pub use writer::{Array, Entry};
 
 use crate::error::{Error, Result, write};
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 
 /// Writes columns of equal length as comma-separated values.
@@ -58,4 +57,24 @@ pub fn json(what: &'static str, value: &impl serde::Serialize) -> Result<String>
         what,
         message: e.to_string(),
     })
+}
+
+/// Length \[bytes\] and CRC-32 of a file; reads the file in blocks.
+pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
+    let read = |source| Error::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = File::open(path).map_err(read)?;
+    let (mut length, mut sum) = (0, crc32fast::Hasher::new());
+    let mut block = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut block).map_err(read)? {
+            0 => return Ok((length, sum.finalize())),
+            n => {
+                sum.update(&block[..n]);
+                length += n as u64;
+            }
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::fields;
 use super::pieces::Piece;
-use super::vtu::Array;
+use super::writer::Array;
 use crate::cells::{self, Cell};
 use crate::error::{Result, core};
 use crate::setup::{Grid, ModelInfo};

@@ -18,7 +18,7 @@ struct Peer {
 
 /// One rank's part of a model.
 #[derive(Debug)]
-pub(super) struct Piece {
+pub(crate) struct Piece {
     /// Numbers of the points in the whole model: owned ones, then ghosts by rank and number.
     pub(super) points: Vec<u32>,
     /// Number of owned points.

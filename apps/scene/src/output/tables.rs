@@ -1,36 +1,135 @@
-//! Tables of recorded values.
+//! Tables of recorded values: probes, energy and effects over time, load steps and broken bonds.
 
-use super::{csv, fragments, put};
-use crate::error::Result;
-use crate::recorder::{Recorder, Table};
-use crate::run::LoadStep;
+use super::summary::LoadStep;
+use super::{csv, put};
+use crate::error::{Result, write};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, SharedLog, locked};
+use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-/// Writes the tables of probes, energy, load steps, fragments and effects.
-pub fn write(folder: &Path, r: &Recorder) -> Result<()> {
-    for (name, table) in [("probes.csv", &r.probes), ("energy.csv", &r.energy)] {
-        table_csv(&folder.join(name), table)?;
-    }
-    load_steps(folder, &r.load_steps)?;
-    if !r.fragments.is_empty() {
-        fragments::write(&folder.join("fragments.csv"), &r.fragments.rows)?;
-    }
-    if r.effects.names.is_empty() {
-        return Ok(());
-    }
-    table_csv(&folder.join("effects.csv"), &r.effects)
+/// Files of the tables of probes, energy and effects.
+const NAMES: [&str; 3] = ["probes.csv", "energy.csv", "effects.csv"];
+
+/// Columns of values over time.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    /// Names of the columns, with units.
+    #[serde(skip)]
+    pub names: Vec<String>,
+    /// Times \[s\].
+    pub times: Vec<f64>,
+    /// Columns.
+    pub columns: Vec<Vec<f64>>,
 }
 
-fn table_csv(path: &Path, table: &Table) -> Result<()> {
-    let times = std::iter::once(table.times.as_slice());
-    let columns: Vec<&[f64]> = times.chain(table.columns.iter().map(Vec::as_slice)).collect();
-    let names: Vec<String> = std::iter::once("time [s]".to_owned())
-        .chain(table.names.iter().cloned())
-        .collect();
-    csv(path, &names, &columns)
+impl Table {
+    pub(crate) fn new(names: impl IntoIterator<Item = String>) -> Self {
+        let names: Vec<String> = names.into_iter().collect();
+        Self {
+            columns: vec![Vec::new(); names.len()],
+            names,
+            times: Vec::new(),
+        }
+    }
+
+    pub(crate) fn push(&mut self, time: f64, row: impl Iterator<Item = f64>) {
+        self.times.push(time);
+        self.columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
+    }
+
+    /// Continues with the rows recorded before, if any.
+    pub(crate) fn resume(&mut self, from: Self) {
+        if !from.times.is_empty() {
+            (self.times, self.columns) = (from.times, from.columns);
+        }
+    }
+
+    /// Returns a column by its name.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let k = self.names.iter().position(|n| n == name)?;
+        Some(&self.columns[k])
+    }
+
+    /// Rows from number `first` on, as comma-separated values, with the headings before row 0.
+    fn text(&self, first: usize) -> String {
+        let mut text = String::new();
+        if first == 0 {
+            text += "time [s]";
+            self.names.iter().for_each(|n| {
+                text.push(',');
+                text += n;
+            });
+            text.push('\n');
+        }
+        for k in first..self.times.len() {
+            let _ = write!(text, "{:e}", self.times[k]);
+            for c in &self.columns {
+                let _ = write!(text, ",{:e}", c[k]);
+            }
+            text.push('\n');
+        }
+        text
+    }
+}
+
+/// Writes the tables of probes, energy and effects; without effects, the last one has no file.
+pub(crate) fn write_all(folder: &Path, tables: [&Table; 3]) -> Result<()> {
+    for (name, table) in NAMES.into_iter().zip(tables) {
+        if name != NAMES[2] || !table.names.is_empty() {
+            put(&folder.join(name), &[table.text(0).as_bytes()])?;
+        }
+    }
+    Ok(())
+}
+
+/// Longest time between rows being recorded and written.
+const WAIT: Duration = Duration::from_secs(1);
+
+/// Counts the rows written during a run, so that they can be read before it ends.
+#[derive(Debug)]
+pub(crate) struct Live {
+    last: Instant,
+    rows: [usize; 3],
+}
+
+impl Live {
+    /// Starts with no row written. The rows of an earlier part of a resumed run are written again.
+    pub(crate) fn new() -> Self {
+        Self {
+            last: Instant::now(),
+            rows: [0; 3],
+        }
+    }
+
+    /// Appends the new rows if the last write is [`WAIT`] ago or a frame was written.
+    pub(crate) fn flush(&mut self, folder: &Path, tables: [&Table; 3], framed: bool) -> Result<()> {
+        if !framed && self.last.elapsed() < WAIT {
+            return Ok(());
+        }
+        for ((name, table), rows) in NAMES.into_iter().zip(tables).zip(&mut self.rows) {
+            if table.names.is_empty() {
+                continue;
+            }
+            let mut options = File::options();
+            if *rows == 0 {
+                options.create(true).write(true).truncate(true);
+            } else {
+                options.append(true);
+            }
+            let path = folder.join(name);
+            let mut file = options.open(&path).map_err(write(&path))?;
+            file.write_all(table.text(*rows).as_bytes())
+                .map_err(write(&path))?;
+            *rows = table.times.len();
+        }
+        self.last = Instant::now();
+        Ok(())
+    }
 }
 
 /// Writes method, residual and iterations of the load steps, if there are any.

@@ -1,12 +1,14 @@
 //! Results in a folder: written when the steps have ended, or as far as possible when a run fails.
 
+use super::checkpoint::{self, Checkpoint};
+use super::origin::Origin;
+use super::recorder::Recorder;
+use super::results::{End, Observer, Recorded, Results};
 use super::session::Session;
-use super::summary::Status;
-use super::{End, Observer, Recorded, Results};
-use crate::checkpoint::{self, Checkpoint, Origin};
+use super::summary::{self, Status};
 use crate::error::{Error, Result, core};
-use crate::output::summary::{self, Summary, WakeReport};
-use crate::output::{Folder, Place, curves, json, put, tables};
+use crate::output::summary::{Summary, WakeReport};
+use crate::output::{Folder, Place, curves, fragments, json, mark, put, tables};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -74,9 +76,9 @@ impl Keep {
         })
     }
 
-    /// Path of the frames; it exists once rank 0 has created it.
-    pub(super) fn frames(&self) -> PathBuf {
-        self.unfinished.join("vtu")
+    /// Path of the frames in the subfolder `name`; it exists once rank 0 has created it.
+    pub(super) fn frames(&self, name: &str) -> PathBuf {
+        self.unfinished.join(name)
     }
 
     /// Undoes [`Session::put_aside`].
@@ -116,7 +118,7 @@ impl Session<'_> {
     pub(super) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
         let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
-            path: self.folder().unwrap_or(Path::new("")).join(checkpoint::NAME),
+            path: self.folder().unwrap_or(Path::new("")).join(mark::CHECKPOINT),
             reason: format!("does not fit the run that its scene gives: {e}"),
         })?;
         self.recorder.resume(saved.records)?;
@@ -169,7 +171,7 @@ impl Session<'_> {
             folder = Some(place);
         }
         Ok(Results {
-            recorded: self.recorder.into_recorded(self.scene.spec(), summary),
+            recorded: recorded(self.recorder, self.scene, summary),
             asleep: None,
             run: self.run,
             breaks: self.breaks,
@@ -198,7 +200,7 @@ impl Session<'_> {
                 (_, folder) => self.keep = Some(Keep { folder, ..keep }),
             }
         }
-        Ok((self.recorder.into_recorded(self.scene.spec(), summary), self.keep))
+        Ok((recorded(self.recorder, self.scene, summary), self.keep))
     }
 
     /// Writes every file that still can be written after a run failed, and returns the error with a note of
@@ -258,32 +260,40 @@ impl Session<'_> {
 
     /// Writes everything but the summary. Tries every file, even if earlier ones fail.
     fn files(&self, folder: &Folder, observer: &mut dyn Observer) -> Vec<Result<()>> {
-        let path = folder.path();
+        let (path, r) = (folder.path(), &self.recorder);
         let mut tries = vec![
-            tables::write(path, &self.recorder),
+            tables::write_all(path, r.tables()),
+            tables::load_steps(path, &r.load_steps),
+            fragments::write(path, &r.fragments),
             tables::breaks(path, &self.run, &self.breaks),
             tables::all_breaks(path, &self.run, &self.breaks),
         ];
-        tries.extend(
-            self.recorder
-                .frames
-                .as_ref()
-                .map(|f| f.finish(&path.join("results.pvd"))),
-        );
+        tries.extend(r.frames.as_ref().map(|f| f.finish(path)));
         let spec = self.scene.spec();
-        let curves = curves::of(spec, &self.recorder);
+        let curves = r.curves(spec);
         tries.push(curves::write(path, &curves));
         if spec.output.plots {
             let plots = folder.subfolder("plots");
             let title = spec.title.as_deref().unwrap_or_default();
-            let r = &self.recorder;
             let drawn = plots.and_then(|p| {
-                observer.plot(&p, title, [&r.probes, &r.energy, &r.effects])?;
+                observer.plot(&p, title, r.tables())?;
                 curves.iter().try_for_each(|c| observer.plot_curve(&p, title, c))
             });
             tries.push(drawn);
         }
         tries
+    }
+}
+
+/// Returns the records after a run has ended.
+fn recorded(recorder: Recorder, scene: &Scene, summary: Summary) -> Recorded {
+    Recorded {
+        curves: recorder.curves(scene.spec()),
+        summary,
+        probes: recorder.probes,
+        energy: recorder.energy,
+        effects: recorder.effects,
+        fragments: recorder.fragments.rows,
     }
 }
 

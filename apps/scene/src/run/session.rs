@@ -1,21 +1,20 @@
 //! A run in progress: its steps, their records, and the reasons to end.
 
+use super::checkpoint::{Checkpoint, Stage};
+use super::crossing::Crossing;
 use super::folder::Keep;
-use super::{End, Observer};
-use crate::checkpoint::Checkpoint;
-use crate::crossing::Crossing;
+use super::intrusion;
+use super::recorder::{self, PhaseClock, Recorder};
+use super::results::{End, Observer};
 use crate::error::Result;
-use crate::intrusion;
 use crate::output::fragments::Fragments;
-use crate::output::live::Live;
-use crate::output::packing::PackingLine;
-use crate::output::tables;
+use crate::output::tables::{self, Live};
+use crate::output::writer::writer;
 use crate::output::{Frames, Pictures};
 use crate::ranks::RankLine;
-use crate::recorder::{self, PhaseClock, Recorder};
 use crate::scene::Scene;
+use crate::setup::packing::PackingLine;
 use crate::setup::{Bounds, Built, Grid, LoadSteps, ParticlesWithoutContact, PhaseTime};
-use crate::wake::Stage;
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
@@ -90,16 +89,19 @@ impl<'a> Session<'a> {
         let frames = match &keep {
             None => None,
             Some(keep) => {
-                let folder = keep.folder.as_ref().map(|f| f.subfolder("vtu")).transpose()?;
-                Some(if pieces {
+                let format = writer(settings)?;
+                let folder = keep.folder.as_ref().map(|f| f.subfolder(format.name()));
+                let folder = folder.transpose()?;
+                let frames = if pieces {
                     // The parts have grids of their own; this frees the whole ones.
                     drop(models);
-                    let folder = folder.unwrap_or_else(|| keep.frames());
+                    let folder = folder.unwrap_or_else(|| keep.frames(format.name()));
                     Frames::in_pieces(folder, &settings.fields, &built.run, pictures, ranks)?
                 } else {
                     let pictures = Pictures { models, ..pictures };
                     Frames::new(folder, &settings.fields, &built.run, pictures)
-                })
+                };
+                Some(frames.with_format(format))
             }
         };
         // A checkpoint has the first state. Its files need not agree with those that this number of ranks
@@ -187,11 +189,11 @@ impl<'a> Session<'a> {
         };
         let framed = self.recorder.framed(&self.run);
         let path = folder.path();
-        self.live.flush(path, &self.recorder, framed)?;
+        self.live.flush(path, self.recorder.tables(), framed)?;
         if framed {
             tables::all_breaks(path, &self.run, &self.breaks)?;
             if let Some(frames) = &self.recorder.frames {
-                frames.finish(&path.join("results.pvd"))?;
+                frames.finish(path)?;
             }
         }
         Ok(())

@@ -1,28 +1,12 @@
 //! Scenes at rest: successive load steps.
 
+use super::results::{End, Observer};
 use super::session::Session;
-use super::{End, Observer};
 use crate::error::{Result, core};
 use crate::output::fragments;
+use crate::output::summary::LoadStep;
 use crate::setup::LoadSteps;
 use arlequin::core::{Error as Failure, Settled};
-use serde::{Deserialize, Serialize};
-
-/// A load step in equilibrium.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LoadStep {
-    /// Time at which loads and motions are taken \[s\].
-    pub time: f64,
-    /// Name of the method: `direct` or `relaxed`.
-    pub method: String,
-    /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
-    /// since the load step before.
-    pub residual: f64,
-    /// Number of relaxation steps.
-    pub iterations: usize,
-    /// Internal energy \[J\].
-    pub energy: f64,
-}
 
 impl LoadStep {
     fn new(time: f64, s: &Settled<f64>) -> Self {

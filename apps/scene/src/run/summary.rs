@@ -1,9 +1,18 @@
 //! The summary of a run.
 
-use super::End;
+use super::crossing;
+use super::recorder::{PhaseClock, Recorder};
+use super::results::End;
 use super::session::Session;
-use crate::crossing;
-use crate::output::summary::{self, Energy, Summary, WallSeconds};
+use crate::output::summary::{
+    EffectReport, Energy, InterfaceLine, ModelLine, MomentumLine, ProbeLine, Summary, WallSeconds,
+};
+use crate::setup::packing::PackingLine;
+use crate::setup::{ParticlesWithoutContact, ProbeReader};
+use crate::spectrum;
+use arlequin::core::effect::EffectLine;
+use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
+use std::collections::BTreeMap;
 
 /// How a run ended.
 pub(super) enum Status {
@@ -47,7 +56,7 @@ impl Session<'_> {
             set: self.scene.changes().to_vec(),
             ranks: self.holdings.clone(),
             threads: rayon::current_num_threads(),
-            models: summary::models(run, &self.packings),
+            models: models(run, &self.packings),
             dt: plan.dt,
             critical_dt: plan.critical_dt,
             steps: run.steps(),
@@ -60,7 +69,7 @@ impl Session<'_> {
                 output: observing + writing,
                 phases: self.clock.phases(run),
             },
-            peak_bytes: summary::process_bytes("VmHWM:"),
+            peak_bytes: process_bytes("VmHWM:"),
             energy: Energy {
                 initial: r.initial_energy,
                 last: run.energy(),
@@ -71,12 +80,159 @@ impl Session<'_> {
                 start_loss: run.start_loss(),
                 ledger: run.works().into_iter().map(|w| (w.name, w.work)).collect(),
             },
-            momentum: summary::momentum(run),
-            interface: summary::interfaces(run, &r.residuals),
+            momentum: momentum(run),
+            interface: interfaces(run, &r.residuals),
             effects: plan.effects,
-            effect_ledger: summary::effects(run, &self.clock),
-            probes: summary::probes(r),
+            effect_ledger: effects(run, &self.clock),
+            probes: probes(r),
             warnings: r.warnings.clone(),
         }
     }
+}
+
+/// Returns the ledger lines of the effects, with their wall time.
+fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
+    let [stepping, _] = clock.split();
+    let line = |e: EffectLine<f64>| {
+        let seconds = e.phase.map(|p| clock.seconds(p));
+        EffectReport {
+            dissipated: e.dissipated(),
+            name: e.name,
+            work: e.work,
+            stored: e.stored,
+            seconds,
+            // A run without steps has no stepping time.
+            share: seconds.map(|s| s / stepping.max(f64::MIN_POSITIVE)),
+            facts: e.facts.into_iter().collect(),
+        }
+    };
+    run.effects().into_iter().map(line).collect()
+}
+
+/// Returns warnings about effects that the last state would need but the scene does not list, and the
+/// warnings of the run.
+pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
+    let text =
+        |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
+    let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
+    let warnings = run.warnings().iter().map(ToString::to_string);
+    model_findings.map(text).chain(warnings).collect()
+}
+
+/// Returns the momentum of each body of a run.
+fn momentum(run: &Coupled<f64>) -> Vec<MomentumLine> {
+    let line = |b: BodyMomentum<f64>| {
+        let (keeps, because) = match b.claim {
+            Claim::Both => ("both", None),
+            Claim::Linear(why) => ("linear", Some(why)),
+            Claim::Neither(why) => ("neither", Some(why)),
+        };
+        let [linear_drift, angular_drift] = b.drift.map(|d| (keeps != "neither").then_some(d));
+        MomentumLine {
+            models: b.models,
+            linear: b.linear.into(),
+            angular: b.angular.into(),
+            about: b.centre.into(),
+            arms: match b.arms {
+                Arms::Reference => "rest",
+                Arms::Current => "present",
+            },
+            keeps,
+            because,
+            linear_drift,
+            angular_drift,
+        }
+    };
+    run.bodies().into_iter().map(line).collect()
+}
+
+/// Returns a figure of this process's memory, such as `VmRSS:` or `VmHWM:` \[bytes\], if the system reports
+/// it.
+pub(crate) fn process_bytes(name: &str) -> Option<usize> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with(name))?;
+    let kilobytes: usize = line.split_whitespace().nth(1)?.parse().ok()?;
+    // The system writes "kB" for 1024 bytes.
+    Some(kilobytes * 1024)
+}
+
+/// Returns a line for each model of a run.
+pub(crate) fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Vec<ModelLine> {
+    let plan = run.plan();
+    let sides = run.subdomains();
+    let line = |(k, (name, kind, nodes, unknowns, critical_dt))| ModelLine {
+        name,
+        kind,
+        nodes,
+        unknowns,
+        critical_dt,
+        own_steps: sides.get(k).map_or(1, Subdomain::own_steps),
+        own_dt: sides.get(k).map_or(plan.dt, Subdomain::own_dt),
+        scheme: match sides.get(k).map(Subdomain::step_choice).unwrap_or_default() {
+            OwnStep::Implicit => "implicit",
+            _ => "explicit",
+        },
+        packing: packings.get(k).cloned().flatten(),
+    };
+    plan.models.into_iter().enumerate().map(line).collect()
+}
+
+/// Returns a line for each interface of a run, with its largest residual if there is one.
+pub(crate) fn interfaces(run: &Coupled<f64>, residuals: &[f64]) -> Vec<InterfaceLine> {
+    // A plan, which makes no steps, has no residuals and no jumps.
+    let jump = |k: usize| run.displacement_jumps().get(k).filter(|_| k < residuals.len());
+    let line = |(k, i): (usize, &arlequin::core::Interface<f64>)| {
+        let r = i.report();
+        let model = run.subdomains()[i.sides()[0]].model().name();
+        let group = run
+            .partition()
+            .iter()
+            .find(|g| g.models.iter().any(|m| m == model));
+        InterfaceLine {
+            name: r.name.clone(),
+            junction: r.junction,
+            multipliers: r.multipliers,
+            rank: r.rank,
+            solver: r.solver,
+            together: r.together.clone(),
+            iterations: i.iterations(),
+            solution_times: Vec::new(),
+            condition: r.condition,
+            condition_at_least: r.condition_at_least,
+            measure: r.measure,
+            coupled_nodes: r.coupled_nodes,
+            tied: r.tied,
+            outside_mediator: r.outside,
+            missing_weight: group.map_or(0.0, |g| g.missing),
+            excess_mass: group.map_or(0.0, |g| g.excess_mass),
+            partition_checked: group.is_none_or(|g| g.checked),
+            initial_jump: r.start_jump,
+            initial_change: r.start_moved,
+            max_constraint_residual: residuals.get(k).copied(),
+            max_displacement_jump: jump(k).map(|j| j.largest),
+            displacement_jump_share: jump(k).map(|j| j.share()),
+        }
+    };
+    run.interfaces().iter().enumerate().map(line).collect()
+}
+
+/// Returns the mean, extremes and frequencies of all probes.
+fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
+    let times = &r.probes.times;
+    let step = match times.as_slice() {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    };
+    let line = |(p, values): (&ProbeReader, &Vec<f64>)| {
+        let line = ProbeLine {
+            quantity: p.quantity.label(),
+            last: values.last().copied().unwrap_or_default(),
+            mean: values.iter().sum::<f64>() / values.len().max(1) as f64,
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            frequencies: spectrum::frequencies(values, step),
+        };
+        (p.name.clone(), line)
+    };
+    r.readers.iter().zip(&r.probes.columns).map(line).collect()
 }

@@ -3,7 +3,7 @@
 pub use crate::error::dem;
 
 use super::mesh::is;
-use super::zone::Likeness;
+use super::packing::Likeness;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};

@@ -3,7 +3,7 @@
 use super::drive::time_function;
 use super::filling::dem;
 use crate::error::{Result, key, value};
-use crate::output::packing::PackingLine;
+use crate::setup::packing::PackingLine;
 use crate::spec::{self, CriterionKind, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};

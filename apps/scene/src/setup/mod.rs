@@ -10,6 +10,7 @@ mod exerted;
 pub mod filling;
 mod formula;
 mod grains;
+mod holdings;
 mod interface;
 mod kinds;
 mod link;
@@ -18,6 +19,7 @@ mod materials;
 mod mediator;
 mod mesh;
 mod natural;
+pub mod packing;
 mod particles;
 mod places;
 mod plausible;
@@ -52,7 +54,6 @@ pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
 
 use crate::error::{Result, key, value};
-use crate::output::packing::PackingLine;
 use crate::ranks::{RankLine, Ranks};
 use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, Support};
 use arlequin::core::snapshot::Record;
@@ -65,6 +66,7 @@ use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
 pub(crate) use interface::stations;
+use packing::PackingLine;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -207,7 +209,7 @@ pub(crate) fn build_from(
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
-    let mut holdings = ranks.holdings(scene, &bodies);
+    let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
     let mut subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
     if let Some(c) = ranks.communicator() {
         let shared =

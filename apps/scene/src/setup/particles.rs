@@ -8,7 +8,7 @@ use super::materials;
 use super::mesh::{Grid, is};
 use super::zone::{Supports, Twin};
 use crate::error::{Error, Result, cnem};
-use crate::output::packing::PackingLine;
+use crate::setup::packing::PackingLine;
 use crate::spec::{Effect, ModelTable, ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;

@@ -9,6 +9,7 @@ mod model;
 mod probe;
 pub mod schema;
 mod statics;
+pub(crate) mod sweep;
 mod wake;
 
 pub use body::{ZoneMediator, ZoneOverlap, ZoneShape, ZoneTable};
@@ -142,6 +143,8 @@ pub struct Output {
     pub checkpoint_every: Option<usize>,
     /// True to write `plots/`.
     pub plots: bool,
+    /// File format of the frames: `"vtu"`.
+    pub format: String,
     /// True to let each of several ranks write its part of the frames of partitioned models, with a `.pvtu`
     /// that lists the parts. If false, rank 0 holds these models whole in memory to write them.
     pub pieces: bool,
@@ -170,6 +173,7 @@ impl Default for Output {
             energy_every: 10,
             checkpoint_every: None,
             plots: true,
+            format: "vtu".to_owned(),
             pieces: false,
         }
     }

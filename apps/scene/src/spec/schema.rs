@@ -3,7 +3,7 @@
 //! values and choices; rules across several keys are checked by the program only.
 
 use crate::spec::SceneSpec;
-use crate::sweep::spec::SweepFile;
+use crate::spec::sweep::SweepFile;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{RecursiveTransform, Transform};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

@@ -15,6 +15,7 @@ mod plate_with_hole;
 mod ranks;
 mod reactions;
 mod refusals;
+mod rooms;
 mod shipped;
 mod statics;
 mod stresses;

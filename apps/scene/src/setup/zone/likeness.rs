@@ -10,6 +10,7 @@
 use super::{Faces, Piece, corners_of};
 use crate::error::{Result, core, dem, fem};
 use crate::setup::materials;
+use crate::setup::packing::Likeness;
 use crate::setup::select::{inside, slack};
 use crate::spec::{Axis, ModelTable, Selection, Support};
 use arlequin::core::adjacency::Adjacency;
@@ -21,7 +22,6 @@ use arlequin::dem_beam::bond::Twist;
 use arlequin::dem_beam::statics::StaticProblem;
 use arlequin::dem_beam::{DemModel, Held};
 use arlequin::fem_ref::{Facet, FemModel, Mesh};
-use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -34,21 +34,6 @@ const ITERATIONS: usize = 20_000;
 /// zero by some tenths of a per cent, because its outlines on the two faces differ; a pit four times as deep
 /// as wide has 0.06, the end of a bar has 1.
 const CLOSED: f64 = 0.02;
-
-/// Stiffness of a packing in its place.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Likeness {
-    /// Stiffness over that of the body's elements there, with the beams that the packing has.
-    pub stiffness: f64,
-    /// Relative deviation from the stiffness of the elements after scaling by that factor: anisotropy, or
-    /// another Poisson's ratio.
-    pub uneven: f64,
-    /// Young's modulus of the beams over that from bulk properties, or over that given in the scene.
-    pub beams: f64,
-    /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
-    /// closed or supports hold the zone in every direction.
-    pub across: Option<f64>,
-}
 
 /// The fine model's share of the energy: one in the zone, falling to zero across the overlap.
 struct Share(Arc<dyn Overlap<f64>>);

@@ -12,8 +12,8 @@ mod lower;
 mod place;
 mod region;
 
+pub use super::packing::Likeness;
 pub(super) use faces::{Faces, corners_of};
-pub use likeness::Likeness;
 pub(super) use likeness::{Supports, Twin};
 pub(crate) use lower::{lowered, written};
 

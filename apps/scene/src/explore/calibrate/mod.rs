@@ -5,10 +5,10 @@ mod sample;
 mod strength;
 
 use crate::Progress;
-use crate::Source;
 use crate::error::Result;
-use crate::output::packing::PackingLine;
+use crate::scene::Source;
 use crate::setup::filling::dem;
+use crate::setup::packing::PackingLine;
 use crate::spec::Protocol;
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
 use arlequin::dem_beam::homogenise::{Bulk, BulkStatistics, bulk};

@@ -1,7 +1,7 @@
 //! Conclusions of a sweep: in plain sentences, and as a table of how much each axis matters.
 
 use super::result::Run;
-use super::spec::{Mark, SweepFile};
+use crate::spec::sweep::{Mark, SweepFile};
 use std::collections::BTreeMap;
 
 /// Effect of one axis on error and cost while all others stay.

@@ -8,19 +8,18 @@ mod curve;
 mod kept;
 mod plan;
 mod result;
-pub(crate) mod spec;
 
+pub use crate::spec::sweep::{Hook, Mark, SweepFile};
 pub use curve::{Curve, Errors};
 pub use plan::Member;
 pub use result::{HookRow, Measured, PHASES, Run, Seconds, Sweep, hook_rows};
-pub use spec::{Hook, Mark, SweepFile};
 
+use super::suggest::{self, Prediction};
 use crate::Progress;
 use crate::error::{Error, Result, key, write};
-use crate::suggest::{self, Prediction};
-use crate::{Scene, Source};
+use crate::scene::{Scene, Source};
+use crate::spec::sweep::Reference;
 use kept::Kept;
-use spec::Reference;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -2,10 +2,10 @@
 
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
+use crate::scene::{Scene, Source};
 use crate::setup::cut;
 use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
 use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
-use crate::{Scene, Source};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_sphere_volume};

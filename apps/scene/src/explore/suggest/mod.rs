@@ -11,8 +11,8 @@ mod path;
 mod predict;
 mod scenario;
 
-use crate::Scene;
 use crate::error::{Result, key, value};
+use crate::scene::Scene;
 use crate::spec::SceneSpec;
 use apply::Change;
 pub use choose::Goal;

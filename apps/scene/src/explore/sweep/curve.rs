@@ -1,8 +1,8 @@
 //! Curves over time: reading probes and references, errors, and the energy reflected past a probe.
 
-use super::spec::{CurveTable, Reflected, Window};
 use crate::error::{Error, Result, key, unknown};
 use crate::spec::Quantity;
+use crate::spec::sweep::{CurveTable, Reflected, Window};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;

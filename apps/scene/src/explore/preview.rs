@@ -1,10 +1,9 @@
 //! Preview of a run: sizes, steps, output, memory and time.
 
-use crate::output::summary::{self, InterfaceLine, ModelLine};
+use crate::output::summary::{InterfaceLine, ModelLine};
 use crate::output::{Frames, Pictures};
 use crate::ranks::RankLine;
-use crate::recorder::PhaseClock;
-use crate::run::Prepared;
+use crate::run::{self, PhaseClock, Prepared};
 use crate::scene::Scene;
 use crate::setup::zone::ZoneLine;
 use crate::setup::{Built, PhaseTime};
@@ -152,7 +151,7 @@ impl Preview {
             Ok(()) => "directly".to_owned(),
             Err(why) => format!("by relaxation, as {why}"),
         });
-        let mut interface = summary::interfaces(&run, &[]);
+        let mut interface = run::interfaces(&run, &[]);
         let ranks = scene.ranks().count();
         if ranks > 1 {
             for (line, i) in interface.iter_mut().zip(run.interfaces()) {
@@ -166,7 +165,7 @@ impl Preview {
         Self {
             scene: scene.source().path.display().to_string(),
             title: scene.spec().title.clone(),
-            models: summary::models(&run, &packings),
+            models: run::models(&run, &packings),
             interface,
             zones,
             ranks: holdings,
@@ -179,7 +178,7 @@ impl Preview {
             end: last.unwrap_or(steps as f64 * plan.dt),
             frames: count,
             output_bytes: count * frames.bytes_per_frame(),
-            memory_bytes: summary::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
+            memory_bytes: run::process_bytes("VmRSS:").unwrap_or_else(|| estimated_bytes(&plan)),
             setup_seconds,
             setup_phases: phases,
             warnings,

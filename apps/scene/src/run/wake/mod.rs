@@ -5,18 +5,19 @@ mod hand_over;
 mod sleep;
 mod watch;
 
-use crate::checkpoint::Checkpoint;
+use super::checkpoint::{Checkpoint, Stage};
+use super::folder::Keep;
+use super::results::{End, Observer, Results};
+use super::session::Session;
 use crate::error::{Result, key};
 use crate::output::mark;
 use crate::output::summary::{Momentum, WakeReport};
 use crate::ranks::Ranks;
-use crate::run::{End, Keep, Observer, Results, Session};
 use crate::scene::Scene;
 use crate::setup::{self, Built, Start, model_index};
 use crate::spec::{SceneSpec, Wake};
 use arlequin::core::Coupled;
 use hand_over::HandOver;
-use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use watch::Watch;
 
@@ -73,25 +74,6 @@ impl SceneSpec {
             )),
         }
     }
-}
-
-/// Progress of a scene with `[wake]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) enum Stage {
-    /// The model sleeps.
-    Asleep {
-        /// Largest value of the criterion so far.
-        highest: f64,
-        /// Place of this value \[m\].
-        place: [f64; 3],
-    },
-    /// The model woke.
-    Awake {
-        /// State that was handed over.
-        start: Start,
-        /// Report of the waking.
-        report: Box<WakeReport>,
-    },
 }
 
 /// Runs the sleeping scene from its start or from a checkpoint, and then the full scene if the model wakes.

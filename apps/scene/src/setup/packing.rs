@@ -1,6 +1,5 @@
 //! Results of packings of particle models, in numbers and in warnings.
 
-use crate::setup::zone::Likeness;
 use arlequin::dem_beam::packing::{Packing, narrow};
 use serde::Serialize;
 
@@ -50,6 +49,21 @@ pub struct PackingLine {
     /// Stiffness of a zone's packing compared with the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub likeness: Option<Likeness>,
+}
+
+/// Stiffness of a packing in its place.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Likeness {
+    /// Stiffness over that of the body's elements there, with the beams that the packing has.
+    pub stiffness: f64,
+    /// Relative deviation from the stiffness of the elements after scaling by that factor: anisotropy, or
+    /// another Poisson's ratio.
+    pub uneven: f64,
+    /// Young's modulus of the beams over that from bulk properties, or over that given in the scene.
+    pub beams: f64,
+    /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
+    /// closed or supports hold the zone in every direction.
+    pub across: Option<f64>,
 }
 
 /// A connected part of a packing.

@@ -1,8 +1,8 @@
 //! Watches the carrier until the criterion is met.
 
-use super::Stage;
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
+use crate::run::checkpoint::Stage;
 use crate::setup::ModelInfo;
 use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::nalgebra::{Matrix3, Point3};

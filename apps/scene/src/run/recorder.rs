@@ -1,15 +1,14 @@
 //! Recording of a run: probes, energy, frames and wall times.
 
 use crate::error::{Error, Result, core};
-use crate::output::Entry;
-use crate::output::Frames;
-use crate::output::curves;
+use crate::output::curves::{CurveAxis, CurveLine};
 use crate::output::fragments::{Fragments, Piece};
-use crate::output::summary::Summary;
+use crate::output::summary::LoadStep;
+use crate::output::tables::Table;
+use crate::output::{Entry, Frames};
 use crate::ranks::check_exchange;
-use crate::run::{LoadStep, Recorded};
 use crate::setup::{ProbeReader, Readings};
-use crate::spec::SceneSpec;
+use crate::spec::{Curve, SceneSpec};
 use arlequin::core::{Coupled, EnergySample, Observer, Phase, StepReport};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -101,49 +100,8 @@ impl Observer<f64> for PhaseClock {
     }
 }
 
-/// Columns of values over time.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Table {
-    /// Names of the columns, with units.
-    #[serde(skip)]
-    pub names: Vec<String>,
-    /// Times \[s\].
-    pub times: Vec<f64>,
-    /// Columns.
-    pub columns: Vec<Vec<f64>>,
-}
-
-impl Table {
-    fn new(names: impl IntoIterator<Item = String>) -> Self {
-        let names: Vec<String> = names.into_iter().collect();
-        Self {
-            columns: vec![Vec::new(); names.len()],
-            names,
-            times: Vec::new(),
-        }
-    }
-
-    fn push(&mut self, time: f64, row: impl Iterator<Item = f64>) {
-        self.times.push(time);
-        self.columns.iter_mut().zip(row).for_each(|(c, x)| c.push(x));
-    }
-
-    /// Continues with the rows recorded before, if any.
-    fn resume(&mut self, from: Self) {
-        if !from.times.is_empty() {
-            (self.times, self.columns) = (from.times, from.columns);
-        }
-    }
-
-    /// Returns a column by its name.
-    pub fn column(&self, name: &str) -> Option<&[f64]> {
-        let k = self.names.iter().position(|n| n == name)?;
-        Some(&self.columns[k])
-    }
-}
-
 /// First columns of [`Recorder::energy`]; the works follow.
-pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
+pub(super) const ENERGY_COLUMNS: [&str; 10] = [
     "kinetic [J]",
     "internal [J]",
     "total [J]",
@@ -157,7 +115,7 @@ pub(crate) const ENERGY_COLUMNS: [&str; 10] = [
 ];
 
 /// Columns of each body in [`Recorder::energy`], after the works.
-pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
+pub(super) const MOMENTUM_COLUMNS: [&str; 6] = [
     "momentum x [kg m/s]",
     "momentum y [kg m/s]",
     "momentum z [kg m/s]",
@@ -168,7 +126,7 @@ pub(crate) const MOMENTUM_COLUMNS: [&str; 6] = [
 
 /// Records that a checkpoint holds for a resumed run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Records {
+pub(super) struct Records {
     probes: Table,
     energy: Table,
     effects: Table,
@@ -184,7 +142,7 @@ pub struct Records {
 
 /// Recorder of a run.
 #[derive(Debug)]
-pub struct Recorder {
+pub(super) struct Recorder {
     /// Readers of the probes.
     pub readers: Vec<ProbeReader>,
     /// Values of the probes.
@@ -213,7 +171,7 @@ pub struct Recorder {
 impl Recorder {
     /// Creates a recorder and records the state before the first step, unless that state is `known`: a
     /// resumed run has recorded it before, and the start of a `[static]` scene is no equilibrium.
-    pub fn new(
+    pub(super) fn new(
         run: &mut Coupled<f64>,
         mut readers: Vec<ProbeReader>,
         mut frames: Option<Frames>,
@@ -262,7 +220,7 @@ impl Recorder {
     }
 
     /// Continues with what was recorded before.
-    pub fn resume(&mut self, from: Records) -> Result<()> {
+    pub(super) fn resume(&mut self, from: Records) -> Result<()> {
         self.probes.resume(from.probes);
         self.energy.resume(from.energy);
         self.effects.resume(from.effects);
@@ -281,7 +239,7 @@ impl Recorder {
     }
 
     /// Adds a warning; returns whether it is new.
-    pub fn warn(&mut self, text: String) -> bool {
+    pub(super) fn warn(&mut self, text: String) -> bool {
         let new = !self.warnings.contains(&text);
         if new {
             self.warnings.push(text);
@@ -290,7 +248,7 @@ impl Recorder {
     }
 
     /// Returns the records that a resumed run needs.
-    pub fn records(&self) -> Records {
+    pub(super) fn records(&self) -> Records {
         Records {
             probes: self.probes.clone(),
             energy: self.energy.clone(),
@@ -309,7 +267,11 @@ impl Recorder {
     }
 
     /// Records the step just made.
-    pub fn observe(&mut self, run: &mut Coupled<f64>, energy: Option<EnergySample<f64>>) -> Result<()> {
+    pub(super) fn observe(
+        &mut self,
+        run: &mut Coupled<f64>,
+        energy: Option<EnergySample<f64>>,
+    ) -> Result<()> {
         if run.steps().is_multiple_of(self.probe_every) {
             self.read_probes(run)?;
         }
@@ -320,7 +282,7 @@ impl Recorder {
     }
 
     /// Writes the last state, unless a frame of it exists already.
-    pub fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
+    pub(super) fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
         self.write_frame(run, !run.steps().is_multiple_of(self.frame_every))
     }
 
@@ -335,20 +297,41 @@ impl Recorder {
     }
 
     /// Returns whether the step just made writes a frame.
-    pub(crate) fn framed(&self, run: &Coupled<f64>) -> bool {
+    pub(super) fn framed(&self, run: &Coupled<f64>) -> bool {
         run.steps().is_multiple_of(self.frame_every)
     }
 
-    /// Returns the results after the run has ended.
-    pub(crate) fn into_recorded(self, scene: &SceneSpec, summary: Summary) -> Recorded {
-        Recorded {
-            curves: curves::of(scene, &self),
-            summary,
-            probes: self.probes,
-            energy: self.energy,
-            effects: self.effects,
-            fragments: self.fragments.rows,
-        }
+    /// Tables of probes, energy and effects.
+    pub(super) fn tables(&self) -> [&Table; 3] {
+        [&self.probes, &self.energy, &self.effects]
+    }
+
+    /// Returns the curves of a scene. A curve whose probe has no reader is left out.
+    pub(super) fn curves(&self, scene: &SceneSpec) -> Vec<CurveLine> {
+        let line = |(name, c): (&String, &Curve)| {
+            Some(CurveLine {
+                name: name.clone(),
+                times: self.probes.times.clone(),
+                x: self.curve_axis(&c.x, c.x_factor)?,
+                y: self.curve_axis(&c.y, c.y_factor)?,
+            })
+        };
+        scene.curve.iter().filter_map(line).collect()
+    }
+
+    fn curve_axis(&self, probe: &str, factor: f64) -> Option<CurveAxis> {
+        let k = self.readers.iter().position(|p| p.name == probe)?;
+        let label = self.readers[k].quantity.label();
+        let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
+        let prefix = match factor.to_bits() == 1.0_f64.to_bits() {
+            true => String::new(),
+            false => format!("{factor} "),
+        };
+        Some(CurveAxis {
+            label: format!("{prefix}{probe} {quantity}"),
+            unit: unit.to_owned(),
+            values: self.probes.columns[k].iter().map(|v| factor * v).collect(),
+        })
     }
 
     fn read_probes(&mut self, run: &mut Coupled<f64>) -> Result<()> {
@@ -417,7 +400,7 @@ fn facts(run: &Coupled<f64>) -> impl Iterator<Item = (String, f64)> {
 }
 
 /// Makes one step and measures its phases.
-pub(crate) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
+pub(super) fn step(run: &mut Coupled<f64>, clock: &mut PhaseClock) -> Result<Option<EnergySample<f64>>> {
     let report = run.advance(clock).map_err(core("time"))?;
     clock.enter(Some(Phase::Observe));
     Ok(report.energy)

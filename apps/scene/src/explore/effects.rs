@@ -3,9 +3,9 @@
 //! Results are the same in every run, times are not. Each variant therefore runs several times, in turns, and
 //! its shortest time counts.
 
-use crate::PhaseClock;
-use crate::Scene;
 use crate::error::{Error, Result, core, key, value};
+use crate::run::PhaseClock;
+use crate::scene::Scene;
 use crate::setup::{self, Built, Readings};
 use crate::spec::SceneSpec;
 use serde::Serialize;

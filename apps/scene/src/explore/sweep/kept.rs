@@ -1,9 +1,9 @@
 //! Finished runs in the folder of a sweep, and when one may be reused.
 
 use super::plan::Member;
-use super::spec::SweepFile;
 use super::{Outcome, Runner};
 use crate::error::{Result, write};
+use crate::spec::sweep::SweepFile;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

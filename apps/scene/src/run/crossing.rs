@@ -1,24 +1,11 @@
 //! Cracks that run into an overlap: warned about once per model, listed in the summary, and a reason to end
 //! the run if the scene asks for it.
 
+use crate::output::summary::OverlapBreak;
 use crate::setup;
 use crate::spec::{Effect, EffectKind, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{CRACK, SharedLog, locked};
-use serde::Serialize;
-
-/// A crack that ran into an overlap.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct OverlapBreak {
-    /// Name of the model.
-    pub model: String,
-    /// Time of the broken bond with which the breaks in overlaps became a crack \[s\], see [`CRACK`].
-    pub time: f64,
-    /// Position of that bond \[m\].
-    pub place: [f64; 3],
-    /// Number of broken bonds in overlaps so far.
-    pub bonds: usize,
-}
 
 impl std::fmt::Display for OverlapBreak {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

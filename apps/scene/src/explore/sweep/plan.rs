@@ -1,8 +1,8 @@
 //! Turns a sweep file into the list of its runs.
 
-use super::spec::{Axis, Design, Mark, Reference, SweepFile};
 use crate::error::{Result, key, unknown, value};
-use crate::{Scene, Source};
+use crate::scene::{Scene, Source};
+use crate::spec::sweep::{Axis, Design, Mark, Reference, SweepFile};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -180,7 +180,7 @@ fn choices(name: &str, axis: &Axis) -> Result<Vec<Choice>> {
                 "set belongs to values; every level has a set of its own",
             ));
         }
-        let choice = |l: &super::spec::Level| Choice {
+        let choice = |l: &crate::spec::sweep::Level| Choice {
             name: l.name.clone(),
             set: l.set.clone(),
         };

@@ -3,10 +3,10 @@
 use super::conclude;
 use super::curve::{self, Curve, Errors, Probes};
 use super::plan::Member;
-use super::spec::{Cost, Hook, Judge, Mark, Measure, Reference, SweepFile};
 use crate::error::{Result, write};
+use crate::explore::suggest::Prediction;
 use crate::output::json;
-use crate::suggest::Prediction;
+use crate::spec::sweep::{Cost, Hook, Judge, Mark, Measure, Reference, SweepFile};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -3,8 +3,8 @@
 use super::choose::Prospect;
 use super::scenario::Scenario;
 use crate::error::{Error, Result, key, value, write as write_error};
+use crate::scene::{Scene, Source};
 use crate::spec::{JunctionKind, OverlapShape, SceneSpec, Shape};
-use crate::{Scene, Source};
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 

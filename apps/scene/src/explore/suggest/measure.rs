@@ -3,9 +3,9 @@
 use super::apply::Change;
 use super::choose::Measured;
 use super::scenario::{self, Scenario};
-use crate::PhaseClock;
-use crate::Scene;
 use crate::error::{Result, core};
+use crate::run::PhaseClock;
+use crate::scene::Scene;
 use crate::setup;
 use arlequin::core::Coupled;
 use std::time::Instant;

@@ -9,38 +9,41 @@
 //! program dies, the last complete checkpoint remains. The payload holds the text of the scene, so that a
 //! resumed run uses the same scene, and check sums of the files that the scene reads.
 
+use super::origin::Origin;
+use super::recorder::Records;
 use crate::error::{Error, Result, write};
-use crate::recorder::Records;
-use crate::scene::{Scene, Source};
-use crate::wake::Stage;
+use crate::output::mark::CHECKPOINT;
+use crate::output::summary::WakeReport;
+use crate::setup::Start;
 use arlequin::core::snapshot::Snapshot;
-use arlequin::dem_beam::packing::pieces_of_pvtu;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::io::{Read as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::io::Write as _;
+use std::path::Path;
 
-/// Name of the checkpoint file in an output folder.
-pub(crate) const NAME: &str = "checkpoint.bin";
 /// Format number; to be increased whenever the payload changes.
 const FORMAT: u32 = 5;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
 
-/// The scene a checkpoint belongs to.
+/// Progress of a scene with `[wake]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Origin {
-    /// Scene file as given on the command line.
-    pub path: PathBuf,
-    /// Absolute folder of the scene file.
-    pub folder: PathBuf,
-    /// Text of the scene file.
-    pub text: String,
-    /// Assignments `PATH=VALUE` of the command line.
-    pub set: Vec<String>,
-    /// Files that the scene reads: name, length \[bytes\], CRC-32.
-    files: Vec<(PathBuf, u64, u32)>,
+pub(crate) enum Stage {
+    /// The model sleeps.
+    Asleep {
+        /// Largest value of the criterion so far.
+        highest: f64,
+        /// Place of this value \[m\].
+        place: [f64; 3],
+    },
+    /// The model woke.
+    Awake {
+        /// State that was handed over.
+        start: Start,
+        /// Report of the waking.
+        report: Box<WakeReport>,
+    },
 }
 
 /// A run at one instant.
@@ -58,109 +61,13 @@ pub(crate) struct Checkpoint {
     pub wake: Option<Stage>,
 }
 
-impl Origin {
-    /// Describes a scene that is about to run and takes the fingerprints of its files.
-    ///
-    /// # Errors
-    /// A folder or file that cannot be read.
-    pub(crate) fn from_scene(scene: &Scene) -> Result<Self> {
-        let folder = scene.folder();
-        let folder = if folder.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            folder
-        };
-        let absolute = folder.canonicalize().map_err(|e| Error::Read {
-            path: folder.to_owned(),
-            source: e,
-        })?;
-        let mut files = scene.files();
-        let pieces = files.iter().flat_map(|name| pieces(&absolute, name));
-        // Pieces of a `.pvtu` file are read as well, so a change of one must be noticed.
-        files.extend(pieces.collect::<Vec<_>>());
-        let files = files
-            .into_iter()
-            .map(|name| {
-                let (length, sum) = fingerprint(&absolute.join(&name))?;
-                Ok((name, length, sum))
-            })
-            .collect::<Result<_>>()?;
-        Ok(Self {
-            path: scene.source().path.clone(),
-            folder: absolute,
-            text: scene.source().text.clone(),
-            set: scene.changes().to_vec(),
-            files,
-        })
-    }
-
-    /// Lengths \[bytes\] and CRC-32 of the files that the scene reads.
-    pub(crate) fn fingerprints(&self) -> impl Iterator<Item = (u64, u32)> {
-        self.files.iter().map(|f| (f.1, f.2))
-    }
-
-    /// Reads the scene from the stored text.
-    ///
-    /// # Errors
-    /// A file that has changed since the checkpoint was written.
-    pub(crate) fn scene(&self) -> Result<Scene> {
-        for (name, length, sum) in &self.files {
-            let path = self.folder.join(name);
-            if fingerprint(&path)? != (*length, *sum) {
-                let reason =
-                    "has changed since the checkpoint was written; restore it, or start the run anew";
-                return Err(Error::Checkpoint {
-                    path,
-                    reason: reason.into(),
-                });
-            }
-        }
-        let source = Source {
-            path: self.path.clone(),
-            folder: self.folder.clone(),
-            text: self.text.clone(),
-        };
-        Scene::from_source(source)?.assign(&self.set)
-    }
-}
-
 /// Removes the checkpoint of a run that is complete.
 pub(crate) fn remove(folder: &Path) -> Result<()> {
-    let path = folder.join(NAME);
+    let path = folder.join(CHECKPOINT);
     if path.exists() {
         std::fs::remove_file(&path).map_err(write(&path))?;
     }
     Ok(())
-}
-
-/// Pieces that a `.pvtu` file of the scene names; empty for other files and for files that cannot be parsed
-/// (the set-up reports these).
-fn pieces(folder: &Path, name: &Path) -> Vec<PathBuf> {
-    let read = || std::fs::read(folder.join(name)).ok();
-    let parallel = name.extension().is_some_and(|e| e == "pvtu");
-    let content = parallel.then(read).flatten();
-    let named = content.and_then(|c| pieces_of_pvtu(&c).ok()).unwrap_or_default();
-    named.into_iter().map(|p| name.with_file_name(p)).collect()
-}
-
-/// Length \[bytes\] and CRC-32 of a file; reads the file in blocks.
-pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
-    let read = |source| Error::Read {
-        path: path.to_owned(),
-        source,
-    };
-    let mut file = File::open(path).map_err(read)?;
-    let (mut length, mut sum) = (0, crc32fast::Hasher::new());
-    let mut piece = vec![0; 1 << 16];
-    loop {
-        match file.read(&mut piece).map_err(read)? {
-            0 => return Ok((length, sum.finalize())),
-            n => {
-                sum.update(&piece[..n]);
-                length += n as u64;
-            }
-        }
-    }
 }
 
 impl Checkpoint {
@@ -170,8 +77,8 @@ impl Checkpoint {
             what: "packing the checkpoint",
             message: e.to_string(),
         })?;
-        let path = folder.join(NAME);
-        let aside = folder.join(format!("{NAME}.tmp"));
+        let path = folder.join(CHECKPOINT);
+        let aside = folder.join(format!("{CHECKPOINT}.tmp"));
         let put = || -> std::io::Result<()> {
             let mut file = File::create(&aside)?;
             file.write_all(&bytes)?;
@@ -189,7 +96,7 @@ impl Checkpoint {
 
     /// Reads the checkpoint of a folder.
     pub(crate) fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join(NAME);
+        let path = folder.join(CHECKPOINT);
         // A summary without a checkpoint is that of a run that has ended.
         let bytes = std::fs::read(&path).map_err(|source| match folder.join("summary.json").exists() {
             true if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {

@@ -1,0 +1,9 @@
+//! What is asked about scenes by running them: sweeps, suggestions, calibrations, comparisons and previews.
+
+pub mod calibrate;
+pub mod effects;
+mod preview;
+pub mod suggest;
+pub mod sweep;
+
+pub use preview::{LinkLine, Preview};

@@ -1,0 +1,80 @@
+//! File formats of frames. A format is a file with its [`Writer`], and a line in [`WRITERS`].
+
+mod vtu;
+
+use super::Picture;
+use super::pieces::Piece;
+use crate::error::{Result, unknown};
+use crate::spec::Output;
+use std::fmt::Debug;
+use std::path::Path;
+
+/// All formats; the first one is the default.
+pub(super) const WRITERS: [&dyn Writer; 1] = [&vtu::Vtu];
+
+/// Writes frames in a file format.
+pub(crate) trait Writer: Debug + Sync {
+    /// Name in the scene (`output.format`), and of the subfolder with the files.
+    fn name(&self) -> &'static str;
+
+    /// Ending of the file of a grid or a piece, and of the file that lists the pieces of a grid.
+    fn endings(&self) -> [&'static str; 2];
+
+    /// Names that [`Writer::write_index`] gives to files; the first one is the index.
+    fn indices(&self) -> &'static [&'static str];
+
+    /// Writes a grid, or `piece` of a partitioned one.
+    fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<()>;
+
+    /// Writes the file that lists the pieces of a grid, which are in the same folder. `arrays` of points and
+    /// of cells have no values.
+    fn write_pieces(&self, path: &Path, arrays: &[Vec<Array>; 2], pieces: &[String]) -> Result<()>;
+
+    /// Writes the list of all files over time. It is written during the run, too.
+    fn write_index(&self, path: &Path, entries: &[Entry]) -> Result<()>;
+}
+
+/// Returns the format that a scene asks for.
+///
+/// # Errors
+/// An unknown format.
+pub(crate) fn writer(output: &Output) -> Result<&'static dyn Writer> {
+    let format = WRITERS.into_iter().find(|w| w.name() == output.format);
+    let names: Vec<String> = WRITERS.iter().map(|w| w.name().to_owned()).collect();
+    format.ok_or_else(|| unknown("output.format", &output.format, "format", names.iter()))
+}
+
+/// A named array with values per point or cell.
+#[derive(Debug, Clone)]
+pub struct Array {
+    /// Name with unit.
+    pub name: String,
+    /// Numbers per point or cell: 1, 3 or 6.
+    pub components: usize,
+    /// Values.
+    pub values: Vec<f64>,
+}
+
+impl Array {
+    /// One number per point or cell.
+    pub(super) fn scalar(name: &str, values: Vec<f64>) -> Self {
+        Self {
+            name: name.into(),
+            components: 1,
+            values,
+        }
+    }
+}
+
+/// An entry of the index.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Entry {
+    /// Time \[s\].
+    pub time: f64,
+    /// Index of the model or mediator.
+    pub part: usize,
+    /// Name of the model or mediator.
+    pub name: String,
+    /// Path relative to the index.
+    pub file: String,
+}

@@ -1,0 +1,277 @@
+//! A scene that is ready to run, its run in memory or in a folder, and resuming a run that was stopped.
+
+use super::checkpoint::{Checkpoint, Stage};
+use super::folder::{Keep, RunFolder};
+use super::results::{Observer, Recorded, Results};
+use super::session::Session;
+use super::wake::{self, Asleep};
+use crate::error::{Error, Result, key};
+use crate::output::writer::writer;
+use crate::output::{Folder, mark};
+use crate::ranks::{Ranks, together};
+use crate::scene::Scene;
+use crate::setup::{self, Built, zone};
+use arlequin::core::Coupled;
+use arlequin::core::ranks::Communicator;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A scene with everything built, ready to run.
+#[derive(Debug)]
+pub struct Prepared {
+    pub(crate) scene: Scene,
+    pub(crate) built: Built,
+    /// The sleeping scene of `[wake]`.
+    pub(crate) asleep: Option<Asleep>,
+    /// Duration of the set-up \[s\].
+    pub(crate) setup: f64,
+}
+
+impl Scene {
+    /// Meshes, packs and couples everything that the scene describes. Collective.
+    ///
+    /// # Errors
+    /// Mistakes in the scene: the key, its value, the limit and the remedy.
+    pub fn prepare(&self) -> Result<Prepared> {
+        self.prepare_with(&mut |_| ())
+    }
+
+    /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
+    /// as it begins.
+    ///
+    /// # Errors
+    /// See [`Self::prepare`].
+    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
+        let prepared = Prepared::new(self, announce).map_err(|e| zone::written(self.spec(), e));
+        self.ranks().together(prepared)
+    }
+}
+
+impl Prepared {
+    fn new(scene: &Scene, report: &mut dyn FnMut(&str)) -> Result<Self> {
+        let begin = Instant::now();
+        writer(&scene.spec().output)?;
+        let (asleep, built) = match &scene.spec().wake {
+            None => {
+                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), report)?;
+                (None, built)
+            }
+            Some(wake) => {
+                let (asleep, built) = wake::prepare(scene, wake, report)?;
+                (Some(asleep), built)
+            }
+        };
+        Ok(Self {
+            scene: scene.clone(),
+            built,
+            asleep,
+            setup: begin.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// Returns the coupled models before the first step, with all models awake.
+    pub fn coupled(&self) -> &Coupled<f64> {
+        &self.built.run
+    }
+
+    /// Returns the scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Returns everything that was built, with all models awake.
+    pub fn built(&self) -> &Built {
+        &self.built
+    }
+
+    /// Returns the warnings known before the first step.
+    pub fn warnings(&self) -> &[String] {
+        &self.built.warnings
+    }
+
+    /// Makes all steps and returns the results; writes no files.
+    ///
+    /// # Errors
+    /// Failures of the run, such as values that are not finite or energy that grows.
+    pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
+        self.start(None, observer)
+    }
+
+    /// Makes all steps and writes the results into a folder, which gets its name when the run has ended.
+    ///
+    /// # Errors
+    /// Failures of the run, with a note of the results that were kept; files that cannot be written.
+    pub fn run_into(self, folder: RunFolder, observer: &mut dyn Observer) -> Result<Results> {
+        let keep = self.scene.ranks().together(Keep::begin(folder))?;
+        self.start(Some(keep), observer)
+    }
+
+    fn start(self, keep: Option<Keep>, observer: &mut dyn Observer) -> Result<Results> {
+        match self.asleep {
+            Some(asleep) => {
+                // `wake::run` builds it again from the state at the waking; until then its memory is free.
+                drop(self.built);
+                wake::run(&self.scene, asleep, keep, self.setup, None, observer)
+            }
+            None => Session::new(&self.scene, self.built, keep, self.setup, None)?.complete(observer),
+        }
+    }
+}
+
+/// A run that was killed, interrupted or ended at an overlap, ready to continue.
+#[derive(Debug)]
+pub struct Resumed {
+    prepared: Prepared,
+    /// Folder of the results, if any.
+    target: Option<PathBuf>,
+    saved: Checkpoint,
+    /// Recorded values of the time in which a model slept, if no folder has them.
+    slept: Option<Recorded>,
+}
+
+/// Reads the last checkpoint of a folder and builds its scene.
+///
+/// # Errors
+/// A checkpoint that cannot be used: damaged, of another version, or of files that have changed.
+pub fn resume(target: &Path) -> Result<Resumed> {
+    resume_on(target, None)
+}
+
+/// Resumes as one rank of several; their number may differ from that of the run that wrote the checkpoint.
+///
+/// # Errors
+/// Errors of [`resume`]; checkpoints that differ between ranks.
+pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
+    let saved = together(communicator.as_ref(), last_checkpoint(target))?;
+    Resumed::from_checkpoint(saved, Some(target.to_owned()), None, communicator)
+}
+
+/// Reads the last checkpoint of a folder and refuses one that does not fit.
+fn last_checkpoint(target: &Path) -> Result<Checkpoint> {
+    let place = Folder::left_behind(target);
+    let saved = Checkpoint::read(&place)?;
+    let refuse = |reason: String| {
+        Err(Error::Checkpoint {
+            path: place.join(mark::CHECKPOINT),
+            reason,
+        })
+    };
+    if place != target && target.exists() {
+        return refuse(format!(
+            "belongs to a run that is to replace {}, which exists; move that away, then resume",
+            target.display()
+        ));
+    }
+    if saved.version != env!("CARGO_PKG_VERSION") {
+        return refuse(format!(
+            "was written by version {}, this is {}; resume it with the version that wrote it",
+            saved.version,
+            env!("CARGO_PKG_VERSION")
+        ));
+    }
+    Ok(saved)
+}
+
+/// Builds a scene from the state in which a model woke.
+fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
+    Ok(Prepared {
+        built: setup::build_from(
+            scene.spec(),
+            scene.folder(),
+            Some(start),
+            &Ranks::default(),
+            &mut |_| (),
+        )?,
+        asleep: None,
+        setup: 0.0,
+        scene: scene.clone(),
+    })
+}
+
+impl Results {
+    /// Prepares to continue a run that its observer or a crack ended. The results have the same bits as
+    /// without the stop and include the values recorded so far. The scene is built again.
+    ///
+    /// # Errors
+    /// A run without remaining steps, files of the scene that have changed, a checkpoint in a folder that
+    /// cannot be used.
+    pub fn resume(self) -> Result<Resumed> {
+        match (self.remaining, &self.folder) {
+            (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, self.asleep, None),
+            (None, Some(folder)) if self.end.can_resume() => resume(folder),
+            _ => Err(key(
+                "time",
+                "all steps are made; prepare the scene with a later end",
+            )),
+        }
+    }
+}
+
+impl Resumed {
+    /// Builds the scene of a checkpoint.
+    fn from_checkpoint(
+        saved: Checkpoint,
+        target: Option<PathBuf>,
+        slept: Option<Recorded>,
+        communicator: Option<Arc<dyn Communicator>>,
+    ) -> Result<Self> {
+        let begin = Instant::now();
+        let mut scene = together(communicator.as_ref(), saved.origin.scene())?;
+        if let Some(c) = &communicator {
+            scene = scene.on_ranks(c.clone())?;
+            let step = saved.snapshot.step as u64;
+            scene.ranks().agree("the checkpoint", step)?;
+        }
+        let built = match &saved.wake {
+            Some(Stage::Awake { start, .. }) => awake(&scene, start),
+            _ => Prepared::new(&scene, &mut |_| ()),
+        };
+        let mut prepared = together(communicator.as_ref(), built)?;
+        prepared.setup = begin.elapsed().as_secs_f64();
+        Ok(Self {
+            prepared,
+            target,
+            saved,
+            slept,
+        })
+    }
+
+    /// Makes the remaining steps. A run with a folder writes its results there.
+    ///
+    /// # Errors
+    /// Errors of [`Prepared::run_into`].
+    pub fn run(self, observer: &mut dyn Observer) -> Result<Results> {
+        let Self {
+            prepared,
+            target,
+            mut saved,
+            slept,
+        } = self;
+        let ranks = prepared.scene.ranks();
+        let keep = target.map(|t| {
+            let origin = saved.origin.clone();
+            ranks.together(Keep::reopen(&t, origin, ranks.leads()))
+        });
+        let keep = keep.transpose()?;
+        let stage = saved.wake.take();
+        let setup = prepared.setup;
+        match (prepared.asleep, stage) {
+            (Some(mut asleep), Some(stage)) => {
+                asleep.restore_watch(&stage);
+                if let Some(keep) = &keep {
+                    keep.take_back(wake::ASLEEP)?;
+                }
+                wake::run(&prepared.scene, asleep, keep, setup, Some(saved), observer)
+            }
+            (_, stage) => {
+                let session = Session::new(&prepared.scene, prepared.built, keep, setup, Some(saved))?;
+                let done = match stage {
+                    Some(Stage::Awake { start, report }) => wake::finish(session, start, *report, observer),
+                    _ => session.complete(observer),
+                };
+                done.map(|r| Results { asleep: slept, ..r })
+            }
+        }
+    }
+}
