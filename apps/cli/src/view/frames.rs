@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 /// Files of one model, mediator or rigid body over time.
 #[derive(Debug)]
-pub(super) struct Series {
+pub(crate) struct Series {
     /// Name in the index.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Times \[s\] and files, ascending.
-    pub(super) files: Vec<(f64, PathBuf)>,
+    pub(crate) files: Vec<(f64, PathBuf)>,
 }
 
 impl Series {
@@ -26,7 +26,7 @@ impl Series {
 }
 
 /// Reads the index of a folder of results and returns its series in the order of the index.
-pub(super) fn index(folder: &Path) -> Result<Vec<Series>> {
+pub(crate) fn index(folder: &Path) -> Result<Vec<Series>> {
     let path = folder.join("results.pvd");
     let text = std::fs::read_to_string(&path).map_err(read(&path))?;
     let xml = Document::parse(&text).map_err(|e| damaged(&path, &e.to_string()))?;
@@ -69,7 +69,7 @@ pub(super) fn damaged(path: &Path, why: &str) -> Error {
 
 /// Section of a file to which an array belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
+pub(crate) enum Place {
     Point,
     Cell,
     /// Positions, connectivity, offsets and types.
@@ -78,7 +78,7 @@ pub(super) enum Place {
 
 /// Description of an array in a file.
 #[derive(Debug, Clone)]
-pub(super) struct Array {
+pub(crate) struct Array {
     pub(super) name: String,
     pub(super) place: Place,
     pub(super) components: usize,
@@ -89,7 +89,7 @@ pub(super) struct Array {
 
 /// A model at one time.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     content: Content,
     pub(super) points: usize,
     pub(super) cells: usize,
@@ -104,7 +104,7 @@ enum Content {
 
 impl Frame {
     /// Reads the headers of the frame's file or files.
-    pub(super) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "pvtu") {
             let pieces = Pieces::open(path)?;
             return Ok(Self {
@@ -124,12 +124,12 @@ impl Frame {
     }
 
     /// Returns an array by its name; for an empty name the first array of vectors.
-    pub(super) fn find(&self, place: Place, name: &str) -> Option<Array> {
+    pub(crate) fn find(&self, place: Place, name: &str) -> Option<Array> {
         named(&self.arrays, place, name)
     }
 
     /// Reads all numbers of an array.
-    pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
+    pub(crate) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         match &mut self.content {
             Content::Whole(file) => file.numbers(array),
             Content::Pieces(pieces) => pieces.numbers(array),
@@ -158,7 +158,7 @@ pub(super) struct Vtu {
 
 impl Vtu {
     /// Reads the header of a file.
-    pub(super) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let mut file = File::open(path).map_err(read(path))?;
         let (head, data) = head(&mut file).map_err(read(path))?;
         let bad = |why: &str| damaged(path, why);
