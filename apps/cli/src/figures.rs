@@ -28,10 +28,10 @@ fn figure(name: &str, words: String) -> Figure {
     [name.to_owned(), words]
 }
 
-/// Returns the largest magnitude of each column, its time, and the last value.
+/// Returns the largest magnitude of each column, its time, and the last value; forces first.
 fn peaks(table: &Table) -> Vec<Figure> {
-    let peak = |(k, name): (usize, &String)| {
-        let (words, unit) = curves::split_unit(name);
+    let peak = |k: usize| {
+        let (words, unit) = curves::split_unit(&table.names[k]);
         let magnitude = |r: &&Vec<f64>| r[k].abs();
         let top = table
             .rows
@@ -48,7 +48,9 @@ fn peaks(table: &Table) -> Vec<Figure> {
             format!("{words} {} at {}{end}", si(top[k], unit), si(top[0], "s")),
         ))
     };
-    table.names.iter().enumerate().skip(1).filter_map(peak).collect()
+    let mut columns: Vec<usize> = (1..table.names.len()).collect();
+    columns.sort_by_key(|k| !table.names[*k].ends_with(" [N]"));
+    columns.into_iter().filter_map(peak).collect()
 }
 
 /// Returns the largest stress in the frames, with its time and its place at rest.

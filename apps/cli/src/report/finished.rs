@@ -1,6 +1,6 @@
 //! The short report of a run: the facts that matter first, everything else with `--verbose`.
 
-use super::{entry, loudness, run, shell_word};
+use super::{entry, loudness, run, shell_word, was_shown};
 use crate::figures::{self, si};
 use arlequin_scene::output::summary::{InterfaceLine, ModelLine, Summary, WakeReport};
 use std::path::Path;
@@ -15,17 +15,11 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     }
     entry("run", &headline(s, planned));
     facts(s, place);
-    for w in &s.warnings {
+    for w in s.warnings.iter().filter(|w| !was_shown(w)) {
         entry("warning", w);
     }
     entry("energy", &energy(s));
-    let works = || s.energy.ledger.iter().filter(|w| *w.1 != 0.0);
-    if works().next().is_some() {
-        let works: Vec<String> = works()
-            .map(|(name, work)| format!("{name} {}", si(*work, "J")))
-            .collect();
-        entry("work", &works.join(", "));
-    }
+    works(s);
     if loudness().verbose {
         run::details(s);
     } else {
@@ -52,18 +46,18 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
 /// Prints the figures of the results: peaks, the largest stress, broken bonds, fragments, waking.
 fn facts(s: &Summary, place: &Path) {
     let summary = serde_json::to_value(s).unwrap_or_default();
-    let mut peaks = 0;
-    for [name, words] in figures::read(place, &summary) {
-        peaks += usize::from(name == "peak");
-        if name != "peak" || peaks <= PEAKS || loudness().verbose {
-            entry(&name, &words);
-        }
+    let figures = figures::read(place, &summary);
+    let (peaks, others): (Vec<_>, Vec<_>) = figures.into_iter().partition(|[name, _]| name == "peak");
+    let shown = if loudness().verbose { peaks.len() } else { PEAKS };
+    for [name, words] in peaks.iter().take(shown) {
+        entry(name, words);
     }
-    if peaks > PEAKS && !loudness().verbose {
-        entry(
-            "",
-            &format!("and {} probes more: run with --verbose", peaks - PEAKS),
-        );
+    if peaks.len() > shown {
+        let text = format!("and {} probes more: run with --verbose", peaks.len() - shown);
+        entry("", &text);
+    }
+    for [name, words] in &others {
+        entry(name, words);
     }
     if let Some(w) = &s.wake {
         wake(w);
@@ -106,6 +100,24 @@ fn energy(s: &Summary) -> String {
     )
 }
 
+/// Prints the works, the largest first.
+fn works(s: &Summary) {
+    let mut works: Vec<(&String, f64)> = s.energy.ledger.iter().map(|(name, work)| (name, *work)).collect();
+    works.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    let Some(largest) = works.first().map(|w| w.1.abs()) else {
+        return;
+    };
+    // Smaller works are round-off.
+    works.retain(|w| w.1.abs() > 1e-9 * largest);
+    let words: Vec<String> = works
+        .iter()
+        .map(|(name, work)| format!("{name} {}", si(*work, "J")))
+        .collect();
+    if !words.is_empty() {
+        entry("work", &words.join(", "));
+    }
+}
+
 fn model(m: &ModelLine) {
     let nodes = if m.packing.is_some() { "particles" } else { "nodes" };
     let steps = match (m.scheme, m.own_steps) {
@@ -120,7 +132,9 @@ fn model(m: &ModelLine) {
 }
 
 fn overlap(i: &InterfaceLine) {
-    let jump = i.displacement_jump_share.map_or_else(String::new, |share| {
+    // Below a hundredth of a per cent there is nothing to say.
+    let share = i.displacement_jump_share.filter(|s| *s > 1e-4);
+    let jump = share.map_or_else(String::new, |share| {
         format!(
             ", displacements differ by up to {:.2} % of its deformation",
             100.0 * share

@@ -26,13 +26,14 @@ pub(crate) use run::{comparison, holdings, not_started, plan, proposal};
 use crate::error::Result;
 pub(crate) use progress::Progress;
 use serde::Serialize;
+use std::io::IsTerminal;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 // Amount of output. No doc comment: clap would print it as the help of the program.
 #[derive(Debug, Default, Clone, Copy, clap::Args)]
 pub(crate) struct Loudness {
-    /// Print every phase of a set-up as it begins, and its time.
+    /// Print everything about a run, and every phase of a set-up as it begins.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Print only errors and the output of --json.
@@ -75,12 +76,27 @@ pub(crate) fn error(text: &str) {
     eprint!("{text}");
 }
 
+/// Warnings that the user has seen during the run, on the terminal that also shows its report.
+static SHOWN: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
 /// Prints a warning to the error stream while a run is still going on.
 pub(crate) fn warning(text: &str) {
     if loudness().quiet {
         return;
     }
     eprint!("{}", wrapped("warning", text, width()));
+    if std::io::stdout().is_terminal() && std::io::stderr().is_terminal() {
+        SHOWN
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(text.to_owned());
+    }
+}
+
+/// Returns whether the user has already seen a warning above the report.
+fn was_shown(text: &str) -> bool {
+    let shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    shown.iter().any(|s| s == text)
 }
 
 /// Prints a line.
