@@ -3,6 +3,7 @@
 mod calibrate;
 mod describe;
 mod error;
+mod figures;
 mod new;
 mod ranks;
 mod report;

@@ -117,7 +117,7 @@ pub(crate) fn watch_interrupt() -> Result<Arc<AtomicBool>> {
         }
     };
     ctrlc::set_handler(raise).map_err(|e| Error::System {
-        what: "watching for Ctrl-C",
+        what: "watching for signals",
         message: e.to_string(),
     })?;
     interrupt::listen(is_interrupted);

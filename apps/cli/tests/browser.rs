@@ -200,3 +200,174 @@ fn the_page_of_a_run_shows_it_at_desktop_and_phone_width() {
         }
     }
 }
+
+/// Returns the page of a run of a shipped scene, and its summary.
+fn page_of(place: &std::path::Path, name: &str) -> (PathBuf, Value) {
+    let out = place.join(name);
+    succeed(&["run", text(&scene(&format!("{name}.toml"))), "--out", text(&out)]);
+    succeed(&["view", text(&out)]);
+    (out.join("view.html"), common::summary(&out))
+}
+
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn a_page_opens_where_something_is_seen() {
+    let place = scratch("browser-opens");
+    let mut browser = Browser::start(&place.join("profile"));
+    // The ball hides what it breaks, so the page cuts through it.
+    let (impact, _) = page_of(&place, "ball-impact");
+    assert_eq!(browser.visit(&impact, 1280, false).faults(), Vec::<String>::new());
+    assert_eq!(browser.value("state.field"), "damage");
+    assert_ne!(browser.value("state.cut"), "");
+    let shown = browser.value("hotShare()").as_f64().expect("a share");
+    act(&mut browser, "cut", "", "change");
+    let whole = browser.value("hotShare()").as_f64().expect("a share");
+    assert!(shown > 0.01 && shown > 3.0 * whole, "{shown} {whole}");
+    // A mediator is a veil: its surface lets what is behind it through.
+    let veil = "parts.filter(p => p.mediator).every(p => p.objects.faces.visible && p.objects.faces.material.transparent \
+                && p.objects.faces.material.uniforms.opacity.value < 0.3)";
+    assert_eq!(browser.value(veil), true);
+    // A wave is largest before the last frame.
+    let (wave, _) = page_of(&place, "struck-block");
+    browser.visit(&wave, 1280, false);
+    assert_eq!(browser.value("state.frame < about.times.length - 1"), true);
+    assert!(browser.value("hotShare()").as_f64() > Some(0.0005));
+    // What an address asks for is shown; what it cannot ask for is named and left out.
+    let odd = "#cut=q&frame=3&field=nonsense&warp=x&view=1,2&range=0,5e7&only=1e6,&log&perspective";
+    assert_eq!(
+        browser.visit_part(&wave, odd, 1280, false).faults(),
+        Vec::<String>::new()
+    );
+    assert!(browser.value(PIXELS)["drawn"].as_f64() > Some(0.03));
+    let notices = browser.value("element('notices').innerText").to_string();
+    for wrong in ["cut=q", "field=nonsense", "warp=x", "view=1,2"] {
+        assert!(notices.contains(wrong), "{wrong}: {notices}");
+    }
+    let state = "[state.frame, state.span, state.high, state.least, state.logged, state.perspective]";
+    assert_eq!(
+        browser.value(state),
+        serde_json::json!([3, "own", 5e7, 1e6, true, true])
+    );
+}
+
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn the_controls_of_a_page_do_what_they_say() {
+    let place = scratch("browser-controls-of-view");
+    let mut browser = Browser::start(&place.join("profile"));
+    let (page, summary) = page_of(&place, "notched-bend");
+    assert_eq!(browser.visit(&page, 1280, false).faults(), Vec::<String>::new());
+    // A click shows a particle; turning the body does not, and takes the sign away.
+    let middle = "(() => { const r = element('canvas').getBoundingClientRect(); \
+                  return [r.left + r.width / 2, r.top + r.height / 2]; })()";
+    let middle = browser.value(middle);
+    let middle = [0, 1].map(|c| middle[c].as_f64().expect("a number"));
+    browser.drag(middle, middle);
+    assert_eq!(browser.value("element('tip').hidden"), false);
+    assert!(
+        browser
+            .value("element('tip').textContent")
+            .to_string()
+            .contains("grains, particle")
+    );
+    let turned = browser.value("camera.position.x");
+    browser.drag(middle, [middle[0] + 60.0, middle[1] + 20.0]);
+    assert_ne!(browser.value("camera.position.x"), turned);
+    assert_eq!(browser.value("element('tip').hidden"), true);
+    browser.value("look('iso')");
+    let look = |b: &mut Browser| b.value(PIXELS)["sum"].clone();
+    let mut sums = vec![look(&mut browser)];
+    let mut changed = |b: &mut Browser, what: &str| {
+        let now = look(b);
+        assert!(!sums.contains(&now), "{what} changes nothing");
+        sums.push(now);
+    };
+    act(&mut browser, "high", "0.2", "change");
+    assert_eq!(
+        browser.value(
+            "[element('span').value, shared.range.value[1], element('legend').innerText.includes('0.2')]"
+        ),
+        serde_json::json!(["own", 0.2, true])
+    );
+    changed(&mut browser, "the entered range");
+    browser.value("element('logged').click()");
+    assert_eq!(browser.value("shared.logged.value"), 1);
+    changed(&mut browser, "the logarithm");
+    let kept = "parts.find(p => p.name === 'grains').objects.balls.geometry.index.count";
+    let all = browser.value(kept).as_u64().expect("a number");
+    act(&mut browser, "least", "0.2", "change");
+    let damaged = "(() => { const p = parts.find(p => p.name === 'grains'); \
+                   return p.attributes.value.array.filter((v, i) => v >= 0.2 && (!p.mine || p.mine.points[i])).length; })()";
+    let few = browser.value(kept);
+    assert_eq!(few, browser.value(damaged));
+    assert!(
+        few.as_u64() > Some(0) && few.as_u64() < Some(all / 2),
+        "{few} of {all}"
+    );
+    changed(&mut browser, "the threshold");
+    browser.value("element('perspective').click()");
+    changed(&mut browser, "perspective");
+    // A film has every frame, and leaves the page as it was.
+    let before = browser.value("state.frame");
+    let film = browser.value("film(60).then(f => [f.size, f.type])");
+    assert!(
+        film[0].as_u64() > Some(10_000) && film[1] == "video/webm",
+        "{film}"
+    );
+    assert_eq!(browser.value("state.frame"), before);
+    // Plots: each title once, the load curve among them, with its dot at the present frame.
+    let captions = browser.value("[...document.querySelectorAll('figcaption')].map(c => c.textContent)");
+    let captions: Vec<&str> = captions
+        .as_array()
+        .expect("titles")
+        .iter()
+        .filter_map(Value::as_str)
+        .collect();
+    let distinct: std::collections::BTreeSet<_> = captions.iter().collect();
+    assert_eq!(distinct.len(), captions.len(), "{captions:?}");
+    assert!(
+        captions[0].contains("load force [N] over") && captions[0].contains("deflection"),
+        "{captions:?}"
+    );
+    let ink = "(() => { const c = plots[0].ctx.canvas, d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
+               let [line, dot] = [0, 0]; \
+               for (let k = 0; k < d.length; k += 4) { if (d[k + 3] < 200) continue; \
+                 line += d[k] < 20 && d[k + 2] > 160; dot += d[k] > 200 && d[k + 2] < 20; } return [line, dot]; })()";
+    let ink = browser.value(ink);
+    assert!(ink[0].as_u64() > Some(100) && ink[1].as_u64() > Some(10), "{ink}");
+    // Figures: peaks and broken bonds as in the summary.
+    let figures = browser.value("element('figures').innerText").to_string();
+    let broken = common::number(&summary, "/effect_ledger/0/facts/broken bonds");
+    assert!(
+        figures.contains(&format!("{broken:.0} of ")) && figures.contains("load force -"),
+        "{figures}"
+    );
+}
+
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn on_a_phone_the_picture_stays_while_controls_are_used() {
+    let place = scratch("browser-phone");
+    let mut browser = Browser::start(&place.join("profile"));
+    let (page, _) = page_of(&place, "ball-impact");
+    assert_eq!(browser.visit(&page, 390, true).faults(), Vec::<String>::new());
+    for scroll in ["0", "1e6"] {
+        browser.value(&format!(
+            "document.querySelector('aside').scrollTop = {scroll}; document.scrollingElement.scrollTop = {scroll}"
+        ));
+        let seen = "['stage', 'bar'].every(i => { const r = element(i).getBoundingClientRect(); \
+                    return r.top >= 0 && r.bottom <= innerHeight && r.height > 30; })";
+        assert_eq!(browser.value(seen), true, "scrolled to {scroll}");
+        browser.keep(&place.join(format!("phone-{scroll}.png")));
+    }
+    assert_eq!(
+        browser.value("document.querySelector('aside').scrollTop > 300"),
+        true
+    );
+    assert!(
+        browser
+            .value("element('notices').innerText")
+            .to_string()
+            .contains("crack ran into an overlap")
+    );
+}

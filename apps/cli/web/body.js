@@ -26,13 +26,15 @@ function texture(ramp) {
 
 /** Uniforms that all materials share. */
 const shared = {
-  ramp: { value: null }, range: { value: [0, 1] }, warp: { value: 0 }, pixels: { value: 1 },
+  ramp: { value: null }, range: { value: [0, 1] }, logged: { value: 0 }, warp: { value: 0 }, height: { value: 1 },
 };
 
 const PAINT = `
-  uniform sampler2D ramp; uniform vec2 range; uniform vec3 plain; uniform float painted;
+  uniform sampler2D ramp; uniform vec2 range; uniform float logged; uniform vec3 plain; uniform float painted;
   vec3 paint(float v) {
-    float s = clamp((v - range.x) / max(range.y - range.x, 1e-37), 0.0, 1.0);
+    float s = logged > 0.5 ? log(max(v, range.x) / range.x) / max(log(range.y / range.x), 1e-37)
+      : (v - range.x) / max(range.y - range.x, 1e-37);
+    s = clamp(s, 0.0, 1.0);
     return mix(plain, texture2D(ramp, vec2((s * 255.0 + 0.5) / 256.0, 0.5)).rgb, painted);
   }
   float lit(vec3 n) { return 0.7 + 0.34 * max(dot(n, vec3(0.25, 0.45, 0.857)), 0.0); }`;
@@ -44,18 +46,19 @@ const MOVE = `
     eye = p.xyz;
     gl_Position = projectionMatrix * p;`;
 const SHADERS = {
-  faces: [MOVE + "}", `${PAINT} varying float v; varying vec3 eye;
+  faces: [MOVE + "}", `${PAINT} varying float v; varying vec3 eye; uniform float opacity;
     void main() {
       vec3 n = normalize(cross(dFdx(eye), dFdy(eye)));
-      gl_FragColor = vec4(paint(v) * lit(n.z < 0.0 ? -n : n), 1.0);
+      gl_FragColor = vec4(paint(v) * lit(n.z < 0.0 ? -n : n), opacity);
     }`],
   lines: [MOVE + "}", `${PAINT} varying float v; varying vec3 eye; uniform float opacity;
     void main() { gl_FragColor = vec4(paint(v), opacity); }`],
   // A disc that is lit, and lies in depth, as the ball it stands for.
-  balls: [`attribute float radius; uniform float pixels; uniform float shrink; varying float rise; ` + MOVE + `
+  balls: [`attribute float radius; uniform float height; uniform float shrink; varying float rise; ` + MOVE + `
       float r = shrink * radius;
-      rise = 0.5 * projectionMatrix[2][2] * r;
-      gl_PointSize = max(2.0 * r * pixels, 1.5);
+      vec4 front = projectionMatrix * (p + vec4(0.0, 0.0, r, 0.0));
+      rise = 0.5 * (front.z / front.w - gl_Position.z / gl_Position.w);
+      gl_PointSize = max(r * projectionMatrix[1][1] * height / gl_Position.w, 1.5);
     }`, `${PAINT} varying float v; varying vec3 eye; varying float rise;
     void main() {
       vec2 q = vec2(2.0, -2.0) * (gl_PointCoord - 0.5);
@@ -98,7 +101,7 @@ class Part {
     };
     this.objects = {};
     // A plane would hide what is behind it.
-    this.mode = about.mediator || (!about.kind && this.faces.length < 60) ? "outline" : "solid";
+    this.mode = !about.mediator && !about.kind && this.faces.length < 60 ? "outline" : "solid";
     this.share();
     const add = (name, Kind, mat, attributes) => {
       const g = new THREE.BufferGeometry();
@@ -109,12 +112,14 @@ class Part {
       this.objects[name] = o;
     };
     if (this.faces.length) {
-      add("faces", THREE.Mesh, material("faces", this.tint, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }), this.attributes);
+      // A mediator is a veil over the bodies; models lie a little behind their edges.
+      const depth = about.mediator ? { transparent: true, depthWrite: false } : {};
+      const offset = about.mediator ? -1 : 1;
+      add("faces", THREE.Mesh, material("faces", this.tint, { polygonOffset: true, polygonOffsetFactor: offset, polygonOffsetUnits: offset, ...depth }), this.attributes);
       add("edges", THREE.LineSegments, material("lines", "#1d2733", { transparent: true }), this.attributes);
-      const top = about.mediator ? { depthTest: false, transparent: true } : { transparent: true };
-      add("outline", THREE.LineSegments, material("lines", about.mediator ? this.tint : "#33475c", top), this.attributes);
+      add("outline", THREE.LineSegments, material("lines", about.mediator ? this.tint : "#33475c", { transparent: true }), this.attributes);
       this.objects.edges.material.uniforms.opacity.value = 0.24;
-      this.objects.outline.geometry.setIndex(this.creases());
+      if (about.mediator) [this.objects.faces.material.uniforms.opacity.value, this.objects.outline.material.uniforms.opacity.value] = [0.13, 0.6];
     }
     if (this.radii.length) {
       add("balls", THREE.Points, material("balls", this.tint), { ...this.attributes, radius: new THREE.BufferAttribute(this.radii, 1) });
@@ -140,23 +145,27 @@ class Part {
     const weight = this.fields.find((f) => f.name === "alpha" && !f.onLines);
     if (!weight) return;
     const alpha = this.values(weight, 0, 0, new Float32Array(this.count));
+    const most = (w) => (w >= 0.4999 ? 1 : 0);
+    this.mine = { points: Uint8Array.from(alpha, most), cells: Uint8Array.from(this.cellMeans(alpha), most) };
+  }
+
+  /** Means of values at points over the corners of each cell. */
+  cellMeans(values) {
     const n = this.centres.length / 3, sums = new Float32Array(n), counts = new Float32Array(n), f = this.faces;
     for (let k = 0; k < f.length; k += 6) {
       for (const cell of [f[k + 4], f[k + 5]]) {
         if (cell === NONE) continue;
-        for (let j = 0; j < 4; j++) sums[cell] += alpha[f[k + j]];
+        for (let j = 0; j < 4; j++) sums[cell] += values[f[k + j]];
         counts[cell] += 4;
       }
     }
-    const most = (w) => (w >= 0.4999 ? 1 : 0);
-    this.mine = { points: Uint8Array.from(alpha, most), cells: Uint8Array.from(sums, (s, k) => most(s / Math.max(counts[k], 1))) };
+    return sums.map((s, k) => s / Math.max(counts[k], 1));
   }
 
-  /** Edges at which the outer surface turns by more than 30°, as pairs of points. */
-  creases() {
+  /** Edges at which the surface of the kept cells turns by more than 30°, as pairs of points. */
+  creases(surface) {
     const normal = new Map(), out = [], x = this.places, f = this.faces;
-    for (let k = 0; k < f.length; k += 6) {
-      if (f[k + 5] !== NONE) continue;
+    for (const k of surface) {
       const [a, b, c] = [f[k], f[k + 1], f[k + 2]].map((i) => [x[3 * i], x[3 * i + 1], x[3 * i + 2]]);
       const u = b.map((v, j) => v - a[j]), w = c.map((v, j) => v - a[j]);
       const n = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]];
@@ -167,7 +176,8 @@ class Part {
         const key = Math.min(i, e) * this.count + Math.max(i, e), other = normal.get(key);
         if (!other) normal.set(key, n.map((v) => v / l));
         else {
-          if (n[0] * other[0] + n[1] * other[1] + n[2] * other[2] < 0.86 * l) out.push(i, e);
+          // A face of the cut may be met from behind.
+          if (Math.abs(n[0] * other[0] + n[1] * other[1] + n[2] * other[2]) < 0.86 * l) out.push(i, e);
           normal.delete(key);
         }
       }
@@ -253,17 +263,23 @@ class Part {
     this.cutLines(frame);
   }
 
-  /** Leaves out what the cut takes: whole cells, balls and bonds, so that what is seen is what was computed. */
-  cut(keep, once, frame) {
-    const own = once ? this.mine : undefined;
-    const all = (x, mine) => Uint8Array.from({ length: x.length / 3 }, (_, k) => (!mine || mine[k]) && keep(x[3 * k], x[3 * k + 1], x[3 * k + 2]) ? 1 : 0);
-    this.kept = all(this.places, own?.points);
-    const { faces, edges, balls } = this.objects;
+  /** Leaves out what a cut, the other model of an overlap and the limits of the values take: whole cells, balls and bonds, so
+      that what is seen is what was computed. */
+  cut(keep, once, limits, frame) {
+    const own = once ? this.mine : undefined, f = this.faces;
+    const valued = limits && this.objects[this.faces.length ? "faces" : "balls"]?.material.uniforms.painted.value;
+    const within = (v) => v >= limits[0] && v <= limits[1];
+    const all = (x, mine, inside) => Uint8Array.from({ length: x.length / 3 }, (_, k) => (!mine || mine[k]) && (!inside || inside(k)) && keep(x[3 * k], x[3 * k + 1], x[3 * k + 2]) ? 1 : 0);
+    const value = this.attributes.value.array;
+    const means = valued && f.length ? this.cellMeans(value) : null;
+    this.kept = all(this.places, own?.points, valued && !f.length ? (k) => within(value[k]) : null);
+    const { faces, edges, outline, balls } = this.objects;
     if (faces) {
-      const cells = all(this.centres, own?.cells), f = this.faces, corners = [], pairs = [];
+      const cells = all(this.centres, own?.cells, means && ((k) => within(means[k]))), corners = [], pairs = [], surface = [];
       for (let k = 0; k < f.length; k += 6) {
         const inner = cells[f[k + 4]], outer = f[k + 5] !== NONE && cells[f[k + 5]];
         if (inner == outer) continue;
+        surface.push(k);
         corners.push(f[k], f[k + 1], f[k + 2]);
         if (f[k + 3] !== f[k + 2]) corners.push(f[k], f[k + 2], f[k + 3]);
         // Every edge of a closed surface is met once in each direction.
@@ -274,6 +290,8 @@ class Part {
       }
       faces.geometry.setIndex(corners);
       edges.geometry.setIndex(pairs);
+      // The outline of a larger surface takes longer than a frame of a film.
+      outline.geometry.setIndex(surface.length < 60000 ? this.creases(surface) : []);
     }
     if (balls) balls.geometry.setIndex([...this.kept.keys()].filter((k) => this.kept[k]));
     this.cutLines(frame);
@@ -292,12 +310,10 @@ class Part {
 
   /** Which objects are there: by the part's mode and what is shown of all. */
   reveal(shown) {
-    const on = { solid: ["faces", "balls"], outline: ["outline", "balls"], hidden: [] }[this.mode];
+    const on = { solid: ["faces", "outline", "balls"], outline: ["outline", "balls"], hidden: [] }[this.mode];
     for (const k in this.objects) this.objects[k].visible = on.includes(k);
     if (this.objects.balls) this.objects.balls.material.uniforms.shrink.value = this.mode === "outline" ? 0.22 : 1;
     if (this.objects.edges) this.objects.edges.visible = shown.edges && this.mode === "solid" && !this.mediator;
-    if (this.objects.outline && this.mode === "solid" && !this.mediator) this.objects.outline.visible = !this.isCut;
-    if (this.mediator && this.objects.outline) this.objects.outline.material.uniforms.opacity.value = this.isCut ? 0.4 : 1;
     // Lines without balls are all there is of a bar.
     const bar = !this.radii.length && !this.faces.length;
     if (this.objects.bonds) this.objects.bonds.visible = this.mode !== "hidden" && (shown.bonds || bar);

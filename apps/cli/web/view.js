@@ -1,6 +1,6 @@
 "use strict";
-// The page: unpacks the data, sets up picture and controls, plays frames, draws plots. A picture can be named by what follows #,
-// such as view.html#field=velocity&component=0&frame=12&warp=200&cut=y&bare=1.
+// The page: unpacks the data, sets up controls, plays frames. A picture can be named by what follows #, such as
+// view.html#field=velocity&component=0&frame=12&warp=200&cut=y&bare=1.
 
 const element = (id) => document.getElementById(id);
 const about = JSON.parse(element("about").textContent);
@@ -25,84 +25,52 @@ function si(x, unit, digits = 3) {
   return `${text.replace("-", "−")} ${prefix}${unit ?? ""}`.trim();
 }
 
-/** The controls' state, and what an address asks for. */
-const state = { frame: about.times.length - 1, field: "", component: 3, span: "run", warp: 1, cut: "", at: 500, flipped: false, view: "iso" };
+/** A number as one would enter it. */
+const entered = (x) => { const v = Number(x.toPrecision(4)); return v !== 0 && (Math.abs(v) >= 1e5 || Math.abs(v) < 1e-3) ? v.toExponential().replace("+", "") : String(v); };
+
+/** The controls' state. `low` and `high` are the entered range, `least` and `most` limit which values are shown. */
+const state = { frame: about.times.length - 1, field: "", component: 3, span: "run", low: 0, high: 1, logged: false, least: -Infinity, most: Infinity, warp: 1, cut: "", at: 500, flipped: false, perspective: false };
 const shown = { edges: true, bonds: false, broken: true, once: true };
-const asked = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
 const words = ["x", "y", "z", "length"];
 const tensor = ["xx", "yy", "zz", "xy", "yz", "xz"];
+let reach = 1, timer = null;
 
-let parts = [], renderer, scene, camera, controls, ramps, reach = 1, plots = [], timer = null;
-
-function setUp(read) {
-  const canvas = element("canvas");
-  scene = new THREE.Scene();
-  parts = about.parts.map((p, k) => new Part(p, read, k, about.size, scene));
-  renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
-  camera = new THREE.OrthographicCamera(-0.5, 0.5, 0.5, -0.5, 0.01, 20);
-  camera.up.set(0, 0, 1);
-  controls = new THREE.OrbitControls(camera, canvas);
-  controls.addEventListener("change", draw);
-  ramps = { even: texture(RAMPS.even), signed: texture(RAMPS.signed) };
-  new ResizeObserver(resize).observe(element("stage"));
-  canvas.addEventListener("click", pick);
-}
-
-function draw() {
-  shared.pixels.value = renderer.domElement.height * camera.zoom;
-  renderer.render(scene, camera);
-}
-
-function resize() {
-  const { clientWidth: w, clientHeight: h } = element("stage");
-  if (!renderer || !w || !h) return;
-  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-  renderer.setSize(w, h, false);
-  [camera.left, camera.right] = [-0.5 * w / h, 0.5 * w / h];
-  camera.updateProjectionMatrix();
-  look(null);
-}
-
-/** Looks along a direction (as before without one), so that everything at rest is in the picture. */
-function look(name) {
-  const directions = { iso: [-0.55, -1, 0.6], x: [1, 0, 0], y: [0, -1, 0], z: [0, -1e-3, 1] };
-  if (name) {
-    const turned = name.includes(",") ? name.split(",").map(Number) : directions[name] ?? directions.iso;
-    camera.position.set(...turned).normalize().multiplyScalar(5);
-    controls.target.set(0, 0, 0);
-    camera.lookAt(0, 0, 0);
-    controls.update();
+/** What the address asks for. A value that does not fit is left out and named. */
+const asked = (() => {
+  const out = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  const number = (low, high) => (v) => v.trim() !== "" && Number(v) >= low && Number(v) <= high;
+  const rules = {
+    frame: number(0, about.times.length - 1), at: number(0, 1000), warp: number(0, 1e12), component: number(0, 8),
+    cut: (v) => ["", "x", "y", "z"].includes(v), span: (v) => ["run", "now"].includes(v),
+    range: (v) => v.split(",").length === 2 && v.split(",").every(number(-1e300, 1e300)),
+    only: (v) => v.split(",").length === 2 && v.split(",").every((x) => x === "" || number(-1e300, 1e300)(x)),
+    field: (v) => v === "" || about.parts.some((p) => p.fields.some((f) => f.name === v)),
+    view: (v) => ["iso", "x", "y", "z"].includes(v) || (v.split(",").length === 3 && v.split(",").every(number(-1e9, 1e9))),
+  };
+  for (const p of about.parts) rules[p.name] ??= (v) => ["solid", "outline", "hidden"].includes(v);
+  for (const key in out) {
+    if (!rules[key] || rules[key](out[key])) continue;
+    about.notices.push(`The address asks for ${key}=${out[key]}, which this page does not have.`);
+    delete out[key];
   }
-  camera.updateMatrixWorld();
-  const [right, up] = [0, 1].map((k) => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, k));
-  let [wide, high] = [1e-6, 1e-6];
-  const x = new THREE.Vector3();
-  const models = parts.filter((p) => p.kind);
-  for (const p of models.length ? models : parts) {
-    const step = Math.max(1, Math.floor(p.count / 3000));
-    for (let i = 0; i < p.count; i += step) {
-      x.fromArray(p.places, 3 * i).sub(controls.target);
-      [wide, high] = [Math.max(wide, Math.abs(x.dot(right))), Math.max(high, Math.abs(x.dot(up)))];
-    }
-  }
-  camera.zoom = 0.42 * Math.min((camera.right - camera.left) / wide, 1 / high);
-  camera.updateProjectionMatrix();
-  draw();
-}
+  return out;
+})();
 
 /** Everything that a frame or a choice changes. */
 function update() {
   const field = fields().find((f) => f.name === state.field);
   shared.warp.value = state.warp;
   for (const p of parts) p.show(state.frame, state.field, state.component);
-  legend(field);
+  if (limited()) cutParts();
+  if (parts.length) legend(field);
   const t = about.times[state.frame];
   element("frame").value = state.frame;
   element("time").textContent = si(t, "s");
   element("stamp").textContent = `t = ${si(t, "s")}` + (state.warp === 1 ? "" : state.warp === 0 ? ", at rest" : `, displacements × ${Number(state.warp.toPrecision(3))}`);
   element("times").textContent = `× ${Number(state.warp.toPrecision(3))}`;
+  element("tip").hidden = true;
   for (const p of plots) p.redraw(false);
-  draw();
+  if (parts.length) draw();
 }
 
 /** Fields by name, those that most parts have first. */
@@ -110,32 +78,6 @@ function fields() {
   const all = new Map();
   for (const p of parts) for (const f of p.fields) if (!all.has(f.name)) all.set(f.name, f);
   return [...all.values()];
-}
-
-function legend(field) {
-  const box = element("legend");
-  box.hidden = !field;
-  if (!field) return;
-  const c = state.component;
-  let [low, high] = [Infinity, -Infinity];
-  for (const p of parts.filter((p) => p.mode !== "hidden")) {
-    for (const f of p.fields.filter((f) => f.name === field.name)) {
-      const r = p.range(f, c, state.span === "now" ? state.frame : null);
-      [low, high] = [Math.min(low, r[0]), Math.max(high, r[1])];
-    }
-  }
-  if (low > high) [low, high] = [0, 0];
-  // A scale begins at zero where it nearly does.
-  if (low > 0 && low < 0.05 * high) low = 0;
-  const signed = low < 0 && high > 0 && Math.min(-low, high) > 0.02 * Math.max(-low, high);
-  if (signed) [low, high] = [-Math.max(-low, high), Math.max(-low, high)];
-  shared.range.value = [low, high > low ? high : low + (Math.abs(low) || 1)];
-  const ramp = signed ? "signed" : "even";
-  shared.ramp.value = ramps[ramp];
-  box.querySelector("b").textContent = field.name + (field.components > 1 ? ` ${component(field, c)}` : "");
-  const [from, to] = box.querySelectorAll("output");
-  [from.textContent, to.textContent] = [si(low, field.unit), si(high, field.unit)];
-  box.querySelector("i").style.background = `linear-gradient(90deg, ${RAMPS[ramp].map((x) => `rgb(${x})`)})`;
 }
 
 const ranked = (field) => field.name.startsWith("principal");
@@ -154,28 +96,82 @@ function options(select, list, chosen) {
   select.replaceChildren(...list.map(([value, text]) => new Option(text, value, false, String(value) === String(chosen))));
 }
 
-function wire() {
-  const all = fields();
-  const preferred = ["damage", "von Mises", "velocity", "displacement"];
-  const first = preferred.map((n) => all.find((f) => f.name.startsWith(n))).find((f) => f && f.frames >= Math.min(2, about.times.length));
-  state.field = asked.field ?? first?.name ?? all[0]?.name ?? "";
-  options(element("field"), [["", "none"], ...all.map((f) => [f.name, f.unit ? `${f.name} [${f.unit}]` : f.name])], state.field);
+/** The field that tells most: damage if there is any. */
+function telling() {
+  const all = fields(), largest = (f) => Math.max(...parts.flatMap((p) => p.fields.filter((g) => g.name === f.name).map((g) => Math.max(...g.high))));
+  const damage = all.find((f) => f.name === "damage" && largest(f) > 0);
+  const preferred = ["von Mises", "velocity", "displacement"].map((n) => all.find((f) => f.name.startsWith(n)));
+  return damage ?? preferred.find((f) => f && f.frames >= Math.min(2, about.times.length)) ?? all[0];
+}
+
+/** Begins with what the address asks for; where it asks for nothing, with the frame and the cut that show something. */
+function begin() {
+  state.field = asked.field ?? telling()?.name ?? "";
   reach = fitting();
   state.warp = asked.warp === undefined ? reach : Number(asked.warp);
-  for (const k of ["cut", "span"]) if (asked[k] !== undefined) element(k).value = state[k] = asked[k];
-  for (const k of ["frame", "at"]) if (asked[k] !== undefined) state[k] = Number(asked[k]);
+  for (const k of ["cut", "span"]) state[k] = asked[k] ?? state[k];
+  if (asked.at !== undefined) state.at = Number(asked.at);
   state.flipped = asked.flip !== undefined;
+  state.logged = asked.log !== undefined;
+  state.perspective = asked.perspective !== undefined;
+  if (asked.range) [state.span, state.low, state.high] = ["own", ...asked.range.split(",").map(Number)];
+  if (asked.only) [state.least, state.most] = limits(...asked.only.split(","));
   for (const k in shown) if (asked[k] !== undefined) shown[k] = asked[k] !== "0";
   for (const p of parts) p.mode = asked[p.name] ?? p.mode;
-  state.frame = Math.max(0, Math.min(state.frame, about.times.length - 1));
   components(asked.component);
+  const field = fields().find((f) => f.name === state.field);
+  state.frame = asked.frame === undefined ? (field ? tellingFrame(field) : state.frame) : Math.round(Number(asked.frame));
+  look(asked.view ?? "iso");
+  cut();
+  resize();
+  const chosen = ["cut", "bare", "view", "only"].some((k) => asked[k] !== undefined);
+  if (field && !chosen) {
+    tellingCut();
+    cut();
+  }
+}
 
-  const on = (id, what, act) => element(id).addEventListener(what, act);
-  on("field", "change", (e) => { state.field = e.target.value; components(); update(); });
-  on("component", "change", (e) => { state.component = Number(e.target.value); update(); });
-  on("span", "change", (e) => { state.span = e.target.value; update(); });
+/** Entered limits of the values; an empty entry is no limit. */
+function limits(least, most) {
+  const value = (text, none) => (text.trim() === "" || !Number.isFinite(Number(text)) ? none : Number(text));
+  return [value(least, -Infinity), value(most, Infinity)];
+}
+
+const limited = () => state.least > -Infinity || state.most < Infinity;
+
+/** Gives the controls the values of the state. */
+function settle() {
+  const all = fields();
+  options(element("field"), [["", "none"], ...all.map((f) => [f.name, f.unit ? `${f.name} [${f.unit}]` : f.name])], state.field);
+  for (const k of ["cut", "span", "at"]) element(k).value = state[k];
+  element("logged").checked = state.logged;
+  element("perspective").checked = state.perspective;
+  for (const k of ["least", "most"]) element(k).value = Number.isFinite(state[k]) ? entered(state[k]) : "";
   // From 0 by powers up to ten times what fits.
   element("warp").value = state.warp === 0 ? 0 : 100 * Math.log(1 + state.warp) / Math.log(1 + 10 * Math.max(reach, 1));
+  element("frame").max = about.times.length - 1;
+  element("film").hidden = !window.MediaRecorder || about.times.length < 2;
+  list();
+}
+
+function wire() {
+  const on = (id, what, act) => element(id).addEventListener(what, act);
+  on("field", "change", (e) => { state.field = e.target.value; [state.least, state.most] = limits("", ""); components(); settle(); cut(); });
+  on("component", "change", (e) => { state.component = Number(e.target.value); update(); });
+  on("span", "change", (e) => {
+    state.span = e.target.value;
+    if (state.span === "own") [state.low, state.high] = shared.range.value;
+    update();
+  });
+  for (const k of ["low", "high"]) on(k, "change", (e) => {
+    if (!Number.isFinite(Number(e.target.value)) || e.target.value.trim() === "") return update();
+    if (state.span !== "own") [state.low, state.high] = shared.range.value;
+    [state.span, state[k]] = ["own", Number(e.target.value)];
+    element("span").value = "own";
+    update();
+  });
+  on("logged", "change", (e) => { state.logged = e.target.checked; update(); });
+  for (const k of ["least", "most"]) on(k, "change", () => { [state.least, state.most] = limits(element("least").value, element("most").value); cut(); });
   on("warp", "input", (e) => {
     const w = (1 + 10 * Math.max(reach, 1)) ** (e.target.value / 100) - 1;
     state.warp = w < 0.05 ? 0 : Math.abs(w - 1) < 0.08 ? 1 : Number(w.toPrecision(2));
@@ -186,10 +182,13 @@ function wire() {
   on("flip", "click", () => { state.flipped = !state.flipped; cut(); });
   on("frame", "input", (e) => { state.frame = Number(e.target.value); update(); });
   on("play", "click", play);
-  on("save", "click", () => {
-    const link = document.createElement("a");
-    [link.href, link.download] = [renderer.domElement.toDataURL("image/png"), "arlequin.png"];
-    link.click();
+  on("perspective", "change", (e) => { state.perspective = e.target.checked; draw(); });
+  on("save", "click", () => save(composed().toDataURL("image/png"), "arlequin.png"));
+  on("film", "click", async (e) => {
+    e.target.disabled = true;
+    const blob = await film();
+    save(URL.createObjectURL(blob), `arlequin.${blob.type.split("/")[1]}`);
+    e.target.disabled = false;
   });
   for (const b of document.querySelectorAll("[data-view]")) b.addEventListener("click", () => look(b.dataset.view));
   document.addEventListener("keydown", (e) => {
@@ -199,9 +198,10 @@ function wire() {
     else return;
     e.preventDefault();
   });
-  element("frame").max = about.times.length - 1;
-  element("at").value = state.at;
-  list();
+  // A press that turns the body is no click.
+  let pressed = [0, 0];
+  on("canvas", "pointerdown", (e) => { pressed = [e.clientX, e.clientY]; });
+  on("canvas", "click", (e) => { if (Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) < 4) pick(e); });
 }
 
 /** Which components the field has. */
@@ -221,7 +221,7 @@ function list() {
   element("parts").replaceChildren(...parts.map((p) => {
     const label = document.createElement("label"), tint = document.createElement("i"), select = document.createElement("select");
     tint.style.background = p.tint;
-    options(select, ["solid", "outline", "hidden"].map((m) => [m, m]), p.mode);
+    options(select, [["solid", p.mediator ? "veil" : "solid"], ["outline", "outline"], ["hidden", "hidden"]], p.mode);
     select.addEventListener("change", () => { p.mode = select.value; reveal(); });
     label.append(tint, p.mediator ? `overlap: ${p.name}` : p.kind ? `${p.name} (${p.kind})` : p.name, select);
     return label;
@@ -238,20 +238,31 @@ function list() {
 }
 
 function reveal() {
-  for (const p of parts) { p.isCut = state.cut !== ""; p.reveal(shown); }
+  for (const p of parts) p.reveal(shown);
   update();
 }
 
-function cut() {
-  const axis = state.cut ? "xyz".indexOf(state.cut) : -1;
-  element("where").style.display = axis < 0 ? "none" : "";
+/** Ends of the models along an axis. */
+function span(name) {
+  const axis = "xyz".indexOf(name);
   let [low, high] = [Infinity, -Infinity];
-  if (axis >= 0) for (const p of parts) for (let i = axis; i < p.places.length; i += 3) [low, high] = [Math.min(low, p.places[i]), Math.max(high, p.places[i])];
+  for (const p of bodies()) for (let i = axis; i < p.places.length; i += 3) [low, high] = [Math.min(low, p.places[i]), Math.max(high, p.places[i])];
+  return [low, high];
+}
+
+/** Leaves out what the cut and the limits take. */
+function cutParts() {
+  const axis = "xyz".indexOf(state.cut || "-"), [low, high] = axis < 0 ? [0, 0] : span(state.cut);
   // A cut between two layers of points takes neither by halves.
   const at = low + (high - low) * (state.at + 0.03) / 1000, side = state.flipped ? -1 : 1;
   // What lies before the plane, seen from the usual side, goes.
   const keep = (...x) => axis < 0 || side * (x[axis] - at) * (axis === 1 ? 1 : -1) > 0;
-  for (const p of parts) p.cut(p.mediator ? () => true : keep, shown.once, state.frame);
+  for (const p of parts) p.cut(keep, shown.once, limited() ? [state.least, state.most] : null, state.frame);
+}
+
+function cut() {
+  element("where").style.display = state.cut ? "" : "none";
+  cutParts();
   reveal();
 }
 
@@ -291,67 +302,26 @@ function pick(event) {
   tip.style.top = `${at[1] + 12}px`;
 }
 
-const INKS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#505050"];
-
-/** Curves over time with a line at the present frame; a click goes to the nearest one. */
-function drawPlots(read) {
-  const box = element("plots");
-  const make = (p) => {
-    const figure = document.createElement("figure"), caption = document.createElement("figcaption");
-    caption.textContent = p.unit && p.unit !== "-" ? `${p.title} [${p.unit}]` : p.title;
-    figure.append(caption);
-    box.append(figure);
-    const unit = p.unit === "-" ? "" : p.unit;
-    const now = (u) => {
-      const x = u.valToPos(about.times[state.frame], "x", true);
-      u.ctx.save();
-      [u.ctx.strokeStyle, u.ctx.lineWidth] = ["#1d273399", devicePixelRatio];
-      u.ctx.beginPath();
-      u.ctx.moveTo(x, u.bbox.top);
-      u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
-      u.ctx.stroke();
-      u.ctx.restore();
-    };
-    const plot = new uPlot({
-      width: box.clientWidth, height: 180, scales: { x: { time: false } },
-      cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
-      axes: [
-        { values: (_, v) => v.map((x) => si(x, "s")), space: 70, size: 32, grid: { stroke: "#e6ebf0" } },
-        { values: (_, v) => v.map((x) => si(x, unit)), size: 84, grid: { stroke: "#e6ebf0" } },
-      ],
-      series: [
-        { label: "t", value: (_, v) => (v === null ? "" : si(v, "s")) },
-        ...p.names.map((n, k) => ({ label: n, stroke: INKS[k % INKS.length], width: 1.6, points: { show: false }, value: (_, v) => (v === null ? "" : si(v, unit)) })),
-      ],
-      hooks: { draw: [now] },
-    }, [read(p.times, Float32Array), ...p.columns.map((c) => read(c, Float32Array))], figure);
-    plot.over.addEventListener("click", () => {
-      const t = plot.posToVal(plot.cursor.left, "x");
-      go(about.times.reduce((best, x, k) => (Math.abs(x - t) < Math.abs(about.times[best] - t) ? k : best), 0));
-    });
-    return plot;
-  };
-  plots = about.plots.map(make);
-  new ResizeObserver(() => plots.forEach((p) => p.setSize({ width: box.clientWidth, height: 180 }))).observe(box);
-}
-
 (async () => {
   if (asked.bare !== undefined) document.body.classList.add("bare");
-  element("facts").append(...about.facts.map((f) => Object.assign(document.createElement("span"), { textContent: f })));
-  element("notices").append(...about.notices.map((n) => Object.assign(document.createElement("li"), { textContent: n })));
+  const items = (id, tag, texts) => element(id).append(...texts.map((t) => Object.assign(document.createElement(tag), { textContent: t })));
+  items("facts", "span", about.facts);
+  items("notices", "li", about.notices);
+  for (const [name, text] of about.figures) items("figures", "dt", [name]), items("figures", "dd", [text]);
   const read = await unpack();
   try {
     setUp(read);
   } catch (e) {
-    element("trouble").hidden = false;
     element("trouble").textContent = `No picture: this browser does not offer WebGL (${e.message}).`;
     parts = [];
   }
   if (parts.length) {
+    begin();
+    settle();
     wire();
-    look(asked.view ?? state.view);
-    cut();
-    resize();
+  } else {
+    element("trouble").hidden = false;
+    element("trouble").textContent ||= "No picture: the run wrote no frames.";
   }
   drawPlots(read);
   document.body.dataset.ready = parts.length ? "yes" : "plots";

@@ -7,6 +7,7 @@
 )]
 
 mod calibrate;
+mod finished;
 pub(crate) mod hard;
 pub(crate) mod plot;
 mod progress;
@@ -19,17 +20,20 @@ pub(crate) mod verify;
 mod work_precision;
 
 pub(crate) use calibrate::text as calibration;
-pub(crate) use run::{comparison, finished, holdings, not_started, plan, proposal};
+pub(crate) use finished::finished;
+pub(crate) use run::{comparison, holdings, not_started, plan, proposal};
 
 use crate::error::Result;
 pub(crate) use progress::Progress;
 use serde::Serialize;
-use std::sync::OnceLock;
+use std::io::IsTerminal;
+use std::path::Path;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 // Amount of output. No doc comment: clap would print it as the help of the program.
 #[derive(Debug, Default, Clone, Copy, clap::Args)]
 pub(crate) struct Loudness {
-    /// Print every phase of a set-up as it begins, and its time.
+    /// Print everything about a run, and every phase of a set-up as it begins.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Print only errors and the output of --json.
@@ -72,17 +76,86 @@ pub(crate) fn error(text: &str) {
     eprint!("{text}");
 }
 
+/// Warnings that the user has seen during the run, on the terminal that also shows its report.
+static SHOWN: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
 /// Prints a warning to the error stream while a run is still going on.
 pub(crate) fn warning(text: &str) {
     if loudness().quiet {
         return;
     }
-    eprintln!("warning    {text}");
+    eprint!("{}", wrapped("warning", text, width()));
+    if std::io::stdout().is_terminal() && std::io::stderr().is_terminal() {
+        SHOWN
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(text.to_owned());
+    }
+}
+
+/// Returns whether the user has already seen a warning above the report.
+fn was_shown(text: &str) -> bool {
+    let shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    shown.iter().any(|s| s == text)
 }
 
 /// Prints a line.
 pub(crate) fn line(text: &str) {
     println!("{text}");
+}
+
+/// Prints a text behind its label, wrapped to the width of the terminal.
+pub(crate) fn entry(label: &str, text: &str) {
+    print!("{}", wrapped(label, text, width()));
+}
+
+/// Returns the width of the terminal \[columns\]; 80 if the output goes elsewhere.
+pub(crate) fn width() -> usize {
+    // Longer lines are hard to read, and narrower columns split every line.
+    terminal_size::terminal_size().map_or(80, |(w, _)| usize::from(w.0).clamp(40, 120))
+}
+
+/// Columns of a label.
+const LABEL: usize = 11;
+
+/// Returns a text in lines of at most `width` columns behind its label.
+fn wrapped(label: &str, text: &str, width: usize) -> String {
+    let mut out = String::new();
+    for (k, line) in split(text, width.saturating_sub(LABEL)).iter().enumerate() {
+        let label = if k == 0 { label } else { "" };
+        out += format!("{label:<LABEL$}{line}").trim_end();
+        out.push('\n');
+    }
+    out
+}
+
+/// Splits a text into lines of at most `width` columns, at least one. Words are never split.
+fn split(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let used = lines.last().map_or(0, |l| l.chars().count());
+        if used > 0 && used + 1 + word.chars().count() > width {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            *line += word;
+        }
+    }
+    lines
+}
+
+/// Returns a path as a word that can be pasted into a shell.
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+=,:@%".contains(c);
+    if text.chars().all(is_plain) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    }
 }
 
 /// Prints text without adding a line end.

@@ -41,7 +41,7 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
         println!("           {line}");
     }
     if s.status == "interrupted" {
-        println!("interrupted by Ctrl-C: the same command goes on with what is missing");
+        println!("interrupted: the same command goes on with what is missing");
     }
     println!("results    {}", out.join("report.html").display());
 }

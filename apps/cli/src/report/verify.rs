@@ -1,6 +1,7 @@
 //! Reports of comparisons with the literature: table as text, page of the book, pictures.
 
 use super::plot::{self, Curve, Plot};
+use super::split;
 use crate::error::{Result, write as cannot_write};
 use arlequin_studies::checks::{Case, Check, Figure, Report, short};
 use std::path::Path;
@@ -107,28 +108,48 @@ const COLUMNS: [&str; 8] = [
     "",
 ];
 
-/// Returns the table as plain text, with each remark below its row.
+/// Largest width of each column of [`table`], without that of the case: rows have at most 120 columns.
+const WIDEST: [usize; 7] = [36, 9, 22, 10, 10, 17, 4];
+
+/// Returns the table as plain text: the rows of a case below its name, each remark below its row.
 pub(crate) fn table(rows: &[Check]) -> String {
     let cell_rows: Vec<[String; 8]> = rows.iter().map(cells).collect();
-    let width: Vec<usize> = (0..8)
-        .map(|k| {
-            let longest = cell_rows.iter().map(|c| c[k].chars().count()).max();
-            longest.unwrap_or(0).max(COLUMNS[k].chars().count())
-        })
-        .collect();
-    let line = |c: &[String]| {
-        let padded = c.iter().zip(&width).map(|(t, w)| format!("{t:<w$}"));
-        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    };
-    let mut out = line(&COLUMNS.map(str::to_owned)) + "\n";
+    let width: [usize; 7] = std::array::from_fn(|k| {
+        let longest = cell_rows.iter().map(|c| c[k + 1].chars().count()).max();
+        longest.unwrap_or(0).max(COLUMNS[k + 1].len()).min(WIDEST[k])
+    });
+    let mut out = line(&COLUMNS.map(str::to_owned), &width);
+    let mut case = "";
     for (row, c) in rows.iter().zip(&cell_rows) {
-        out += &(line(c) + "\n");
+        if row.case != case {
+            out += &format!("{}\n", row.case);
+            case = &row.case;
+        }
+        out += &line(c, &width);
         if !row.note.is_empty() {
-            out += &format!("{:w$}  ({})\n", "", row.note, w = width[0]);
+            for text in split(&format!("({})", row.note), 110) {
+                out += &format!("    {text}\n");
+            }
         }
     }
     let failed = rows.iter().filter(|r| !r.pass).count();
     out + &format!("{} rows, {failed} failed\n", rows.len())
+}
+
+/// Returns a row of the table in as many lines as its longest cell needs.
+fn line(cells: &[String; 8], width: &[usize; 7]) -> String {
+    let texts: Vec<Vec<String>> = cells[1..].iter().zip(width).map(|(c, w)| split(c, *w)).collect();
+    let mut out = String::new();
+    for k in 0..texts.iter().map(Vec::len).max().unwrap_or(0) {
+        let padded = texts.iter().zip(width).map(|(t, w)| {
+            let text = t.get(k).map_or("", String::as_str);
+            format!("{text:<w$}")
+        });
+        out += &format!("  {}", padded.collect::<Vec<_>>().join(" "));
+        out.truncate(out.trim_end().len());
+        out.push('\n');
+    }
+    out
 }
 
 /// Returns the table of one case as Markdown.
@@ -166,6 +187,13 @@ mod tests {
         ];
         let text = table(&rows);
         assert!(text.ends_with("2 rows, 1 failed\n") && text.contains("FAIL") && text.contains("(because)"));
+        let long = Check::new(
+            "a quantity of many words that needs more than one line",
+            1.0,
+            Accept::AtMost(1.0),
+        );
+        let text = table(&[long.note("a remark as long as a remark can be ".repeat(8))]);
+        assert!(text.lines().all(|l| l.chars().count() <= 120), "{text}");
         assert_eq!(
             (short(0.00012345), short(1606.04)),
             ("1.234e-4".into(), "1606".into())

@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 /// Files of one model, mediator or rigid body over time.
 #[derive(Debug)]
-pub(super) struct Series {
+pub(crate) struct Series {
     /// Name in the index.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Times \[s\] and files, ascending.
-    pub(super) files: Vec<(f64, PathBuf)>,
+    pub(crate) files: Vec<(f64, PathBuf)>,
 }
 
 impl Series {
@@ -26,7 +26,7 @@ impl Series {
 }
 
 /// Reads the index of a folder of results and returns its series in the order of the index.
-pub(super) fn index(folder: &Path) -> Result<Vec<Series>> {
+pub(crate) fn index(folder: &Path) -> Result<Vec<Series>> {
     let path = folder.join("results.pvd");
     let text = std::fs::read_to_string(&path).map_err(read(&path))?;
     let xml = Document::parse(&text).map_err(|e| damaged(&path, &e.to_string()))?;
@@ -77,7 +77,7 @@ pub(super) fn unreadable(path: &Path) -> impl Fn(arlequin::dem_beam::Error) -> E
 
 /// A model at one time: one file, or pieces in `.vtu` files that a `.pvtu` file lists.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     pub(super) path: PathBuf,
     /// The file of the whole model, or its pieces.
     pub(super) pieces: Vec<Piece>,
@@ -89,7 +89,7 @@ pub(super) struct Frame {
 
 impl Frame {
     /// Reads the headers of the frame's file or files.
-    pub(super) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         if path.extension().is_some_and(|e| e == "pvtu") {
             return Self::open_pieces(path);
         }
@@ -105,13 +105,13 @@ impl Frame {
     }
 
     /// Returns an array by its name.
-    pub(super) fn find(&self, section: Section, name: &str) -> Option<Array> {
+    pub(crate) fn find(&self, section: Section, name: &str) -> Option<Array> {
         let mut arrays = self.arrays.iter();
         arrays.find(|a| a.section == section && a.name == name).cloned()
     }
 
     /// Returns the array of positions.
-    pub(super) fn positions(&self) -> Option<Array> {
+    pub(crate) fn positions(&self) -> Option<Array> {
         let is_position = |a: &&Array| a.section == Section::Points && a.components == 3;
         self.arrays.iter().find(is_position).cloned()
     }

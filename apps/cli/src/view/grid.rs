@@ -108,6 +108,10 @@ impl Grid {
                         // the face.
                         let nodes = face.map(|k| cell_corners[k]);
                         let mut key = nodes;
+                        // Cells may repeat different corners of the same triangle.
+                        if nodes[3] == nodes[2] {
+                            key[3] = OUTSIDE;
+                        }
                         key.sort_unstable();
                         if let Some(k) = between.remove(&key) {
                             grid.faces[k][5] = cell as u32;
@@ -204,6 +208,18 @@ mod tests {
             .sum();
         assert!((volume - 2.0).abs() < 1e-12, "{volume}");
         assert_eq!(grid.at_points(&[1.0, 3.0], 1)[..3], [1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn two_tetrahedra_share_one_face() {
+        let points = vec![0.0; 15];
+        // The second cell lists the common face 1, 2, 3 in every order.
+        for second in [[1, 2, 3, 4], [4, 3, 2, 1], [2, 4, 3, 1], [3, 1, 4, 2]] {
+            let corners = [[0, 1, 2, 3], second].concat();
+            let grid = Grid::new(points.clone(), &corners, &[4, 8], &[10, 10]);
+            let inner = grid.faces.iter().filter(|f| f[5] != OUTSIDE).count();
+            assert_eq!((grid.faces.len(), inner), (7, 1), "{second:?}");
+        }
     }
 
     #[test]

@@ -1,18 +1,19 @@
 //! `arlequin view`: writes one self-contained web page from the files of a run.
 
 pub(crate) mod curves;
-mod frames;
+pub(crate) mod frames;
 mod grid;
 mod page;
 mod part;
 mod pieces;
 
 use crate::error::{Result, write};
-use crate::report;
+use crate::{figures, report};
 use arlequin::dem_beam::vtu::{Array, Section};
-use arlequin_scene::output::mark;
+use arlequin_scene::output::{Folder, mark};
 use frames::{Frame, Series};
 use part::Part;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `arlequin view`.
@@ -37,25 +38,80 @@ pub(super) const LINES: usize = 400_000;
 
 /// Runs `arlequin view`: writes the page.
 pub(crate) fn view(a: &Arguments) -> Result<()> {
-    let html = a.html.clone().unwrap_or_else(|| a.folder.join("view.html"));
+    let (folder, mut notices) = present(&a.folder);
+    let html = a.html.clone().unwrap_or_else(|| folder.join("view.html"));
     mark::generated("--html", &html, page::HEAD)?;
-    let series = frames::index(&a.folder)?;
-    let plan = Plan::new(&series, a.megabytes.max(1) * 1_000_000)?;
-    let mut notices = plan.notices.clone();
-    let mut parts = Vec::new();
-    for s in &series {
-        parts.push(Part::read(s, &plan, &mut notices)?);
+    let summary = std::fs::read_to_string(folder.join("summary.json")).unwrap_or_default();
+    let summary: Value = serde_json::from_str(&summary).unwrap_or_default();
+    if summary.is_null() {
+        notices.push(
+            "There is no summary.json: the run goes on or was killed. The page shows what was there.".into(),
+        );
     }
-    let summary = std::fs::read_to_string(a.folder.join("summary.json")).unwrap_or_default();
-    let summary = serde_json::from_str(&summary).unwrap_or_default();
-    let text = page::html(&summary, &plan.times, &parts, &curves::read(&a.folder), &notices)?;
-    std::fs::write(&html, &text).map_err(write(&html))?;
+    let plots = curves::read(&folder);
+    let (times, parts) = match frames::index(&folder) {
+        // Tables alone are worth a page.
+        Err(_) if !plots.is_empty() => {
+            notices.push("There are no frames.".into());
+            (Vec::new(), Vec::new())
+        }
+        index => pictures(index?, a.megabytes, summary.is_null(), &mut notices)?,
+    };
     for n in &notices {
-        report::line(&format!("notice     {n}"));
+        report::entry("notice", n);
     }
+    let warnings = summary["warnings"].as_array().into_iter().flatten();
+    notices.extend(warnings.filter_map(|w| Some(format!("Warning: {}", w.as_str()?))));
+    let figures = figures::read(&folder, &summary);
+    let text = page::html(&page::Content {
+        summary,
+        times,
+        parts,
+        plots,
+        figures,
+        notices,
+    })?;
+    std::fs::write(&html, &text).map_err(write(&html))?;
     let size = text.len() as f64 / 1e6;
     report::line(&format!("written    {} ({size:.1} MB)", html.display()));
     Ok(())
+}
+
+/// Returns the folder that has the files: that of a run that goes on if there are no results yet, with a
+/// notice of it.
+fn present(target: &Path) -> (PathBuf, Vec<String>) {
+    let folder = Folder::left_behind(target);
+    if target.exists() || folder == target {
+        return (target.to_owned(), Vec::new());
+    }
+    let notice = format!(
+        "'{}' is not there yet; the page shows '{}'.",
+        target.display(),
+        folder.display()
+    );
+    (folder, vec![notice])
+}
+
+/// Reads the frames of all parts, at the times that fit into the page. Frames at the end that cannot be read
+/// are left out if the run is `unfinished`.
+fn pictures(
+    mut all: Vec<Series>,
+    megabytes: usize,
+    unfinished: bool,
+    notices: &mut Vec<String>,
+) -> Result<(Vec<f64>, Vec<Part>)> {
+    for s in all.iter_mut().filter(|_| unfinished) {
+        while s.files.len() > 1 && s.files.last().is_some_and(|f| Frame::open(&f.1).is_err()) {
+            s.files.pop();
+        }
+    }
+    let plan = Plan::new(&all, megabytes.max(1) * 1_000_000)?;
+    notices.extend(plan.notices.iter().cloned());
+    let mut parts = Vec::new();
+    for s in &all {
+        parts.push(Part::read(s, &plan, notices)?);
+    }
+    Ok((plan.times, parts))
 }
 
 /// Selection of the frames and particles of a run that the page shows.

@@ -3,6 +3,7 @@
 use super::curves::Plot;
 use super::part::{Field, Part};
 use crate::error::Result;
+use crate::figures::Figure;
 use crate::report;
 use base64::Engine;
 use serde::Serialize;
@@ -13,7 +14,7 @@ pub(super) const HEAD: &str = "<!DOCTYPE html><!-- Results of arlequin, by 'arle
 
 const SKELETON: &str = include_str!("../../web/view.html");
 /// Marks in the skeleton and the texts that replace them.
-const PIECES: [(&str, &str); 6] = [
+const PIECES: [(&str, &str); 8] = [
     (
         "/* uplot.css */",
         include_str!("../../web/vendor/uplot/uPlot.min.css"),
@@ -28,6 +29,8 @@ const PIECES: [(&str, &str); 6] = [
         include_str!("../../web/vendor/uplot/uPlot.iife.min.js"),
     ),
     ("/* body.js */", include_str!("../../web/body.js")),
+    ("/* plots.js */", include_str!("../../web/plots.js")),
+    ("/* stage.js */", include_str!("../../web/stage.js")),
     ("/* view.js */", include_str!("../../web/view.js")),
 ];
 
@@ -53,21 +56,31 @@ impl Store {
     }
 }
 
+/// Content of a page.
+#[derive(Debug)]
+pub(super) struct Content {
+    /// Content of `summary.json`; null if the run goes on.
+    pub(super) summary: Value,
+    /// Times of the frames \[s\].
+    pub(super) times: Vec<f64>,
+    pub(super) parts: Vec<Part>,
+    pub(super) plots: Vec<Plot>,
+    pub(super) figures: Vec<Figure>,
+    /// Warnings of the run, and what the page leaves out.
+    pub(super) notices: Vec<String>,
+}
+
 /// Returns the whole page.
-pub(super) fn html(
-    summary: &Value,
-    times: &[f64],
-    parts: &[Part],
-    plots: &[Plot],
-    notices: &[String],
-) -> Result<String> {
+pub(super) fn html(content: &Content) -> Result<String> {
     let mut store = Store::default();
-    let (centre, size) = extent(parts, summary);
-    let parts: Vec<Value> = parts
+    let summary = &content.summary;
+    let (centre, size) = extent(&content.parts, summary);
+    let parts: Vec<Value> = content
+        .parts
         .iter()
         .map(|p| part(&mut store, p, summary, (centre, size)))
         .collect();
-    let plots: Vec<Value> = plots.iter().map(|p| plot(&mut store, p)).collect();
+    let plots: Vec<Value> = content.plots.iter().map(|p| plot(&mut store, p)).collect();
     let title = ["title", "scene"]
         .iter()
         .find_map(|k| summary[*k].as_str())
@@ -76,10 +89,11 @@ pub(super) fn html(
         "title": title,
         "facts": facts(summary),
         "size": size,
-        "times": times,
+        "times": content.times,
         "parts": parts,
         "plots": plots,
-        "notices": notices,
+        "figures": content.figures,
+        "notices": content.notices,
     });
     // A `<` in the data could end the script element that holds them.
     let about = report::pretty(&about)?.replace('<', "\\u003c");
@@ -98,16 +112,25 @@ fn model<'a>(summary: &'a Value, name: &str) -> Option<&'a Value> {
     summary["models"].as_array()?.iter().find(|m| m["name"] == name)
 }
 
+/// Returns the kind of a model, null for mediators and rigid bodies. Without a summary the name of a part
+/// tells whether it is a model.
+fn kind(summary: &Value, part: &Part) -> Value {
+    if summary["models"].is_array() {
+        return model(summary, &part.name).map_or(Value::Null, |m| m["kind"].clone());
+    }
+    match (&part.name, part.radii.is_empty()) {
+        (name, _) if ["mediator-", "rigid-"].iter().any(|p| name.starts_with(p)) => Value::Null,
+        (_, true) => "mesh".into(),
+        (_, false) => "particles".into(),
+    }
+}
+
 /// Returns centre and diagonal \[m\] of the box around the models' reference positions. Rigid bodies are
 /// left out, since they may be far larger.
 fn extent(parts: &[Part], summary: &Value) -> ([f64; 3], f64) {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
-    // Only models stand in the summary; mediators and bodies do not. Without a summary all parts count.
-    let known = summary["models"].is_array();
-    let models = parts
-        .iter()
-        .filter(|p| !known || model(summary, &p.name).is_some());
+    let models = parts.iter().filter(|p| !kind(summary, p).is_null());
     for (k, x) in models.flat_map(|p| p.grid.points.iter().enumerate()) {
         low[k % 3] = low[k % 3].min(*x);
         high[k % 3] = high[k % 3].max(*x);
@@ -118,13 +141,12 @@ fn extent(parts: &[Part], summary: &Value) -> ([f64; 3], f64) {
 }
 
 fn part(store: &mut Store, p: &Part, summary: &Value, (centre, size): ([f64; 3], f64)) -> Value {
-    let model = model(summary, &p.name);
     let place = |(k, x): (usize, &f64)| (x - centre[k % 3]) / size;
     let whole = |k: &u32| k.to_le_bytes();
     let fields: Vec<Value> = p.fields.iter().map(|f| field(store, f)).collect();
     json!({
         "name": p.name,
-        "kind": model.map_or(Value::Null, |m| m["kind"].clone()),
+        "kind": kind(summary, p),
         "mediator": p.name.starts_with("mediator-"),
         "places": store.floats(p.grid.points.iter().enumerate().map(place)),
         "radii": store.floats(p.radii.iter().map(|r| r / size)),
@@ -161,6 +183,7 @@ fn plot(store: &mut Store, p: &Plot) -> Value {
         "title": p.title,
         "unit": p.unit,
         "names": p.names,
+        "over": p.over.as_ref().map(|[title, unit]| json!({ "title": title, "unit": unit })),
         "times": store.floats(p.times.iter().copied()),
         "columns": p.columns.iter().map(|c| store.floats(c.iter().copied())).collect::<Vec<_>>(),
     })
@@ -186,11 +209,6 @@ fn facts(s: &Value) -> Vec<String> {
         if let Some(drift) = s["energy"]["h_drift_max"].as_f64() {
             out.push(format!("unexplained drift of H {drift:.1e}"));
         }
-    }
-    let broken = s["effect_ledger"].as_array().into_iter().flatten();
-    let broken: f64 = broken.filter_map(|e| e["facts"]["broken bonds"].as_f64()).sum();
-    if broken > 0.0 {
-        out.push(format!("{broken:.0} bonds broke"));
     }
     match s["status"].as_str() {
         None | Some("complete") => {}

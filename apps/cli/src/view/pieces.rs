@@ -47,7 +47,7 @@ impl Frame {
     }
 
     /// Reads all numbers of an array, in the order of the whole model.
-    pub(super) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
+    pub(crate) fn numbers(&mut self, array: &Array) -> Result<Vec<f64>> {
         if !self.in_pieces {
             return self.pieces[0].file.numbers(array);
         }

@@ -1,6 +1,6 @@
 //! Contact between two models of a scene: ledger, comparison, watchdog, restart, refusals.
 
-use crate::common::{arlequin, command, number, scene, scratch, succeed, summary, text};
+use crate::common::{arlequin, command, number, scene, scratch, succeed, summary, text, unwrapped};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -88,7 +88,7 @@ fn a_number_of_own_steps_that_contact_overrides_is_warned_of() {
 fn bodies_that_touch_have_a_line_of_their_own() {
     let folder = scratch("between-run");
     let path = written(&folder, &format!("{TWO}{TOUCH}"));
-    let plan = succeed(&["check", text(&path)]);
+    let plan = unwrapped(&succeed(&["check", text(&path)]));
     assert!(plan.contains("contact above-below"), "{plan}");
     let out = folder.join("out");
     succeed(&["run", text(&path), "--out", text(&out)]);

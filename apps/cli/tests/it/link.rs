@@ -1,7 +1,9 @@
 //! Scenes with a solver in another process: the shipped chain in C against our own chain.
 #![cfg(unix)]
 
-use crate::common::{arlequin, command, number, schemas::verdict, scratch, succeed, summary, text, wait_for};
+use crate::common::{
+    arlequin, command, number, schemas::verdict, scratch, succeed, summary, text, unwrapped, wait_for,
+};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -123,7 +125,7 @@ fn check_starts_nothing_unless_it_is_told_to_and_then_tells_what_answered() {
         "careful.toml",
         "kind = \"link\"\ncommand = [\"touch\", \"a file\"]",
     );
-    let printed = succeed(&["check", text(&careful)]);
+    let printed = unwrapped(&succeed(&["check", text(&careful)]));
     assert!(
         printed.contains("starts touch 'a file'") && printed.contains("--start"),
         "{printed}"
@@ -133,7 +135,7 @@ fn check_starts_nothing_unless_it_is_told_to_and_then_tells_what_answered() {
         serde_json::from_str(&succeed(&["check", "--json", text(&careful)])).expect("JSON");
     assert_eq!(json[0]["does"], "starts touch 'a file'");
     let scene = write(&folder, "scene.toml", LINK);
-    let printed = succeed(&["check", "--start", text(&scene)]);
+    let printed = unwrapped(&succeed(&["check", "--start", text(&scene)]));
     for word in [
         "starts ./chain",
         "mass 6.000000e1 kg",

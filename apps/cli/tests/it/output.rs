@@ -177,33 +177,106 @@ fn same_bits_with_one_and_two_threads() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_writes_what_there_is() {
-    let folder = scratch("interrupt");
-    let scene = small(&folder);
-    let out = folder.join("out");
-    let child = crate::common::command(&[
-        "run",
-        text(&scene),
-        "--out",
-        text(&out),
-        "--set",
-        "time.steps=100000000",
-    ])
-    .stdout(std::process::Stdio::piped())
-    .spawn()
-    .expect("starts");
-    std::thread::sleep(std::time::Duration::from_millis(1500));
-    let sent = std::process::Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status()
-        .expect("kill");
-    assert!(sent.success());
-    let done = child.wait_with_output().expect("ends");
-    assert_eq!(done.status.code(), Some(130));
-    assert!(String::from_utf8_lossy(&done.stdout).contains("interrupted by Ctrl-C after step"));
+    for signal in ["INT", "TERM"] {
+        let folder = scratch(&format!("interrupt-{signal}"));
+        let scene = small(&folder);
+        let out = folder.join("out");
+        let child = crate::common::command(&[
+            "run",
+            text(&scene),
+            "--out",
+            text(&out),
+            "--set",
+            "time.steps=100000000",
+        ])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("starts");
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        let sent = std::process::Command::new("kill")
+            .args([&format!("-{signal}"), &child.id().to_string()])
+            .status()
+            .expect("kill");
+        assert!(sent.success());
+        let done = child.wait_with_output().expect("ends");
+        assert_eq!(done.status.code(), Some(130));
+        let printed = String::from_utf8_lossy(&done.stdout);
+        // A batch system sends SIGTERM, which nobody typed.
+        assert!(
+            printed.contains("interrupted,") && !printed.contains("Ctrl-C"),
+            "{printed}"
+        );
+        let next = format!("next: arlequin resume {}\n", out.display());
+        assert!(printed.ends_with(&next), "{printed}");
+        let s = summary(&out);
+        assert_eq!(s["status"], "interrupted");
+        assert!(number(&s, "/steps") > 0.0 && number(&s, "/steps") < 1e8);
+        assert!(out.join("results.pvd").exists() && out.join("plots/energy.svg").exists());
+    }
+}
+
+/// The facts that matter come first, and no line is wider than a terminal.
+#[test]
+fn the_report_of_a_run_is_short_and_narrow() {
+    let out = scratch("short-report").join("out");
+    let scene = crate::common::scene("ball-impact.toml");
+    let printed = succeed(&["run", text(&scene), "--out", text(&out)]);
+    let lines: Vec<&str> = printed.lines().collect();
+    let warnings = lines
+        .iter()
+        .skip_while(|l| !l.starts_with("warning"))
+        .take_while(|l| !l.starts_with("energy"));
+    let warnings = warnings.count();
+    assert!(warnings > 0 && lines.len() - warnings <= 20, "{printed}");
+    // A path is never split.
+    let narrow = |l: &&str| l.chars().count() <= 80 || l.contains(text(&out));
+    assert!(lines.iter().all(narrow), "{printed}");
     let s = summary(&out);
-    assert_eq!(s["status"], "interrupted");
-    assert!(number(&s, "/steps") > 0.0 && number(&s, "/steps") < 1e8);
-    assert!(out.join("results.pvd").exists() && out.join("plots/energy.svg").exists());
+    let broken = number(&s, "/effect_ledger/1/facts/broken bonds");
+    assert!(
+        lines[0].starts_with("run        Ball on a silica block"),
+        "{printed}"
+    );
+    let wanted = [
+        "peak       below velocity ".to_owned(),
+        format!("broken     {broken:.0} of "),
+        "fragments  'grains' is in ".to_owned(),
+        "warning    model 'grains': ".to_owned(),
+        "energy     0 J at the start".to_owned(),
+    ];
+    let place = |start: &String| lines.iter().position(|l| l.starts_with(start.as_str()));
+    let places: Vec<usize> = wanted.iter().filter_map(place).collect();
+    assert!(places.len() == wanted.len() && places.is_sorted(), "{printed}");
+    assert_eq!(
+        lines.last(),
+        Some(&format!("next: arlequin view {}", out.display()).as_str())
+    );
+    // The peak is that of the table.
+    let table = std::fs::read_to_string(out.join("probes.csv")).expect("probes");
+    let column = table
+        .lines()
+        .skip(1)
+        .filter_map(|l| l.split(',').nth(1)?.parse::<f64>().ok());
+    let peak = column.map(f64::abs).fold(0.0, f64::max);
+    let shown = lines[places[0]]
+        .split_whitespace()
+        .nth(3)
+        .and_then(|x| x.parse::<f64>().ok());
+    let shown = shown.expect("a number").abs();
+    let unit = if lines[places[0]].contains(" mm/s at ") {
+        1e-3
+    } else {
+        1.0
+    };
+    assert!(
+        (shown * unit / peak - 1.0).abs() < 0.01,
+        "{shown} {peak}: {printed}"
+    );
+    // Everything else is there on request.
+    let all = succeed(&["run", "--verbose", text(&scene), "--out", text(&out), "--force"]);
+    assert!(all.lines().count() > lines.len() && crate::common::unwrapped(&all).contains("critical step"));
+    let help = succeed(&["run", "--help"]);
+    assert!(help.lines().all(|l| l.chars().count() <= 100), "{help}");
 }
 
 /// Returns the components of an array of a VTU file.

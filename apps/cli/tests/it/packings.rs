@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 #![allow(clippy::float_cmp, reason = "counts are whole numbers")]
 
-use crate::common::{arlequin, number, scene, scratch, succeed, summary, text};
+use crate::common::{arlequin, number, scene, scratch, succeed, summary, text, unwrapped};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -72,7 +72,7 @@ fn two_cubes_in_one_stl_are_two_parts_with_the_mass_of_their_own_volume() {
     let scene = write_scene(&folder, &format!("shape.file = \"two.stl\"\n{dem}"), "");
     let plan: Value = serde_json::from_str(&succeed(&["check", &scene, "--json"])).unwrap();
     let out = folder.join("out");
-    let table = succeed(&["run", &scene, "--out", text(&out)]);
+    let table = unwrapped(&succeed(&["run", "--verbose", &scene, "--out", text(&out)]));
     for report in [&plan, &summary(&out)] {
         let packing_value = |key: &str| number(report, &format!("/models/0/packing/{key}"));
         assert!(
@@ -130,7 +130,7 @@ fn loose_spheres_need_a_word_and_contact() {
     let with_contact = write_scene(&folder, &keep, "[[effect]]\ncontact = {}\n");
     let plan: Value = serde_json::from_str(&succeed(&["check", &with_contact, "--json"])).unwrap();
     assert!(number(&plan, "/models/0/nodes") == 400.0 && number(&plan, "/models/0/packing/grains") > 100.0);
-    let table = succeed(&["check", &with_contact]);
+    let table = unwrapped(&succeed(&["check", &with_contact]));
     assert!(
         table.contains("400 spheres asked, 400 placed, 0 dropped") && table.contains("loose grains"),
         "{table}"
@@ -214,11 +214,11 @@ fn a_needle_of_four_spheres_across_is_warned_of_with_what_to_expect() {
             "",
         )
     };
-    let plan = succeed(&["check", &rod(0.4e-3)]);
+    let plan = unwrapped(&succeed(&["check", &rod(0.4e-3)]));
     let wanted = "only 4.0 spheres fit across the body's narrowest part";
     assert!(plan.contains("bending -16 % and torsion -15 %"), "{plan}");
     assert!(plan.contains(wanted), "{plan}");
-    let plan = succeed(&["check", &rod(0.9e-3)]);
+    let plan = unwrapped(&succeed(&["check", &rod(0.9e-3)]));
     assert!(!plan.contains("fit across the body's narrowest part"), "{plan}");
 }
 

@@ -64,6 +64,44 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     assert!(!page.exists());
 }
 
+/// A run that goes on has no summary, no table of fragments and perhaps half a frame.
+#[test]
+fn a_page_shows_a_run_that_goes_on_and_says_so() {
+    let frames = changed(SMALL, &[("[time]", "[output]\nevery = 10\n\n[time]")]);
+    let scene = written("view-goes-on", &frames);
+    let out = scene.with_file_name("out");
+    succeed(&["run", text(&scene), "--out", text(&out)]);
+    let unfinished = scene.with_file_name("out.unfinished");
+    std::fs::rename(&out, &unfinished).expect("renames");
+    std::fs::remove_file(unfinished.join("summary.json")).expect("removes");
+    std::fs::write(unfinished.join("vtu/right_00000050.vtu"), "<VTKFile>").expect("writes");
+    let printed = crate::common::unwrapped(&succeed(&["view", text(&out)]));
+    assert!(
+        printed.contains("is not there yet") && printed.contains("the run goes on"),
+        "{printed}"
+    );
+    let data = page_data(&unfinished.join("view.html"));
+    assert_eq!(data["times"].as_array().map(Vec::len), Some(6));
+    let parts = data["parts"].as_array().expect("parts");
+    let kinds: Vec<&Value> = parts.iter().map(|p| &p["kind"]).collect();
+    assert_eq!(kinds, [&Value::from("mesh"), &Value::from("mesh"), &Value::Null]);
+    assert!(data["notices"].to_string().contains("the run goes on"));
+    assert!(
+        data["figures"][0][1]
+            .as_str()
+            .is_some_and(|f| f.starts_with("tip displacement"))
+    );
+    // Without frames the curves are left, without curves nothing is.
+    std::fs::remove_file(unfinished.join("results.pvd")).expect("removes");
+    succeed(&["view", text(&out)]);
+    let data = page_data(&unfinished.join("view.html"));
+    assert!(data["parts"] == serde_json::json!([]) && data["notices"].to_string().contains("no frames"));
+    for table in ["probes.csv", "energy.csv", "effects.csv"] {
+        let _ = std::fs::remove_file(unfinished.join(table));
+    }
+    assert_eq!(arlequin(&["view", text(&out)]).status.code(), Some(2));
+}
+
 #[test]
 fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
     let out = scratch("view-thin").join("out");
@@ -83,7 +121,14 @@ fn a_small_page_leaves_out_frames_and_then_particles_and_says_so() {
         assert!(svg.contains("grains/"), "{plot}");
     }
     let page = out.join("small.html");
-    let printed = succeed(&["view", text(&out), "--html", text(&page), "--megabytes", "1"]);
+    let printed = crate::common::unwrapped(&succeed(&[
+        "view",
+        text(&out),
+        "--html",
+        text(&page),
+        "--megabytes",
+        "1",
+    ]));
     let data = page_data(&page);
     let part = |name: &str| {
         data["parts"]

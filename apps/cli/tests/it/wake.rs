@@ -9,7 +9,7 @@ fn run(path: &Path, extra: &[&str]) -> (PathBuf, String) {
     let mut arguments = vec!["run", text(path), "--out", text(&out), "--force"];
     arguments.extend(extra);
     let printed = succeed(&arguments);
-    (out, printed)
+    (out, crate::common::unwrapped(&printed))
 }
 
 fn vector(value: &serde_json::Value, pointer: &str) -> [f64; 3] {

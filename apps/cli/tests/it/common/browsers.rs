@@ -165,6 +165,21 @@ impl Browser {
         }
     }
 
+    /// Presses the left button at one point of the page, moves to another in steps, and releases it there.
+    pub(crate) fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
+        let mut send = |kind: &str, [x, y]: [f64; 2]| {
+            let event =
+                json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", &event);
+        };
+        send("mousePressed", from);
+        for k in 1..=4 {
+            let share = f64::from(k) / 4.0;
+            send("mouseMoved", [0, 1].map(|c| from[c] + share * (to[c] - from[c])));
+        }
+        send("mouseReleased", to);
+    }
+
     /// Writes a picture of the page, for people to look at.
     pub(crate) fn keep(&mut self, path: &Path) {
         let shot = self.call("Page.captureScreenshot", &json!({ "format": "png" }));
@@ -175,9 +190,14 @@ impl Browser {
 
     /// Opens a file, waits until it has loaded, and returns what was observed.
     pub(crate) fn visit(&mut self, path: &Path, width: u32, phone: bool) -> Seen {
+        self.visit_part(path, "", width, phone)
+    }
+
+    /// Opens a file at the part that `#part` names, as [`Self::visit`].
+    pub(crate) fn visit_part(&mut self, path: &Path, part: &str, width: u32, phone: bool) -> Seen {
         self.page(width, phone);
         let address = format!("file://{}", path.display());
-        self.call("Page.navigate", &json!({ "url": address }));
+        self.call("Page.navigate", &json!({ "url": format!("{address}{part}") }));
         while !self.events.iter().any(|e| e["method"] == "Page.loadEventFired") {
             let event = self.messages.recv_timeout(PATIENCE).expect("the page loads");
             self.events.push(event);
@@ -307,4 +327,4 @@ impl Seen {
 }
 
 /// Widths \[px\] of a phone and of a desktop, each with its `phone` flag.
-pub(crate) const SIZES: [(u32, bool); 2] = [(360, true), (1280, false)];
+pub(crate) const SIZES: [(u32, bool); 2] = [(390, true), (1280, false)];
