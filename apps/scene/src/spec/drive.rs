@@ -162,6 +162,7 @@ pub struct Support {
     #[serde(rename = "where")]
     pub at: Selection,
     /// The components that are held. Default: all.
+    #[schemars(length(min = 1))]
     pub components: Option<Vec<Axis>>,
     /// Prescribed displacement `amplitude · time`. Default: fixed.
     pub motion: Option<Motion>,

@@ -66,6 +66,7 @@ macro_rules! effects {
         #[schemars(extend("dependencies" = { "between": ["contact"] }))]
         pub(super) struct Table {
             /// Names of the models. Default: all that can have the effect.
+            #[schemars(length(min = 1))]
             models: Option<Vec<String>>,
             /// For `contact`, instead of `models`: the two particle models whose particles touch each other.
             /// Default: contact within each model.

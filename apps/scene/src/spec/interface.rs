@@ -242,8 +242,10 @@ pub struct JunctionTable {
 pub struct Absorber {
     /// Largest damping rate of waves that the coarse model cannot carry \[1/s\]; it grows as `s²` from 0 at
     /// the fine border. Default: no absorber; `rate_factor = 0.2` if `fracture` is listed for the fine model.
+    #[schemars(range(min = 0))]
     pub rate: Option<f64>,
     /// Rate in units of `√(E/ρ)/spacing` of the fine model \[–\], instead of `rate`; 0.2 is a good value.
+    #[schemars(range(min = 0))]
     pub rate_factor: Option<f64>,
     /// Node distance of the space of motions that stay undamped \[m\]. Default: the mediator itself.
     #[schemars(extend("exclusiveMinimum" = 0))]

@@ -1,8 +1,8 @@
 //! JSON Schema of scenes and sweeps, generated from the types that read them. Editors use it to complete and
 //! check TOML files, and the reference of the book is written from it. The schema covers keys, kinds of
-//! values, choices, ranges of numbers, and keys of one table that need or exclude each other. Other rules,
-//! such as those between tables, are checked by the program only. The schema also checks tables that the
-//! program does not read, such as `dem` of a model of finite elements.
+//! values, choices, ranges of numbers, and keys of one table that need or exclude each other. Rules between
+//! tables are checked by the program only. The schema also checks tables that the program does not read, such
+//! as `dem` beside `kind = "fem"`.
 
 use crate::spec::SceneSpec;
 use crate::sweep::spec::SweepFile;
