@@ -1,4 +1,4 @@
-//! Tests of the program, linked as one program instead of 33.
+//! Tests of the program, linked as one program instead of 34.
 
 mod bad_effects;
 mod bad_input;
@@ -24,6 +24,7 @@ mod own_steps;
 mod packings;
 mod pairs;
 mod plausible;
+mod ranges;
 mod resume;
 mod scenes;
 mod schema;

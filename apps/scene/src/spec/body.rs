@@ -16,16 +16,19 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub struct ZoneTable {
     /// Kind of the model: `fem`, `cnem` or `dem`.
+    #[schemars(extend("enum" = ["fem", "cnem", "dem"]))]
     pub kind: ModelKind,
     /// Region of the fine model: it replaces the elements of the body that lie in the region, wholly or in
     /// part.
     pub shape: ZoneShape,
     /// Length of one unit of the files in `shape` \[m\]. Default: `scale` of the body.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub scale: Option<f64>,
     /// The layer around the region in which both models are present.
     pub overlap: ZoneOverlap,
     /// Mean diameter of spheres, or longest distance between nodes \[m\]; nodes get there by halving the
     /// body's elements at least once. Spheres may give `dem.count` or `dem.file` instead. Default: none.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing: Option<f64>,
     /// Material of the zone. Default: that of the body, with its `materials`.
     pub material: Option<Material>,
@@ -60,6 +63,7 @@ pub struct ZoneTable {
     #[schemars(with = "schema::Partition")]
     pub partition: Partition,
     /// Damping of waves that the body's model cannot carry; give it without `spacing`.
+    #[schemars(extend("not" = { "required": ["spacing"] }))]
     pub absorber: Option<Absorber>,
 }
 
@@ -70,6 +74,7 @@ pub struct ZoneTable {
 pub struct ZoneOverlap {
     /// Distance from the zone to the outer border of the layer \[m\], rounded up to whole elements of the
     /// body; at least three elements.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub width: f64,
 }
 
@@ -81,6 +86,7 @@ pub struct ZoneMediator {
     /// Longest distance between mediator nodes \[m\], reached by halving the body's elements in the layer.
     /// With the spacing of a `fem` zone, uniform strain passes exactly, at the price of more multipliers and
     /// more reflection. Default: the elements are not halved.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing: Option<f64>,
 }
 
@@ -94,6 +100,7 @@ pub enum ZoneShape {
         /// Centre \[m\].
         centre: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// The inside of a box along the axes.
@@ -108,18 +115,24 @@ pub enum ZoneShape {
         /// A point of the axis \[m\].
         point: [f64; 3],
         /// Direction of the axis (any length).
+        #[schemars(transform = schema::not_zero)]
         axis: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// Points near the facets of a named group of the body, or near its nodes if it has no facets (a crack
     /// front, a point); or near the triangles of an STL file, which need not be closed.
+    #[schemars(extend("dependencies" = { "near": { "properties": {
+        "near": { "oneOf": [{ "required": ["group"] }, { "required": ["file"] }] },
+    } } }))]
     Near {
         /// Name of the group.
         group: Option<String>,
         /// The STL file, relative to the scene file, instead of a group.
         file: Option<PathBuf>,
         /// Largest distance \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         distance: f64,
     },
     /// The inside of a closed STL surface, relative to the scene file.

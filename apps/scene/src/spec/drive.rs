@@ -116,20 +116,22 @@ pub enum TimeShape {
     /// Rises from 0 to 1 within a duration, then stays 1.
     Ramp {
         /// Rise time \[s\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         duration: f64,
     },
     /// `sin²(π t/duration)` within a duration, then 0.
     Pulse {
         /// Duration of the pulse \[s\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         duration: f64,
     },
     /// Linear between `[time, value]` rows of rising times \[s\], constant outside.
-    Table(Vec<(f64, f64)>),
+    Table(#[schemars(length(min = 1))] Vec<(f64, f64)>),
     /// Reads such rows from a file with comma-separated time \[s\] and value; a first row of words is taken
     /// as headings.
     File(String),
     /// An expression of the time `t` \[s\], such as `"sin(2*pi*50*t)"`.
-    Expression(String),
+    Expression(#[schemars(length(min = 1))] String),
 }
 
 impl Default for TimeShape {
@@ -160,6 +162,7 @@ pub struct Support {
     #[serde(rename = "where")]
     pub at: Selection,
     /// The components that are held. Default: all.
+    #[schemars(length(min = 1))]
     pub components: Option<Vec<Axis>>,
     /// Prescribed displacement `amplitude · time`. Default: fixed.
     pub motion: Option<Motion>,
@@ -187,6 +190,7 @@ pub struct Motion {
 #[non_exhaustive]
 pub struct Load {
     /// Name of the ledger line. Default: `load-1`, `load-2`, …
+    #[schemars(extend("pattern" = schema::HEADLINE))]
     pub name: Option<String>,
     /// Name of the model.
     pub model: String,
@@ -202,6 +206,7 @@ pub struct Load {
     pub pressure: Option<f64>,
     /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over
     /// particles).
+    #[schemars(transform = schema::not_zero)]
     pub torque: Option<[f64; 3]>,
     /// Function of time.
     pub time: TimeShape,
@@ -210,6 +215,10 @@ pub struct Load {
 /// `[[initial]]`: state of models at time zero.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("anyOf" = [
+    { "required": ["displacement"] }, { "required": ["velocity"] },
+    { "required": ["spin"] }, { "required": ["wave"] },
+]))]
 #[non_exhaustive]
 pub struct Initial {
     /// Names of the models; `body` includes its zones unless another `[[initial]]` names them. Default: all.
@@ -277,6 +286,7 @@ pub struct Wave {
     /// Centre at time zero \[m\].
     pub centre: f64,
     /// Width \[m\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub width: f64,
     /// Amplitude \[m\].
     pub amplitude: f64,

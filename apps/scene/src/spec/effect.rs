@@ -62,11 +62,15 @@ macro_rules! effects {
         #[derive(Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
         #[schemars(rename = "Effect", transform = schema::exactly_one(EffectKind::KEYS.join(" ")))]
+        #[schemars(transform = schema::excludes("between", "models"))]
+        #[schemars(extend("dependencies" = { "between": ["contact"] }))]
         pub(super) struct Table {
             /// Names of the models. Default: all that can have the effect.
+            #[schemars(length(min = 1))]
             models: Option<Vec<String>>,
             /// For `contact`, instead of `models`: the two particle models whose particles touch each other.
             /// Default: contact within each model.
+            #[schemars(length(equal = 2))]
             between: Option<Vec<String>>,
             /// False to leave the effect out. A `fracture` that is left out still warns at the end if
             /// strengths were exceeded.
@@ -141,6 +145,7 @@ pub struct BodyForce {
 #[non_exhaustive]
 pub struct MassDamping {
     /// Rate \[1/s\] of the damping force `rate · mass · velocity`; lowers the critical step.
+    #[schemars(range(min = 0))]
     pub rate: f64,
 }
 
@@ -157,6 +162,7 @@ pub struct Prestress {}
 pub struct StiffnessDamping {
     /// Time \[s\] in the damping force `time · K · velocity`, which damps a mode of frequency `ω` by `time
     /// ω/2`; lowers the critical step.
+    #[schemars(range(min = 0))]
     pub time: f64,
 }
 
@@ -166,6 +172,7 @@ pub struct StiffnessDamping {
 #[non_exhaustive]
 pub struct LocalDamping {
     /// Share of the force on each unknown that acts against its motion, 0 to below 1 \[–\].
+    #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 1))]
     pub share: f64,
 }
 
@@ -177,6 +184,7 @@ pub struct BulkViscosity {
     /// Coefficient `b` of the pressure `−b ρ c L div v` in the cells of solids \[–\]; lowers the critical
     /// step.
     #[serde(default = "usual_coefficient")]
+    #[schemars(range(min = 0))]
     pub coefficient: f64,
 }
 
@@ -187,23 +195,27 @@ fn usual_coefficient() -> f64 {
 /// Bonds that break.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::at_most_one("weibull deviation"))]
+#[schemars(transform = schema::excludes("weibull", "deviation"))]
 #[non_exhaustive]
 pub struct Fracture {
     /// Measure that is compared with the strength.
     pub criterion: CriterionKind,
     /// Strength of the beams (not of the packing) \[Pa\]; for the energy criterion \[J/m²\]. With `weibull`
     /// the characteristic strength, else the mean.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub strength: f64,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub weibull: Option<f64>,
     /// Relative standard deviation of a normal scatter, below 1/3 \[–\]; excludes `weibull`. Default: no
     /// scatter.
+    #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 1.0 / 3.0))]
     pub deviation: Option<f64>,
     /// Seed of the scatter; strengths depend on the place of a bond, not on the numbering.
     #[serde(default = "first_seed")]
     pub seed: u64,
     /// Steps between two checks. Default: 1.
+    #[schemars(range(min = 1))]
     pub every: Option<usize>,
     /// True if bonds that lie in an overlap, wholly or in part, never break. This does not let a crack pass
     /// the overlap: bonds that cannot break carry more load than the body's strength.
@@ -242,26 +254,34 @@ pub enum CriterionKind {
 pub struct Contact {
     /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between unbonded particles \[Pa\]. Default:
     /// `material.young`; with `between`, `2 E F/(E + F)` of both models.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub modulus: Option<f64>,
     /// Coefficient of restitution, 0.15 to 1 \[–\]. Default: 0.5.
+    #[schemars(range(min = 0.15, max = 1))]
     pub restitution: Option<f64>,
     /// Coulomb friction \[–\]. Default: 0.
+    #[schemars(range(min = 0))]
     pub friction: Option<f64>,
     /// Tangential over normal stiffness \[–\]. Default: 0.5.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub shear_ratio: Option<f64>,
     /// Rolling resistance: lever over reduced radius \[–\]; not for obstacles. Default: 0.
+    #[schemars(range(min = 0))]
     pub rolling: Option<f64>,
     /// Reach of the neighbour list beyond touch, in mean radii \[–\]; not for obstacles. Default: 0.4.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub skin: Option<f64>,
 }
 
 /// A rigid body that particles touch.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::at_most_one("velocity displacement"))]
+#[schemars(transform = schema::excludes("displacement", "velocity mass"))]
+#[schemars(extend("dependencies" = { "inertia": ["mass"], "spin": ["mass"] }))]
 #[non_exhaustive]
 pub struct Obstacle {
     /// Name of the ledger line. Default: `obstacle-1`, …
+    #[schemars(extend("pattern" = schema::HEADLINE))]
     pub name: Option<String>,
     /// Shape at rest.
     pub shape: ObstacleShape,
@@ -271,13 +291,16 @@ pub struct Obstacle {
     pub displacement: Option<ObstacleMotion>,
     /// Mass of a free body \[kg\]; each `body_force` of its particles acts on the body too. A free sphere
     /// also turns by the friction of `contact`; planes and cylinders do not. Default: driven or fixed.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub mass: Option<f64>,
     /// Moment of inertia of a free sphere \[kg m²\]. Default: that of a full ball, `2/5 mass radius²`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub inertia: Option<f64>,
     /// Angular velocity of a free sphere at the start \[rad/s\]. Default: none.
     pub spin: Option<[f64; 3]>,
     /// Contact with particles.
     #[serde(default)]
+    #[schemars(extend("not" = { "anyOf": [{ "required": ["skin"] }, { "required": ["rolling"] }] }))]
     pub contact: Contact,
 }
 
@@ -291,6 +314,7 @@ pub enum ObstacleShape {
         /// A point of the plane \[m\].
         point: [f64; 3],
         /// Normal towards the particles.
+        #[schemars(transform = schema::not_zero)]
         normal: [f64; 3],
     },
     /// Ball.
@@ -298,6 +322,7 @@ pub enum ObstacleShape {
         /// Centre \[m\].
         centre: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// Infinite cylinder.
@@ -305,8 +330,10 @@ pub enum ObstacleShape {
         /// A point of the axis \[m\].
         point: [f64; 3],
         /// Direction of the axis.
+        #[schemars(transform = schema::not_zero)]
         axis: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
 }

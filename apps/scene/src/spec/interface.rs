@@ -108,6 +108,7 @@ pub enum RegionShape {
         /// Centre \[m\].
         centre: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// A box along the axes.
@@ -122,8 +123,10 @@ pub enum RegionShape {
         /// A point of the axis \[m\].
         point: [f64; 3],
         /// Direction of the axis (any length).
+        #[schemars(transform = schema::not_zero)]
         axis: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
 }
@@ -136,6 +139,7 @@ choice!(
 /// Weight functions of the models in the overlap.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(transform = schema::value_if_constant)]
 #[non_exhaustive]
 pub struct WeightTable {
     /// Profile of all three weights: `constant`, `linear`, `cubic` (C1), `quintic` (C2),
@@ -144,12 +148,15 @@ pub struct WeightTable {
     #[schemars(with = "Option<schema::ProfileKind>")]
     pub profile: Option<ProfileKind>,
     /// Coarse weight of the constant profile, 0 to 1 \[–\]; required by `constant`.
+    #[schemars(range(min = 0, max = 1))]
     pub value: Option<f64>,
     /// Floor: smallest weight in the overlap, 0 to below 0.5 \[–\]. Default: 1e-6; 0.05 with nodal weighting,
     /// where it limits the critical step.
+    #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 0.5))]
     pub epsilon: Option<f64>,
     /// Floor of the fine model's weight, if it differs \[–\]. Default: `epsilon` if given; 0.1 if `fracture`
     /// is listed for the fine model (decision 0022); else the default of `epsilon`.
+    #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 0.5))]
     pub fine_epsilon: Option<f64>,
     /// How the weights enter the models. `energy`: weights stiffness and mass by means over elements and
     /// bonds; conserves energy. `nodal`: weights nodal forces and masses; does not conserve energy. Default:
@@ -174,14 +181,17 @@ impl WeightTable {
 /// A separate weight.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::value_if_constant)]
 #[non_exhaustive]
 pub struct ProfileTable {
     /// Profile.
     #[schemars(with = "schema::ProfileKind")]
     pub profile: ProfileKind,
     /// Value of the constant profile \[–\].
+    #[schemars(range(min = 0, max = 1))]
     pub value: Option<f64>,
     /// Floor: smallest weight in the overlap \[–\].
+    #[schemars(extend("minimum" = 0, "exclusiveMaximum" = 0.5))]
     pub epsilon: Option<f64>,
 }
 
@@ -195,10 +205,13 @@ pub struct MediatorTable {
     /// of their common space, or the space between the two boxes of a shell.
     pub shape: Option<Shape>,
     /// Length of one unit of the file in `shape` \[m\]. Default: 1.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub scale: Option<f64>,
     /// Length `h_B` of the multiplier mesh \[m\]. Default: that of the coarse model.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing: Option<f64>,
     /// Number of elements along x, y, z, instead of `spacing`.
+    #[schemars(length(min = 1, max = 3), inner(range(min = 1)))]
     pub divisions: Option<Vec<usize>>,
     /// Element type of solids.
     pub element: Element,
@@ -207,6 +220,9 @@ pub struct MediatorTable {
 /// Scalar product of the constraint.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("dependencies" = {
+    "length": { "required": ["kind"], "properties": { "kind": { "not": { "const": "l2" } } } },
+}))]
 #[non_exhaustive]
 pub struct JunctionTable {
     /// Scalar product: `l2` (no length to choose), `h1-strain`, `h1-gradient`, `h1-seminorm`. Default: `l2`.
@@ -214,19 +230,24 @@ pub struct JunctionTable {
     #[schemars(with = "schema::JunctionKind")]
     pub kind: JunctionKind,
     /// Length `l` of the h1 kinds \[m\]. Default: a quarter of the mediator's spacing.
+    #[schemars(range(min = 0))]
     pub length: Option<f64>,
 }
 
 /// Damping of waves in the overlap that the coarse model cannot carry.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one("rate rate_factor"))]
 #[non_exhaustive]
 pub struct Absorber {
     /// Largest damping rate of waves that the coarse model cannot carry \[1/s\]; it grows as `s²` from 0 at
     /// the fine border. Default: no absorber; `rate_factor = 0.2` if `fracture` is listed for the fine model.
+    #[schemars(range(min = 0))]
     pub rate: Option<f64>,
     /// Rate in units of `√(E/ρ)/spacing` of the fine model \[–\], instead of `rate`; 0.2 is a good value.
+    #[schemars(range(min = 0))]
     pub rate_factor: Option<f64>,
     /// Node distance of the space of motions that stay undamped \[m\]. Default: the mediator itself.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing: Option<f64>,
 }

@@ -36,20 +36,31 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("time static"))]
+#[schemars(extend(
+    "anyOf" = [{ "required": ["model"] }, { "required": ["body"] }],
+    "dependencies" = {
+        "zone": ["body"],
+        "wake": { "required": ["time"], "properties": { "time": { "required": ["end"] } } },
+    },
+))]
 #[non_exhaustive]
 pub struct SceneSpec {
     /// One line for reports and plots.
     pub title: Option<String>,
     /// The body, whose coarse model is called `body`; it has the keys of a model except `role`.
+    #[schemars(extend("not" = { "required": ["role"] }))]
     pub body: Option<ModelTable>,
     /// Fine models that replace parts of the body's model, by name.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
     pub zone: BTreeMap<String, ZoneTable>,
     /// Models by name; at least one unless there is a body.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
     pub model: BTreeMap<String, ModelTable>,
     /// Interfaces by name.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
     pub interface: BTreeMap<String, Interface>,
     /// Length of the run and of the time steps.
     #[serde(default)]
@@ -72,9 +83,11 @@ pub struct SceneSpec {
     pub initial: Vec<Initial>,
     /// Probes by name.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
     pub probe: BTreeMap<String, Probe>,
     /// One probe over another: a table and a plot.
     #[serde(default)]
+    #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
     pub curve: BTreeMap<String, Curve>,
     /// Files that are written, and how often.
     #[serde(default)]
@@ -90,8 +103,10 @@ pub struct SceneSpec {
 #[non_exhaustive]
 pub struct Time {
     /// End of the run \[s\], rounded up to whole steps; give `end` or `steps`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub end: Option<f64>,
     /// Number of steps of the run, each as long as an own step of the finest model.
+    #[schemars(range(min = 1))]
     pub steps: Option<usize>,
     /// Choice of the time step; models take several own steps within it if they need to. Default: `{ fraction
     /// = 0.9 }`.
@@ -105,9 +120,9 @@ pub struct Time {
 #[non_exhaustive]
 pub enum StepChoice {
     /// Own step of the finest model over its critical step, above 0 and below 1 \[–\].
-    Fraction(f64),
+    Fraction(#[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))] f64),
     /// Step of the run \[s\]; refused if an own step exceeds the critical step of its model.
-    Seconds(f64),
+    Seconds(#[schemars(extend("exclusiveMinimum" = 0))] f64),
 }
 
 choice!(
@@ -126,20 +141,25 @@ impl Default for StepChoice {
 /// Files that are written, and how often.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-#[schemars(transform = schema::at_most_one("every interval"))]
+#[schemars(transform = schema::excludes("every", "interval"))]
 #[non_exhaustive]
 pub struct Output {
     /// Steps between two frames. Default: about 20 frames in all.
+    #[schemars(range(min = 1))]
     pub every: Option<usize>,
     /// Time between two frames, instead of `every` \[s\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub interval: Option<f64>,
     /// Fields in the frames.
     pub fields: Vec<OutputField>,
     /// Steps between two rows of `probes.csv`.
+    #[schemars(range(min = 1))]
     pub probe_every: usize,
     /// Steps between two rows of `energy.csv`, and between two checks for divergence.
+    #[schemars(range(min = 1))]
     pub energy_every: usize,
     /// Steps between two checkpoints, from which `arlequin resume` continues. Default: only one on Ctrl-C.
+    #[schemars(range(min = 1))]
     pub checkpoint_every: Option<usize>,
     /// True to write `plots/`.
     pub plots: bool,

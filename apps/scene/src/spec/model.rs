@@ -37,7 +37,21 @@ impl ModelKind {
 /// `[model.NAME]`: one mechanics model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::needs_shape_unless_link())]
+#[schemars(transform = schema::excludes("spacing", "divisions"))]
+#[schemars(extend(
+    "if" = { "properties": { "kind": { "const": "link" } } },
+    "then" = {
+        "oneOf": [{ "required": ["command"] }, { "required": ["address"] }],
+        "properties": {
+            "shape": false, "material": false, "spacing": false,
+            "divisions": false, "volume": false, "materials": false,
+        },
+    },
+    "else" = {
+        "required": ["shape", "material"],
+        "properties": { "command": false, "address": false, "timeout": false, "start_timeout": false },
+    },
+))]
 #[non_exhaustive]
 pub struct ModelTable {
     /// Kind of the model; changing this word exchanges the model.
@@ -49,11 +63,14 @@ pub struct ModelTable {
     pub shape: Shape,
     /// Target distance of nodes, or mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file
     /// gives it.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub spacing: Option<f64>,
     /// Number of elements along each direction (three for a box, one for a bar), instead of `spacing`.
+    #[schemars(length(min = 1, max = 3), inner(range(min = 1)))]
     pub divisions: Option<Vec<usize>>,
     /// Length of one unit of the file in `shape` \[m\]: 1e-3 for a file in millimetres. Default: 1.
     #[serde(default = "one_metre")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub scale: f64,
     /// Physical volume of the mesh file that the model fills. Default: all of them.
     pub volume: Option<String>,
@@ -85,14 +102,18 @@ pub struct ModelTable {
     /// Program and arguments that the run starts in the folder of the scene. The environment variable
     /// `ARLEQUIN_LINK` tells the program where to connect. For `kind = "link"` only: whoever runs the scene
     /// runs this program.
+    #[schemars(length(min = 1))]
     pub command: Option<Vec<String>>,
     /// Address at which the run waits for a program that somebody else starts, instead of `command`:
     /// `unix:PATH`, `tcp:127.0.0.1:PORT`, or `tcp-open:IP:PORT` on a network that is closed to strangers.
+    #[schemars(extend("pattern" = "^(unix|tcp|tcp-open):."))]
     pub address: Option<String>,
     /// Longest time that the program may take to answer \[s\]; for `kind = "link"`. Default: 4.
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 3.2e7))]
     pub timeout: Option<f64>,
     /// Longest time that the program may take to start and to connect \[s\]; for `kind = "link"`. Default:
     /// 30, or `timeout` if that is longer.
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 3.2e7))]
     pub start_timeout: Option<f64>,
 }
 
@@ -135,11 +156,18 @@ fn one_metre() -> f64 {
 /// How a model steps between two reflections: one of `ratio`, `fraction`, or the implicit scheme.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend(
+    "if" = { "required": ["scheme"], "properties": { "scheme": { "const": "implicit" } } },
+    "then" = { "properties": { "ratio": false, "fraction": false } },
+    "else" = { "oneOf": [{ "required": ["ratio"] }, { "required": ["fraction"] }] },
+))]
 #[non_exhaustive]
 pub struct OwnStepTable {
     /// Number of the model's own steps per step of the run, at least 1.
+    #[schemars(range(min = 1))]
     pub ratio: Option<usize>,
     /// Longest own step over the model's own critical step, above 0 and at most 1 \[–\].
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub fraction: Option<f64>,
     /// Time stepping scheme. Default: `explicit`.
     pub scheme: Option<Scheme>,
@@ -198,8 +226,10 @@ pub enum Shape {
         /// Centre of the face with the smaller x \[m\].
         from: [f64; 3],
         /// Length along x \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         length: f64,
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// A ball. Group `surface`; none for particles.
@@ -207,6 +237,7 @@ pub enum Shape {
         /// Centre \[m\].
         centre: [f64; 3],
         /// Radius \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
     /// A line on the x axis with a cross-section; it moves along x only. Groups `x-min`, `x-max`.
@@ -216,6 +247,7 @@ pub enum Shape {
         /// Other end \[m\].
         to: f64,
         /// Cross-section \[m²\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         section: f64,
     },
     /// A Gmsh mesh (4.1 or 2.2, text or binary), relative to the scene file, with its own spacing and named
@@ -273,7 +305,7 @@ pub struct Material {
     pub young: f64,
     /// Poisson's ratio, above −0.9999 and below 0.49995 \[–\]; required by solids. In a packing it follows
     /// from the beams; a value that differs gives a warning.
-    #[schemars(extend("exclusiveMinimum" = -1, "exclusiveMaximum" = 0.5))]
+    #[schemars(range(min = -0.9999, max = 0.49995))]
     pub poisson: Option<f64>,
     /// Density, positive \[kg/m³\].
     #[schemars(extend("exclusiveMinimum" = 0))]
@@ -310,6 +342,7 @@ pub struct CnemTable {
     /// Shape functions. Default: `laplace`.
     pub functions: Option<Functions>,
     /// Strength of the stabilisation of spurious modes, 0 (none) to 1 \[–\]. Default: 0.1.
+    #[schemars(range(min = 0, max = 1))]
     pub stabilisation: Option<f64>,
     /// Nodes that carry the mass of a cell. Default: `cells`.
     pub inertia: Option<Masses>,
@@ -342,9 +375,12 @@ pub enum Functions {
 /// Settings of particles.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(transform = schema::excludes("file", "count seed protocol"))]
+#[schemars(extend("dependencies" = { "radii": ["file"], "radius_ratio": ["young"] }))]
 #[non_exhaustive]
 pub struct DemTable {
     /// Number of spheres, instead of `spacing`.
+    #[schemars(range(min = 1, max = 134_217_727))]
     pub count: Option<usize>,
     /// Seed of the random start; one seed gives one packing, for any number of threads. Default: 1.
     pub seed: Option<u64>,
@@ -361,16 +397,20 @@ pub struct DemTable {
     pub radii: Option<String>,
     /// Coordination: twice the number of bonds over the number of particles \[–\]; for silica one unit adds
     /// about 1.7e10 Pa to the modulus. Default: 6.2.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
     /// modulus (2.65e11 Pa for 7.44e10 Pa); in a zone, with `radius_ratio`, the value that gives a packing
     /// the body's modulus and Poisson's ratio (decision 0041).
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: Option<f64>,
     /// Poisson's ratio of the beams \[–\]. The ratio of the packing follows from the beams (0.17 with the
     /// defaults); `material.poisson` matters only in a zone. Default: 0.3.
+    #[schemars(range(max = 0.5), extend("exclusiveMinimum" = -1))]
     pub poisson: Option<f64>,
     /// Beam radius over mean particle radius, from 0.2 to 1.5 \[–\]; needs `young`. Default: 0.71; in a zone
     /// as for `young`.
+    #[schemars(range(min = 0.2, max = 1.5))]
     pub radius_ratio: Option<f64>,
     /// Displacement field in overlaps.
     pub field: ParticleFieldKind,

@@ -9,6 +9,21 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("at where of crack"))]
+#[schemars(extend(
+    "dependencies" = {
+        "at": ["model"],
+        "where": ["model"],
+        "crack": { "required": ["model", "quantity"], "properties": { "quantity": { "const": "energy-release" } } },
+        "of": { "required": ["quantity"], "properties": { "quantity": { "enum": ["force", "moment"] } } },
+        "about": ["of"],
+    },
+    "if" = {
+        "required": ["quantity"],
+        "properties": { "quantity": { "enum": ["von-mises", "energy-release"] } },
+    },
+    "then" = { "properties": { "component": false } },
+    "else" = { "required": ["component"] },
+))]
 #[non_exhaustive]
 pub struct Probe {
     /// Name of the model. With `of`, only forces on this model count; all models by default.
@@ -45,9 +60,11 @@ pub struct Crack {
     /// the body.
     pub front: [[f64; 3]; 2],
     /// Direction in which the crack would grow, along its faces; a part along the front is ignored.
+    #[schemars(transform = schema::not_zero)]
     pub direction: [f64; 3],
     /// Inner and outer radius of the domain \[m\]. The ring between them must lie in the body, except for the
     /// faces of the crack.
+    #[schemars(extend("items" = { "type": "number", "exclusiveMinimum": 0 }))]
     pub radii: [f64; 2],
 }
 

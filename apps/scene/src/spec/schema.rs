@@ -1,6 +1,8 @@
 //! JSON Schema of scenes and sweeps, generated from the types that read them. Editors use it to complete and
 //! check TOML files, and the reference of the book is written from it. The schema covers keys, kinds of
-//! values and choices; rules across several keys are checked by the program only.
+//! values, choices, ranges of numbers, and keys of one table that need or exclude each other. Rules between
+//! tables are checked by the program only. The schema also checks tables that the program does not read, such
+//! as `dem` beside `kind = "fem"`.
 
 use crate::spec::SceneSpec;
 use crate::spec::sweep::SweepFile;
@@ -9,6 +11,11 @@ use schemars::transform::{RecursiveTransform, Transform};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Value, json};
 use std::borrow::Cow;
+
+/// Pattern of names of models and other tables, which also name files.
+pub(crate) const NAME: &str = "^[A-Za-z0-9_-]+$";
+/// Pattern of names at the head of tables with commas: no comma, semicolon or quotation mark, and not blank.
+pub(crate) const HEADLINE: &str = r#"^[^,;"\n]*[^,;"\s][^,;"\n]*$"#;
 
 /// Returns the schema of scene files (draft 7, which editors of TOML understand).
 pub fn scene() -> Value {
@@ -64,18 +71,6 @@ fn simplify(schema: &mut Schema) {
     }
 }
 
-/// Requires `command` or `address` of a link, and `shape` and `material` of all other models.
-pub(crate) fn needs_shape_unless_link() -> impl Transform {
-    move |schema: &mut Schema| {
-        let kind = json!({ "const": "link", "description": "A solver in another process." });
-        let link = json!({ "properties": { "kind": kind } });
-        schema.insert("if".into(), link);
-        let requirement = json!({ "oneOf": [{ "required": ["command"] }, { "required": ["address"] }] });
-        schema.insert("then".into(), requirement);
-        schema.insert("else".into(), json!({ "required": ["shape", "material"] }));
-    }
-}
-
 /// Requires exactly one of these keys, which are separated by spaces.
 // One text instead of a list, because a list in the attribute would need all of `syn`, which `derive` of
 // schemars alone does not have.
@@ -87,17 +82,26 @@ pub(crate) fn exactly_one(keys: impl Into<String>) -> impl Transform {
     }
 }
 
-/// Allows at most one of these keys, which are separated by spaces.
-pub(crate) fn at_most_one(keys: &'static str) -> impl Transform {
+/// Refuses `key` beside any of the keys `others`, which are separated by spaces.
+pub(crate) fn excludes(key: &'static str, others: &'static str) -> impl Transform {
     move |schema: &mut Schema| {
-        let keys: Vec<&str> = keys.split(' ').collect();
-        let pair = |(k, a): (usize, &&str)| {
-            let later = keys[k + 1..].iter();
-            later.map(|b| json!({ "required": [a, b] })).collect::<Vec<_>>()
-        };
-        let pairs: Vec<Value> = keys.iter().enumerate().flat_map(pair).collect();
+        let both = |other: &str| json!({ "required": [key, other] });
+        let pairs: Vec<Value> = others.split(' ').map(both).collect();
         schema.insert("not".into(), json!({ "anyOf": pairs }));
     }
+}
+
+/// Requires `value` of a constant profile, and refuses `value` of all others.
+pub(crate) fn value_if_constant(schema: &mut Schema) {
+    let constant = json!({ "required": ["profile"], "properties": { "profile": { "const": "constant" } } });
+    schema.insert("if".into(), constant);
+    schema.insert("then".into(), json!({ "required": ["value"] }));
+    schema.insert("else".into(), json!({ "properties": { "value": false } }));
+}
+
+/// Refuses a vector of zeros.
+pub(crate) fn not_zero(schema: &mut Schema) {
+    schema.insert("not".into(), json!({ "items": { "const": 0 } }));
 }
 
 /// Declares schemas for enums of the core that list the names of their variants.

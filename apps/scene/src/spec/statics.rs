@@ -13,21 +13,26 @@ use serde::Deserialize;
 #[non_exhaustive]
 pub struct Static {
     /// Times of the load steps \[s\], rising; exactly one of `times`, `file` and `steps`.
+    #[schemars(length(min = 1))]
     pub times: Option<Vec<f64>>,
     /// File with comma-separated values whose first column has the times; a first row of words is taken as
     /// headings.
     pub file: Option<String>,
     /// Number of equal load steps up to `end`.
+    #[schemars(range(min = 1, max = 1_000_000))]
     pub steps: Option<usize>,
     /// Time of the last load step, for `steps` \[s\].
     #[serde(default = "one_second")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub end: f64,
     /// Relative residual at which relaxation ends: largest unbalanced force over the largest internal force
     /// since the load step before.
     #[serde(default = "tolerance")]
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub tolerance: f64,
     /// Largest number of relaxation steps in a load step.
     #[serde(default = "iterations")]
+    #[schemars(range(min = 1))]
     pub iterations: usize,
     /// Relaxation steps over which supports and loads move to their values of the load step. More steps are
     /// gentler to bonds that can break.

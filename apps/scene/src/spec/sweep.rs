@@ -1,5 +1,6 @@
 //! The sweep file as read from TOML, before it is turned into runs. `docs/sweep.md` is its reference.
 
+use crate::spec::schema;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -21,11 +22,14 @@ pub struct SweepFile {
     pub design: Design,
     /// Number of times that each run is made; the shortest time counts.
     #[serde(default = "single_run")]
+    #[schemars(range(min = 1))]
     pub repeat: usize,
     /// Worker threads of every run.
+    #[schemars(range(min = 1))]
     pub threads: Option<usize>,
     /// Errors \[–\] for which the conclusion names the cheapest run.
     #[serde(default = "targets")]
+    #[schemars(extend("items" = { "type": "number", "exclusiveMinimum": 0 }))]
     pub targets: Vec<f64>,
     /// Error by which runs are compared.
     #[serde(default)]
@@ -124,6 +128,8 @@ impl Cost {
 /// `[axis.NAME]`: values put into assignments, or named levels.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one("values levels"))]
+#[schemars(extend("dependencies" = { "values": ["set"] }))]
 pub struct Axis {
     /// Values; the entries of a value that is a list fill `{0}`, `{1}`, …
     #[serde(default)]
@@ -209,6 +215,7 @@ pub enum CurveTable {
         /// Centre at time zero \[m\].
         centre: f64,
         /// Width \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         width: f64,
         /// Amplitude \[m\].
         amplitude: f64,
@@ -220,8 +227,10 @@ pub enum CurveTable {
         /// Position \[m\].
         at: f64,
         /// Length of the bar \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         length: f64,
         /// Wave speed \[m/s\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
         speed: f64,
         /// Velocity behind the first front, `F/(ρ c S)` \[m/s\].
         particle_speed: f64,
@@ -247,8 +256,10 @@ pub struct Reflected {
     /// Name of the probe.
     pub probe: String,
     /// End of the incident signal \[s\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub after: f64,
     /// End of the reflected signal \[s\]; the end of the run by default.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub until: Option<f64>,
     /// True to subtract the reference from the reflected signal first.
     #[serde(default)]
@@ -258,13 +269,16 @@ pub struct Reflected {
 /// `[measure.NAME]`: a number of `summary.json`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one("pointer fact"))]
 pub struct Measure {
     /// JSON pointer to the number, such as `/probes/tip/max`.
+    #[schemars(extend("pattern" = "^/"))]
     pub pointer: Option<String>,
     /// Name of a fact of an effect, such as `broken bonds`; summed over the effects that have it.
     pub fact: Option<String>,
     /// Factor on the number.
     #[serde(default = "unit_factor")]
+    #[schemars(extend("not" = { "const": 0 }))]
     pub factor: f64,
     /// Unit of the product.
     #[serde(default)]

@@ -24,6 +24,7 @@ pub struct Wake {
     pub near: Option<Near>,
     /// Steps between two checks.
     #[serde(default = "ten_steps")]
+    #[schemars(range(min = 1))]
     pub every: usize,
 }
 
@@ -38,8 +39,10 @@ fn ten_steps() -> usize {
 #[non_exhaustive]
 pub struct WakeCriterion {
     /// Largest principal strain of `by` at its element centres, tension positive \[–\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub strain: Option<f64>,
     /// Largest principal stress of `by` at its element centres, tension positive \[Pa\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub stress: Option<f64>,
 }
 
