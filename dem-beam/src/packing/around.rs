@@ -5,9 +5,10 @@
 //! all spheres, and more mass. The body around the part is therefore filled as well, up to a margin, and the
 //! spheres in the part are kept.
 
-use super::surface::Surface;
+use super::surface::{Listed, Listing, Mover, Surface};
 use crate::error::{Result, positive};
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Grid points along every axis for the volume of the margin.
 const COUNTED: usize = 48;
@@ -67,7 +68,8 @@ impl Around {
             let distance = self.distance_from_part(x);
             distance > 0.0 && distance <= self.margin && self.body.contains(x)
         };
-        let count = (0..COUNTED.pow(3)).map(centre).filter(is_in_margin).count();
+        let centres = (0..COUNTED.pow(3)).into_par_iter().map(centre);
+        let count = centres.filter(is_in_margin).count();
         step.product() * count as f64
     }
 
@@ -99,11 +101,50 @@ impl Around {
     #[inline]
     pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
         self.body.walls(x, reach, &mut wall);
-        if let Some((gap, n)) = self.border.nearest(x, self.margin + reach)
+        self.end_of_margin(self.border.nearest(x, self.margin + reach), reach, wall);
+    }
+
+    /// Calls `wall` for the end of the margin, if it is nearer than `reach`; `border` is the signed distance
+    /// from the border and its normal.
+    #[inline]
+    fn end_of_margin(
+        &self,
+        border: Option<(f64, Vector3<f64>)>,
+        reach: f64,
+        mut wall: impl FnMut(f64, Vector3<f64>),
+    ) {
+        if let Some((gap, n)) = border
             && gap < 0.0
             && self.margin + gap < reach
         {
             wall(self.margin + gap, n);
+        }
+    }
+
+    /// Lists the triangles of the body and of the border for [`Self::walls`] of a moving sphere.
+    pub(crate) fn list_walls(&self, mover: &Mover, list: &mut Vec<(f64, u32)>) -> [Listing; 2] {
+        [
+            self.body.list_walls(mover, list),
+            self.border.list_margin(mover, self.margin, list),
+        ]
+    }
+
+    /// Does what [`Self::walls`] does, with listed triangles of the body and of the border; `None` if neither
+    /// matters.
+    #[inline]
+    pub(crate) fn walls_listed(
+        &self,
+        x: &Vector3<f64>,
+        reach: f64,
+        ([body, border], list): (&[Option<Listed>; 2], &[(f64, u32)]),
+        mut wall: impl FnMut(f64, Vector3<f64>),
+    ) {
+        if let Some(body) = body {
+            self.body.walls_listed(x, reach, (body, list), &mut wall);
+        }
+        if let Some(border) = border {
+            let nearest = self.border.nearest_listed(x, self.margin + reach, (border, list));
+            self.end_of_margin(nearest, reach, wall);
         }
     }
 

@@ -5,10 +5,11 @@
 //! therefore bit-identical for any number of threads.
 
 use super::cells::{self, CHUNK, CellList, ListChunk, Sphere, image, verlet_list};
+use super::contacts::{Contacts, Overlaps};
 use super::container::Container;
+use super::near::WallList;
 use crate::error::Result;
 use arlequin_core::interrupt;
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// Largest FIRE step: half the stability limit of a sphere with a dozen contacts.
@@ -26,7 +27,7 @@ pub(crate) struct Sums {
     speed2: f64,
     force2: f64,
     overlap: f64,
-    contacts: f64,
+    contacts: u64,
     moved2: f64,
 }
 
@@ -68,6 +69,7 @@ pub(crate) struct SoftSpheres<'a> {
     velocity: Vec<[f64; 4]>,
     force: Vec<[f64; 4]>,
     list: Vec<ListChunk>,
+    walls: WallList,
     cells: CellList,
     sums: Vec<Sums>,
     mean_radius: f64,
@@ -83,10 +85,11 @@ impl<'a> SoftSpheres<'a> {
         let mean_radius = cells::mean_radius(&spheres);
         Self {
             container,
-            listed: Vec::new(),
+            listed: spheres.clone(),
             velocity: vec![[0.0; 4]; n],
             force: vec![[0.0; 4]; n],
             list: Vec::new(),
+            walls: WallList::new(n),
             cells: CellList::new(container.period()),
             sums: vec![Sums::default(); n.div_ceil(CHUNK)],
             mean_radius,
@@ -111,6 +114,7 @@ impl<'a> SoftSpheres<'a> {
 
     /// Multiplies all radii by `factor`.
     pub(crate) fn scale_radii(&mut self, factor: f64) {
+        self.walls.grow(&self.spheres, factor);
         self.spheres.iter_mut().for_each(|s| s[3] *= factor);
         self.mean_radius *= factor;
         // The list was made for smaller spheres, so its slack shrinks by the growth of two radii.
@@ -130,6 +134,8 @@ impl<'a> SoftSpheres<'a> {
             }
         }
         verlet_list(&mut self.cells, &self.spheres, skin, &mut self.list);
+        let travel = 0.5 * skin * (1.0 + 1e-9);
+        self.walls.renew(self.container, &self.spheres, &self.listed, travel);
         self.listed.clone_from(&self.spheres);
     }
 
@@ -149,9 +155,9 @@ impl<'a> SoftSpheres<'a> {
                 return Relaxed { overlap, steps: step };
             }
             let s = self.forces();
-            overlap = s.overlap / s.contacts.max(1.0) / (2.0 * self.mean_radius);
+            let contact = s.overlap / s.contacts.max(1) as f64;
+            overlap = contact / (2.0 * self.mean_radius);
             let rms = (s.force2 / self.spheres.len() as f64).sqrt();
-            let contact = s.overlap / s.contacts.max(1.0);
             if overlap < loose && rms < loose * self.mean_radius || rms <= balance * contact {
                 return Relaxed { overlap, steps: step };
             }
@@ -196,16 +202,13 @@ impl<'a> SoftSpheres<'a> {
     fn forces(&mut self) -> Sums {
         let (spheres, container) = (&self.spheres, self.container);
         let period = container.period();
-        let work = self
-            .force
-            .par_chunks_mut(CHUNK)
-            .zip(&self.list)
-            .zip(&mut self.sums);
+        let work = self.force.par_chunks_mut(CHUNK).zip(&self.list);
+        let work = work.zip(&self.walls.chunks).zip(&mut self.sums);
         let velocity = &self.velocity;
         let arch = pulp::Arch::new();
-        work.enumerate().for_each(|(c, ((force, list), sums))| {
-            let mut total = Sums::default();
-            let (first, total_of) = (c * CHUNK, &mut total);
+        work.enumerate().for_each(|(c, (((force, list), walls), sums))| {
+            let first = c * CHUNK;
+            let mut overlaps = Overlaps::default();
             match &period {
                 None => arch.dispatch(Contacts {
                     spheres,
@@ -213,7 +216,7 @@ impl<'a> SoftSpheres<'a> {
                     list,
                     image: |d| d,
                     force: &mut *force,
-                    total: total_of,
+                    overlaps: &mut overlaps,
                 }),
                 Some(p) => arch.dispatch(Contacts {
                     spheres,
@@ -224,13 +227,16 @@ impl<'a> SoftSpheres<'a> {
                         [x, y, z, r]
                     },
                     force: &mut *force,
-                    total: total_of,
+                    overlaps: &mut overlaps,
                 }),
             }
-            for (k, f) in force.iter_mut().enumerate() {
-                let i = first + k;
-                *f = wall_force(container, &spheres[i], *f);
-                let v = &velocity[i];
+            walls.add_forces(container, &spheres[first..first + force.len()], force);
+            let mut total = Sums {
+                overlap: overlaps.sum,
+                contacts: overlaps.count,
+                ..Sums::default()
+            };
+            for (f, v) in force.iter().zip(&velocity[first..]) {
                 total.power += f[0] * v[0] + f[1] * v[1] + f[2] * v[2];
                 total.speed2 += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
                 total.force2 += f[0] * f[0] + f[1] * f[1] + f[2] * f[2];
@@ -315,59 +321,4 @@ impl pulp::NullaryFnOnce for Advance<'_> {
         }
         *self.moved2 = largest;
     }
-}
-
-/// Job that computes the contact forces on consecutive spheres. Differences and forces take four lanes, the
-/// last without meaning; `image` turns a difference into that to the nearest periodic image.
-struct Contacts<'a, F> {
-    spheres: &'a [Sphere],
-    first: usize,
-    list: &'a ListChunk,
-    image: F,
-    force: &'a mut [[f64; 4]],
-    total: &'a mut Sums,
-}
-
-impl<F: Fn([f64; 4]) -> [f64; 4]> pulp::NullaryFnOnce for Contacts<'_, F> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let (mut sum, mut contacts) = (0.0, 0.0);
-        let rows = self.list.start.windows(2);
-        for ((i, row), force) in (self.first..).zip(rows).zip(self.force) {
-            let s = self.spheres[i];
-            let mut f = [0.0; 4];
-            for &j in &self.list.neighbours[row[0] as usize..row[1] as usize] {
-                let t = self.spheres[j as usize];
-                let d = (self.image)([s[0] - t[0], s[1] - t[1], s[2] - t[2], s[3] - t[3]]);
-                let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-                let touch = s[3] + t[3];
-                if dd < touch * touch {
-                    let distance = dd.sqrt();
-                    let overlap = touch - distance;
-                    // The bound avoids a division by zero for coincident centres.
-                    let c = overlap / distance.max(1e-9 * touch);
-                    (0..4).for_each(|a| f[a] += c * d[a]);
-                    sum += overlap;
-                    contacts += 1.0;
-                }
-            }
-            f[3] = 0.0;
-            *force = f;
-        }
-        self.total.overlap += sum;
-        self.total.contacts += contacts;
-    }
-}
-
-#[inline]
-fn wall_force(container: &Container, s: &Sphere, mut f: [f64; 4]) -> [f64; 4] {
-    container.walls(&Vector3::new(s[0], s[1], s[2]), s[3], |gap, n| {
-        let push = s[3] - gap;
-        for a in 0..3 {
-            f[a] += push * n[a];
-        }
-    });
-    f
 }

@@ -1,15 +1,16 @@
 //! A closed triangle surface: volume, inside test, and nearest point through a uniform grid.
 
+mod grid;
+mod listed;
+mod nearest;
+
+pub(crate) use listed::{Listed, Listing, Mover};
+
 use super::nesting::{Place, place};
 use crate::error::{Error, Result, finite, positive};
-use arlequin_core::geometry::closest_on_triangle;
+use grid::Grid;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
-
-/// Largest number of walls that push a sphere at once.
-const WALLS: usize = 4;
-/// Two walls count as one if the cosine between their normals is above this value.
-const SAME_WALL: f64 = 0.97;
 
 /// A closed, outward oriented triangle surface \[m\].
 #[derive(Debug, Clone)]
@@ -18,22 +19,11 @@ pub struct Surface {
     triangles: Vec<[u32; 3]>,
     /// Bounding ball of each triangle: centre and radius \[m\]. It excludes most far triangles cheaply.
     balls: Vec<[f64; 4]>,
+    /// Outward unit normal of each triangle; zero for a triangle without area.
+    normals: Vec<Vector3<f64>>,
     volume: f64,
     bounds: (Vector3<f64>, Vector3<f64>),
     grid: Grid,
-}
-
-/// Triangles near each cell of a uniform grid over the bounding box, with a layer of cells around it.
-#[derive(Debug, Clone, Default)]
-struct Grid {
-    size: f64,
-    dims: [usize; 3],
-    reach: f64,
-    start: Vec<u32>,
-    /// Distance from the centre of the cell \[m\] and number of each triangle, nearest first.
-    triangles: Vec<(f64, u32)>,
-    /// For cells without a near triangle: true if they are inside.
-    inside: Vec<bool>,
 }
 
 impl Surface {
@@ -83,6 +73,7 @@ impl Surface {
         }
         let mut out = Self {
             balls: balls(&vertices, &triangles),
+            normals: normals(&vertices, &triangles),
             vertices,
             triangles,
             volume,
@@ -106,6 +97,7 @@ impl Surface {
         let triangles: Vec<[u32; 3]> = numbers.collect();
         let mut out = Self {
             balls: balls(&vertices, &triangles),
+            normals: normals(&vertices, &triangles),
             vertices,
             triangles,
             volume: 0.0,
@@ -126,6 +118,10 @@ impl Surface {
     #[must_use]
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
+    }
+
+    fn corners(&self, triangle: &[u32; 3]) -> [Vector3<f64>; 3] {
+        triangle.map(|i| self.vertices[i as usize])
     }
 
     /// Scales the surface, for example by 1e-3 if it was read from a file in millimetres.
@@ -161,7 +157,7 @@ impl Surface {
         if shells.len() == 1 {
             return vec![self.clone()];
         }
-        let corners = |t: &[u32; 3]| t.map(|i| self.vertices[i as usize]);
+        let corners = |t: &[u32; 3]| self.corners(t);
         let volume = |shell: &[[u32; 3]]| -> f64 {
             let tetrahedron = |t| {
                 let [a, b, c]: [Vector3<f64>; 3] = corners(t);
@@ -212,218 +208,6 @@ impl Surface {
         out.extend(self.vertices.iter().flat_map(|v| v.iter().copied()));
         out.extend(self.triangles.iter().flatten().map(|&i| f64::from(i)));
     }
-
-    /// Rebuilds the grid so that [`Self::nearest`] finds every point up to `reach` \[m\].
-    pub(crate) fn prepare(&mut self, reach: f64) {
-        let extent = self.bounds.1 - self.bounds.0;
-        // The bound on the cell size limits the memory of the grid.
-        let size = reach.max(extent.max() / 128.0);
-        // One layer of cells around the box, because centres of spheres may leave it by a little.
-        let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
-        let cells = dims[0] * dims[1] * dims[2];
-        let mut per_cell: Vec<Vec<(f64, u32)>> = vec![Vec::new(); cells];
-        let grid = Grid {
-            size,
-            dims,
-            reach,
-            ..Grid::default()
-        };
-        for (t, tri) in self.triangles.iter().enumerate() {
-            let c = tri.map(|i| self.vertices[i as usize]);
-            let low = grid.cell(&(c[0].inf(&c[1]).inf(&c[2]).add_scalar(-reach)), &self.bounds.0);
-            let high = grid.cell(&(c[0].sup(&c[1]).sup(&c[2]).add_scalar(reach)), &self.bounds.0);
-            for (i, centre) in grid.cells_between(low, high, &self.bounds.0) {
-                // The farthest point of a cell is half a diagonal (0.8660 sizes) from its centre.
-                let distance = (closest_on_triangle(&centre, &c) - centre).norm();
-                if distance <= reach + 0.8661 * size {
-                    per_cell[i].push((distance, t as u32));
-                }
-            }
-        }
-        let mut start = Vec::with_capacity(cells + 1);
-        let mut flat = Vec::new();
-        start.push(0);
-        for n in &mut per_cell {
-            n.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            flat.extend_from_slice(n);
-            start.push(flat.len() as u32);
-        }
-        let mut inside = vec![false; cells];
-        let all_cells = grid.cells_between([0; 3], dims.map(|d| d - 1), &self.bounds.0);
-        for (i, centre) in all_cells {
-            // No surface passes between two neighbouring cells without a near triangle.
-            let follows = i % dims[2] > 0 && per_cell[i - 1].is_empty();
-            if per_cell[i].is_empty() {
-                inside[i] = if follows {
-                    inside[i - 1]
-                } else {
-                    self.winding(&centre) > 0.5
-                };
-            }
-        }
-        self.grid = Grid {
-            start,
-            triangles: flat,
-            inside,
-            ..grid
-        };
-    }
-
-    fn winding(&self, x: &Vector3<f64>) -> f64 {
-        let corners = |t: &[u32; 3]| t.map(|i| self.vertices[i as usize]);
-        winding(x, self.triangles.iter().map(corners))
-    }
-
-    /// Returns the signed distance \[m\] (positive inside) and the inward normal of the nearest surface
-    /// point, if it is within `reach` (at most the reach prepared for).
-    #[must_use]
-    pub fn nearest(&self, x: &Vector3<f64>, reach: f64) -> Option<(f64, Vector3<f64>)> {
-        let (range, off) = self.triangles_near(x);
-        if range.is_empty() {
-            return None;
-        }
-        let limit = reach.min(self.grid.reach);
-        let (mut best, mut sign, mut steep) = (f64::INFINITY, 0.0, 0.0);
-        let (mut foot, mut face) = (Vector3::zeros(), Vector3::zeros());
-        for &(distance, t) in &self.grid.triangles[range] {
-            // Equally near triangles must be compared below, hence a little more.
-            let limit_of_ties = best * (1.0 + 1e-6);
-            if distance - off > limit_of_ties {
-                break;
-            }
-            let [a, b, c, radius] = self.balls[t as usize];
-            let clear = limit_of_ties + radius;
-            if (x - Vector3::new(a, b, c)).norm_squared() > clear * clear {
-                continue;
-            }
-            let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
-            let p = closest_on_triangle(x, &c);
-            let d = (p - x).norm();
-            // A triangle without area lies in the edges of its neighbours and has no normal.
-            let Some(n) = (c[1] - c[0]).cross(&(c[2] - c[0])).try_normalize(0.0) else {
-                continue;
-            };
-            // On a shared edge or corner several faces are equally near. The one seen most frontally tells
-            // the side.
-            let front = if d > 0.0 { (p - x).dot(&n) / d } else { 1.0 };
-            // Distances to a common edge differ by round-off from face to face.
-            let tie = d <= best * (1.0 + 1e-9);
-            if d < best * (1.0 - 1e-9) || (tie && front.abs() > steep) {
-                best = d.min(best);
-                (sign, steep, foot, face) = (front.signum(), front.abs(), p, n);
-            }
-        }
-        if best > limit && sign >= 0.0 || !best.is_finite() {
-            return None;
-        }
-        let normal = if best > 1e-12 * self.grid.size {
-            (x - foot) * (sign / best)
-        } else {
-            -face
-        };
-        Some((sign * best, normal))
-    }
-
-    /// Calls `wall(gap, inward normal)` for the nearest point, if it is nearer than `reach`. It also calls it
-    /// for faces of other directions above which `x` lies within `reach`: in an edge both walls must push, or
-    /// a sphere there never comes to rest.
-    #[inline]
-    pub(crate) fn walls(&self, x: &Vector3<f64>, reach: f64, mut wall: impl FnMut(f64, Vector3<f64>)) {
-        let Some((gap, n)) = self.nearest(x, reach) else {
-            return;
-        };
-        wall(gap, n);
-        if gap <= 0.0 || gap >= reach {
-            return;
-        }
-        let (mut seen, mut count) = ([n; WALLS], 1);
-        let (range, off) = self.triangles_near(x);
-        for &(distance, t) in &self.grid.triangles[range] {
-            if distance - off > reach || count == WALLS {
-                break;
-            }
-            let [a, b, c, radius] = self.balls[t as usize];
-            let clear = reach + radius;
-            if (x - Vector3::new(a, b, c)).norm_squared() > clear * clear {
-                continue;
-            }
-            let c = self.triangles[t as usize].map(|i| self.vertices[i as usize]);
-            let Some(inwards) = (c[2] - c[0]).cross(&(c[1] - c[0])).try_normalize(0.0) else {
-                continue;
-            };
-            let height = (x - c[0]).dot(&inwards);
-            let is_seen = |s: &Vector3<f64>| s.dot(&inwards) > SAME_WALL;
-            if height <= 0.0 || height >= reach || seen[..count].iter().any(is_seen) {
-                continue;
-            }
-            if (closest_on_triangle(x, &c) - x).norm() <= height * (1.0 + 1e-9) {
-                wall(height, inwards);
-                seen[count] = inwards;
-                count += 1;
-            }
-        }
-    }
-
-    /// Returns the range of the triangles near a point, and its distance from the centre of its cell \[m\].
-    #[inline]
-    fn triangles_near(&self, x: &Vector3<f64>) -> (std::ops::Range<usize>, f64) {
-        let place = self.grid.cell(x, &self.bounds.0);
-        let cell = self.grid.index(place);
-        let middle = Vector3::from(place.map(|i| i as f64 - 0.5)) * self.grid.size + self.bounds.0;
-        let range = self.grid.start[cell] as usize..self.grid.start[cell + 1] as usize;
-        (range, (x - middle).norm())
-    }
-
-    /// Returns whether `x` is inside.
-    #[must_use]
-    pub fn contains(&self, x: &Vector3<f64>) -> bool {
-        let (low, high) = self.bounds;
-        if (0..3).any(|a| x[a] < low[a] || x[a] > high[a]) {
-            return false;
-        }
-        let cell = self.grid.index(self.grid.cell(x, &low));
-        if self.grid.start[cell] == self.grid.start[cell + 1] {
-            return self.grid.inside[cell];
-        }
-        // The sign of the nearest face is cheaper than the winding number over all triangles.
-        match self.nearest(x, self.grid.reach) {
-            Some((gap, _)) => gap >= 0.0,
-            None => self.winding(x) > 0.5,
-        }
-    }
-}
-
-impl Grid {
-    /// Returns the cell of a point; points outside of the box fall in the layer around it.
-    fn cell(&self, x: &Vector3<f64>, low: &Vector3<f64>) -> [usize; 3] {
-        [0, 1, 2].map(|a| {
-            let c = ((x[a] - low[a]) / self.size).floor() + 1.0;
-            (c.max(0.0) as usize).min(self.dims[a] - 1)
-        })
-    }
-
-    fn index(&self, c: [usize; 3]) -> usize {
-        (c[0] * self.dims[1] + c[1]) * self.dims[2] + c[2]
-    }
-
-    /// Returns the numbers and centres of all cells of a range, ends included.
-    fn cells_between(
-        &self,
-        low: [usize; 3],
-        high: [usize; 3],
-        origin: &Vector3<f64>,
-    ) -> Vec<(usize, Vector3<f64>)> {
-        let mut out = Vec::new();
-        for i in low[0]..=high[0] {
-            for j in low[1]..=high[1] {
-                for k in low[2]..=high[2] {
-                    let c = Vector3::new(i as f64, j as f64, k as f64).add_scalar(-0.5);
-                    out.push((self.index([i, j, k]), origin + c * self.size));
-                }
-            }
-        }
-        out
-    }
 }
 
 /// Returns the centroid of each triangle and the distance of its farthest corner, rounded up.
@@ -435,6 +219,15 @@ fn balls(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<[f64; 4]> {
         [middle.x, middle.y, middle.z, radius * (1.0 + 1e-12)]
     };
     triangles.iter().map(ball).collect()
+}
+
+/// Returns the unit normal of each triangle; zero for a triangle without area.
+fn normals(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+    let normal = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| vertices[i as usize]);
+        (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
+    };
+    triangles.iter().map(normal).collect()
 }
 
 /// Returns the winding number of a surface about `x`: 1 inside, 0 outside (van Oosterom and Strackee).
