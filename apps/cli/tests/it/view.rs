@@ -98,6 +98,7 @@ fn a_page_shows_a_run_that_goes_on_and_says_so() {
     let parts = data["parts"].as_array().expect("parts");
     let kinds: Vec<&Value> = parts.iter().map(|p| &p["kind"]).collect();
     assert_eq!(kinds, [&Value::from("mesh"), &Value::from("mesh"), &Value::Null]);
+    assert_eq!(data["title"], "out");
     assert!(data["notices"].to_string().contains("the run goes on"));
     assert!(
         data["figures"][0][1]
