@@ -180,7 +180,7 @@ fn the_page_of_a_run_shows_it_at_desktop_and_phone_width() {
                 ("field", "displacement", "change"),
                 ("component", "0", "change"),
                 ("warp", "90", "input"),
-                ("cut", "y", "change"),
+                ("cut", "x", "change"),
                 ("at", "700", "input"),
             ] {
                 act(&mut browser, id, value, event);
@@ -246,7 +246,7 @@ fn a_page_opens_where_something_is_seen() {
     let state = "[state.frame, state.span, state.high, state.least, state.logged, state.perspective]";
     assert_eq!(
         browser.value(state),
-        serde_json::json!([3, "own", 5e7, 1e6, true, true])
+        serde_json::json!([3, "own", 50_000_000, 1_000_000, true, true])
     );
 }
 

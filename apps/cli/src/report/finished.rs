@@ -27,12 +27,13 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
         s.interface.iter().for_each(overlap);
     }
     let w = &s.wall_seconds;
-    entry(
+    entry!(
         "time",
-        &format!(
-            "set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
-            w.setup, w.stepping, w.output, s.threads
-        ),
+        "set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
+        w.setup,
+        w.stepping,
+        w.output,
+        s.threads
     );
     println!("results    {}", place.display());
     let next = if s.status == "interrupted" {
@@ -53,8 +54,7 @@ fn facts(s: &Summary, place: &Path) {
         entry(name, words);
     }
     if peaks.len() > shown {
-        let text = format!("and {} probes more: run with --verbose", peaks.len() - shown);
-        entry("", &text);
+        entry!("", "and {} probes more: run with --verbose", peaks.len() - shown);
     }
     for [name, words] in &others {
         entry(name, words);
@@ -125,10 +125,7 @@ fn model(m: &ModelLine) {
         (_, 1) => String::new(),
         (_, n) => format!(", {n} own steps per step"),
     };
-    entry(
-        "model",
-        &format!("{}: {}, {} {nodes}{steps}", m.name, m.kind, m.nodes),
-    );
+    entry!("model", "{}: {}, {} {nodes}{steps}", m.name, m.kind, m.nodes);
 }
 
 fn overlap(i: &InterfaceLine) {
@@ -140,10 +137,7 @@ fn overlap(i: &InterfaceLine) {
             100.0 * share
         )
     });
-    entry(
-        "overlap",
-        &format!("{}: {} multipliers{jump}", i.name, i.multipliers),
-    );
+    entry!("overlap", "{}: {} multipliers{jump}", i.name, i.multipliers);
 }
 
 /// Prints whether, when and how a sleeping model woke.
@@ -151,14 +145,18 @@ fn wake(w: &WakeReport) {
     let place = w.place.unwrap_or_default().map(|x| si(x, "m")).join(", ");
     let value = w.value.unwrap_or_default();
     let (Some(time), Some(before), Some(jump)) = (w.time, w.energy_before, w.jump) else {
-        let text = format!(
+        entry!(
+            "wake",
             "'{}' was asleep to the end: the largest {} of '{}' was {value:.4e} at ({place}), the limit {:.4e}",
-            w.model, w.criterion, w.by, w.limit
+            w.model,
+            w.criterion,
+            w.by,
+            w.limit
         );
-        entry("wake", &text);
         return;
     };
-    let text = format!(
+    entry!(
+        "wake",
         "'{}' woke at t = {}, step {}: {} of '{}' {value:.4e} at ({place}), limit {:.4e}; energy {before:.4e} J before, a \
          jump of {:.3} %",
         w.model,
@@ -169,7 +167,6 @@ fn wake(w: &WakeReport) {
         w.limit,
         100.0 * jump / before.abs().max(f64::MIN_POSITIVE)
     );
-    entry("wake", &text);
     if let (true, Some(b), Some(a)) = (loudness().verbose, w.momentum_before, w.momentum_after) {
         let change = |b: [f64; 3], a: [f64; 3]| {
             let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -177,9 +174,9 @@ fn wake(w: &WakeReport) {
             (square(b), gap)
         };
         let ((size, gap), (spin, slip)) = (change(b.linear, a.linear), change(b.angular, a.angular));
-        let text = format!(
+        entry!(
+            "",
             "momentum {size:.4e} kg m/s changed by {gap:.1e}, angular {spin:.4e} kg m²/s by {slip:.1e}"
         );
-        entry("", &text);
     }
 }

@@ -1,5 +1,6 @@
 //! Report of the hard cases: results of naive code, and whether our promises hold.
 
+use super::split;
 use arlequin_studies::checks::{Accept, Check};
 use arlequin_studies::hard::{HardCase, Outcome};
 use serde_json::{Value, json};
@@ -10,10 +11,9 @@ pub(crate) type Measured = Result<Outcome, String>;
 
 /// Returns the report on a case as text.
 pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {
-    let mut out = format!(
-        "{}\n  hard: {}\n  promise: {}\n",
-        case.name, case.why, case.promise
-    );
+    let wrapped = |text: &str| split(text, 110).join("\n    ");
+    let (why, promise) = (wrapped(case.why), wrapped(case.promise));
+    let mut out = format!("{}\n  hard: {why}\n  promise: {promise}\n", case.name);
     let outcome = match measured {
         Ok(o) => o,
         Err(e) => return out + &format!("  FAILED: {e}\n"),
@@ -25,7 +25,7 @@ pub(crate) fn text(case: &HardCase, measured: &Measured) -> String {
             let _ = writeln!(out, "    {:.3e}  {}{mark}", f.ours, f.quantity);
         }
     };
-    add(&format!("naive: {}", case.naive), &outcome.naive);
+    add(&format!("naive: {}", wrapped(case.naive)), &outcome.naive);
     add("ours:", &outcome.ours);
     out
 }

@@ -6,6 +6,13 @@
     reason = "a command line talks to its user, and does so here only"
 )]
 
+/// Prints a formatted text behind its label, wrapped to the width of the terminal.
+macro_rules! entry {
+    ($label:expr, $($text:tt)+) => {
+        $crate::report::entry($label, &format!($($text)+))
+    };
+}
+
 mod calibrate;
 mod finished;
 pub(crate) mod hard;

@@ -30,12 +30,14 @@ fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
     for z in &p.zones {
-        entry(
+        entry!(
             "zone",
-            &format!(
-                "{} overlap {:.4e} m wide in the mean, {:.4e} m at least: {:.1} elements of the body, {:.1} of the zone's",
-                z.name, z.width.mean, z.width.least, z.elements, z.fine
-            ),
+            "{} overlap {:.4e} m wide in the mean, {:.4e} m at least: {:.1} elements of the body, {:.1} of the zone's",
+            z.name,
+            z.width.mean,
+            z.width.least,
+            z.elements,
+            z.fine
         );
     }
     ranks(&p.ranks);
@@ -47,41 +49,34 @@ fn sizes(p: &Preview) {
         entry("effect", e);
     }
     match &p.resting {
-        Some(how) => entry(
+        Some(how) => entry!(
             "load steps",
-            &format!("{} up to t = {:.4e} s, solved {how}", p.steps, p.end),
+            "{} up to t = {:.4e} s, solved {how}",
+            p.steps,
+            p.end
         ),
-        None => entry(
+        None => entry!(
             "steps",
-            &format!(
-                "{} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
-                p.steps, p.dt, p.end, p.critical_dt
-            ),
+            "{} of {:.4e} s up to {:.4e} s; critical step {:.4e} s",
+            p.steps,
+            p.dt,
+            p.end,
+            p.critical_dt
         ),
     }
-    entry(
-        "output",
-        &format!("{} frames, about {}", p.frames, bytes(p.output_bytes)),
-    );
-    entry("memory", &format!("about {}", bytes(p.memory_bytes)));
+    entry!("output", "{} frames, about {}", p.frames, bytes(p.output_bytes));
+    entry!("memory", "about {}", bytes(p.memory_bytes));
     match p.stepping_seconds {
-        None if p.resting.is_some() => entry(
+        None if p.resting.is_some() => entry!(
             "time",
-            &format!(
-                "set-up {:.2} s, load steps unknown until the first is there",
-                p.setup_seconds
-            ),
+            "set-up {:.2} s, load steps unknown until the first is there",
+            p.setup_seconds
         ),
-        Some(s) => entry(
+        Some(s) => entry!("time", "set-up {:.2} s, steps about {s:.1} s", p.setup_seconds),
+        None => entry!(
             "time",
-            &format!("set-up {:.2} s, steps about {s:.1} s", p.setup_seconds),
-        ),
-        None => entry(
-            "time",
-            &format!(
-                "set-up {:.2} s, steps unknown: the first ones fail",
-                p.setup_seconds
-            ),
+            "set-up {:.2} s, steps unknown: the first ones fail",
+            p.setup_seconds
         ),
     }
     phases(&p.setup_phases);
@@ -93,22 +88,22 @@ pub(super) fn details(s: &Summary) {
     models(&s.models);
     interfaces(&s.interface);
     if s.load_steps.is_empty() {
-        entry(
+        entry!(
             "step",
-            &format!(
-                "{:.4e} s, critical {:.4e} s; up to t = {:.4e} s",
-                s.dt, s.critical_dt, s.time
-            ),
+            "{:.4e} s, critical {:.4e} s; up to t = {:.4e} s",
+            s.dt,
+            s.critical_dt,
+            s.time
         );
     }
     for name in &s.energy.unknown {
-        entry(
+        entry!(
             "energy",
-            &format!("energy of '{name}' is not known: the drift has what impulses brought to it, no more"),
+            "energy of '{name}' is not known: the drift has what impulses brought to it, no more"
         );
     }
     for (name, work) in &s.energy.ledger {
-        entry("work", &format!("{name} {work:.6e} J"));
+        entry!("work", "{name} {work:.6e} J");
     }
     momentum(&s.momentum);
     effects(&s.effect_ledger);
@@ -119,12 +114,12 @@ pub(super) fn details(s: &Summary) {
         } else {
             format!(", frequencies {} Hz", shown.join(", "))
         };
-        entry(
+        entry!(
             "probe",
-            &format!(
-                "{name} {} mean {:.4e}, last {:.4e}{frequencies}",
-                p.quantity, p.mean, p.last
-            ),
+            "{name} {} mean {:.4e}, last {:.4e}{frequencies}",
+            p.quantity,
+            p.mean,
+            p.last
         );
     }
     phases(&s.wall_seconds.setup_phases);
@@ -148,15 +143,15 @@ fn ranks(lines: &[RankLine]) {
         } else {
             "whole on every rank"
         };
-        entry("ranks", &format!("{} {how}: {}", r.model, r.words));
+        entry!("ranks", "{} {how}: {}", r.model, r.words);
     }
 }
 
 fn links(lines: &[LinkLine]) {
     for l in lines {
         match l.mass {
-            Some(mass) => entry("link", &format!("{} {}, mass {mass:.6e} kg", l.model, l.does)),
-            None => entry("link", &format!("{} {}", l.model, l.does)),
+            Some(mass) => entry!("link", "{} {}, mass {mass:.6e} kg", l.model, l.does),
+            None => entry!("link", "{} {}", l.model, l.does),
         }
     }
 }
@@ -177,41 +172,38 @@ fn phases(lines: &[PhaseTime]) {
         return;
     }
     for p in lines.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
-        entry("set-up", &format!("{} {:.2} s", p.phase, p.seconds));
+        entry!("set-up", "{} {:.2} s", p.phase, p.seconds);
     }
 }
 
 /// Prints the change in results and the cost of each effect.
 pub(crate) fn comparison(c: &Comparison) {
     entry("scene", &c.scene);
-    entry(
+    entry!(
         "as given",
-        &format!("steps {:.2} s (least of {} runs, as below)", c.seconds, c.repeat),
+        "steps {:.2} s (least of {} runs, as below)",
+        c.seconds,
+        c.repeat
     );
     if c.effects.is_empty() {
         entry("effects", "none");
     }
     for e in &c.effects {
-        entry(
+        entry!(
             "without",
-            &format!(
-                "{} steps {:.2} s ({:.1} % of the time goes into it)",
-                e.effect,
-                e.seconds,
-                100.0 * e.share
-            ),
+            "{} steps {:.2} s ({:.1} % of the time goes into it)",
+            e.effect,
+            e.seconds,
+            100.0 * e.share
         );
         for (probe, change) in &e.probes {
-            entry(
-                "",
-                &format!("probe {probe} changes by up to {:.3} %", 100.0 * change),
-            );
+            entry!("", "probe {probe} changes by up to {:.3} %", 100.0 * change);
         }
         if let Some(why) = &e.failed {
-            entry("", &format!("ended early: {why}"));
+            entry!("", "ended early: {why}");
         }
         for m in &e.missing {
-            entry("", &format!("its state calls for it: {m}"));
+            entry!("", "its state calls for it: {m}");
         }
     }
     for m in &c.missing {
@@ -226,17 +218,15 @@ fn effects(lines: &[EffectReport]) {
             || "in the forces".to_owned(),
             |s| format!("{:.1} % of the steps", 100.0 * s),
         );
-        entry(
+        entry!(
             "effect",
-            &format!(
-                "{} stored {:.6e} J, dissipated {} J, {share}",
-                e.name,
-                e.stored,
-                joules(e.dissipated)
-            ),
+            "{} stored {:.6e} J, dissipated {} J, {share}",
+            e.name,
+            e.stored,
+            joules(e.dissipated)
         );
         if let (Some(n), Some(total)) = (e.facts.get("broken bonds"), e.facts.get("bonds")) {
-            entry("", &format!("{n} of {total} bonds broke"));
+            entry!("", "{n} of {total} bonds broke");
         }
     }
 }
@@ -247,13 +237,11 @@ fn momentum(lines: &[MomentumLine]) {
         let name = m.models.join(" + ");
         let (p, l) = (size(&m.linear), size(&m.angular));
         let change = |d: Option<f64>| d.map_or_else(String::new, |d| format!(", changed by {d:.1e}"));
-        entry(
+        entry!(
             "momentum",
-            &format!(
-                "{name} {p:.6e} kg m/s{}; angular {l:.6e} kg m²/s{}",
-                change(m.linear_drift),
-                change(m.angular_drift)
-            ),
+            "{name} {p:.6e} kg m/s{}; angular {l:.6e} kg m²/s{}",
+            change(m.linear_drift),
+            change(m.angular_drift)
         );
         if let Some(why) = &m.because {
             let not = if m.keeps == "linear" {
@@ -261,7 +249,7 @@ fn momentum(lines: &[MomentumLine]) {
             } else {
                 "either"
             };
-            entry("", &format!("no claim about {not}: {why}"));
+            entry!("", "no claim about {not}: {why}");
         }
     }
 }
@@ -278,17 +266,15 @@ fn own_steps(m: &ModelLine) -> String {
 
 fn models(lines: &[ModelLine]) {
     for m in lines {
-        entry(
+        entry!(
             "model",
-            &format!(
-                "{} {} {} nodes {} unknowns, critical step {:.4e} s, {}",
-                m.name,
-                m.kind,
-                m.nodes,
-                m.unknowns,
-                m.critical_dt,
-                own_steps(m)
-            ),
+            "{} {} {} nodes {} unknowns, critical step {:.4e} s, {}",
+            m.name,
+            m.kind,
+            m.nodes,
+            m.unknowns,
+            m.critical_dt,
+            own_steps(m)
         );
         for text in m.packing.iter().flat_map(PackingLine::text) {
             entry("", &text);
@@ -324,62 +310,53 @@ fn interfaces(lines: &[InterfaceLine]) {
             [] => String::new(),
             lines => format!(" together with '{}'", lines.join("', '")),
         };
-        entry(
+        entry!(
             "interface",
-            &format!(
-                "{} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, condition \
+            "{} {}, overlap {:.4e} m³ with {} coarse and {} fine nodes, {} multipliers of rank {}, condition \
                  {at_least}{:.2e}, solved by {}{together}",
-                i.name,
-                i.junction,
-                i.measure,
-                i.coupled_nodes[0],
-                i.coupled_nodes[1],
-                i.multipliers,
-                i.rank,
-                i.condition,
-                i.solver
-            ),
+            i.name,
+            i.junction,
+            i.measure,
+            i.coupled_nodes[0],
+            i.coupled_nodes[1],
+            i.multipliers,
+            i.rank,
+            i.condition,
+            i.solver
         );
         if let Some(words) = solutions(i) {
             entry("", &words);
         }
         let [coarse, fine] = i.tied.map(|t| 100.0 * t);
-        entry(
+        entry!(
             "",
-            &format!(
-                "tied {coarse:.1} % of the coarse and {fine:.1} % of the fine nodes in the overlap, {:.2} % of it outside \
+            "tied {coarse:.1} % of the coarse and {fine:.1} % of the fine nodes in the overlap, {:.2} % of it outside \
                  the mediator",
-                100.0 * i.outside_mediator
-            ),
+            100.0 * i.outside_mediator
         );
         if i.partition_checked {
-            entry(
+            entry!(
                 "",
-                &format!(
-                    "weights sum to one; {:.2} % of the overlap is missing at surfaces, mass {:+.2} % of the overlap's",
-                    100.0 * i.missing_weight,
-                    100.0 * i.excess_mass
-                ),
+                "weights sum to one; {:.2} % of the overlap is missing at surfaces, mass {:+.2} % of the overlap's",
+                100.0 * i.missing_weight,
+                100.0 * i.excess_mass
             );
         } else {
             entry("", "weights need not sum to one: partition = \"unchecked\"");
         }
         if let (Some(jump), Some(share)) = (i.max_displacement_jump, i.displacement_jump_share) {
-            entry(
+            entry!(
                 "",
-                &format!(
-                    "displacements differed by up to {jump:.2e} m, {:.3} % of the overlap's deformation",
-                    100.0 * share
-                ),
+                "displacements differed by up to {jump:.2e} m, {:.3} % of the overlap's deformation",
+                100.0 * share
             );
         }
         if i.initial_jump > 0.0 {
-            entry(
+            entry!(
                 "",
-                &format!(
-                    "initial displacements differed by {:.3e} m and were made to agree, by {:.3e} m at the most",
-                    i.initial_jump, i.initial_change
-                ),
+                "initial displacements differed by {:.3e} m and were made to agree, by {:.3e} m at the most",
+                i.initial_jump,
+                i.initial_change
             );
         }
     }
@@ -408,12 +385,13 @@ pub(crate) fn proposal(r: &Proposal, written: Option<&Path>) {
     for (name, f) in [("as given", &r.given), ("proposed", &r.proposed)] {
         let settings: Vec<String> = f.settings.iter().map(|(n, v)| format!("{n} {v}")).collect();
         entry(name, &settings.join(", "));
-        entry(
+        entry!(
             "",
-            &format!(
-                "predicted error {:.2e} in displacement, {:.2e} in velocity, reflection up to {:.2e}, time {:.3} s",
-                f.errors.displacement, f.errors.velocity, f.top_reflection, f.seconds
-            ),
+            "predicted error {:.2e} in displacement, {:.2e} in velocity, reflection up to {:.2e}, time {:.3} s",
+            f.errors.displacement,
+            f.errors.velocity,
+            f.top_reflection,
+            f.seconds
         );
     }
     for s in &r.set {

@@ -109,7 +109,7 @@ const COLUMNS: [&str; 8] = [
 ];
 
 /// Largest width of each column of [`table`], without that of the case: rows have at most 120 columns.
-const WIDEST: [usize; 7] = [36, 9, 22, 10, 10, 17, 4];
+const WIDEST: [usize; 7] = [34, 9, 22, 10, 10, 17, 4];
 
 /// Returns the table as plain text: the rows of a case below its name, each remark below its row.
 pub(crate) fn table(rows: &[Check]) -> String {
@@ -145,7 +145,7 @@ fn line(cells: &[String; 8], width: &[usize; 7]) -> String {
             let text = t.get(k).map_or("", String::as_str);
             format!("{text:<w$}")
         });
-        out += &format!("  {}", padded.collect::<Vec<_>>().join(" "));
+        out += &format!("  {}", padded.collect::<Vec<_>>().join("  "));
         out.truncate(out.trim_end().len());
         out.push('\n');
     }

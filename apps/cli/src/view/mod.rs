@@ -63,7 +63,9 @@ pub(crate) fn view(a: &Arguments) -> Result<()> {
     let warnings = summary["warnings"].as_array().into_iter().flatten();
     notices.extend(warnings.filter_map(|w| Some(format!("Warning: {}", w.as_str()?))));
     let figures = figures::read(&folder, &summary);
+    let name = a.folder.file_name().unwrap_or_default().to_string_lossy();
     let text = page::html(&page::Content {
+        name: name.into_owned(),
         summary,
         times,
         parts,

@@ -59,6 +59,8 @@ impl Store {
 /// Content of a page.
 #[derive(Debug)]
 pub(super) struct Content {
+    /// Name of the folder, the title of a run without a summary.
+    pub(super) name: String,
     /// Content of `summary.json`; null if the run goes on.
     pub(super) summary: Value,
     /// Times of the frames \[s\].
@@ -84,7 +86,7 @@ pub(super) fn html(content: &Content) -> Result<String> {
     let title = ["title", "scene"]
         .iter()
         .find_map(|k| summary[*k].as_str())
-        .unwrap_or("Results");
+        .unwrap_or(&content.name);
     let about = json!({
         "title": title,
         "facts": facts(summary),

@@ -17,7 +17,13 @@ fn page_data(page: &Path) -> Value {
 fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     let scene = written(
         "view-small",
-        &changed(SMALL, &[("[time]", "[output]\nevery = 10\n\n[time]")]),
+        &changed(
+            SMALL,
+            &[(
+                "[time]",
+                "[curve.loop]\nx = \"tip\"\ny = \"tip\"\ny_factor = -1.0\n\n[output]\nevery = 10\n\n[time]",
+            )],
+        ),
     );
     let out = scene.with_file_name("out");
     succeed(&["run", text(&scene), "--out", text(&out)]);
@@ -53,7 +59,14 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     assert!((largest / tip - 1.0).abs() < 0.2, "{largest} {tip}");
     let plots = data["plots"].as_array().expect("plots");
     let titles: Vec<&str> = plots.iter().filter_map(|p| p["title"].as_str()).collect();
-    assert_eq!(titles, ["displacement", "energy", "work"]);
+    assert_eq!(titles, ["−tip displacement", "displacement", "energy", "work"]);
+    assert_eq!(
+        plots[0]["over"],
+        serde_json::json!({ "title": "tip displacement", "unit": "m" })
+    );
+    // The peak of the table, which is the summary's largest value.
+    let figure = data["figures"][0][1].as_str().expect("a figure");
+    assert!(figure.starts_with("tip displacement "), "{figure}");
     let text_of_page = std::fs::read_to_string(&page).expect("page");
     for outside in ["src=\"", "href=\"http", "@import", "fetch("] {
         assert!(!text_of_page.contains(outside), "{outside}");
@@ -85,6 +98,7 @@ fn a_page_shows_a_run_that_goes_on_and_says_so() {
     let parts = data["parts"].as_array().expect("parts");
     let kinds: Vec<&Value> = parts.iter().map(|p| &p["kind"]).collect();
     assert_eq!(kinds, [&Value::from("mesh"), &Value::from("mesh"), &Value::Null]);
+    assert_eq!(data["title"], "out");
     assert!(data["notices"].to_string().contains("the run goes on"));
     assert!(
         data["figures"][0][1]
