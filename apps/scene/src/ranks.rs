@@ -7,8 +7,8 @@
 use crate::checkpoint::Origin;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
-use crate::setup::{Body, effect_models};
-use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec, Scheme};
+use crate::setup::{Body, Feature, effect_models, kind};
+use crate::spec::{EffectKind, Interface, SceneSpec, Scheme};
 use arlequin::core::Subdomain;
 use arlequin::core::ranks::{self, Communicator, RankError, Reduction, UNIT};
 use serde::Serialize;
@@ -64,8 +64,8 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
-    if !matches!(table.kind, ModelKind::Dem | ModelKind::Fem | ModelKind::Cnem) {
-        return no("only bodies of particles, of finite and of natural elements go in parts");
+    if let Some(words) = kind(table.kind).refusal(Feature::Partition) {
+        return no(words);
     }
     if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
         return Some(format!("model.{name}.step.scheme does not go in parts"));
