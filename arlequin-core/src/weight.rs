@@ -32,6 +32,22 @@ named!(Weighting, "weighting":
     Nodal = "nodal",
 );
 
+impl Weighting {
+    /// Usual floor `ε` of a weight whose user gives none \[–\]. `breaks` tells that bonds of the model can
+    /// break.
+    pub fn usual_floor(self, breaks: bool) -> f64 {
+        match self {
+            // With less, the outermost particles at the border where the weight vanishes are loaded several
+            // times as much as the body, even at rest (decision 0022).
+            _ if breaks => 0.1,
+            // Energy weighting needs no floor; this one only keeps nodal quantities at the border positive.
+            Self::Energy => 1e-6,
+            // Weights at nodes shorten the critical step where they are small; the literature takes 0.05.
+            Self::Nodal => 0.05,
+        }
+    }
+}
+
 /// A weight function. Over all models, the weights of one kind sum to one at every point.
 pub trait Weight<T: Real>: Send + Sync {
     /// Value at a point \[–\].

@@ -127,7 +127,8 @@ fn overlap_of(from: &Bound<'_, PyAny>) -> PyResult<Arc<dyn Overlap<f64>>> {
 ///
 /// `profile` is "cubic", "linear", "quintic", "constant" (with `value`) or "mediator-compatible" (with the
 /// positions of the mediator's nodes across the overlap, from 0 to 1, as `stations`); inside the overlap
-/// the weight stays within `epsilon` and `1 - epsilon`.
+/// the weight stays within `epsilon` and `1 - fine_epsilon`. Without them both floors are 1e-6, which suits
+/// weights of elements and bonds; weights at nodes need about 0.05, a fine model whose bonds break 0.1.
 #[pyclass(frozen, module = "arlequin")]
 #[derive(Debug)]
 pub(crate) struct Ramp(Arc<arlequin::core::Ramp<f64>>);
@@ -135,17 +136,20 @@ pub(crate) struct Ramp(Arc<arlequin::core::Ramp<f64>>);
 #[pymethods]
 impl Ramp {
     #[new]
-    #[pyo3(signature = (overlap, profile = "cubic", epsilon = 1e-3, *, value = None, stations = vec![]))]
+    #[pyo3(signature = (overlap, profile = "cubic", epsilon = None, *, fine_epsilon = None, value = None, stations = vec![]))]
     fn new(
         overlap: &Bound<'_, PyAny>,
         profile: &str,
-        epsilon: f64,
+        epsilon: Option<f64>,
+        fine_epsilon: Option<f64>,
         value: Option<f64>,
         stations: Vec<f64>,
     ) -> PyResult<Self> {
         let kind: ProfileKind = profile.parse().map_err(Fault::from)?;
         let profile = kind.profile(value, &stations).map_err(Fault::from)?;
-        let ramp = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon);
+        let epsilon = epsilon.unwrap_or_else(|| Weighting::default().usual_floor(false));
+        let ramp = arlequin::core::Ramp::new(overlap_of(overlap)?, profile, epsilon)
+            .and_then(|r| r.with_fine_floor(fine_epsilon.unwrap_or(epsilon)));
         Ok(Self(Arc::new(ramp.map_err(Fault::from)?)))
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::ranks::Ranks;
-use crate::setup::{self, zone};
+use crate::setup::{self, lower};
 use crate::spec::SceneSpec;
 use std::fmt::Display;
 use std::ops::Range;
@@ -173,17 +173,19 @@ impl Scene {
     /// # Errors
     /// The key, its value, the limit and the remedy.
     pub fn check_tables(&self) -> Result<()> {
-        let checked = setup::check(&self.spec, self.folder()).map_err(|e| zone::written(&self.spec, e));
+        let checked = setup::check(&self.spec, self.folder()).map_err(|e| lower::written(&self.spec, e));
         self.ranks.together(checked)
     }
 
     /// Lists the external solvers that [`Self::prepare`] would start or wait for: model, and command or
     /// address.
     pub fn links(&self) -> Vec<(String, String)> {
-        let models = self.spec.model.iter();
-        models
-            .filter_map(|(n, t)| Some((n.clone(), setup::link_of(t)?)))
-            .collect()
+        let links = self
+            .spec
+            .model
+            .iter()
+            .filter(|m| setup::kind(m.1.kind).is_remote());
+        links.map(|(n, t)| (n.clone(), setup::link_of(t))).collect()
     }
 
     fn change(&mut self, path: &str, value: &str) -> Result<()> {
@@ -249,11 +251,13 @@ fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
     let body = spec.body.iter().map(|t| ("body".to_owned(), t));
     let models = spec.model.iter().map(|(n, t)| (format!("model.{n}"), t));
     for (path, table) in body.chain(models) {
-        if let Some(missing) = table.missing() {
+        if !setup::kind(table.kind).is_remote()
+            && let Some(missing) = table.missing()
+        {
             return Err(key(path, format!("missing field `{missing}`")));
         }
     }
-    zone::lowered(spec)
+    lower::lowered(spec)
 }
 
 fn collect_files(node: &Value, out: &mut Vec<PathBuf>) {

@@ -135,7 +135,8 @@ impl<'a> SoftSpheres<'a> {
         }
         verlet_list(&mut self.cells, &self.spheres, skin, &mut self.list);
         let travel = 0.5 * skin * (1.0 + 1e-9);
-        self.walls.renew(self.container, &self.spheres, &self.listed, travel);
+        self.walls
+            .renew(self.container, &self.spheres, &self.listed, travel);
         self.listed.clone_from(&self.spheres);
     }
 

@@ -135,8 +135,9 @@ class Ramp:
         cls,
         overlap: Union[Slab, Shell],
         profile: str = "cubic",
-        epsilon: float = 1e-3,
+        epsilon: Optional[float] = None,
         *,
+        fine_epsilon: Optional[float] = None,
         value: Optional[float] = None,
         stations: Sequence[float] = ...,
     ) -> Ramp: ...

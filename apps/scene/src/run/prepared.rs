@@ -10,7 +10,7 @@ use crate::output::writer::writer;
 use crate::output::{Folder, mark};
 use crate::ranks::{Ranks, together};
 use crate::scene::Scene;
-use crate::setup::{self, Built, zone};
+use crate::setup::{self, Built, lower};
 use arlequin::core::Coupled;
 use arlequin::core::ranks::Communicator;
 use std::path::{Path, PathBuf};
@@ -43,7 +43,7 @@ impl Scene {
     /// # Errors
     /// See [`Self::prepare`].
     pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
-        let prepared = Prepared::new(self, announce).map_err(|e| zone::written(self.spec(), e));
+        let prepared = Prepared::new(self, announce).map_err(|e| lower::written(self.spec(), e));
         self.ranks().together(prepared)
     }
 }

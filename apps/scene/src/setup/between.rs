@@ -1,10 +1,10 @@
 //! Contact between two models of particles, and the check for models that overlap without contact.
 
+use super::body::Body;
 use super::grains;
-use super::kinds::Body;
-use super::model_index;
+use super::names::{contact_sides, sides_of};
 use crate::error::{Result, dem, key};
-use crate::spec::{Effect, EffectKind, ModelKind, SceneSpec};
+use crate::spec::{EffectKind, SceneSpec};
 use arlequin::core::Coupled;
 use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
@@ -12,41 +12,6 @@ use std::collections::BTreeSet;
 
 /// Overlap over the sum of radii above which two particles need contact; the same value as within a model.
 const TOLERATED_OVERLAP: f64 = 0.01;
-
-/// Numbers of the two models that effect `k` acts between; `None` if it acts on single models.
-pub(super) fn sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[usize; 2]>> {
-    let Some(names) = &e.between else {
-        return Ok(None);
-    };
-    let path = format!("effect[{k}].between");
-    let EffectKind::Contact(_) = e.kind else {
-        let rule = format!(
-            "is for contact; {} acts on single models, name them in models",
-            e.kind.key()
-        );
-        return Err(key(path, rule));
-    };
-    if e.models.is_some() {
-        return Err(key(path, "excludes models; remove one of the two"));
-    }
-    let [a, b] = &names[..] else {
-        let rule = format!("names {} models; name two", names.len());
-        return Err(key(path, rule));
-    };
-    let mut out = [0; 2];
-    for (n, (slot, name)) in out.iter_mut().zip([a, b]).enumerate() {
-        *slot = model_index(&format!("{path}[{n}]"), name, scene)?;
-        if scene.model[name].kind != ModelKind::Dem {
-            let rule = format!("contact needs particles, kind = \"dem\", which model '{name}' is not");
-            return Err(key(format!("{path}[{n}]"), rule));
-        }
-    }
-    if a == b {
-        let rule = format!("names '{a}' twice; contact within one model is models = [\"{a}\"]");
-        return Err(key(path, rule));
-    }
-    Ok(Some(out))
-}
 
 fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
     [a.min(b), a.max(b)]
@@ -57,7 +22,7 @@ pub(super) fn touching(scene: &SceneSpec) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
     let mut pairs_seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
-        let Some(pair) = sides(k, e, scene)?.filter(|_| e.enabled) else {
+        let Some(pair) = contact_sides(k, e, scene)?.filter(|_| e.enabled) else {
             continue;
         };
         if !pairs_seen.insert(ordered(pair)) {
@@ -108,7 +73,7 @@ impl ParticlesWithoutContact {
         let mut connected: BTreeSet<[usize; 2]> =
             touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
         for (name, i) in &scene.interface {
-            connected.insert(ordered(super::sides_of(name, i, scene)?));
+            connected.insert(ordered(sides_of(name, i, scene)?));
         }
         let mut out = Vec::new();
         for b in 0..bodies.len() {

@@ -4,9 +4,9 @@
 //! on a body-centred cubic lattice, at least half a spacing from the surface: its Delaunay tetrahedra are
 //! congruent and well shaped.
 
-use super::filling::bytes;
-use crate::error::{Result, cnem, dem, fem, key, value};
-use crate::setup::zone::Faces;
+use super::faces::Faces;
+use super::files;
+use crate::error::{Result, cnem, fem, key, value};
 use arlequin::cnem::constraint;
 use arlequin::cnem::domain::Domain;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -31,8 +31,7 @@ pub(super) fn corners(surface: &Surface) -> Vec<[Point3<f64>; 3]> {
 /// Fills the surface of an STL file, in units of `scale` metres, with nodes about `size` \[m\] apart.
 pub(super) fn fill(path: &str, file: &Path, scale: f64, size: f64) -> Result<Mesh<f64>> {
     let key_path = format!("{path}.shape.file");
-    let surface = Surface::from_stl(&bytes(file)?).map_err(dem(&key_path))?;
-    let surface = surface.scaled(scale).map_err(dem(&key_path))?;
+    let surface = files::surface(&key_path, file, scale)?;
     let expected = surface.volume() / size.powi(3);
     if expected > MOST {
         let (low, high) = surface.bounds();

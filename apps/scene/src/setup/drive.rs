@@ -1,56 +1,23 @@
 //! Supports, loads, effects and initial states.
 
+use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
-use super::kinds::{Body, bar_speeds, material};
-use super::{load, shared, support, zone};
-use crate::error::{Result, core, key, unknown, value};
-use crate::spec::{
-    Axis, Bearer, Effect, EffectKind, Field, Initial, ModelKind, ModelTable, Motion, Obstacle, SceneSpec,
-    Spin, TimeShape, Wave,
-};
+use super::names::{SOLID, effect_models, model_index, model_indices, parts, with_parts};
+use super::time::time_function;
+use super::{load, shared, support};
+use crate::error::{Result, core, key, value};
+use crate::spec::{Axis, Effect, EffectKind, Field, Initial, SceneSpec, Spin, Wave};
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Elastic, PrescribedMotion, Subdomain, TimeFunction};
+use arlequin::core::{Elastic, PrescribedMotion, Subdomain};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
 /// An effect that is not yet attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
-
-/// Returns the number of the model with this name.
-pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
-    let number = scene.model.keys().position(|k| k == name);
-    number.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
-}
-
-/// Name of the rigid body of effect `k` in the ledger.
-pub(crate) fn obstacle_name(k: usize, o: &Obstacle) -> String {
-    o.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1))
-}
-
-pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneSpec) -> Result<Vec<usize>> {
-    let Some(names) = names else {
-        return Ok((0..scene.model.len()).collect());
-    };
-    let index = |(k, n): (usize, &String)| model_index(&format!("{path}.models[{k}]"), n, scene);
-    names.iter().enumerate().map(index).collect()
-}
-
-pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
-    let function = match shape {
-        TimeShape::Step => TimeFunction::Step,
-        TimeShape::Ramp { duration } => TimeFunction::Ramp { duration: *duration },
-        TimeShape::Pulse { duration } => TimeFunction::SmoothPulse { duration: *duration },
-        TimeShape::Table(rows) => TimeFunction::Table(rows.clone()),
-        TimeShape::Expression(text) => TimeFunction::Formula(super::formula::formula(path, text)?),
-        TimeShape::File(name) => return Err(value(format!("{path}.file"), name, "was not read")),
-    };
-    function.validate().map_err(core(path))?;
-    Ok(function)
-}
 
 /// Supports and effects to be attached to subdomains, by the number of the model.
 #[derive(Default)]
@@ -77,7 +44,7 @@ impl Attachments {
             let path = format!("load[{k}]");
             let m = model_index(&format!("{path}.model"), &l.model, scene)?;
             let name = load::name(k, l);
-            if zone::parts(scene, m).len() == 1 {
+            if parts(scene, m).len() == 1 {
                 out.add(m, Box::new(load::on_body(&path, &name, l, &bodies[m])?));
                 continue;
             }
@@ -117,16 +84,6 @@ impl Attachments {
             }
         }
         subdomain
-    }
-}
-
-/// Amplitude and time function of a prescribed motion; a speed is integrated in time.
-pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
-    let time = time_function(&format!("{path}.time"), &m.time)?;
-    match (m.amplitude, m.speed) {
-        (Some(amplitude), None) => Ok((amplitude, time)),
-        (None, Some(speed)) => Ok((speed, TimeFunction::Integral(Box::new(time)))),
-        _ => Err(key(path, "needs exactly one of amplitude [m], speed [m/s]")),
     }
 }
 
@@ -183,56 +140,6 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     }
 }
 
-/// Requirement of bulk viscosity, and the alternative for a line model.
-const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
-
-/// Numbers of the models that an effect acts on: the named ones, or all that can have it.
-pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
-    let path = format!("effect[{k}]");
-    if super::between::sides(k, e, scene)?.is_some() {
-        return Ok(Vec::new());
-    }
-    let (what, bearer) = (e.kind.key(), e.kind.bearer());
-    let tables: Vec<&ModelTable> = scene.model.values().collect();
-    let fits = |m: &usize| match bearer {
-        Bearer::Any => true,
-        Bearer::Solids => tables[*m].has_volume(),
-        Bearer::Particles => tables[*m].kind == ModelKind::Dem,
-    };
-    let models = model_indices(&path, e.models.as_deref(), scene)?;
-    if let (Some(names), Some(misfit)) = (&e.models, models.iter().position(|m| !fits(m))) {
-        let requirement = match bearer {
-            Bearer::Particles => "kind = \"dem\"",
-            _ => SOLID,
-        };
-        let rule = format!(
-            "{what} needs {requirement}, which model '{}' is not",
-            names[misfit]
-        );
-        return Err(key(format!("{path}.models[{misfit}]"), rule));
-    }
-    // Gravity on a body also acts on its zones; damping may be meant for one model only.
-    let models = match (&e.kind, &e.models) {
-        (EffectKind::BodyForce(_), Some(_)) => zone::with_parts(scene, models, |name| {
-            let forces = scene
-                .effect
-                .iter()
-                .filter(|o| matches!(o.kind, EffectKind::BodyForce(_)));
-            forces
-                .filter_map(|o| o.models.as_ref())
-                .flatten()
-                .any(|n| n == name)
-        }),
-        _ => models,
-    };
-    let fitting: Vec<usize> = models.into_iter().filter(fits).collect();
-    if fitting.is_empty() {
-        let rule = format!("no model of the scene can have {what}; remove it");
-        return Err(key(path, rule));
-    }
-    Ok(fitting)
-}
-
 /// Initial displacements and velocities of model `m`.
 pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
@@ -245,7 +152,7 @@ pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f
             let named_models = scene.initial.iter().filter_map(|o| o.models.as_ref());
             named_models.flatten().any(|n| n == name)
         };
-        if !zone::with_parts(scene, named, elsewhere).contains(&m) {
+        if !with_parts(scene, named, elsewhere).contains(&m) {
             continue;
         }
         if let Some(s) = &i.spin {

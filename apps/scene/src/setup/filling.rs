@@ -2,7 +2,8 @@
 
 pub use crate::error::dem;
 
-use super::mesh::is;
+use super::files::{self, ShapeFile, bytes, is};
+use super::mesh::volume_of;
 use super::packing::Likeness;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
@@ -99,13 +100,6 @@ impl Filling {
     }
 }
 
-pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|source| Error::Read {
-        path: path.to_owned(),
-        source,
-    })
-}
-
 /// Builds the container inside a closed surface in a file.
 fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
     let key_path = format!("{key}.shape.file");
@@ -113,10 +107,9 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
         let rule = "must be positive [m]: 1e-3 for a file in millimetres";
         return Err(value(format!("{key}.scale"), table.scale, rule));
     }
-    if is(path, "stl") {
-        let surface = Surface::from_stl(&bytes(path)?).map_err(dem(&key_path))?;
+    if ShapeFile::from_path(path) == ShapeFile::Surface {
         return Ok(Filling {
-            container: Container::Surface(surface.scaled(table.scale).map_err(dem(&key_path))?),
+            container: Container::Surface(files::surface(&key_path, path, table.scale)?),
             shift: Vector3::zeros(),
             faces: BTreeMap::new(),
             mesh: None,
@@ -127,7 +120,7 @@ fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
         return Err(value(key_path, path.display(), rule));
     }
     if table.volume.is_some() || !table.materials.is_empty() {
-        let mesh = super::mesh::volume_of(key, table, path)?;
+        let mesh = volume_of(key, table, path)?;
         return Filling::inside_triangles(&key_path, gmsh::triangles_of(&mesh), Some(mesh));
     }
     let mut triangles = gmsh::load_surface(path).map_err(fem(&key_path))?;

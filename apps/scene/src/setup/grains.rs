@@ -1,92 +1,64 @@
 //! Features that only particles have: bonds that break, contact, obstacles, notches.
 
-use super::drive::time_function;
-use super::filling::dem;
-use crate::error::{Result, key, value};
-use crate::setup::packing::PackingLine;
+use super::body::Grains;
+use super::packing::PackingLine;
+use super::time::time_function;
+use crate::error::{Result, dem, key, value};
 use crate::spec::{self, CriterionKind, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::dem_beam::fracture::SharedLog;
 use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::{
     Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape, Scatter,
 };
 use std::collections::BTreeMap;
 
-/// Data of a body of particles besides its model.
-pub struct Grains {
-    /// Contact and obstacles, by the number of the effect in the scene.
-    pub effects: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>>,
-    /// Log of broken bonds, if fracture is on.
-    pub breaks: Option<SharedLog>,
-    /// True if the scene has a fracture effect on the model, enabled or not.
-    pub brittle: bool,
-    /// Data for contact with other models.
-    pub body: ContactBody,
-    /// Properties of the packing.
-    pub packing: PackingLine,
-}
-
-impl std::fmt::Debug for Grains {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "Grains of {} with effects {:?}",
-            self.body.name(),
-            self.effects.keys()
-        )
-    }
-}
-
-impl Grains {
-    /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
-    pub(super) fn build(
-        mut model: DemModel,
-        table: &ModelTable,
-        effects: &[(usize, &Effect)],
-        packing: PackingLine,
-    ) -> Result<(DemModel, Self)> {
-        let mut breaks = None;
-        let mut brittle = false;
-        for (k, e) in effects {
-            let EffectKind::Fracture(f) = &e.kind else {
-                continue;
-            };
-            brittle = true;
-            let path = format!("effect[{k}].fracture");
-            let spec = fracture(&path, f)?;
-            // With fracture off, the strengths only serve the warning that bonds would break.
-            if !e.enabled {
-                model = model.with_watched_strength(spec).map_err(dem(&path))?;
-            } else {
-                model = model.with_fracture(spec).map_err(dem(&path))?;
-                breaks = Some(model.break_log());
-            }
+/// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
+pub(super) fn build(
+    mut model: DemModel,
+    table: &ModelTable,
+    effects: &[(usize, &Effect)],
+    packing: PackingLine,
+) -> Result<(DemModel, Grains)> {
+    let mut breaks = None;
+    let mut brittle = false;
+    for (k, e) in effects {
+        let EffectKind::Fracture(f) = &e.kind else {
+            continue;
+        };
+        brittle = true;
+        let path = format!("effect[{k}].fracture");
+        let spec = fracture(&path, f)?;
+        // With fracture off, the strengths only serve the warning that bonds would break.
+        if !e.enabled {
+            model = model.with_watched_strength(spec).map_err(dem(&path))?;
+        } else {
+            model = model.with_fracture(spec).map_err(dem(&path))?;
+            breaks = Some(model.break_log());
         }
-        let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
-        for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
-            if let EffectKind::Contact(c) = &e.kind {
-                let path = format!("effect[{k}].contact");
-                let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
-                built.insert(*k, Box::new(contact));
-            }
-            if let EffectKind::Obstacle(o) = &e.kind {
-                built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
-            }
-        }
-        let body = ContactBody::from_model(&model);
-        Ok((
-            model,
-            Self {
-                effects: built,
-                breaks,
-                brittle,
-                body,
-                packing,
-            },
-        ))
     }
+    let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
+    for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
+        if let EffectKind::Contact(c) = &e.kind {
+            let path = format!("effect[{k}].contact");
+            let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
+            built.insert(*k, Box::new(contact));
+        }
+        if let EffectKind::Obstacle(o) = &e.kind {
+            built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
+        }
+    }
+    let body = ContactBody::from_model(&model);
+    Ok((
+        model,
+        Grains {
+            effects: built,
+            breaks,
+            brittle,
+            body,
+            packing,
+        },
+    ))
 }
 
 pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
@@ -200,7 +172,7 @@ fn obstacle(
 ) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
-    let name = super::drive::obstacle_name(k, o);
+    let name = o.ledger_name(k);
     let law = law(table.material.young, &o.contact);
     let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
     if let Some(spin) = o.spin {

@@ -4,10 +4,9 @@
 //! unless the scene asks for something that needs the whole body on one rank. Every other model stays whole
 //! and makes the same steps on every rank.
 
-use super::effect_models;
-use super::kinds::Body;
+use super::{Body, Feature, effect_models, kind};
 use crate::ranks::RankLine;
-use crate::spec::{EffectKind, Interface, ModelKind, SceneSpec, Scheme};
+use crate::spec::{EffectKind, Interface, SceneSpec, Scheme};
 use arlequin::core::ranks::UNIT;
 
 /// Distribution of each model of a scene over the ranks; empty for a single rank.
@@ -41,8 +40,8 @@ pub(super) fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<
 fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
-    if !matches!(table.kind, ModelKind::Dem | ModelKind::Fem | ModelKind::Cnem) {
-        return no("only bodies of particles, of finite and of natural elements go in parts");
+    if let Some(words) = kind(table.kind).refusal(Feature::Partition) {
+        return no(words);
     }
     if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
         return Some(format!("model.{name}.step.scheme does not go in parts"));

@@ -1,26 +1,25 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
-use super::kinds::{Body, fastest};
+use super::body::{Body, fastest};
+use super::kinds::kind;
 use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
 use super::mesh::{Grid, Request};
+use super::names::sides_of;
+use super::shapes::{region, region_box, shape_corners};
 use crate::error::{Result, core, key, value};
 use crate::spec::{
-    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, RegionShape, SolverKind, WeightTable,
+    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, SceneSpec, SolverKind, WeightTable,
 };
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
-use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
     Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place,
-    Primitive, Ramp, Sampling, Shell, Slab, Solver, Weight, Weighting, Weights,
+    Ramp, Sampling, Shell, Slab, Solver, Weight, Weights,
 };
 use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Smallest weight of a model whose bonds can break. With less, the outermost particles at the border where
-/// the weight vanishes are loaded several times as much as the body, even at rest (decision 0022).
-const BRITTLE_FLOOR: f64 = 0.1;
 
 /// Default absorber for a fine model whose bonds can break: waves from breaking bonds would otherwise run
 /// back and forth in the overlap, and their amplitude is highest where the weight is least.
@@ -49,60 +48,110 @@ pub(super) struct BuiltInterface {
 /// The models of an interface: number and body, coarse model first.
 pub(super) type Sides<'a> = [(usize, &'a Body); 2];
 
-/// Builds `[interface.NAME]`.
-pub(super) fn interface(
-    name: &str,
-    table: &Interface,
-    sides: Sides<'_>,
-    folder: &Path,
-) -> Result<BuiltInterface> {
-    let path = format!("interface.{name}");
-    let overlap = overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
-    let names = [&table.coarse, &table.fine];
-    let points = sides.map(|s| s.1.model.nodes());
-    check_place(&path, &table.overlap, &*overlap, names, points)?;
-    check_sense(&path, &table.overlap, names, points)?;
-    let mediator_path = format!("{path}.mediator");
-    let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
-    // A derived mediator must lie where the field of the particles exists.
-    let hulls = sides
-        .iter()
-        .filter(|s| table.mediator.shape.is_none() && is_hull(s.1));
-    for (_, body) in hulls {
-        shape = within_hull(
-            mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder),
-            body,
-        )?;
+/// `[interface.NAME]` after its checks; the models that it couples are not built yet.
+pub(super) struct Plan<'a> {
+    name: &'a str,
+    table: &'a Interface,
+    folder: &'a Path,
+    /// Numbers of the coarse and the fine model.
+    models: [usize; 2],
+    overlap: Arc<dyn Overlap<f64>>,
+}
+
+impl<'a> Plan<'a> {
+    /// Checks a table together with those of its models.
+    ///
+    /// # Errors
+    /// The key, its value, the limit and the remedy.
+    pub(super) fn new(
+        name: &'a str,
+        table: &'a Interface,
+        scene: &'a SceneSpec,
+        folder: &'a Path,
+    ) -> Result<Self> {
+        let models = sides_of(name, table, scene)?;
+        let tables = [&scene.model[&table.coarse], &scene.model[&table.fine]];
+        let path = format!("interface.{name}");
+        let overlap = overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
+        if let [Some(coarse), Some(fine)] = tables.map(|t| shape_corners(&t.shape)) {
+            check_place(&path, table, &*overlap, [&coarse, &fine])?;
+        }
+        // Built for their errors only; the nodes of the mediator are not known yet, and any positive spacing
+        // will do.
+        weights(&path, &table.weight, &overlap, None, [false; 2])?;
+        junction(&path, table, 1.0)?;
+        if let Some(a) = &table.absorber
+            && a.rate.is_some() == a.rate_factor.is_some()
+        {
+            let rule = "needs exactly one of rate [1/s], rate_factor [-]";
+            return Err(key(format!("{path}.absorber"), rule));
+        }
+        // The shape of a link is known only after it has connected.
+        if table.mediator.shape.is_some() || !tables.iter().any(|t| kind(t.kind).is_remote()) {
+            let key_path = format!("{path}.mediator");
+            let shape = mediator_shape(&key_path, table, tables.map(|t| &t.shape))?;
+            mediator(&key_path, table, &shape, 1.0, folder).check()?;
+        }
+        Ok(Self {
+            name,
+            table,
+            folder,
+            models,
+            overlap,
+        })
     }
-    let request = mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder);
-    let mesh = request.mesh()?;
-    let grid = Grid::of_mesh(&mesh);
-    let mediator = Arc::new(FemField::new(mesh));
-    let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
-    let weights = weights(&path, &table.weight, &overlap, mediator.nodes(), brittle)?;
-    let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
-    let absorber = match table.absorber.as_ref().or(standard) {
-        // A rate of zero switches the default absorber off.
-        Some(a) if a.rate != Some(0.0) => Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?),
-        _ => None,
-    };
-    let advice = advise(table, sides, &*overlap, mediator.spacing(), absorber.is_some());
-    let junction = junction(&path, table, mediator.spacing())?;
-    Ok(BuiltInterface {
-        spec: InterfaceSpec {
-            name: name.to_owned(),
-            coarse: sides[0].0,
-            fine: sides[1].0,
-            mediator,
-            junction,
-            options: options(table, sides),
-        },
-        weights,
-        partition: table.partition,
-        grid,
-        absorber,
-        advice,
-    })
+
+    /// Builds the interface between two of the bodies.
+    pub(super) fn build(&self, bodies: &[Body]) -> Result<BuiltInterface> {
+        let Self { table, folder, .. } = *self;
+        let sides = self.models.map(|m| (m, &bodies[m]));
+        let overlap = self.overlap.clone();
+        let path = format!("interface.{}", self.name);
+        check_place(&path, table, &*overlap, sides.map(|s| s.1.model.nodes()))?;
+        let mediator_path = format!("{path}.mediator");
+        let mut shape = mediator_shape(&mediator_path, table, sides.map(|s| &s.1.shape))?;
+        // A derived mediator must lie where the field of the particles exists.
+        let hulls = sides
+            .iter()
+            .filter(|s| table.mediator.shape.is_none() && is_hull(s.1));
+        for (_, body) in hulls {
+            shape = within_hull(
+                mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder),
+                body,
+            )?;
+        }
+        let request = mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder);
+        let mesh = request.mesh()?;
+        let grid = Grid::of_mesh(&mesh);
+        let mediator = Arc::new(FemField::new(mesh));
+        let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
+        let weights = weights(&path, &table.weight, &overlap, Some(mediator.nodes()), brittle)?;
+        let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
+        let absorber = match table.absorber.as_ref().or(standard) {
+            // A rate of zero switches the default absorber off.
+            Some(a) if a.rate != Some(0.0) => {
+                Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?)
+            }
+            _ => None,
+        };
+        let advice = advise(table, sides, &*overlap, mediator.spacing(), absorber.is_some());
+        let junction = junction(&path, table, mediator.spacing())?;
+        Ok(BuiltInterface {
+            spec: InterfaceSpec {
+                name: self.name.to_owned(),
+                coarse: sides[0].0,
+                fine: sides[1].0,
+                mediator,
+                junction,
+                options: options(table, sides),
+            },
+            weights,
+            partition: table.partition,
+            grid,
+            absorber,
+            advice,
+        })
+    }
 }
 
 /// Returns known weaknesses of the interface.
@@ -149,13 +198,13 @@ fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
 }
 
 /// Refuses an overlap that does not reach into both models: the weights would leave one of them without mass.
-pub(super) fn check_place(
+fn check_place(
     path: &str,
-    shape: &OverlapShape,
+    table: &Interface,
     overlap: &dyn Overlap<f64>,
-    names: [&String; 2],
     points: [&[Point3<f64>]; 2],
 ) -> Result<()> {
+    let (shape, names) = (&table.overlap, [&table.coarse, &table.fine]);
     let boxes = points.map(around);
     let (reaches, place) = match shape {
         OverlapShape::Slab { fine, coarse } => {
@@ -186,7 +235,7 @@ pub(super) fn check_place(
         }
     };
     let missed = match reaches {
-        [true, true] => return Ok(()),
+        [true, true] => return check_sense(path, shape, names, points),
         [false, false] => format!("the models '{}' and '{}'", names[0], names[1]),
         [coarse, _] => format!("model '{}'", names[usize::from(coarse)]),
     };
@@ -207,25 +256,8 @@ pub(super) fn check_place(
     Err(key(format!("{path}.overlap"), rule))
 }
 
-/// Lowest and highest corner of the bounding box of a region; infinite along a cylinder.
-fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
-    match shape {
-        RegionShape::Ball { centre, radius } => [centre.map(|x| x - radius), centre.map(|x| x + radius)],
-        RegionShape::Box { low, high } => [*low, *high],
-        RegionShape::Cylinder { point, axis, radius } => {
-            let length = Vector3::from(*axis).norm();
-            // Only directions perpendicular to the axis are bounded.
-            let reach = |c: usize| match axis[c] / length {
-                0.0 => *radius,
-                _ => f64::INFINITY,
-            };
-            [-1.0, 1.0].map(|sign| [0, 1, 2].map(|c| point[c] + sign * reach(c)))
-        }
-    }
-}
-
 /// Refuses a slab whose two points are exchanged: the weights would then leave both models without mass.
-pub(super) fn check_sense(
+fn check_sense(
     path: &str,
     overlap: &OverlapShape,
     [coarse, fine]: [&String; 2],
@@ -270,7 +302,7 @@ fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     }
 }
 
-pub(super) fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
+fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
     Ok(match shape {
         OverlapShape::Slab { fine, coarse } => Arc::new(
             Slab::between(Point3::from(*fine), Point3::from(*coarse))
@@ -284,44 +316,20 @@ pub(super) fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result
     })
 }
 
-/// Builds a simple region; refuses sizes that are not positive.
-pub(super) fn region(path: &str, shape: &RegionShape) -> Result<Primitive<f64>> {
-    let positive = |key: &str, r: f64| match r > 0.0 {
-        true => Ok(r),
-        false => Err(value(format!("{path}.{key}.radius"), r, "must be positive [m]")),
-    };
-    Ok(match shape {
-        RegionShape::Ball { centre, radius } => Primitive::Ball {
-            centre: Point3::from(*centre),
-            radius: positive("ball", *radius)?,
-        },
-        RegionShape::Box { low, high } => {
-            if let Some(c) = (0..3).find(|&c| high[c] <= low[c]) {
-                let rule = format!("must be above low[{c}] = {} m", low[c]);
-                return Err(value(format!("{path}.box.high[{c}]"), high[c], &rule));
-            }
-            Primitive::Block {
-                low: Point3::from(*low),
-                high: Point3::from(*high),
-            }
-        }
-        RegionShape::Cylinder { point, axis, radius } => Primitive::Cylinder {
-            point: Point3::from(*point),
-            axis: Unit::try_new(Vector3::from(*axis), 0.0)
-                .ok_or_else(|| key(format!("{path}.cylinder.axis"), "has no length; take [1, 0, 0]"))?,
-            radius: positive("cylinder", *radius)?,
-        },
-    })
-}
-
-pub(super) fn weights(
+/// Weights of the coarse model; without the nodes of the mediator, the cubic profile stands for the one that
+/// they decide.
+fn weights(
     path: &str,
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
-    mediator: &[Point3<f64>],
+    mediator: Option<&[Point3<f64>]>,
     brittle: [bool; 2],
 ) -> Result<Weights<f64>> {
     let weight = |key: &str, kind: ProfileKind, constant: Option<f64>, epsilon: Option<f64>| {
+        let kind = match (kind, mediator) {
+            (ProfileKind::MediatorCompatible, None) => ProfileKind::Cubic,
+            (kind, _) => kind,
+        };
         let path = format!("{path}.weight{key}");
         match (kind == ProfileKind::Constant, constant) {
             (true, None) => {
@@ -337,7 +345,7 @@ pub(super) fn weights(
             _ => {}
         }
         let profile = kind
-            .profile(constant, &stations(&**overlap, mediator))
+            .profile(constant, &stations(&**overlap, mediator.unwrap_or_default()))
             .map_err(core(format!("{path}.profile")))?;
         let [coarse, fine] = match epsilon {
             None => floors(table, brittle),
@@ -364,14 +372,7 @@ pub(super) fn weights(
 
 /// Floors of the weight of the coarse and the fine model.
 fn floors(table: &WeightTable, brittle: [bool; 2]) -> [f64; 2] {
-    // Energy weighting needs no floor: 1e-6 only keeps nodal quantities at the border positive. With nodal
-    // weighting, a small floor makes the critical step small; the literature uses 0.05.
-    let floor = match table.weighting {
-        Weighting::Energy => 1e-6,
-        Weighting::Nodal => 0.05,
-    };
-    let least = |breaks: bool| if breaks { BRITTLE_FLOOR } else { floor };
-    let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(least(b)));
+    let [coarse, fine] = brittle.map(|b| table.epsilon.unwrap_or(table.weighting.usual_floor(b)));
     [coarse, table.fine_epsilon.unwrap_or(fine)]
 }
 
@@ -390,7 +391,7 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     s
 }
 
-pub(super) fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let key_path = format!("{path}.junction.length");
     // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
     // conditioning is twenty times worse.
@@ -415,9 +416,10 @@ fn absorber(
 ) -> Result<Absorber<f64>> {
     let path = format!("{path}.absorber");
     let rate = match (table.rate, table.rate_factor) {
-        (Some(r), None) => r,
-        (None, Some(f)) => f * fastest(&path, fine, Elastic::bar_speed)? / fine.spacing,
-        _ => return Err(key(path, "needs exactly one of rate [1/s], rate_factor [-]")),
+        (Some(r), _) => r,
+        (None, factor) => {
+            factor.unwrap_or_default() * fastest(&path, fine, Elastic::bar_speed)? / fine.spacing
+        }
     };
     let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {
         None => mediator.clone(),

@@ -1,10 +1,11 @@
 //! Loads: tractions on the surface of a model, or forces on the nodes of a model without a surface.
 
-use super::drive::time_function;
-use super::kinds::Body;
+use super::body::Body;
+use super::kinds::kind;
 use super::select;
+use super::time::time_function;
 use crate::error::{Error, Result, core, key};
-use crate::spec::{Load, ModelKind, ModelTable};
+use crate::spec::{Load, ModelTable};
 use arlequin::core::TimeFunction;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -36,15 +37,10 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
 
 /// Refuses tractions on a model without a surface, and torques on a chain, which cannot turn.
 pub(super) fn check_surface(path: &str, l: &Load, table: &ModelTable) -> Result<()> {
-    let missing = match table.kind {
-        ModelKind::Dem => l.force.is_none() && l.torque.is_none(),
-        ModelKind::Chain => l.force.is_none(),
-        _ => false,
-    };
-    if missing {
-        return Err(no_surface(path, &l.model));
+    if kind(table.kind).carries(l) {
+        return Ok(());
     }
-    Ok(())
+    Err(no_surface(path, &l.model))
 }
 
 fn no_surface(path: &str, model: &str) -> Error {

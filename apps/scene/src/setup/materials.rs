@@ -1,7 +1,6 @@
-//! Materials of the volumes of a mesh file.
+//! Materials of models, and of the volumes of a mesh file.
 
-use super::kinds::elastic;
-use crate::error::{Result, core, unknown};
+use crate::error::{Result, core, unknown, value};
 use crate::spec::{Material, ModelTable, Shape};
 use arlequin::core::{Elastic, Materials};
 use arlequin::fem_ref::{Mesh, list_pieces};
@@ -39,7 +38,7 @@ fn of_volume(path: &str, table: &ModelTable, material: &Material) -> Result<Elas
         poisson: material.poisson.or(table.material.poisson),
         ..*material
     };
-    super::kinds::elastic_at(path, &whole)
+    elastic_at(path, &whole)
 }
 
 /// Warnings about a mesh: notices of the reader, volumes that share a single material, unconnected pieces.
@@ -87,4 +86,38 @@ fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
         volumes.len(),
         volumes.join(", ")
     ))
+}
+
+/// Material of a table; Poisson's ratio is zero if the table has none.
+pub(super) fn elastic(key: &str, m: &Material) -> Result<Elastic<f64>> {
+    elastic_at(&format!("{key}.material"), m)
+}
+
+/// Material with the key path `key`; Poisson's ratio is zero if it has none.
+pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
+    for (name, x, unit) in [("young", m.young, "Pa"), ("density", m.density, "kg/m³")] {
+        if x <= 0.0 {
+            let rule = format!("must be positive [{unit}]");
+            return Err(value(format!("{key}.{name}"), x, &rule));
+        }
+    }
+    match m.poisson {
+        Some(nu) if !(nu > -1.0 && nu < 0.5) => Err(value(
+            format!("{key}.poisson"),
+            nu,
+            "must lie above -1 and below 0.5; nearly incompressible materials lock elements of first order, and a warning says how \
+             far: take 0.45 or less, or a finer mesh",
+        )),
+        nu => Elastic::new(m.young, nu.unwrap_or(0.0), m.density).map_err(core(key)),
+    }
+}
+
+/// Refuses a solid without Poisson's ratio.
+pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
+    table.material.poisson.map(|_| ()).ok_or_else(|| {
+        crate::error::key(
+            format!("{key}.material"),
+            "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",
+        )
+    })
 }

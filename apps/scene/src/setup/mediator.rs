@@ -1,6 +1,6 @@
 //! Meshes of mediators, given in the scene or derived from overlap and bodies.
 
-use super::kinds::Body;
+use super::body::Body;
 use super::mesh::Request;
 use crate::error::{Result, key};
 use crate::spec::{Hole, Interface, OverlapShape, RegionShape, Shape};

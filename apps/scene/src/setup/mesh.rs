@@ -1,12 +1,13 @@
 //! Meshes of the shapes of a scene, and their form for output.
 
 use super::cloud;
+use super::files::{ShapeFile, check_file};
+use super::materials::solid_poisson;
 use crate::error::{Result, fem, unknown, value};
 use crate::spec::{Element, Hole, ModelTable, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
-use std::ffi::OsStr;
 use std::path::Path;
 
 /// Mesh of a model for output.
@@ -57,6 +58,15 @@ impl Grid {
     }
 }
 
+/// Elements that a kind of model needs of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Elements {
+    /// Any elements.
+    Any,
+    /// Tetrahedra, which also fill the surface of an STL file.
+    Tetrahedra,
+}
+
 /// Description of a mesh to be generated or read.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request<'a> {
@@ -80,6 +90,40 @@ pub(super) struct Request<'a> {
     pub cloud: bool,
     /// Folder of the scene.
     pub folder: &'a Path,
+}
+
+impl<'a> Request<'a> {
+    /// Mesh of the model that a table describes.
+    ///
+    /// # Errors
+    /// A solid without Poisson's ratio.
+    pub(super) fn of_model(
+        key: &'a str,
+        table: &'a ModelTable,
+        elements: Elements,
+        folder: &'a Path,
+    ) -> Result<Self> {
+        if !matches!(table.shape, Shape::Bar { .. }) {
+            solid_poisson(key, table)?;
+        }
+        let is_cloud = elements == Elements::Tetrahedra;
+        Ok(Self {
+            key,
+            shape: &table.shape,
+            spacing: table.spacing,
+            divisions: table.divisions.as_deref(),
+            element: if is_cloud {
+                Element::Tet4
+            } else {
+                table.fem.element
+            },
+            rim: Rim::EqualArea,
+            scale: table.scale,
+            volume: table.volume.as_deref(),
+            cloud: is_cloud,
+            folder,
+        })
+    }
 }
 
 impl Request<'_> {
@@ -119,7 +163,7 @@ impl Request<'_> {
                 check_bar(key, *from, *to, *section)?;
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
             }
-            Shape::File(path) if is(path, "stl") => {
+            Shape::File(path) if ShapeFile::from_path(path) == ShapeFile::Surface => {
                 let key_path = format!("{key}.shape.file");
                 if !self.cloud {
                     let rule = "STL holds a surface, and finite elements need a mesh of the volume; give a Gmsh mesh of the \
@@ -232,11 +276,13 @@ impl Request<'_> {
     }
 
     fn file(&self, path: &Path) -> Result<Mesh<f64>> {
-        if is(path, "stl") {
-            let size = positive_spacing(self.key, self.spacing)?;
-            return cloud::fill(self.key, path, self.scale, size);
+        match ShapeFile::from_path(path) {
+            ShapeFile::Surface => {
+                let size = positive_spacing(self.key, self.spacing)?;
+                cloud::fill(self.key, path, self.scale, size)
+            }
+            ShapeFile::Mesh => volume(self.key, path, self.scale, self.volume),
         }
-        volume(self.key, path, self.scale, self.volume)
     }
 }
 
@@ -260,13 +306,6 @@ pub(super) fn volume_of(key: &str, table: &ModelTable, path: &Path) -> Result<Me
     volume(key, path, table.scale, table.volume.as_deref())
 }
 
-/// Returns whether a path has the given extension; upper and lower case are equal.
-pub(super) fn is(path: &Path, extension: &str) -> bool {
-    path.extension()
-        .and_then(OsStr::to_str)
-        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
-}
-
 /// Scales a mesh by `scale`; leaves it unchanged for a scale of 1.
 pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<Mesh<f64>> {
     // For exactly one nothing is computed, so that coordinates keep their bits.
@@ -274,17 +313,6 @@ pub(super) fn scaled(mesh: Mesh<f64>, scale: f64) -> arlequin::fem_ref::Result<M
         return Ok(mesh);
     }
     mesh.mapped(|x| x * scale)
-}
-
-/// Refuses a file that cannot be opened.
-pub(super) fn check_file(key: &str, path: &Path) -> Result<()> {
-    let opened = std::fs::File::open(path).map(|_| ());
-    opened.map_err(|e| {
-        fem(key)(arlequin::fem_ref::Error::File {
-            path: path.display().to_string(),
-            message: e.to_string(),
-        })
-    })
 }
 
 /// Refuses a bar without positive length and section.
@@ -341,4 +369,15 @@ pub(super) fn divisions_of(
                 .collect())
         }
     }
+}
+
+/// Groups of the mesh of a shape; `None` if only the mesh, the body of a zone or a link knows them.
+pub(super) fn groups(shape: &Shape) -> Option<&'static [&'static str]> {
+    Some(match shape {
+        Shape::Box { .. } => &["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"],
+        Shape::Cylinder { .. } => &["x-min", "x-max", "side"],
+        Shape::Ball { .. } => &["surface"],
+        Shape::Bar { .. } => &["x-min", "x-max"],
+        Shape::File(_) | Shape::Piece(_) | Shape::Linked => return None,
+    })
 }

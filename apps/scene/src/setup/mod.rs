@@ -2,162 +2,73 @@
 
 mod between;
 mod blame;
+mod body;
+mod bounds;
+mod built;
 mod clock;
 mod cloud;
-mod crack;
 mod drive;
-mod exerted;
+mod faces;
+mod files;
 pub mod filling;
 mod formula;
 mod grains;
 mod holdings;
 mod interface;
+mod kind;
 mod kinds;
-mod link;
 mod load;
+pub(crate) mod lower;
 mod materials;
 mod mediator;
 mod mesh;
-mod natural;
+mod names;
 pub mod packing;
-mod particles;
 mod places;
 mod plausible;
 mod precheck;
 mod probe;
 mod rigid;
 mod select;
+mod shapes;
 mod shared;
 mod slit;
 mod statics;
 mod support;
-mod tensor;
 mod time;
 mod totals;
 mod weights;
 pub mod zone;
 
 pub use between::ParticlesWithoutContact;
+pub use body::Body;
+pub use bounds::Bounds;
+pub use built::{Built, ModelInfo, Start};
 pub use clock::PhaseTime;
-pub(crate) use drive::obstacle_name;
-pub use drive::{effect_models, model_index};
-pub use exerted::Readings;
-pub(crate) use exerted::acts;
 pub use grains::cut;
 pub(crate) use grains::obstacle_parts;
-pub use kinds::Body;
-pub use link::link_of;
+pub(crate) use interface::stations;
+pub(crate) use kind::Feature;
+pub(crate) use kinds::kind;
+pub(crate) use kinds::link_of;
 pub use mesh::Grid;
-pub use plausible::Bounds;
-pub use probe::ProbeReader;
+pub use names::{effect_models, model_index};
+pub(crate) use probe::acts;
+pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
 
 use crate::error::{Result, key, value};
 use crate::ranks::{RankLine, Ranks};
-use crate::spec::{Bearer, Effect, Interface, ModelKind, RoleKind, SceneSpec, Support};
+use crate::spec::{Bearer, Effect, SceneSpec, Support};
 use arlequin::core::snapshot::Record;
-use arlequin::core::{
-    Coupled, Elastic, Guard, Interpolation, Materials, Partition, Parts, Subdomain, Weighting,
-};
-use arlequin::dem_beam::fracture::SharedLog;
+use arlequin::core::{Coupled, Guard, Partition, Parts, Subdomain, Weighting};
 use blame::located;
 use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
-pub(crate) use interface::stations;
-use packing::PackingLine;
+use kind::Order;
 use std::path::Path;
-use std::sync::Arc;
-
-/// Data of a model that output needs besides the state.
-#[derive(Clone)]
-pub struct ModelInfo {
-    /// Mesh for output.
-    pub grid: Arc<Grid>,
-    /// Displacement field.
-    pub field: Arc<dyn Interpolation<f64>>,
-    /// Main material, if it is known; volumes of a mesh file can have others.
-    pub material: Option<Elastic<f64>>,
-    /// Materials of the elements.
-    pub materials: Option<Materials<f64>>,
-    /// Log of broken bonds, if bonds can break.
-    pub breaks: Option<SharedLog>,
-    /// Mean distance between nodes or particles \[m\].
-    pub spacing: f64,
-    /// Properties of the packing, for particles.
-    pub packing: Option<PackingLine>,
-}
-
-impl std::fmt::Debug for ModelInfo {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let field = self.field.kind();
-        write!(
-            f,
-            "ModelInfo of {} nodes with a {field} field",
-            self.grid.points.len()
-        )
-    }
-}
-
-impl ModelInfo {
-    fn from_body(body: &Body) -> Self {
-        Self {
-            grid: body.grid.clone(),
-            field: body.field.clone(),
-            material: body.material,
-            materials: body.materials.clone(),
-            breaks: body.grains.as_ref().and_then(|g| g.breaks.clone()),
-            spacing: body.spacing,
-            packing: body.grains.as_ref().map(|g| g.packing.clone()),
-        }
-    }
-}
-
-/// State from which a run starts, in place of `[[initial]]` at time zero.
-#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Start {
-    /// Time \[s\].
-    pub time: f64,
-    /// Displacements and velocities of each model.
-    pub states: Vec<[Vec<f64>; 2]>,
-    /// For each model, history such as orientations, if the model continues as it was.
-    #[serde(default)]
-    pub memories: Vec<Option<Record<f64>>>,
-}
-
-/// A run that is ready to step, with the data around it.
-#[derive(Debug)]
-pub struct Built {
-    /// Coupled models.
-    pub run: Coupled<f64>,
-    /// Output data of the models.
-    pub models: Vec<ModelInfo>,
-    /// Meshes of the mediators, for output.
-    pub mediators: Vec<Grid>,
-    /// Outlines of rigid bodies, for output.
-    pub rigid: Vec<RigidPicture>,
-    /// Readers of the probes.
-    pub probes: Vec<ProbeReader>,
-    /// Number of steps.
-    pub steps: usize,
-    /// Load steps of a `[static]` scene.
-    pub load_steps: Option<LoadSteps>,
-    /// Number of steps between two frames.
-    pub frame_every: usize,
-    /// Pairs of particle models without contact.
-    pub without_contact: ParticlesWithoutContact,
-    /// Warnings for the user before the first step: about bodies, interfaces and the scene as a whole.
-    pub warnings: Vec<String>,
-    /// Bounds of a plausible motion of each model.
-    pub bounds: Bounds,
-    /// Widths of the overlaps around zones.
-    pub zones: Vec<zone::ZoneLine>,
-    /// Distribution of the models over ranks; empty for a single rank.
-    pub holdings: Vec<RankLine>,
-    /// Wall times of the phases of the set-up, in order.
-    pub phases: Vec<PhaseTime>,
-}
 
 /// Builds the run that a scene describes.
 ///
@@ -173,7 +84,7 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
-    precheck::scene(scene, folder)
+    precheck::scene(scene, folder).map(|_| ())
 }
 
 /// Builds a run with its own initial state and on several ranks, among which bodies are partitioned; calls
@@ -190,10 +101,11 @@ pub(crate) fn build_from(
     let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
-    precheck::scene(scene, folder)?;
-    let mut bodies = bodies_of(scene, folder, &mut clock)?;
+    let checked = precheck::scene(scene, folder)?;
+    let mut bodies = bodies_of(scene, &checked.effects, folder, &mut clock)?;
     clock.begin("mediators, probes and effects".to_owned());
-    let mut interfaces = interfaces_of(scene, &bodies, folder)?;
+    let interfaces = checked.interfaces.iter().map(|plan| plan.build(&bodies));
+    let mut interfaces = interfaces.collect::<Result<Vec<_>>>()?;
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes: Vec<ProbeReader> = probes.collect::<Result<_>>()?;
@@ -288,21 +200,33 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
     (bounds, warnings)
 }
 
-fn bodies_of(scene: &SceneSpec, folder: &Path, clock: &mut SetupClock<'_>) -> Result<Vec<Body>> {
-    let effects = effects_by_model(scene)?;
+fn bodies_of(
+    scene: &SceneSpec,
+    effects: &[Vec<(usize, &Effect)>],
+    folder: &Path,
+    clock: &mut SetupClock<'_>,
+) -> Result<Vec<Body>> {
     let mut out: Vec<Option<Body>> = scene.model.iter().map(|_| None).collect();
     // A packing may take minutes, so mistakes in the other models are reported first.
     for packed in [false, true] {
         for (m, (name, table)) in scene.model.iter().enumerate() {
-            if (table.kind == ModelKind::Dem) != packed {
+            if kind(table.kind).has_spheres() != packed {
                 continue;
             }
             // Supports of a body also act on its zones.
             let holds =
-                |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == zone::BODY;
+                |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == names::BODY;
             let numbered = scene.support.iter().enumerate();
             let supports: Vec<_> = numbered.filter(|(_, s)| holds(s)).collect();
-            out[m] = Some(kinds::body(name, table, folder, (&effects[m], &supports), clock)?);
+            let order = Order {
+                name,
+                key: &format!("model.{name}"),
+                table,
+                folder,
+                effects: &effects[m],
+                supports: &supports,
+            };
+            out[m] = Some(kinds::build(&order, clock)?);
         }
         if !packed {
             places::check_meshes(scene, &out, folder)?;
@@ -352,14 +276,6 @@ fn subdomains_of(
         .collect()
 }
 
-fn interfaces_of(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<BuiltInterface>> {
-    let build = |(name, table): (&String, &Interface)| {
-        let [c, f] = sides_of(name, table, scene)?;
-        interface::interface(name, table, [(c, &bodies[c]), (f, &bodies[f])], folder)
-    };
-    scene.interface.iter().map(build).collect()
-}
-
 /// Returns whether parts of a model may rotate or move away: particles with finite rotations, contact or
 /// bonds that break.
 fn may_leave(scene: &SceneSpec, m: usize) -> bool {
@@ -367,19 +283,8 @@ fn may_leave(scene: &SceneSpec, m: usize) -> bool {
         .effect
         .iter()
         .any(|e| e.enabled && e.kind.bearer() == Bearer::Particles);
-    let table = scene.model.values().nth(m).filter(|t| t.kind == ModelKind::Dem);
+    let table = scene.model.values().nth(m).filter(|t| kind(t.kind).has_spheres());
     table.is_some_and(|t| loose || t.dem.finite_rotations)
-}
-
-/// Effects on each model, with their numbers in the scene.
-fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
-    let mut out = vec![Vec::new(); scene.model.len()];
-    for (k, e) in scene.effect.iter().enumerate() {
-        for m in effect_models(k, e, scene)? {
-            out[m].push((k, e));
-        }
-    }
-    Ok(out)
 }
 
 fn guard(scene: &SceneSpec) -> Guard<f64> {
@@ -436,49 +341,6 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Numbers of the coarse and the fine model of an interface.
-fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
-    let path = format!("interface.{name}");
-    let mut out = [0; 2];
-    let sides = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
-    for (slot, (model, role)) in out.iter_mut().zip(sides) {
-        *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
-    }
-    if out[0] == out[1] {
-        let rule = format!(
-            "is coarse and fine side at once ('{}'); name two models",
-            table.fine
-        );
-        return Err(key(format!("{path}.fine"), rule));
-    }
-    for (model, role) in sides {
-        let table = &scene.model[model];
-        let between = table.role.is_none() && is_between(model, scene);
-        if between && role == RoleKind::Coarse && table.kind == ModelKind::Chain {
-            let rule = "is discrete and can only be fine; put a fem model between";
-            return Err(value(format!("{path}.coarse"), model, rule));
-        }
-        if !between && table.role != Some(role) {
-            let rule = if is_between(model, scene) {
-                format!(
-                    "interface '{name}' needs it to be {} and another the opposite; leave role out",
-                    role.name()
-                )
-            } else {
-                format!("interface '{name}' needs role = \"{}\" here", role.name())
-            };
-            return Err(key(format!("model.{model}.role"), rule));
-        }
-    }
-    Ok(out)
-}
-
-/// Returns whether a model is coarse in one interface and fine in another.
-fn is_between(model: &str, scene: &SceneSpec) -> bool {
-    let mut interfaces = scene.interface.values();
-    interfaces.clone().any(|i| i.coarse == model) && interfaces.any(|i| i.fine == model)
 }
 
 fn subdomain(

@@ -1,10 +1,11 @@
 //! Checks of places that a scene names, before anything is packed: a packing may take minutes.
 
+use super::body::Body;
 use super::filling::Filling;
-use super::kinds::Body;
-use super::{drive, load, probe, select, shared, zone};
+use super::kinds::kind;
+use super::{load, names, probe, select, shared};
 use crate::error::{Result, unknown, value};
-use crate::spec::{ModelKind, ModelTable, SceneSpec, Selection, Shape};
+use crate::spec::{ModelTable, SceneSpec, Selection, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
@@ -20,7 +21,7 @@ const DEPTH: f64 = 0.5;
 /// The key, and the extent of its model.
 pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &Path) -> Result<()> {
     let built = |path: &str, name: &str| {
-        let m = drive::model_index(&format!("{path}.model"), name, scene)?;
+        let m = names::model_index(&format!("{path}.model"), name, scene)?;
         Ok(bodies[m].as_ref().map(|body| (m, body)))
     };
     for (name, p) in &scene.probe {
@@ -37,7 +38,7 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
     for (k, s) in scene.support.iter().enumerate() {
         let path = format!("support[{k}]");
         match built(&path, &s.model)? {
-            Some((m, body)) if zone::parts(scene, m).len() == 1 => {
+            Some((m, body)) if names::parts(scene, m).len() == 1 => {
                 select::nodes(&format!("{path}.where"), body, &s.at)?;
             }
             _ => {}
@@ -48,7 +49,7 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
         let Some((m, body)) = built(&path, &l.model)? else {
             continue;
         };
-        match zone::parts(scene, m).len() {
+        match names::parts(scene, m).len() {
             1 => load::on_body(&path, &load::name(k, l), l, body).map(|_| ())?,
             _ => shared::surface(k, scene, body, folder).map(|_| ())?,
         }
@@ -83,7 +84,7 @@ fn in_zone(
 /// The key, and the known groups or the reason.
 pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
-        if table.kind != ModelKind::Dem {
+        if !kind(table.kind).has_spheres() {
             continue;
         }
         let supports = scene.support.iter().enumerate();

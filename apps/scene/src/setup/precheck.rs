@@ -1,46 +1,46 @@
 //! Checks of the whole scene before anything is meshed, packed or factorised.
 
-use super::drive::{self, model_index};
-use super::kinds;
-use super::{
-    between, crack, effects_by_model, exerted, grains, interface, link, load, mediator, places, probe,
-    select, sides_of,
-};
+use super::interface::Plan;
+use super::kind::Order;
+use super::kinds::{self, kind};
+use super::names::{effects_by_model, model_index, model_indices};
+use super::shapes::ends;
+use super::{between, drive, grains, load, places, probe, select, time};
 use crate::error::{Result, core, dem, key, unknown, value};
-use crate::spec::{
-    Axis, Effect, EffectKind, Interface, ModelKind, ModelTable, ProfileKind, SceneSpec, Selection, Shape,
-};
+use crate::spec::{Axis, Effect, EffectKind, ModelTable, Reading, SceneSpec, Selection, Shape};
 use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
-/// Group names of boxes, balls and cylinders.
-const BOX: [&str; 6] = ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"];
-const BALL: [&str; 1] = ["surface"];
-const CYLINDER: [&str; 3] = ["x-min", "x-max", "side"];
+/// What the checks of a scene prepare for its set-up.
+pub(super) struct Checked<'a> {
+    /// Effects on each model, with their numbers in the scene.
+    pub effects: Vec<Vec<(usize, &'a Effect)>>,
+    /// Interfaces, for the models that are built next.
+    pub interfaces: Vec<Plan<'a>>,
+}
 
 /// Checks all tables of a scene.
-pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
+pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checked<'a>> {
     if scene.model.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
     }
     for (name, table) in &scene.model {
-        spacing(&format!("model.{name}.spacing"), table)?;
-        kinds::check(name, table, folder)?;
-        super::time::check_own(name, table)?;
+        let key = format!("model.{name}");
+        spacing(&format!("{key}.spacing"), table)?;
+        kinds::check(&order(name, &key, table, folder))?;
     }
-    link::check_scene(scene)?;
-    for (name, table) in &scene.interface {
-        let [c, f] = sides_of(name, table, scene)?;
-        let models: Vec<&ModelTable> = scene.model.values().collect();
-        interface(name, table, [models[c], models[f]], folder)?;
-    }
+    let interfaces = scene.interface.iter();
+    let interfaces = interfaces.map(|(name, table)| Plan::new(name, table, scene, folder));
+    let interfaces = interfaces.collect::<Result<_>>()?;
     let effects = effects_by_model(scene)?;
     for ((name, table), effects) in scene.model.iter().zip(&effects) {
-        if table.kind == ModelKind::Dem {
-            grains::check_loose(&format!("model.{name}"), table, effects)?;
-            grains::check_single(name, effects)?;
-        }
+        let key = format!("model.{name}");
+        let order = Order {
+            effects,
+            ..order(name, &key, table, folder)
+        };
+        kind(table.kind).check_in(scene, &order)?;
     }
     between::touching(scene)?;
     for (k, e) in scene.effect.iter().enumerate() {
@@ -48,7 +48,19 @@ pub(super) fn scene(scene: &SceneSpec, folder: &Path) -> Result<()> {
     }
     acting(scene)?;
     watched(scene)?;
-    places::check_fillings(scene, folder)
+    places::check_fillings(scene, folder)?;
+    Ok(Checked { effects, interfaces })
+}
+
+fn order<'a>(name: &'a str, key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Order<'a> {
+    Order {
+        name,
+        key,
+        table,
+        folder,
+        effects: &[],
+        supports: &[],
+    }
 }
 
 /// Refuses a spacing larger than the body: the body would silently become one element.
@@ -74,7 +86,7 @@ fn acting(scene: &SceneSpec) -> Result<()> {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
         if let Some(m) = &s.motion {
-            drive::motion(&format!("{path}.motion"), m)?;
+            time::motion(&format!("{path}.motion"), m)?;
         }
     }
     for (k, l) in scene.load.iter().enumerate() {
@@ -84,12 +96,12 @@ fn acting(scene: &SceneSpec) -> Result<()> {
         selection(&format!("{path}.where"), &l.at, table)?;
         load::check(&path, l)?;
         load::check_surface(&path, l, table)?;
-        drive::time_function(&format!("{path}.time"), &l.time)?;
+        time::time_function(&format!("{path}.time"), &l.time)?;
     }
     for (k, i) in scene.initial.iter().enumerate() {
         let path = format!("initial[{k}]");
         drive::check_initial(&path, i)?;
-        drive::model_indices(&path, i.models.as_deref(), scene)?;
+        model_indices(&path, i.models.as_deref(), scene)?;
     }
     Ok(())
 }
@@ -110,17 +122,17 @@ fn watched(scene: &SceneSpec) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
         if let Some(exerted_name) = &p.of {
-            exerted::check(&path, exerted_name, p, scene)?;
+            probe::check_exerted(&path, exerted_name, p, scene)?;
             continue;
         }
         let model_name = probe::model(&path, p)?;
         let table = model(&path, model_name, scene)?;
         probe::check(&path, p)?;
         if let Some(c) = &p.crack {
-            crack::check(&path, p, c, scene)?;
+            probe::check_crack(&path, p, c, scene)?;
             continue;
         }
-        if !p.quantity.is_recovered() {
+        if p.quantity.reading() != Reading::Tensor {
             let axis = probe::axis(&path, p)?;
             along(&format!("{path}.component"), axis, model_name, table, "\"x\"")?;
         }
@@ -164,13 +176,8 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
         Selection::Box(low, high) => return select::check_box(path, low, high),
         Selection::Group(name) => name,
     };
-    let groups: &[&str] = match (&table.shape, table.kind) {
-        (Shape::File(_) | Shape::Piece(_) | Shape::Linked, _) => return Ok(()),
-        (Shape::Ball { .. }, ModelKind::Dem) => &BALL[..0],
-        (Shape::Ball { .. }, _) => &BALL,
-        (Shape::Box { .. }, _) => &BOX,
-        (Shape::Cylinder { .. }, ModelKind::Dem) | (Shape::Bar { .. }, _) => &CYLINDER[..2],
-        (Shape::Cylinder { .. }, _) => &CYLINDER,
+    let Some(groups) = kind(table.kind).groups(&table.shape) else {
+        return Ok(());
     };
     if groups.contains(&name.as_str()) {
         return Ok(());
@@ -178,67 +185,6 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
     let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
     groups.sort();
     Err(unknown(path, name, "group of the model", groups.iter()))
-}
-
-/// Lowest and highest corner of a shape; `None` if a file, a zone or a link determines them.
-fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
-    Some(match *shape {
-        Shape::Box { low, high, .. } => [low, high],
-        Shape::Cylinder { from, length, radius } => {
-            let [x, y, z] = from;
-            [[x, y - radius, z - radius], [x + length, y + radius, z + radius]]
-        }
-        Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
-        Shape::Ball { centre, radius } => [centre.map(|c| c - radius), centre.map(|c| c + radius)],
-        Shape::File(_) | Shape::Piece(_) | Shape::Linked => return None,
-    })
-}
-
-/// Corners of the bounding box of a shape.
-fn corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
-    let ends = ends(shape)?;
-    let corner = |k: usize| Point3::new(ends[k & 1][0], ends[(k >> 1) & 1][1], ends[(k >> 2) & 1][2]);
-    Some((0..8).map(corner).collect())
-}
-
-fn interface(name: &str, table: &Interface, models: [&ModelTable; 2], folder: &Path) -> Result<()> {
-    let path = format!("interface.{name}");
-    let overlap = interface::overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
-    if let (Some(coarse), Some(fine)) = (corners(&models[0].shape), corners(&models[1].shape)) {
-        let names = [&table.coarse, &table.fine];
-        interface::check_place(&path, &table.overlap, &*overlap, names, [&coarse, &fine])?;
-        interface::check_sense(&path, &table.overlap, names, [&coarse, &fine])?;
-    }
-    // The mediator-compatible profile needs the mediator's stations, which are not known yet: the cubic one
-    // takes its place.
-    let mut weight = table.weight.clone();
-    let known_profile = |p: ProfileKind| match p {
-        ProfileKind::MediatorCompatible => ProfileKind::Cubic,
-        p => p,
-    };
-    weight.profile = Some(known_profile(weight.kind()));
-    for profile_table in [&mut weight.alpha, &mut weight.beta, &mut weight.gamma]
-        .into_iter()
-        .flatten()
-    {
-        profile_table.profile = known_profile(profile_table.profile);
-    }
-    // Built for their errors only; the spacing of the mediator is not known yet, any positive one will do.
-    interface::weights(&path, &weight, &overlap, &[], [false; 2])?;
-    interface::junction(&path, table, 1.0)?;
-    if let Some(a) = &table.absorber
-        && a.rate.is_some() == a.rate_factor.is_some()
-    {
-        let rule = "needs exactly one of rate [1/s], rate_factor [-]";
-        return Err(key(format!("{path}.absorber"), rule));
-    }
-    let key_path = format!("{path}.mediator");
-    // The shape of a link is known only after it has connected.
-    if table.mediator.shape.is_none() && models.iter().any(|m| m.kind == ModelKind::Link) {
-        return Ok(());
-    }
-    let shape = mediator::mediator_shape(&key_path, table, models.map(|m| &m.shape))?;
-    mediator::mediator(&key_path, table, &shape, 1.0, folder).check()
 }
 
 /// Checks the numbers of an effect, independent of the models it acts on.

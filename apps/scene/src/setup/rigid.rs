@@ -1,9 +1,9 @@
 //! Surfaces of rigid bodies for output.
 
-use super::drive;
-use super::kinds::Body;
+use super::body::Body;
 use super::mesh::Grid;
-use super::plausible::corners;
+use super::names::effect_models;
+use super::shapes::corners;
 use crate::error::Result;
 use crate::spec::{EffectKind, Obstacle, ObstacleShape, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
@@ -32,11 +32,11 @@ pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPi
         let EffectKind::Obstacle(o) = &e.kind else {
             continue;
         };
-        for m in drive::effect_models(k, e, scene)? {
+        for m in effect_models(k, e, scene)? {
             let [low, high] = corners(bodies[m].model.nodes());
             let (grid, centre) = surface(o, &Point3::from((low + high) * 0.5), (high - low).norm());
             out.push(RigidPicture {
-                name: drive::obstacle_name(k, o),
+                name: o.ledger_name(k),
                 model: m,
                 grid,
                 centre,

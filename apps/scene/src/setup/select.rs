@@ -1,6 +1,6 @@
 //! Selections of nodes and surface facets, by group or box.
 
-use super::kinds::Body;
+use super::body::Body;
 use crate::error::{Result, key, unknown};
 use crate::spec::Selection;
 use arlequin::core::effect::SurfaceFacet;

@@ -7,11 +7,11 @@
 //! difference in force and moment is added on the zones as forces `a (α + θ × (x − c))`, the smallest ones
 //! with the given resultant.
 
+use super::body::Body;
+use super::faces::{Faces, corners_of};
 use super::interface::BuiltInterface;
-use super::kinds::Body;
 use super::load::{self, Traction};
-use super::zone::{Faces, corners_of};
-use super::{drive, select, weights, zone};
+use super::{names, select, time, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::spec::{SceneSpec, Selection, Shape};
 use arlequin::core::Weight;
@@ -145,7 +145,7 @@ pub(super) fn loads(
 ) -> Result<Vec<(usize, effect::Load<f64>)>> {
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
     load::check(&path, l)?;
-    let time = drive::time_function(&format!("{path}.time"), &l.time)?;
+    let time = time::time_function(&format!("{path}.time"), &l.time)?;
     let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();
     // `factor` differs from one only in an overlap with a model that is no zone.
@@ -205,7 +205,7 @@ impl<'a> Shared<'a> {
             sizes[0] += force.norm();
             sizes[1] += force.norm() * ((f.centre - prescribed.about).norm() + f.area().sqrt());
         }
-        let zones = zone::parts(scene, body);
+        let zones = names::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
             let joint = joints
                 .iter()

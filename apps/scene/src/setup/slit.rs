@@ -2,27 +2,23 @@
 
 use super::select;
 use crate::error::{Result, fem, key, unknown};
-use crate::spec::{ModelKind, ModelTable, Selection, Shape};
+use crate::spec::{ModelTable, Selection, Shape};
 use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::Mesh;
 
-/// Refuses cracks in a model without element faces.
-pub(super) fn check(key_of_model: &str, table: &ModelTable) -> Result<()> {
+/// Refuses cracks in a model without element faces; `refusal` is the reason that its kind gives.
+pub(super) fn check(key_of_model: &str, table: &ModelTable, refusal: Option<&str>) -> Result<()> {
     let path = format!("{key_of_model}.crack");
     for (k, place) in table.crack.iter().enumerate() {
         if let Selection::Box(low, high) = place {
             select::check_box(&format!("{path}[{k}]"), low, high)?;
         }
     }
-    let rule = match (table.kind, &table.shape) {
+    let rule = match (refusal, &table.shape) {
         _ if table.crack.is_empty() => return Ok(()),
-        (ModelKind::Fem | ModelKind::Cnem, Shape::Bar { .. }) => {
-            "a bar that is cut is two bars; write two models"
-        }
-        (ModelKind::Fem | ModelKind::Cnem, _) => return Ok(()),
-        (ModelKind::Dem, _) => "particles are cut by dem.notch; write it there",
-        (ModelKind::Chain, _) => "a chain that is cut is two chains; write two models",
-        (ModelKind::Link, _) => "a link brings its own body; cut it there",
+        (Some(rule), _) => rule,
+        (None, Shape::Bar { .. }) => "a bar that is cut is two bars; write two models",
+        (None, _) => return Ok(()),
     };
     Err(key(path, rule))
 }

@@ -1,8 +1,8 @@
 //! Supports: the nodes that they hold in a body and its zones, and which of two supports holds a component
 //! that both select.
 
-use super::kinds::Body;
-use super::{drive, select, zone};
+use super::body::Body;
+use super::{names, select, time};
 use crate::error::{Result, key, unknown};
 use crate::spec::{Axis, SceneSpec, Selection, Shape, Support};
 use arlequin::core::PrescribedMotion;
@@ -26,9 +26,9 @@ fn held_nodes(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<H
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
         let path = format!("support[{support}]");
-        let m = drive::model_index(&format!("{path}.model"), &s.model, scene)?;
+        let m = names::model_index(&format!("{path}.model"), &s.model, scene)?;
         let path = format!("{path}.where");
-        let parts = zone::parts(scene, m);
+        let parts = names::parts(scene, m);
         if let [model] = parts[..] {
             out.push(Held {
                 support,
@@ -184,7 +184,7 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
     Ok(match &s.motion {
         None => PrescribedMotion::fixed(dofs),
         Some(m) => {
-            let (amplitude, time) = drive::motion(&format!("{path}.motion"), m)?;
+            let (amplitude, time) = time::motion(&format!("{path}.motion"), m)?;
             PrescribedMotion {
                 dofs,
                 amplitude,

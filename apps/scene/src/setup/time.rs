@@ -1,8 +1,9 @@
-//! Length of a run, its time step and the own steps of its models.
+//! Length of a run, its time step, the own steps of its models, and functions of time.
 
-use crate::error::{Result, key, value};
-use crate::spec::{ModelKind, ModelTable, OwnStepTable, SceneSpec, Scheme, StepChoice};
-use arlequin::core::{OwnStep, TimeStep};
+use super::formula;
+use crate::error::{Result, core, key, value};
+use crate::spec::{ModelTable, Motion, OwnStepTable, SceneSpec, Scheme, StepChoice, TimeShape};
+use arlequin::core::{OwnStep, TimeFunction, TimeStep};
 
 /// Number of steps that no run can complete.
 const MANY_STEPS: f64 = 1e13;
@@ -34,7 +35,7 @@ pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
 }
 
 /// Refuses an invalid table of own steps.
-pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
+pub(super) fn check_own(name: &str, model: &ModelTable, is_linear: bool) -> Result<()> {
     let Some(table) = model.step else { return Ok(()) };
     let path = format!("model.{name}.step");
     let rule = "needs exactly one of ratio, fraction, scheme = \"implicit\"";
@@ -47,9 +48,7 @@ pub(super) fn check_own(name: &str, model: &ModelTable) -> Result<()> {
             let rule = "must lie above 0 and not above 1, in units of the model's critical step; take 0.5";
             Err(value(format!("{path}.fraction"), f, rule))
         }
-        (None, None, Some(Scheme::Implicit))
-            if !(model.kind.is_continuum() || model.kind == ModelKind::Chain) =>
-        {
+        (None, None, Some(Scheme::Implicit)) if !is_linear => {
             let rule =
                 "is for linear solids: bonds may break and particles turn and touch; give particles a ratio";
             Err(value(format!("{path}.scheme"), "implicit", rule))
@@ -110,5 +109,28 @@ pub(super) fn check(scene: &SceneSpec) -> Result<()> {
         }
         StepChoice::Seconds(s) if s <= 0.0 => Err(value("time.step.seconds", s, "must be positive [s]")),
         _ => Ok(()),
+    }
+}
+
+pub(super) fn time_function(path: &str, shape: &TimeShape) -> Result<TimeFunction<f64>> {
+    let function = match shape {
+        TimeShape::Step => TimeFunction::Step,
+        TimeShape::Ramp { duration } => TimeFunction::Ramp { duration: *duration },
+        TimeShape::Pulse { duration } => TimeFunction::SmoothPulse { duration: *duration },
+        TimeShape::Table(rows) => TimeFunction::Table(rows.clone()),
+        TimeShape::Expression(text) => TimeFunction::Formula(formula::formula(path, text)?),
+        TimeShape::File(name) => return Err(value(format!("{path}.file"), name, "was not read")),
+    };
+    function.validate().map_err(core(path))?;
+    Ok(function)
+}
+
+/// Amplitude and time function of a prescribed motion; a speed is integrated in time.
+pub(super) fn motion(path: &str, m: &Motion) -> Result<(f64, TimeFunction<f64>)> {
+    let time = time_function(&format!("{path}.time"), &m.time)?;
+    match (m.amplitude, m.speed) {
+        (Some(amplitude), None) => Ok((amplitude, time)),
+        (None, Some(speed)) => Ok((speed, TimeFunction::Integral(Box::new(time)))),
+        _ => Err(key(path, "needs exactly one of amplitude [m], speed [m/s]")),
     }
 }

@@ -5,8 +5,9 @@
 //! has a value at each point; in an overlap it is complete only if a second load gives the share of the other
 //! model.
 
-use super::kinds::Body;
-use super::{drive, load, select, zone};
+use super::body::Body;
+use super::names::{model_index, parts};
+use super::{load, select};
 use crate::error::{Result, core};
 use crate::spec::{Load, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -32,8 +33,8 @@ pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> 
     let mut out = Vec::new();
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
-        let model = drive::model_index(&format!("{path}.model"), &l.model, scene)?;
-        if zone::parts(scene, model).len() > 1 {
+        let model = model_index(&format!("{path}.model"), &l.model, scene)?;
+        if parts(scene, model).len() > 1 {
             continue;
         }
         let body = &bodies[model];

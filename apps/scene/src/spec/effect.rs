@@ -304,6 +304,13 @@ pub struct Obstacle {
     pub contact: Contact,
 }
 
+impl Obstacle {
+    /// Name of the rigid body of effect `k` in the ledger.
+    pub(crate) fn ledger_name(&self, k: usize) -> String {
+        self.name.clone().unwrap_or_else(|| format!("obstacle-{}", k + 1))
+    }
+}
+
 /// Shapes of obstacles.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]

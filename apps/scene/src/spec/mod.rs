@@ -23,6 +23,7 @@ pub use model::{
     CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,
     ModelTable, NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
 };
+pub(crate) use probe::Reading;
 pub use probe::{Component, Crack, Curve, Probe, Quantity};
 pub use statics::Static;
 pub use wake::{Near, Wake};

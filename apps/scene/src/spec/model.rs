@@ -9,30 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Kinds of models, by their names in a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum ModelKind {
-    /// Linear finite elements.
-    Fem,
-    /// Constrained natural elements on the nodes of the same mesh.
-    Cnem,
-    /// A random packing of spheres joined by cohesive beams; shapes `box`, `cylinder`, `file`.
-    Dem,
-    /// Masses `ρ S r` (half at the ends) and springs `E S/r` along x; shape `bar`, role `fine` only.
-    Chain,
-    /// A solver in another process, which has its own nodes, masses and steps; needs `command` or `address`,
-    /// and takes neither `shape` nor `material`.
-    Link,
-}
-
-impl ModelKind {
-    /// Returns whether the model has elements with a strain.
-    pub fn is_continuum(self) -> bool {
-        matches!(self, Self::Fem | Self::Cnem)
-    }
-}
+/// Kind of a model: its number in the list of kinds, which reads and describes it (`setup::kinds`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ModelKind(pub(crate) usize);
 
 /// `[model.NAME]`: one mechanics model.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
@@ -132,19 +111,12 @@ fn absent_material() -> Material {
 }
 
 impl ModelTable {
-    /// Returns the key that this kind of model needs and does not have, if any.
+    /// Returns the key that all kinds but links need and that is missing, if any.
     pub(crate) fn missing(&self) -> Option<&'static str> {
-        match self.kind {
-            ModelKind::Link => None,
-            _ if matches!(self.shape, Shape::Linked) => Some("shape"),
-            _ if self.material.young.is_nan() => Some("material"),
-            _ => None,
+        if matches!(self.shape, Shape::Linked) {
+            return Some("shape");
         }
-    }
-
-    /// Returns whether the model has elements that fill a volume.
-    pub fn has_volume(&self) -> bool {
-        self.kind.is_continuum() && !matches!(self.shape, Shape::Bar { .. })
+        self.material.young.is_nan().then_some("material")
     }
 }
 

@@ -160,13 +160,34 @@ pub enum Quantity {
     EnergyRelease,
 }
 
+/// What the value of a quantity is computed from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Reading {
+    /// Displacements of nodes.
+    Displacements,
+    /// Velocities of nodes.
+    Velocities,
+    /// Force on the models.
+    Force,
+    /// Moment on the models.
+    Moment,
+    /// A tensor that is recovered at nodes.
+    Tensor,
+    /// Integral over a domain around a crack front.
+    Release,
+}
+
 impl Quantity {
-    /// Returns whether the quantity comes from a tensor that is recovered at nodes.
-    pub fn is_recovered(self) -> bool {
-        matches!(
-            self,
-            Self::Stress | Self::Strain | Self::VonMises | Self::PrincipalStress
-        )
+    /// Returns what the value is computed from.
+    pub(crate) fn reading(self) -> Reading {
+        match self {
+            Self::Displacement | Self::Rotation => Reading::Displacements,
+            Self::Velocity => Reading::Velocities,
+            Self::Force => Reading::Force,
+            Self::Moment => Reading::Moment,
+            Self::Stress | Self::Strain | Self::VonMises | Self::PrincipalStress => Reading::Tensor,
+            Self::EnergyRelease => Reading::Release,
+        }
     }
 
     /// Returns name and unit.

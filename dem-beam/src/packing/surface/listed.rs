@@ -55,7 +55,11 @@ impl Surface {
         };
         if is_inside || near.triangles.is_empty() {
             // Triangles beyond the reach of the grid may be missing in this cell, but not in others.
-            let known = if is_inside { distance.min(self.grid.reach) } else { 0.0 };
+            let known = if is_inside {
+                distance.min(self.grid.reach)
+            } else {
+                0.0
+            };
             let free = (known - radius).max((distance - radius).min(room(&near, centre, self.grid.size)));
             if let Some(free) = longer(free, travel) {
                 return Listing::Free(free);
@@ -85,7 +89,8 @@ impl Surface {
         let near = self.grid.near(centre);
         let room = room(&near, centre, self.grid.size);
         let Some(foot) = self.foot(centre, &near) else {
-            return longer(room, travel).map_or_else(|| Listing::Near(no_triangle(&near, list)), Listing::Free);
+            return longer(room, travel)
+                .map_or_else(|| Listing::Near(no_triangle(&near, list)), Listing::Free);
         };
         if let Some(free) = longer(margin - radius - foot.distance, travel) {
             return Listing::Free(free);

@@ -71,7 +71,11 @@ impl Surface {
             }
             // On a shared edge or corner several faces are equally near. The one seen most frontally tells
             // the side.
-            let front = if d > 0.0 { (point - x).dot(&normal) / d } else { 1.0 };
+            let front = if d > 0.0 {
+                (point - x).dot(&normal) / d
+            } else {
+                1.0
+            };
             // Distances to a common edge differ by round-off from face to face.
             let tie = d <= best * (1.0 + 1e-9);
             if d < best * (1.0 - 1e-9) || (tie && front.abs() > steep) {

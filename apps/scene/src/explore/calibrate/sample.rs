@@ -3,8 +3,8 @@
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown, value};
 use crate::scene::{Scene, Source};
-use crate::setup::cut;
 use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
+use crate::setup::{self, cut};
 use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, Shape};
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
@@ -122,7 +122,10 @@ fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTa
     let name = match &wanted.model {
         Some(name) => name.clone(),
         None => {
-            let mut particles = scene.model.iter().filter(|(_, t)| t.kind == ModelKind::Dem);
+            let mut particles = scene
+                .model
+                .iter()
+                .filter(|(_, t)| setup::kind(t.kind).has_spheres());
             match (particles.next(), particles.next()) {
                 (Some((name, _)), None) => name.clone(),
                 (None, _) => {
@@ -143,7 +146,7 @@ fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTa
         return Err(unknown("--model", &name, "model", scene.model.keys()));
     };
     let model_key = format!("model.{name}");
-    if table.kind != ModelKind::Dem {
+    if !setup::kind(table.kind).has_spheres() {
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
         return Err(key(format!("{model_key}.kind"), rule));
     }
@@ -172,7 +175,7 @@ fn table_from_options(wanted: &Wanted) -> ModelTable {
         volume: None,
         crack: Vec::new(),
         materials: BTreeMap::new(),
-        kind: ModelKind::Dem,
+        kind: ModelKind::spheres(),
         role: None,
         shape,
         spacing: None,

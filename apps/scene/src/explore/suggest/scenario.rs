@@ -2,12 +2,11 @@
 
 use super::path::{self, Origin};
 use crate::error::{Error, Result, key};
-use crate::spec::ModelKind;
+use crate::setup;
 use crate::spec::{
     Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, SceneSpec, Shape, StepChoice,
     TimeShape, Wave,
 };
-use arlequin::cnem::Stabilisation;
 use arlequin::dem_beam::packing::size::mean_diameter;
 use std::f64::consts::PI;
 
@@ -119,8 +118,8 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),
         absorber: table.absorber.is_some(),
         probes: path::probes(scene, axis, fine[axis], inward),
-        elementwise: [elementwise(c), elementwise(f)],
-        particles: f.kind == ModelKind::Dem,
+        elementwise: [c, f].map(|m| setup::kind(m.kind).element_share(m)),
+        particles: setup::kind(f.kind).has_spheres(),
         speed: (c.material.young / c.material.density).sqrt(),
         end: scene.time.end,
         fraction: match scene.time.step {
@@ -132,16 +131,6 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
             && c.step.is_none()
             && f.step.is_none(),
     })
-}
-
-/// Returns the share of element-wise strains. Natural elements smooth their strains over cells, which reach
-/// over two spacings; their stabilisation adds element-wise strains.
-fn elementwise(m: &ModelTable) -> f64 {
-    match (m.kind, m.cnem.stabilisation, Stabilisation::default()) {
-        (ModelKind::Cnem, Some(share), _) | (ModelKind::Cnem, None, Stabilisation::SubCells(share)) => share,
-        (ModelKind::Cnem, None, Stabilisation::None) => 0.0,
-        _ => 1.0,
-    }
 }
 
 /// Returns the first and last coordinate of a body on an axis \[m\].

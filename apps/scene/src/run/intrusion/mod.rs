@@ -442,7 +442,7 @@ fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
             continue;
         };
         out.push(Rigid {
-            name: setup::obstacle_name(k, o),
+            name: o.ledger_name(k),
             effect: k,
             models: setup::effect_models(k, e, scene)?,
             shape: setup::obstacle_parts(k, o)?.0,

@@ -3,7 +3,7 @@
 use crate::cells::{self, Cell};
 use crate::error::{Result, key, value};
 use crate::run::checkpoint::Stage;
-use crate::setup::ModelInfo;
+use crate::setup::{self, ModelInfo};
 use crate::spec::{ModelKind, Near, Wake};
 use arlequin::core::nalgebra::{Matrix3, Point3};
 use arlequin::core::{Coupled, Elastic};
@@ -23,7 +23,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Prepares the watch over model `carrier` of the sleeping scene.
     pub(super) fn new(wake: &Wake, carrier: usize, kind: ModelKind, info: &ModelInfo) -> Result<Self> {
-        if !kind.is_continuum() {
+        if setup::kind(kind).elements().is_none() {
             let rule = "has no elements in which a strain could be looked at; use kind = \"fem\" or \"cnem\"";
             return Err(value("wake.by", &wake.by, rule));
         }

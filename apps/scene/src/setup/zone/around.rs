@@ -2,8 +2,8 @@
 //! zone.
 
 use super::divide::{Division, Owner, crowded_edges, faces_of};
-use super::faces::{Faces, corners_of};
 use crate::error::{Result, fem};
+use crate::setup::faces::{Faces, corners_of};
 use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::{Facet, Mesh};
 use std::collections::{BTreeMap, BTreeSet};

@@ -6,11 +6,10 @@
 //! and `b` from those of the elements beyond the overlap; the elements interpolate it. The position is
 //! therefore exactly zero and one on the borders, for borders of any form.
 
-use super::faces::{Faces, corners_of};
 use super::region::Place;
-use super::{Cut, Whole, Width};
+use super::{Cut, Whole, Width, Zone};
 use crate::error::{Result, fem, key, value};
-use crate::spec::ModelKind;
+use crate::setup::faces::{Faces, corners_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::{Facet, FemField, Mesh};
 use std::collections::{BTreeMap, HashMap};
@@ -65,7 +64,7 @@ impl Division {
                     let rule = format!(
                         "it and its overlap reach into those of zone '{}'; move them apart, make them smaller, or make one zone \
                          of the two",
-                        cut.zones[other_zone].0
+                        cut.zones[other_zone].name
                     );
                     return Err(key(deal.path("shape"), rule));
                 }
@@ -99,7 +98,7 @@ struct Deal<'a> {
 
 impl<'a> Deal<'a> {
     fn new(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
-        let (name, table) = &cut.zones[zone];
+        let Zone { name, table, .. } = &cut.zones[zone];
         let width = table.overlap.width;
         let slack = ON_BORDER * mesh.spacing();
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
@@ -123,7 +122,7 @@ impl<'a> Deal<'a> {
             return Err(key(deal.path("shape"), rule));
         }
         deal.fill(Side::Layer, Side::Core);
-        deal.round(table.kind == ModelKind::Dem)?;
+        deal.round(cut.zones[zone].has_spheres)?;
         Ok(deal)
     }
 

@@ -7,8 +7,9 @@
 //! beams' modulus is the projection of one on the other as tensors, so it is independent of the orientation
 //! of the body. With an open border, as at the end of a body, both are also loaded by forces. Decision 0041.
 
-use super::{Faces, Piece, corners_of};
+use super::Piece;
 use crate::error::{Result, core, dem, fem};
+use crate::setup::faces::{Faces, corners_of};
 use crate::setup::materials;
 use crate::setup::packing::Likeness;
 use crate::setup::select::{inside, slack};

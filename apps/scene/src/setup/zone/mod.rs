@@ -6,22 +6,20 @@
 
 mod around;
 mod divide;
-mod faces;
 mod likeness;
-mod lower;
 mod place;
 mod region;
 
 pub use super::packing::Likeness;
-pub(super) use faces::{Faces, corners_of};
 pub(super) use likeness::{Supports, Twin};
-pub(crate) use lower::{lowered, written};
 
-use super::kinds::{self, Body};
-use super::mesh::{self, Request};
-use super::{natural, select};
+pub(super) use region::check_region;
+
+use super::body::Body;
+use super::mesh::{self, Elements, Request};
+use super::select;
 use crate::error::{Result, fem, key, value};
-use crate::spec::{Interface, ModelKind, ModelTable, OverlapShape, SceneSpec, Shape, ZoneTable};
+use crate::spec::{Interface, ModelTable, OverlapShape, SceneSpec, Shape, ZoneTable};
 use arlequin::core::Overlap;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
@@ -30,34 +28,6 @@ use arlequin::fem_ref::{Facet, FemField, Mesh};
 use divide::Division;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
-
-/// Name of the body's own model.
-pub(super) const BODY: &str = "body";
-
-/// Numbers of the models that a model name in the scene refers to: the body's own model includes its zones.
-pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
-    let place = |name: &String| scene.model.keys().position(|n| n == name);
-    let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
-    let zones = scene.zone.keys().filter(|_| whole).filter_map(place);
-    std::iter::once(m).chain(zones).collect()
-}
-
-/// Expands the body in a list of models to the body and its zones, except zones that `elsewhere` lists by
-/// name.
-pub(super) fn with_parts(
-    scene: &SceneSpec,
-    named: Vec<usize>,
-    elsewhere: impl Fn(&str) -> bool,
-) -> Vec<usize> {
-    let name = |m: usize| scene.model.keys().nth(m).map_or("", String::as_str);
-    let mut out = named.clone();
-    for z in named.iter().flat_map(|m| parts(scene, *m)) {
-        if !out.contains(&z) && !elsewhere(name(z)) {
-            out.push(z);
-        }
-    }
-    out
-}
 
 /// Largest number of times that the body's elements are halved in a zone.
 const HALVINGS: f64 = 6.0;
@@ -106,7 +76,7 @@ pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
 
 /// Purpose of a piece of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Use {
+pub(super) enum Use {
     /// The body's own model.
     Body,
     /// The model of a zone.
@@ -124,23 +94,43 @@ pub struct Piece {
 
 /// A body and its zones; divided at the first request for a piece.
 #[derive(Debug)]
-struct Cut {
+pub(super) struct Cut {
     body: ModelTable,
-    zones: Vec<(String, ZoneTable)>,
+    elements: Elements,
+    zones: Vec<Zone>,
     /// Boxes in which loads and supports act on the body; the surfaces inside become groups.
     marks: Vec<Mark>,
     division: OnceLock<Division>,
 }
 
+/// A zone of a body.
+#[derive(Debug)]
+pub(super) struct Zone {
+    pub name: String,
+    pub table: ZoneTable,
+    /// True if spheres fill the zone.
+    pub has_spheres: bool,
+}
+
 /// A closed box, and the key that names it.
 #[derive(Debug)]
-struct Mark {
-    key: String,
-    low: [f64; 3],
-    high: [f64; 3],
+pub(super) struct Mark {
+    pub key: String,
+    pub low: [f64; 3],
+    pub high: [f64; 3],
 }
 
 impl Cut {
+    pub(super) fn new(body: ModelTable, elements: Elements, zones: Vec<Zone>, marks: Vec<Mark>) -> Self {
+        Self {
+            body,
+            elements,
+            zones,
+            marks,
+            division: OnceLock::new(),
+        }
+    }
+
     fn division(&self, folder: &Path) -> Result<&Division> {
         if let Some(division) = self.division.get() {
             return Ok(division);
@@ -152,15 +142,12 @@ impl Cut {
 
     /// Request for the mesh of the body as a single model.
     fn request<'a>(&'a self, folder: &'a Path) -> Result<Request<'a>> {
-        match self.body.kind {
-            ModelKind::Cnem => natural::request("body", &self.body, folder),
-            _ => kinds::request("body", &self.body, folder),
-        }
+        Request::of_model("body", &self.body, self.elements, folder)
     }
 
     fn mesh(&self, folder: &Path) -> Result<Mesh<f64>> {
         let mut whole = self.request(folder)?.mesh()?;
-        if self.body.kind == ModelKind::Cnem {
+        if self.elements == Elements::Tetrahedra {
             whole = whole.into_tetrahedra().map_err(fem("body"))?;
         }
         let reach = select::slack(whole.spacing());
@@ -182,6 +169,11 @@ impl Cut {
 }
 
 impl Piece {
+    /// Piece of a divided body.
+    pub(super) fn new(cut: Arc<Cut>, purpose: Use) -> Self {
+        Self { cut, purpose }
+    }
+
     /// Checks what can be checked before anything is meshed.
     pub(super) fn check(&self, request: &Request<'_>) -> Result<()> {
         match self.purpose {
@@ -214,7 +206,7 @@ impl Piece {
                 mesh,
                 wanted,
                 1.0,
-                &format!("zone.{}.spacing", self.cut.zones[z].0),
+                &format!("zone.{}.spacing", self.cut.zones[z].name),
             ),
             (Use::Between(_), Some(wanted)) => halved(mesh, wanted, 0.0, &format!("{}.spacing", request.key)),
             _ => Ok(mesh),
@@ -285,7 +277,7 @@ impl Piece {
     pub(super) fn zone_at(&self, x: &Point3<f64>, folder: &Path) -> Result<Option<&str>> {
         let division = self.cut.division(folder)?;
         Ok(match division.field.element_at(x).map(|e| division.owners[e]) {
-            Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].0),
+            Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].name),
             _ => None,
         })
     }

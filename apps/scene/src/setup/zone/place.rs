@@ -2,7 +2,7 @@
 
 use super::Whole;
 use super::divide::{Division, Owner};
-use super::faces::Faces;
+use crate::setup::faces::Faces;
 use arlequin::core::geometry::{Cell, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{CellPlace, Overlap, Place};

@@ -1,11 +1,11 @@
 //! Regions of zones, as signed distances from what the scene names.
 
-use super::Cut;
-use super::faces::{Faces, corners_of};
+use super::{Cut, Zone};
 use crate::error::{Result, dem, key, unknown, value};
 use crate::setup::cloud;
-use crate::setup::filling::bytes;
-use crate::setup::interface::region;
+use crate::setup::faces::{Faces, corners_of};
+use crate::setup::files::{self, bytes};
+use crate::setup::shapes::region;
 use crate::spec::ZoneShape;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Primitive, Region};
@@ -27,7 +27,7 @@ pub(super) enum Place {
 impl Place {
     /// Builds the region of a zone.
     pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
-        let (name, table) = &cut.zones[zone];
+        let Zone { name, table, .. } = &cut.zones[zone];
         let path = format!("zone.{name}.shape");
         let scale = table.scale.unwrap_or(cut.body.scale);
         Ok(match &table.shape {
@@ -46,28 +46,11 @@ impl Place {
             }
             ZoneShape::File(file) => {
                 let key_path = format!("{path}.file");
-                let surface = Surface::from_stl(&bytes(&folder.join(file))?).map_err(dem(&key_path))?;
-                let surface = surface.scaled(scale).map_err(dem(&key_path))?;
+                let surface = files::surface(&key_path, &folder.join(file), scale)?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
             shape => Self::Simple(simple(&path, shape)?),
         })
-    }
-
-    /// Refuses sizes that are not positive, and missing or excess keys.
-    pub(super) fn check(path: &str, shape: &ZoneShape) -> Result<()> {
-        match shape {
-            ZoneShape::Near { distance, .. } if *distance <= 0.0 => Err(value(
-                format!("{path}.near.distance"),
-                *distance,
-                "must be positive [m]",
-            )),
-            ZoneShape::Near { group, file, .. } if group.is_some() == file.is_some() => {
-                Err(key(format!("{path}.near"), "needs exactly one of group, file"))
-            }
-            ZoneShape::Near { .. } | ZoneShape::File(_) => Ok(()),
-            shape => simple(path, shape).map(|_| ()),
-        }
     }
 
     /// Signed distance \[m\], negative inside.
@@ -80,6 +63,22 @@ impl Place {
                 if surface.contains(&x.coords) { -d } else { d }
             }
         }
+    }
+}
+
+/// Refuses sizes that are not positive, and missing or excess keys.
+pub(in crate::setup) fn check_region(path: &str, shape: &ZoneShape) -> Result<()> {
+    match shape {
+        ZoneShape::Near { distance, .. } if *distance <= 0.0 => Err(value(
+            format!("{path}.near.distance"),
+            *distance,
+            "must be positive [m]",
+        )),
+        ZoneShape::Near { group, file, .. } if group.is_some() == file.is_some() => {
+            Err(key(format!("{path}.near"), "needs exactly one of group, file"))
+        }
+        ZoneShape::Near { .. } | ZoneShape::File(_) => Ok(()),
+        shape => simple(path, shape).map(|_| ()),
     }
 }
 

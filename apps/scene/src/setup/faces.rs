@@ -6,7 +6,7 @@ use arlequin::fem_ref::gmsh::facets_of;
 use arlequin::fem_ref::{Facet, Mesh};
 
 /// Corners of the triangles of facets \[m\]; the triangles face out of their elements.
-pub(in crate::setup) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[Point3<f64>; 3]> {
+pub(super) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[Point3<f64>; 3]> {
     let node = |k: &u32| mesh.nodes()[*k as usize];
     let triangles = facets_of(mesh, facets);
     triangles.iter().map(|t| t.each_ref().map(node)).collect()
@@ -14,14 +14,14 @@ pub(in crate::setup) fn corners_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[P
 
 /// Triangles with a search tree for the nearest one; degenerate triangles (lines and points) are allowed.
 #[derive(Debug, Clone)]
-pub(in crate::setup) struct Faces {
+pub(super) struct Faces {
     triangles: Vec<[Point3<f64>; 3]>,
     tree: BoxTree<f64>,
     bounds: [Point3<f64>; 2],
 }
 
 impl Faces {
-    pub(in crate::setup) fn new(triangles: Vec<[Point3<f64>; 3]>) -> Self {
+    pub(super) fn new(triangles: Vec<[Point3<f64>; 3]>) -> Self {
         let boxes: Vec<_> = triangles.iter().map(|t| bounds_of(t.iter())).collect();
         Self {
             bounds: bounds_of(boxes.iter().flatten()),
@@ -30,17 +30,17 @@ impl Faces {
         }
     }
 
-    pub(in crate::setup) fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    pub(in crate::setup) fn triangles(&self) -> &[[Point3<f64>; 3]] {
+    pub(super) fn triangles(&self) -> &[[Point3<f64>; 3]] {
         &self.triangles
     }
 
     /// Number of the nearest triangle and its distance \[m\]; the lowest number among equal ones. There must
     /// be at least one triangle.
-    pub(in crate::setup) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
+    pub(super) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
         let [low, high] = &self.bounds;
         // No triangle is closer than the bounding box; a search radius a little larger finds one soon.
         let distance_to_box = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
@@ -65,13 +65,13 @@ impl Faces {
     }
 
     /// Closest point of all triangles; `None` without triangles.
-    pub(in crate::setup) fn foot(&self, x: &Point3<f64>) -> Option<Point3<f64>> {
+    pub(super) fn foot(&self, x: &Point3<f64>) -> Option<Point3<f64>> {
         self.triangles.first()?;
         let nearest = self.triangles.get(self.nearest(x).0)?;
         Some(closest_on_triangle(&x.coords, &nearest.map(|p| p.coords)).into())
     }
 
-    pub(in crate::setup) fn distance(&self, x: &Point3<f64>) -> f64 {
+    pub(super) fn distance(&self, x: &Point3<f64>) -> f64 {
         self.nearest(x).1
     }
 }

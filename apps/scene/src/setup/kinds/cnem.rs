@@ -1,12 +1,12 @@
 //! `kind = "cnem"`: natural elements on the nodes of a mesh.
 
-use super::clock::SetupClock;
-use super::kinds::{Body, solid_poisson};
-use super::materials;
-use super::mesh::{Grid, Request};
-use super::slit;
 use crate::error::{Result, cnem as natural, fem, value};
-use crate::spec::{CnemTable, Element, Functions, Masses, ModelTable, Shape};
+use crate::setup::body::Body;
+use crate::setup::clock::SetupClock;
+use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::mesh::{Elements, Grid, Request};
+use crate::setup::{materials, slit};
+use crate::spec::{CnemTable, Functions, Masses, ModelTable, Shape};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
@@ -14,79 +14,99 @@ use arlequin::cnem::{CnemModel, Inertia, Options, Stabilisation};
 use arlequin::core::CoarseModel;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::fem_ref::Mesh;
-use arlequin::fem_ref::generate::Rim;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 use std::sync::Arc;
 
-/// Request for the mesh whose nodes a table uses.
-pub(super) fn request<'a>(key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Result<Request<'a>> {
+/// Constrained natural elements.
+pub(super) struct Cnem;
+
+impl Kind for Cnem {
+    fn name(&self) -> &'static str {
+        "cnem"
+    }
+
+    fn meaning(&self) -> &'static str {
+        "Constrained natural elements on the nodes of the same mesh."
+    }
+
+    fn elements(&self) -> Option<Elements> {
+        Some(Elements::Tetrahedra)
+    }
+
+    fn refusal(&self, feature: Feature) -> Option<&'static str> {
+        match feature {
+            Feature::Volumes => Some(
+                "the cell of a natural element lies on both sides of a border between two materials; take kind = \"fem\", or a \
+                 model of each part with volume",
+            ),
+            Feature::Crack | Feature::CoarseSide | Feature::Zone | Feature::Partition => None,
+        }
+    }
+
+    /// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation
+    /// adds element-wise strains.
+    fn element_share(&self, table: &ModelTable) -> f64 {
+        match (table.cnem.stabilisation, Stabilisation::default()) {
+            (Some(share), _) | (None, Stabilisation::SubCells(share)) => share,
+            (None, Stabilisation::None) => 0.0,
+        }
+    }
+
+    fn check(&self, order: &Order<'_>) -> Result<()> {
+        request(order)?.check_body()
+    }
+
+    /// Builds natural elements on the nodes of the mesh that finite elements would have for the same table.
+    fn build(&self, order: &Order<'_>, clock: &mut SetupClock<'_>) -> Result<Body> {
+        let Order { name, key, table, .. } = *order;
+        let mesh = request(order)?.mesh()?.into_tetrahedra().map_err(fem(key))?;
+        let mesh = slit::cut(key, table, mesh)?;
+        let material = materials::elastic(key, &table.material)?;
+        clock.begin(format!("tetrahedra of '{name}'"));
+        let joined = Joined::from_mesh(&mesh).map_err(fem(key))?;
+        let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
+        clock.begin(format!("cells and natural neighbours of '{name}'"));
+        let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
+        let mut warnings = model.warnings();
+        warnings.extend(materials::warnings(table, &mesh));
+        let numbers = joined.numbers(model.domain());
+        let groups = groups(&mesh, &model, &joined, &numbers);
+        let surfaces = surfaces(&mesh, &model, &groups, &numbers);
+        let boundary = model.surface(|_| true).map_err(natural(key))?;
+        let grid = Grid {
+            points: model.domain().nodes().to_vec(),
+            connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
+            corners: 4,
+            cell_type: 10,
+            radii: Vec::new(),
+        };
+        Ok(Body {
+            field: model.coarse_field(),
+            model: Box::new(model),
+            solver: None,
+            grid: Arc::new(grid),
+            groups,
+            surfaces,
+            boundary,
+            spacing: mesh.spacing(),
+            material: Some(material),
+            materials: Some(material.into()),
+            shape: table.shape.clone(),
+            grains: None,
+            warnings,
+        })
+    }
+}
+
+/// Request for the mesh whose nodes the model uses.
+fn request<'a>(order: &Order<'a>) -> Result<Request<'a>> {
+    let Order { key, table, .. } = *order;
     if let Shape::Bar { .. } = table.shape {
         let rule =
             "natural elements fill solids; use a box, a cylinder or a file, or kind = \"fem\" for a bar";
         return Err(value(format!("{key}.shape"), table.shape.name(), rule));
     }
-    solid_poisson(key, table)?;
-    Ok(Request {
-        key,
-        shape: &table.shape,
-        spacing: table.spacing,
-        divisions: table.divisions.as_deref(),
-        element: Element::Tet4,
-        rim: Rim::EqualArea,
-        scale: table.scale,
-        volume: table.volume.as_deref(),
-        cloud: true,
-        folder,
-    })
-}
-
-/// Builds a body of natural elements on the nodes of the mesh that finite elements would have for the same
-/// table.
-pub(super) fn body(
-    name: &str,
-    key: &str,
-    table: &ModelTable,
-    folder: &Path,
-    clock: &mut SetupClock<'_>,
-) -> Result<Body> {
-    let request = request(key, table, folder)?;
-    let mesh = request.mesh()?.into_tetrahedra().map_err(fem(key))?;
-    let mesh = slit::cut(key, table, mesh)?;
-    let material = super::kinds::elastic(key, &table.material)?;
-    clock.begin(format!("tetrahedra of '{name}'"));
-    let joined = Joined::from_mesh(&mesh).map_err(fem(key))?;
-    let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
-    clock.begin(format!("cells and natural neighbours of '{name}'"));
-    let model = CnemModel::new(name, domain, material, options(&table.cnem)).map_err(natural(key))?;
-    let mut warnings = model.warnings();
-    warnings.extend(materials::warnings(table, &mesh));
-    let numbers = joined.numbers(model.domain());
-    let groups = groups(&mesh, &model, &joined, &numbers);
-    let surfaces = surfaces(&mesh, &model, &groups, &numbers);
-    let boundary = model.surface(|_| true).map_err(natural(key))?;
-    let grid = Grid {
-        points: model.domain().nodes().to_vec(),
-        connectivity: model.domain().elements().flatten().map(|v| v as u32).collect(),
-        corners: 4,
-        cell_type: 10,
-        radii: Vec::new(),
-    };
-    Ok(Body {
-        field: model.coarse_field(),
-        model: Box::new(model),
-        solver: None,
-        grid: Arc::new(grid),
-        groups,
-        surfaces,
-        boundary,
-        spacing: mesh.spacing(),
-        material: Some(material),
-        materials: Some(material.into()),
-        shape: table.shape.clone(),
-        grains: None,
-        warnings,
-    })
+    Request::of_model(key, table, Elements::Tetrahedra, order.folder)
 }
 
 fn options(table: &CnemTable) -> Options {

@@ -1,9 +1,11 @@
 //! `kind = "link"`: an external solver in another process as a body.
 
-use super::kinds::Body;
-use super::mesh::Grid;
 use crate::error::{Error, Result, core, fem, key, value};
-use crate::spec::{ModelKind, ModelTable, SceneSpec, Shape};
+use crate::setup::body::Body;
+use crate::setup::clock::SetupClock;
+use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::mesh::Grid;
+use crate::spec::{ModelTable, SceneSpec, Shape};
 use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{self as arlequin_core, Interpolation, Outline, Participant, ParticleField};
@@ -17,34 +19,85 @@ use std::time::Duration;
 /// Longest timeout \[s\]: a year.
 const LONGEST: f64 = 3.2e7;
 
-/// Describes the program that a link starts or the address at which it waits; `None` for other kinds of
-/// models.
-pub fn link_of(table: &ModelTable) -> Option<String> {
-    if table.kind != ModelKind::Link {
-        return None;
+/// A solver in another process.
+pub(super) struct Link;
+
+impl Kind for Link {
+    fn name(&self) -> &'static str {
+        "link"
     }
+
+    fn meaning(&self) -> &'static str {
+        "A solver in another process, which has its own nodes, masses and steps; needs `command` or `address`,\n\
+         and takes neither `shape` nor `material`."
+    }
+
+    fn is_remote(&self) -> bool {
+        true
+    }
+
+    fn refusal(&self, feature: Feature) -> Option<&'static str> {
+        match feature {
+            Feature::Crack => Some("a link brings its own body; cut it there"),
+            Feature::Zone => Some(
+                "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]",
+            ),
+            Feature::Partition => {
+                Some("only bodies of particles, of finite and of natural elements go in parts")
+            }
+            Feature::Volumes | Feature::CoarseSide => None,
+        }
+    }
+
+    fn check(&self, order: &Order<'_>) -> Result<()> {
+        check(order.key, order.table)
+    }
+
+    /// Refuses `[wake]` and `[static]`.
+    fn check_in(&self, scene: &SceneSpec, order: &Order<'_>) -> Result<()> {
+        let table = match (&scene.wake, &scene.statics) {
+            (Some(_), _) => "wake",
+            (None, Some(_)) => "static",
+            (None, None) => return Ok(()),
+        };
+        let name = order.name;
+        let rule = format!(
+            "model '{name}' is a link, which steps by itself from the start on; remove {table}, or the link"
+        );
+        Err(key(table, rule))
+    }
+
+    fn build(&self, order: &Order<'_>, _: &mut SetupClock<'_>) -> Result<Body> {
+        body(order.name, order.key, order.table, order.folder)
+    }
+}
+
+/// Describes the program that a link starts or the address at which it waits.
+pub(crate) fn link_of(table: &ModelTable) -> String {
     let command = table.command.as_deref().map(arlequin_link::shown);
-    Some(match (command, &table.address) {
+    match (command, &table.address) {
         (Some(command), _) => format!("starts {command}"),
         (None, Some(address)) => format!("waits at {address}"),
         (None, None) => "names nothing".into(),
-    })
+    }
 }
 
-/// Refuses keys of a link in other kinds of models, and keys of other kinds in a link.
-pub(super) fn check(path: &str, table: &ModelTable) -> Result<()> {
+/// Refuses keys of a link in other kinds of models.
+pub(super) fn check_keys(path: &str, table: &ModelTable) -> Result<()> {
     let link_keys = [
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
         ("timeout", table.timeout.is_some()),
         ("start_timeout", table.start_timeout.is_some()),
     ];
-    if table.kind != ModelKind::Link {
-        return match link_keys.iter().find(|k| k.1) {
-            None => Ok(()),
-            Some((name, _)) => Err(key(format!("{path}.{name}"), "is for kind = \"link\"; remove it")),
-        };
+    match link_keys.iter().find(|k| k.1) {
+        None => Ok(()),
+        Some((name, _)) => Err(key(format!("{path}.{name}"), "is for kind = \"link\"; remove it")),
     }
+}
+
+/// Refuses keys that only other kinds have, and a link without exactly one end.
+fn check(path: &str, table: &ModelTable) -> Result<()> {
     let of_others = [
         ("shape", !matches!(table.shape, Shape::Linked)),
         // Without a material in the table, Young's modulus is NaN.
@@ -82,24 +135,6 @@ pub(super) fn check(path: &str, table: &ModelTable) -> Result<()> {
     Ok(())
 }
 
-/// Refuses `[wake]` and `[static]` in scenes with links.
-pub(super) fn check_scene(scene: &SceneSpec) -> Result<()> {
-    let Some((name, _)) = scene.model.iter().find(|m| m.1.kind == ModelKind::Link) else {
-        return Ok(());
-    };
-    let table = if scene.wake.is_some() {
-        "wake"
-    } else if scene.statics.is_some() {
-        "static"
-    } else {
-        return Ok(());
-    };
-    let rule = format!(
-        "model '{name}' is a link, which steps by itself from the start on; remove {table}, or the link"
-    );
-    Err(key(table, rule))
-}
-
 fn address(path: &str, table: &ModelTable) -> Result<Address> {
     let text = table.address.as_deref().unwrap_or_default();
     text.parse().map_err(|e: arlequin_link::Error| {
@@ -112,7 +147,7 @@ fn address(path: &str, table: &ModelTable) -> Result<Address> {
 }
 
 /// Starts or awaits the external solver and builds a body from the description it sends.
-pub(super) fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);

@@ -1,9 +1,11 @@
 //! Forces and moments that supports, loads, rigid bodies and other effects exert on the models; probes read
 //! them.
 
-use super::kinds::Body;
-use super::{drive, effect_models, load, select, zone};
+use super::rules::axis;
 use crate::error::{Result, core, key, unknown, value};
+use crate::setup::body::Body;
+use crate::setup::names::{contact_sides, effect_models, model_index, parts};
+use crate::setup::{load, select};
 use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, SceneSpec, Selection};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
@@ -78,7 +80,7 @@ fn support_name(k: usize, scene: &SceneSpec) -> String {
 fn effect_name(k: usize, e: &Effect) -> Option<String> {
     match (&e.kind, &e.between) {
         (EffectKind::Fracture(_), _) => None,
-        (EffectKind::Obstacle(o), _) => Some(drive::obstacle_name(k, o)),
+        (EffectKind::Obstacle(o), _) => Some(o.ledger_name(k)),
         (_, Some(between)) => Some(format!("contact {}", between.join("-"))),
         _ => Some(e.kind.key().replace('_', "-")),
     }
@@ -109,8 +111,8 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
     let mut out = Bearers::default();
     let mut counts = BTreeMap::<usize, usize>::new();
     for (k, s) in scene.support.iter().enumerate() {
-        let m = drive::model_index(&format!("support[{k}].model"), &s.model, scene)?;
-        for m in zone::parts(scene, m) {
+        let m = model_index(&format!("support[{k}].model"), &s.model, scene)?;
+        for m in parts(scene, m) {
             // A support is addressed by its number among the supports of its model.
             let number = counts.entry(m).or_default();
             if support_name(k, scene) == name {
@@ -122,8 +124,8 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
     }
     for (k, l) in scene.load.iter().enumerate() {
         if load::name(k, l) == name {
-            let m = drive::model_index(&format!("load[{k}].model"), &l.model, scene)?;
-            for m in zone::parts(scene, m) {
+            let m = model_index(&format!("load[{k}].model"), &l.model, scene)?;
+            for m in parts(scene, m) {
                 out.models.push(m);
                 out.parts.push((m, &l.at));
             }
@@ -143,7 +145,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
             out.everywhere = true;
         }
         if e.enabled {
-            match super::between::sides(k, e, scene)? {
+            match contact_sides(k, e, scene)? {
                 Some(sides) => out.models.extend(sides),
                 None => out.models.extend(effect_models(k, e, scene)?),
             }
@@ -164,7 +166,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
 }
 
 /// Checks a probe of forces before anything is built.
-pub(super) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
+pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
     if probe.at.is_some() || probe.over.is_some() || probe.crack.is_some() {
         return Err(key(path, "of is a place by itself; remove at, where and crack"));
     }
@@ -172,7 +174,7 @@ pub(super) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) ->
         let rule = "is read with quantity = \"force\" or \"moment\"; choose one";
         return Err(value(format!("{path}.of"), name, rule));
     }
-    super::probe::axis(path, probe)?;
+    axis(path, probe)?;
     let mut bearers = bearers(path, name, scene)?;
     restrict(path, probe, scene, &mut bearers)?;
     let mut pairs = scene
@@ -194,7 +196,7 @@ pub(super) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) ->
 /// Keeps only what acts on the model of the probe, if it names one.
 fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, bearers: &mut Bearers<'_>) -> Result<()> {
     let Some(name) = &probe.model else { return Ok(()) };
-    let m = drive::model_index(&format!("{path}.model"), name, scene)?;
+    let m = model_index(&format!("{path}.model"), name, scene)?;
     if bearers.supports.is_empty() && bearers.models.is_empty() {
         return Ok(());
     }

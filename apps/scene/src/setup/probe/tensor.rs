@@ -1,9 +1,9 @@
 //! Probes of stress and strain, at a point or as the mean over nodes.
 
-use super::kinds::Body;
-use super::probe;
-use crate::error::{Result, core, key, value};
+use super::place::chosen;
+use crate::error::{Result, core, key};
 use crate::ranks::elsewhere;
+use crate::setup::body::Body;
 use crate::spec::{Component, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::ranks::Portion;
@@ -25,37 +25,6 @@ pub(super) struct TensorRow {
     nodes: Vec<usize>,
     factors: Vec<f64>,
     component: Option<Component>,
-}
-
-/// Refuses a component that a quantity does not have.
-pub(super) fn check(path: &str, quantity: Quantity, component: Option<Component>) -> Result<()> {
-    let key_path = || format!("{path}.component");
-    let (fits, requirement): (fn(Component) -> bool, _) = match quantity {
-        Quantity::Stress | Quantity::Strain => (
-            |c| c.tensor().is_some(),
-            "a stress or strain has \"xx\", \"yy\", \"zz\", \"xy\", \"yz\", \"xz\"",
-        ),
-        Quantity::PrincipalStress => (
-            |c| c.rank().is_some(),
-            "principal stresses are \"1\", the largest, \"2\" and \"3\"",
-        ),
-        Quantity::VonMises => {
-            return match component {
-                None => Ok(()),
-                Some(c) => Err(value(
-                    key_path(),
-                    c.name(),
-                    "is none of the stress of von Mises; remove it",
-                )),
-            };
-        }
-        _ => return Ok(()),
-    };
-    match component {
-        Some(c) if fits(c) => Ok(()),
-        Some(c) => Err(value(key_path(), c.name(), requirement)),
-        None => Err(key(key_path(), format!("is needed: {requirement}"))),
-    }
 }
 
 /// Length of a node's message: its place, six stresses, six strains.
@@ -103,7 +72,7 @@ impl TensorRow {
         let (nodes, factors) = match (placed, &probe.over) {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
-                let nodes = probe::chosen(path, selection, model, scene, bodies)?;
+                let nodes = chosen(path, selection, model, scene, bodies)?;
                 // Particles are weighted by the volume of their spheres: in a plain mean the small ones,
                 // which carry higher stresses, would count too much.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));

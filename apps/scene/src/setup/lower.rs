@@ -1,14 +1,17 @@
 //! Lowers `[body]` and `[zone.NAME]` to models and interfaces.
 
-use super::region::Place;
-use super::{BODY, Cut, Mark, Piece, Use};
+use super::kind::Feature;
+use super::kinds::kind;
+use super::mesh::Elements;
+use super::names::BODY;
+use super::zone::{Cut, Mark, Piece, Use, Zone, check_region};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    Interface, MediatorTable, ModelKind, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec,
-    Selection, Shape, WeightTable, ZoneTable,
+    Interface, MediatorTable, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec, Selection, Shape,
+    WeightTable, ZoneTable,
 };
 use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Adds models and interfaces for the body and its zones. The tables `body` and `zone` remain, for keys in
 /// messages.
@@ -22,7 +25,7 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
             )),
         };
     };
-    check_body(&body, !scene.zone.is_empty())?;
+    let elements = check_body(&body, !scene.zone.is_empty())?;
     let names = std::iter::once(BODY).chain(scene.zone.keys().map(String::as_str));
     for name in names {
         for (table, taken) in [
@@ -35,29 +38,26 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
             }
         }
     }
-    if scene.zone.is_empty() {
+    let Some(elements) = elements else {
         scene.model.insert(BODY.to_owned(), body);
         return Ok(scene);
-    }
-    let zones: Vec<(String, ZoneTable)> = scene.zone.clone().into_iter().collect();
-    for (name, zone) in &zones {
+    };
+    for (name, zone) in &scene.zone {
         if name == BODY {
             let rule = "is the name of the body's own model, which is the other side of the zone; give the zone another name";
             return Err(key(format!("zone.{name}"), rule));
         }
         check_zone(name, zone)?;
     }
-    let cut = Arc::new(Cut {
-        body: body.clone(),
-        zones,
-        marks: marks(&scene),
-        division: OnceLock::new(),
-    });
-    let piece = |purpose: Use| Piece {
-        cut: cut.clone(),
-        purpose,
+    let zone = |(name, table): (&String, &ZoneTable)| Zone {
+        name: name.clone(),
+        has_spheres: kind(table.kind).has_spheres(),
+        table: table.clone(),
     };
-    for (k, (name, zone)) in cut.zones.iter().enumerate() {
+    let zones = scene.zone.iter().map(zone).collect();
+    let cut = Arc::new(Cut::new(body.clone(), elements, zones, marks(&scene)));
+    let piece = |purpose: Use| Piece::new(cut.clone(), purpose);
+    for (k, (name, zone)) in scene.zone.iter().enumerate() {
         let model = model(zone, &body, piece(Use::Zone(k)));
         scene.model.insert(name.clone(), model);
         let interface = interface(name, zone, piece(Use::Between(k)));
@@ -111,18 +111,20 @@ pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
     })
 }
 
-fn check_body(body: &ModelTable, zones: bool) -> Result<()> {
+/// Checks the table of the body; returns its elements if it has zones.
+fn check_body(body: &ModelTable, zones: bool) -> Result<Option<Elements>> {
     if body.role.is_some() {
         let rule = "a body has none: it is the coarse side of its zones; remove it";
         return Err(key("body.role", rule));
     }
     if !zones {
-        return Ok(());
+        return Ok(None);
     }
-    if !body.kind.is_continuum() {
+    let kind = kind(body.kind);
+    let Some(elements) = kind.elements() else {
         let rule = "zones are cut out of a continuum; take \"fem\" or \"cnem\" for the body";
-        return Err(value("body.kind", kind_name(body.kind), rule));
-    }
+        return Err(value("body.kind", kind.name(), rule));
+    };
     if !body.crack.is_empty() {
         let rule =
             "a body with zones has none; write [model.NAME] and [interface.NAME], or a mesh file with a slit";
@@ -132,20 +134,14 @@ fn check_body(body: &ModelTable, zones: bool) -> Result<()> {
         let rule = "zones are cut out of solids; couple two bars by [model.NAME] and [interface.NAME]";
         return Err(value("body.shape", "bar", rule));
     }
-    Ok(())
+    Ok(Some(elements))
 }
 
 fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
     let path = format!("zone.{name}");
-    let rule = match zone.kind {
-        ModelKind::Chain => "a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\"",
-        ModelKind::Link => {
-            "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]"
-        }
-        ModelKind::Fem | ModelKind::Cnem | ModelKind::Dem => "",
-    };
-    if !rule.is_empty() {
-        return Err(value(format!("{path}.kind"), kind_name(zone.kind), rule));
+    let kind = kind(zone.kind);
+    if let Some(rule) = kind.refusal(Feature::Zone) {
+        return Err(value(format!("{path}.kind"), kind.name(), rule));
     }
     for (key, x) in [
         ("overlap.width", Some(zone.overlap.width)),
@@ -160,17 +156,7 @@ fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
         let rule = "the space between a zone and the body is made of the body's elements; remove spacing";
         return Err(key(format!("{path}.absorber.spacing"), rule));
     }
-    Place::check(&format!("{path}.shape"), &zone.shape)
-}
-
-fn kind_name(kind: ModelKind) -> &'static str {
-    match kind {
-        ModelKind::Fem => "fem",
-        ModelKind::Cnem => "cnem",
-        ModelKind::Dem => "dem",
-        ModelKind::Chain => "chain",
-        ModelKind::Link => "link",
-    }
+    check_region(&format!("{path}.shape"), &zone.shape)
 }
 
 fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {

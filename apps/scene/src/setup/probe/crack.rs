@@ -1,33 +1,12 @@
 //! Probes of the energy release rate of a crack.
 
-use super::effect_models;
-use super::kinds::Body;
-use crate::error::{Result, core, key, value};
-use crate::spec::{Crack, EffectKind, Probe, Quantity, SceneSpec};
+use super::rules;
+use crate::error::{Result, core, key};
+use crate::setup::body::Body;
+use crate::setup::names::effect_models;
+use crate::spec::{Crack, EffectKind, Probe, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{CrackFront, EnergyRelease, Weights};
-
-/// Refuses a crack with another quantity than the energy release rate, and this quantity without a crack.
-pub(super) fn check_quantity(path: &str, probe: &Probe) -> Result<()> {
-    match (&probe.crack, probe.quantity) {
-        (Some(_), Quantity::EnergyRelease) => match probe.component {
-            None => Ok(()),
-            Some(c) => {
-                let rule = "is none of the energy that a crack releases; remove it";
-                Err(value(format!("{path}.component"), c.name(), rule))
-            }
-        },
-        (Some(_), _) => {
-            let rule = "is looked at with quantity = \"energy-release\"; name it, or remove crack";
-            Err(key(format!("{path}.crack"), rule))
-        }
-        (None, Quantity::EnergyRelease) => {
-            let rule = "is that of a crack; give crack = { front = [[…], […]], direction = […], radii = […] } in place of at and where";
-            Err(key(format!("{path}.quantity"), rule))
-        }
-        (None, _) => Ok(()),
-    }
-}
 
 fn front(crack: &Crack) -> CrackFront<f64> {
     CrackFront {
@@ -38,7 +17,7 @@ fn front(crack: &Crack) -> CrackFront<f64> {
 }
 
 /// Checks what can be checked before anything is built.
-pub(super) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
+pub(in crate::setup) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
     front(crack).check().map_err(core(format!("{path}.crack")))?;
     let number = |name: &String| scene.model.keys().position(|n| n == name);
     let model = probe.model.as_ref().and_then(number);
@@ -61,7 +40,7 @@ pub(super) fn release(
     body: &Body,
     weights: &Weights<f64>,
 ) -> Result<EnergyRelease<f64>> {
-    super::probe::check(path, probe)?;
+    rules::check(path, probe)?;
     let Some(crack) = &probe.crack else {
         return Err(key(path, "needs crack"));
     };

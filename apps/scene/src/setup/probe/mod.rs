@@ -1,18 +1,31 @@
 //! Probes: linear combinations of unknowns, forces, stresses and energy release rates.
 
-use super::drive::model_index;
-use super::exerted::{Exerted, Readings};
+mod crack;
+mod exerted;
+mod place;
+mod rules;
+mod tensor;
+
+pub(super) use crack::check as check_crack;
+pub use exerted::Readings;
+pub(crate) use exerted::acts;
+pub(super) use exerted::check as check_exerted;
+pub(super) use place::{inside, placed};
+pub(super) use rules::{axis, check, model};
+
+use super::body::Body;
 use super::interface::BuiltInterface;
-use super::kinds::Body;
-use super::plausible::corners;
-use super::select;
-use super::tensor::{self, TensorRow};
-use super::{crack, weights, zone};
-use crate::error::{Error, Result, core, key, value};
-use crate::spec::{Axis, Probe, Quantity, SceneSpec, Selection};
+use super::names::model_index;
+use super::weights;
+use crate::error::{Result, core, key};
+use crate::spec::{Probe, Quantity, Reading, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
-use arlequin::core::{Arms, Coupled, EnergyRelease, ShapeRow, Subdomain};
+use arlequin::core::{Arms, Coupled, EnergyRelease, Subdomain};
+use exerted::Exerted;
+use place::chosen;
+use rules::ONE_PLACE;
+use tensor::TensorRow;
 
 /// A probe that is ready to be read.
 #[derive(Debug, Clone)]
@@ -63,31 +76,37 @@ impl ProbeReader {
         joints: &[BuiltInterface],
     ) -> Result<Self> {
         let path = format!("probe.{name}");
-        let source = match &probe.of {
-            Some(exerted_name) => {
-                let what = Exerted::new(&path, exerted_name, probe, scene, bodies)?;
-                let c = axis(&path, probe)?.index();
-                match probe.quantity {
-                    Quantity::Force => Source::Force(what, c),
-                    Quantity::Moment => Source::Moment(what, c),
-                    Quantity::Displacement
-                    | Quantity::Velocity
-                    | Quantity::Rotation
-                    | Quantity::Stress
-                    | Quantity::Strain
-                    | Quantity::VonMises
-                    | Quantity::PrincipalStress
-                    | Quantity::EnergyRelease => return Err(no_reading(&path, probe)),
-                }
+        let exerted = |name: &str| {
+            let what = Exerted::new(&path, name, probe, scene, bodies)?;
+            Ok((what, axis(&path, probe)?.index()))
+        };
+        let source = match (&probe.of, probe.quantity.reading()) {
+            (Some(name), Reading::Moment) => {
+                let (what, c) = exerted(name)?;
+                Source::Moment(what, c)
             }
-            None if probe.crack.is_some() || probe.quantity == Quantity::EnergyRelease => {
+            // Quantities other than a force are refused here.
+            (
+                Some(name),
+                Reading::Force
+                | Reading::Displacements
+                | Reading::Velocities
+                | Reading::Tensor
+                | Reading::Release,
+            ) => {
+                let (what, c) = exerted(name)?;
+                Source::Force(what, c)
+            }
+            (None, Reading::Release) => {
                 let model_name = model(&path, probe)?;
                 let m = model_index(&format!("{path}.model"), model_name, scene)?;
                 let weights = weights::model_weights(m, joints)?;
                 Source::Released(m, crack::release(&path, probe, &bodies[m], &weights)?)
             }
-            None if probe.quantity.is_recovered() => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
-            None => Source::Motion(Row::new(&path, probe, scene, bodies)?),
+            (None, Reading::Tensor) => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
+            (None, Reading::Displacements | Reading::Velocities | Reading::Force | Reading::Moment) => {
+                Source::Motion(Row::new(&path, probe, scene, bodies)?)
+            }
         };
         Ok(Self {
             name: name.to_owned(),
@@ -158,16 +177,13 @@ impl Row {
             return Err(key(format!("{path}.component"), rule));
         }
         check(path, probe)?;
-        let is_velocity = match probe.quantity {
-            Quantity::Velocity => true,
-            Quantity::Displacement | Quantity::Rotation => false,
-            Quantity::Force
-            | Quantity::Moment
-            | Quantity::Stress
-            | Quantity::Strain
-            | Quantity::VonMises
-            | Quantity::PrincipalStress
-            | Quantity::EnergyRelease => return Err(no_reading(path, probe)),
+        let is_velocity = match probe.quantity.reading() {
+            Reading::Velocities => true,
+            Reading::Displacements => false,
+            Reading::Force | Reading::Moment | Reading::Tensor | Reading::Release => {
+                let rule = format!("\"{}\" cannot be read here", probe.quantity.label());
+                return Err(key(format!("{path}.quantity"), rule));
+            }
         };
         let mut along_arms = None;
         let row = match (&probe.at, &probe.over) {
@@ -211,57 +227,6 @@ impl Row {
     }
 }
 
-/// Error of a quantity that the place of a probe does not have.
-fn no_reading(path: &str, probe: &Probe) -> Error {
-    let rule = format!("\"{}\" cannot be read here", probe.quantity.label());
-    key(format!("{path}.quantity"), rule)
-}
-
-/// Nodes of a model that a probe selects.
-///
-/// # Errors
-/// No nodes; the error names a zone of the body that has some.
-pub(super) fn chosen(
-    path: &str,
-    selection: &Selection,
-    model: usize,
-    scene: &SceneSpec,
-    bodies: &[Body],
-) -> Result<Vec<usize>> {
-    let path = format!("{path}.where");
-    let nodes_on = |m: usize| select::nodes(&path, &bodies[m], selection);
-    let nodes = nodes_on(model);
-    let zones = || zone::parts(scene, model).into_iter().filter(|m| *m != model);
-    match (nodes, zones().find(|m| nodes_on(*m).is_ok())) {
-        (Err(_), Some(zone)) => {
-            let name = bodies[zone].model.name();
-            let rule = format!(
-                "{selection} holds nodes of zone '{name}' only, and model '{}' is the body outside its zones; give model = \"{name}\"",
-                bodies[model].model.name()
-            );
-            Err(key(path, rule))
-        }
-        (nodes, _) => nodes,
-    }
-}
-
-/// Nodes and shape functions at a point.
-///
-/// # Errors
-/// A point outside of the model; the error names the extent of the model.
-pub(super) fn placed(
-    path: &str,
-    model_name: &str,
-    point: &[f64; 3],
-    body: &Body,
-) -> Result<(Vec<usize>, Vec<f64>)> {
-    let mut row = ShapeRow::default();
-    let x = Point3::from(*point);
-    let located = body.field.shape_at(&x, false, &mut row);
-    located.map_err(|e| outside(path, model_name, &x, body, e))?;
-    Ok((row.nodes, row.values))
-}
-
 fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<TensorRow> {
     let model_name = model(path, probe)?;
     let number = model_index(&format!("{path}.model"), model_name, scene)?;
@@ -272,86 +237,6 @@ fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> 
         .as_ref()
         .map(|point| placed(path, model_name, point, body));
     TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
-}
-
-/// Direction that a probe of a vector must name.
-pub(super) fn axis(path: &str, probe: &Probe) -> Result<Axis> {
-    let rule = "one of \"x\", \"y\", \"z\"";
-    let key_path = format!("{path}.component");
-    match probe.component {
-        None => Err(key(key_path, format!("is needed: {rule}"))),
-        Some(c) => c
-            .axis()
-            .ok_or_else(|| value(key_path, c.name(), &format!("is no direction; take {rule}"))),
-    }
-}
-
-const ONE_PLACE: &str = "needs exactly one of at, where, of, crack";
-
-/// Model that a probe of motion must name.
-pub(super) fn model<'a>(path: &str, probe: &'a Probe) -> Result<&'a str> {
-    let missing = || {
-        let rule = "is needed: the name of the model that is looked at";
-        key(format!("{path}.model"), rule)
-    };
-    probe.model.as_deref().ok_or_else(missing)
-}
-
-/// Refuses a probe that does not name exactly one place, or whose other keys do not fit its quantity.
-pub(super) fn check(path: &str, probe: &Probe) -> Result<()> {
-    if matches!(probe.quantity, Quantity::Force | Quantity::Moment) {
-        let rule = "is what something exerts on the models; name it with of = \"…\" in place of at and where";
-        return Err(key(format!("{path}.quantity"), rule));
-    }
-    crack::check_quantity(path, probe)?;
-    tensor::check(path, probe.quantity, probe.component)?;
-    if probe.about.is_some() {
-        let rule = "is the point of a moment; remove it";
-        return Err(key(format!("{path}.about"), rule));
-    }
-    match (&probe.at, &probe.over) {
-        (None, None) if probe.crack.is_some() => Ok(()),
-        (Some(_), None) if probe.crack.is_none() && probe.quantity == Quantity::Rotation => Err(key(
-            format!("{path}.at"),
-            "a rotation is that of a group of nodes; give where",
-        )),
-        (Some(_), None) | (None, Some(_)) if probe.crack.is_none() => Ok(()),
-        _ => Err(key(path, ONE_PLACE)),
-    }
-}
-
-/// Refuses a point outside of the bounding box of a model.
-pub(super) fn inside(path: &str, model: &str, x: &Point3<f64>, [low, high]: [[f64; 3]; 2]) -> Result<()> {
-    let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
-    let slack = 1e-9 * size;
-    // A line has no width, so only directions with an extent are checked.
-    let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
-    if out {
-        Err(outside_box(path, model, x, low, high))
-    } else {
-        Ok(())
-    }
-}
-
-fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
-    let rule = format!(
-        "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
-         model"
-    );
-    value(
-        format!("{path}.at"),
-        format_args!("{:?} m", x.coords.as_slice()),
-        &rule,
-    )
-}
-
-/// Turns the error about a point outside of a model into one that names the extent of the model.
-fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
-    if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
-        return core(format!("{path}.at"))(e);
-    }
-    let [low, high] = corners(body.model.nodes());
-    outside_box(path, model, x, low.into(), high.into())
 }
 
 /// Rows of the least-squares rotation of nodes about axis `c` through their centroid:

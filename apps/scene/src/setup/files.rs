@@ -1,0 +1,57 @@
+//! Files that a scene names.
+
+use crate::error::{Error, Result, dem, fem};
+use arlequin::dem_beam::Surface;
+use std::ffi::OsStr;
+use std::path::Path;
+
+/// What a file in `shape` holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ShapeFile {
+    /// A closed surface, as STL.
+    Surface,
+    /// A mesh of Gmsh.
+    Mesh,
+}
+
+impl ShapeFile {
+    /// Tells by the extension what a file holds.
+    pub(super) fn from_path(path: &Path) -> Self {
+        if is(path, "stl") {
+            Self::Surface
+        } else {
+            Self::Mesh
+        }
+    }
+}
+
+/// Reads a closed surface from an STL file, in units of `scale` metres.
+pub(super) fn surface(key: &str, path: &Path, scale: f64) -> Result<Surface> {
+    let surface = Surface::from_stl(&bytes(path)?).map_err(dem(key))?;
+    surface.scaled(scale).map_err(dem(key))
+}
+
+pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|source| Error::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// Returns whether a path has the given extension; upper and lower case are equal.
+pub(super) fn is(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .and_then(OsStr::to_str)
+        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// Refuses a file that cannot be opened.
+pub(super) fn check_file(key: &str, path: &Path) -> Result<()> {
+    let opened = std::fs::File::open(path).map(|_| ());
+    opened.map_err(|e| {
+        fem(key)(arlequin::fem_ref::Error::File {
+            path: path.display().to_string(),
+            message: e.to_string(),
+        })
+    })
+}

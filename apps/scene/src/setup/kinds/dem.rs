@@ -1,0 +1,301 @@
+//! `kind = "dem"`: a random packing of spheres, joined by cohesive beams, that fills the shape.
+
+use crate::error::{Error, Result, cnem, dem};
+use crate::setup::body::Body;
+use crate::setup::clock::SetupClock;
+use crate::setup::files::is;
+use crate::setup::filling::{Filling, Recipe, beam, unlike_its_material, unlike_the_body};
+use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::mesh::{self, Grid};
+use crate::setup::packing::PackingLine;
+use crate::setup::zone::Twin;
+use crate::setup::{grains, materials};
+use crate::spec::{Load, ModelTable, ParticleFieldKind, SceneSpec, Shape};
+use arlequin::cnem::NaturalField;
+use arlequin::cnem::natural::Interpolant;
+use arlequin::core::geometry::Sample;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
+use arlequin::dem_beam::{DemModel, Error as DemError, Packing};
+use arlequin::fem_ref::FemField;
+use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock};
+
+/// Displacement field of particles. Interfaces integrate over the particles themselves, which have gradients
+/// too; between the centres, for probes and for integration points of another model, natural neighbours
+/// interpolate.
+struct ParticlePoints {
+    /// Built at the first request for a point between the particles: its tetrahedra take more memory than the
+    /// model, and most runs never need it.
+    natural: OnceLock<Result<NaturalField, String>>,
+    particles: Arc<ParticleField<f64>>,
+}
+
+impl ParticlePoints {
+    fn natural(&self) -> arlequin::core::Result<&NaturalField> {
+        let field = self.natural.get_or_init(|| {
+            NaturalField::from_points(self.particles.nodes(), Interpolant::Laplace).map_err(|e| e.to_string())
+        });
+        field.as_ref().map_err(|rule| Core::InvalidParameter {
+            name: "field between the particles".into(),
+            value: format!("{} centres", self.particles.nodes().len()),
+            rule: rule.clone(),
+        })
+    }
+}
+
+impl Interpolation<f64> for ParticlePoints {
+    fn nodes(&self) -> &[Point3<f64>] {
+        self.particles.nodes()
+    }
+    fn shape_at(
+        &self,
+        x: &Point3<f64>,
+        gradient: bool,
+        row: &mut ShapeRow<f64>,
+    ) -> arlequin::core::Result<()> {
+        // Integration points of another model lie between the particles, where natural neighbours have
+        // gradients too.
+        match self.particles.shape_at(x, gradient, row) {
+            Err(Core::OutsideDomain { .. }) => self.natural()?.shape_at(x, gradient, row),
+            found => found,
+        }
+    }
+    fn samples(&self) -> Option<&[Sample<f64>]> {
+        self.particles.samples()
+    }
+    fn kind(&self) -> &'static str {
+        "particle"
+    }
+}
+
+/// Refuses keys that a packing does not use.
+fn unread(key: &str, table: &ModelTable) -> Result<()> {
+    let filed = matches!(table.shape, Shape::File(_));
+    let of_vtu = table.dem.file.as_ref();
+    let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
+    let keys = [
+        (
+            "divisions",
+            table.divisions.is_some(),
+            "is of elements; give spacing, the mean diameter of the spheres",
+        ),
+        (
+            "scale",
+            !filed && (table.scale - 1.0).abs() > 0.0,
+            "is of a file; remove it",
+        ),
+        (
+            "volume",
+            !filed && table.volume.is_some(),
+            "is of a mesh file; remove it",
+        ),
+        (
+            "dem.radii",
+            !of_vtu && table.dem.radii.is_some(),
+            "names an array of a .vtu file in dem.file; remove it",
+        ),
+    ];
+    match keys.iter().find(|k| k.1) {
+        None => Ok(()),
+        Some((name, _, rule)) => Err(crate::error::key(format!("{key}.{name}"), *rule)),
+    }
+}
+
+/// Places an error about spheres too large for their body at the key that determines their size.
+fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+    match &e {
+        Error::Dem {
+            source: DemError::ContainerTooSmall { .. } | DemError::TooFewAcross { .. },
+            ..
+        } => {
+            let name = table.spacing.map_or("dem.count", |_| "spacing");
+            e.at_key(|_| Some(format!("{key}.{name}")))
+        }
+        _ => e,
+    }
+}
+
+/// A packing of spheres.
+pub(super) struct Dem;
+
+impl Kind for Dem {
+    fn name(&self) -> &'static str {
+        "dem"
+    }
+
+    fn meaning(&self) -> &'static str {
+        "A random packing of spheres joined by cohesive beams; shapes `box`, `cylinder`, `file`."
+    }
+
+    fn has_spheres(&self) -> bool {
+        true
+    }
+
+    fn refusal(&self, feature: Feature) -> Option<&'static str> {
+        match feature {
+            Feature::Crack => Some("particles are cut by dem.notch; write it there"),
+            Feature::Volumes | Feature::CoarseSide | Feature::Zone | Feature::Partition => None,
+        }
+    }
+
+    fn carries(&self, load: &Load) -> bool {
+        load.force.is_some() || load.torque.is_some()
+    }
+
+    /// Spheres have groups at the plane faces of a shape only.
+    fn groups(&self, shape: &Shape) -> Option<&'static [&'static str]> {
+        match shape {
+            Shape::Ball { .. } => Some(&[]),
+            Shape::Cylinder { .. } => Some(&["x-min", "x-max"]),
+            shape => mesh::groups(shape),
+        }
+    }
+
+    fn check(&self, order: &Order<'_>) -> Result<()> {
+        let Order {
+            key, table, folder, ..
+        } = *order;
+        unread(key, table)?;
+        let filling = Filling::from_table(key, table, folder)?;
+        Recipe::check(key, table, folder, &filling)?;
+        grains::check_boxes(key, &table.dem.notch)?;
+        beam(key, table).map(|_| ())
+    }
+
+    fn check_in(&self, _: &SceneSpec, order: &Order<'_>) -> Result<()> {
+        grains::check_loose(order.key, order.table, order.effects)?;
+        grains::check_single(order.name, order.effects)
+    }
+
+    fn build(&self, order: &Order<'_>, clock: &mut SetupClock<'_>) -> Result<Body> {
+        let Order {
+            name,
+            key,
+            table,
+            folder,
+            effects,
+            supports,
+        } = *order;
+        clock.begin(format!("packing of '{name}'"));
+        grains::check_loose(key, table, effects)?;
+        let filling = Filling::from_table(key, table, folder)?;
+        let built = Recipe::from_table(key, table, folder, &filling)?.packing(key);
+        let mut packing = built.map_err(|e| too_large(key, table, e))?;
+        clock.begin(format!("model of '{name}'"));
+        packing.positions.iter_mut().for_each(|x| *x += filling.shift);
+        let make = |packing: &Packing, beam| {
+            let model = DemModel::new(name, packing, beam, table.material.density).map_err(dem(key))?;
+            graded(key, table, &filling, model)
+        };
+        let mut beam = beam(key, table)?;
+        let mut likeness = None;
+        if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
+            && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
+        {
+            // Beams that the scene gives are measured but not changed.
+            let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
+            let group = |model: &DemModel, name: &str| {
+                let mut named = groups(model, &table.shape, &filling);
+                named.remove(name)
+            };
+            likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
+            beam.young *= likeness.map_or(1.0, |l| l.beams);
+        }
+        // The body's elements have no notch, so the packing is measured before it gets one.
+        grains::cut(key, &table.dem.notch, &mut packing)?;
+        let line = PackingLine::from_packing(&packing, table.material.density, likeness);
+        let mut warnings = line.warnings();
+        warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
+        warnings.extend(unlike_its_material(table, &beam));
+        let model = make(&packing, beam)?;
+        // Lowers the peak of memory: effects and fields are built below.
+        drop(packing);
+        let model = if table.dem.finite_rotations {
+            model.with_finite_rotations()
+        } else {
+            model
+        };
+        let (model, grains) = grains::build(model, table, effects, line)?;
+        let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
+            ParticleFieldKind::Natural => {
+                let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
+                Arc::new(natural.map_err(cnem(key))?)
+            }
+            ParticleFieldKind::Particles => Arc::new(ParticlePoints {
+                natural: OnceLock::new(),
+                particles: model.particle_field(),
+            }),
+        };
+        let bonds = model.body().pairs();
+        let grid = Grid {
+            points: model.nodes().to_vec(),
+            connectivity: bonds.iter().flatten().copied().collect(),
+            corners: 2,
+            cell_type: 3,
+            radii: model.body().radii().to_vec(),
+        };
+        let radii = model.body().radii();
+        let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
+        let material = materials::elastic(key, &table.material)?;
+        Ok(Body {
+            groups: groups(&model, &table.shape, &filling),
+            field,
+            grid: Arc::new(grid),
+            surfaces: BTreeMap::new(),
+            boundary: Vec::new(),
+            spacing,
+            material: Some(material),
+            materials: Some(material.into()),
+            shape: table.shape.clone(),
+            grains: Some(grains),
+            warnings,
+            model: Box::new(model),
+            solver: None,
+        })
+    }
+}
+
+/// Gives each particle the material of the volume it lies in, if the table has materials for volumes.
+fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
+    let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
+        return Ok(model);
+    };
+    let materials = materials::element_materials(key, table, mesh)?;
+    let field = FemField::new(mesh.clone());
+    let main = table.material;
+    let grades = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
+        // The centre lies outside the mesh: packing has pushed it through a facet.
+        None => [1.0; 2],
+        Some(m) => [m.young() / main.young, m.density() / main.density],
+    };
+    model.with_grades(grades).map_err(dem(format!("{key}.materials")))
+}
+
+/// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
+/// file.
+fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
+    let mut out = BTreeMap::new();
+    let mut layer = |name: &str, point: Point3<f64>, normal: Vector3<f64>| {
+        out.insert(name.to_owned(), model.clamp_layer(&point, &normal));
+    };
+    match *shape {
+        Shape::Box { low, high, .. } => {
+            let axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())];
+            for (name, axis) in axes {
+                layer(&format!("{name}-min"), Point3::from(low), -axis);
+                layer(&format!("{name}-max"), Point3::from(high), axis);
+            }
+        }
+        Shape::Cylinder { from, length, .. } => {
+            layer("x-min", Point3::from(from), -Vector3::x());
+            layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
+        }
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::Linked => {}
+        Shape::File(_) | Shape::Piece(_) => {
+            let faces = filling.faces.iter();
+            out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));
+        }
+    }
+    out
+}

@@ -1,0 +1,192 @@
+//! Names in a scene, and the models that they refer to.
+
+use super::kind::Feature;
+use super::kinds::kind;
+use crate::error::{Result, key, unknown, value};
+use crate::spec::{Bearer, Effect, EffectKind, Interface, ModelTable, RoleKind, SceneSpec, Shape};
+
+/// Name of the body's own model.
+pub(super) const BODY: &str = "body";
+
+/// Numbers of the models that a model name in the scene refers to: the body's own model includes its zones.
+pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
+    let place = |name: &String| scene.model.keys().position(|n| n == name);
+    let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
+    let zones = scene.zone.keys().filter(|_| whole).filter_map(place);
+    std::iter::once(m).chain(zones).collect()
+}
+
+/// Expands the body in a list of models to the body and its zones, except zones that `elsewhere` lists by
+/// name.
+pub(super) fn with_parts(
+    scene: &SceneSpec,
+    named: Vec<usize>,
+    elsewhere: impl Fn(&str) -> bool,
+) -> Vec<usize> {
+    let name = |m: usize| scene.model.keys().nth(m).map_or("", String::as_str);
+    let mut out = named.clone();
+    for z in named.iter().flat_map(|m| parts(scene, *m)) {
+        if !out.contains(&z) && !elsewhere(name(z)) {
+            out.push(z);
+        }
+    }
+    out
+}
+
+/// Returns the number of the model with this name.
+pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
+    let number = scene.model.keys().position(|k| k == name);
+    number.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
+}
+
+pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneSpec) -> Result<Vec<usize>> {
+    let Some(names) = names else {
+        return Ok((0..scene.model.len()).collect());
+    };
+    let index = |(k, n): (usize, &String)| model_index(&format!("{path}.models[{k}]"), n, scene);
+    names.iter().enumerate().map(index).collect()
+}
+
+/// Numbers of the coarse and the fine model of an interface.
+pub(super) fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
+    let path = format!("interface.{name}");
+    let mut out = [0; 2];
+    let sides = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
+    for (slot, (model, role)) in out.iter_mut().zip(sides) {
+        *slot = model_index(&format!("{path}.{}", role.name()), model, scene)?;
+    }
+    if out[0] == out[1] {
+        let rule = format!(
+            "is coarse and fine side at once ('{}'); name two models",
+            table.fine
+        );
+        return Err(key(format!("{path}.fine"), rule));
+    }
+    for (model, role) in sides {
+        let table = &scene.model[model];
+        let between = table.role.is_none() && is_between(model, scene);
+        if between
+            && role == RoleKind::Coarse
+            && let Some(rule) = kind(table.kind).refusal(Feature::CoarseSide)
+        {
+            return Err(value(format!("{path}.coarse"), model, rule));
+        }
+        if !between && table.role != Some(role) {
+            let rule = if is_between(model, scene) {
+                format!(
+                    "interface '{name}' needs it to be {} and another the opposite; leave role out",
+                    role.name()
+                )
+            } else {
+                format!("interface '{name}' needs role = \"{}\" here", role.name())
+            };
+            return Err(key(format!("model.{model}.role"), rule));
+        }
+    }
+    Ok(out)
+}
+
+/// Returns whether a model is coarse in one interface and fine in another.
+fn is_between(model: &str, scene: &SceneSpec) -> bool {
+    let mut interfaces = scene.interface.values();
+    interfaces.clone().any(|i| i.coarse == model) && interfaces.any(|i| i.fine == model)
+}
+
+/// Effects on each model, with their numbers in the scene.
+pub(super) fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
+    let mut out = vec![Vec::new(); scene.model.len()];
+    for (k, e) in scene.effect.iter().enumerate() {
+        for m in effect_models(k, e, scene)? {
+            out[m].push((k, e));
+        }
+    }
+    Ok(out)
+}
+
+/// Numbers of the two models that effect `k` acts between; `None` if it acts on single models.
+pub(super) fn contact_sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[usize; 2]>> {
+    let Some(names) = &e.between else {
+        return Ok(None);
+    };
+    let path = format!("effect[{k}].between");
+    let EffectKind::Contact(_) = e.kind else {
+        let rule = format!(
+            "is for contact; {} acts on single models, name them in models",
+            e.kind.key()
+        );
+        return Err(key(path, rule));
+    };
+    if e.models.is_some() {
+        return Err(key(path, "excludes models; remove one of the two"));
+    }
+    let [a, b] = &names[..] else {
+        let rule = format!("names {} models; name two", names.len());
+        return Err(key(path, rule));
+    };
+    let mut out = [0; 2];
+    for (n, (slot, name)) in out.iter_mut().zip([a, b]).enumerate() {
+        *slot = model_index(&format!("{path}[{n}]"), name, scene)?;
+        if !kind(scene.model[name].kind).has_spheres() {
+            let rule = format!("contact needs particles, kind = \"dem\", which model '{name}' is not");
+            return Err(key(format!("{path}[{n}]"), rule));
+        }
+    }
+    if a == b {
+        let rule = format!("names '{a}' twice; contact within one model is models = [\"{a}\"]");
+        return Err(key(path, rule));
+    }
+    Ok(Some(out))
+}
+
+/// Requirement of bulk viscosity, and the alternative for a line model.
+pub(super) const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
+
+/// Numbers of the models that an effect acts on: the named ones, or all that can have it.
+pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
+    let path = format!("effect[{k}]");
+    if contact_sides(k, e, scene)?.is_some() {
+        return Ok(Vec::new());
+    }
+    let (what, bearer) = (e.kind.key(), e.kind.bearer());
+    let tables: Vec<&ModelTable> = scene.model.values().collect();
+    let fits = |m: &usize| match bearer {
+        Bearer::Any => true,
+        Bearer::Solids => {
+            let is_line = matches!(tables[*m].shape, Shape::Bar { .. });
+            kind(tables[*m].kind).elements().is_some() && !is_line
+        }
+        Bearer::Particles => kind(tables[*m].kind).has_spheres(),
+    };
+    let models = model_indices(&path, e.models.as_deref(), scene)?;
+    if let (Some(names), Some(misfit)) = (&e.models, models.iter().position(|m| !fits(m))) {
+        let requirement = match bearer {
+            Bearer::Particles => "kind = \"dem\"",
+            _ => SOLID,
+        };
+        let rule = format!(
+            "{what} needs {requirement}, which model '{}' is not",
+            names[misfit]
+        );
+        return Err(key(format!("{path}.models[{misfit}]"), rule));
+    }
+    // Gravity on a body also acts on its zones; damping may be meant for one model only.
+    let models = match (&e.kind, &e.models) {
+        (EffectKind::BodyForce(_), Some(_)) => with_parts(scene, models, |name| {
+            let forces = scene
+                .effect
+                .iter()
+                .filter(|o| matches!(o.kind, EffectKind::BodyForce(_)));
+            forces
+                .filter_map(|o| o.models.as_ref())
+                .flatten()
+                .any(|n| n == name)
+        }),
+        _ => models,
+    };
+    let fitting: Vec<usize> = models.into_iter().filter(fits).collect();
+    if fitting.is_empty() {
+        let rule = format!("no model of the scene can have {what}; remove it");
+        return Err(key(path, rule));
+    }
+    Ok(fitting)
+}

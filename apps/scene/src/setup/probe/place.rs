@@ -1,0 +1,93 @@
+//! Places of probes: points and nodes of models.
+
+use crate::error::{Error, Result, core, key, value};
+use crate::setup::body::Body;
+use crate::setup::shapes::corners;
+use crate::setup::{names, select};
+use crate::spec::{SceneSpec, Selection};
+use arlequin::core::ShapeRow;
+use arlequin::core::nalgebra::Point3;
+
+/// Nodes of a model that a probe selects.
+///
+/// # Errors
+/// No nodes; the error names a zone of the body that has some.
+pub(super) fn chosen(
+    path: &str,
+    selection: &Selection,
+    model: usize,
+    scene: &SceneSpec,
+    bodies: &[Body],
+) -> Result<Vec<usize>> {
+    let path = format!("{path}.where");
+    let nodes_on = |m: usize| select::nodes(&path, &bodies[m], selection);
+    let nodes = nodes_on(model);
+    let zones = || names::parts(scene, model).into_iter().filter(|m| *m != model);
+    match (nodes, zones().find(|m| nodes_on(*m).is_ok())) {
+        (Err(_), Some(zone)) => {
+            let name = bodies[zone].model.name();
+            let rule = format!(
+                "{selection} holds nodes of zone '{name}' only, and model '{}' is the body outside its zones; give model = \"{name}\"",
+                bodies[model].model.name()
+            );
+            Err(key(path, rule))
+        }
+        (nodes, _) => nodes,
+    }
+}
+
+/// Nodes and shape functions at a point.
+///
+/// # Errors
+/// A point outside of the model; the error names the extent of the model.
+pub(in crate::setup) fn placed(
+    path: &str,
+    model_name: &str,
+    point: &[f64; 3],
+    body: &Body,
+) -> Result<(Vec<usize>, Vec<f64>)> {
+    let mut row = ShapeRow::default();
+    let x = Point3::from(*point);
+    let located = body.field.shape_at(&x, false, &mut row);
+    located.map_err(|e| outside(path, model_name, &x, body, e))?;
+    Ok((row.nodes, row.values))
+}
+
+/// Refuses a point outside of the bounding box of a model.
+pub(in crate::setup) fn inside(
+    path: &str,
+    model: &str,
+    x: &Point3<f64>,
+    [low, high]: [[f64; 3]; 2],
+) -> Result<()> {
+    let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
+    let slack = 1e-9 * size;
+    // A line has no width, so only directions with an extent are checked.
+    let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
+    if out {
+        Err(outside_box(path, model, x, low, high))
+    } else {
+        Ok(())
+    }
+}
+
+fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
+    let rule = format!(
+        "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
+         model"
+    );
+    value(
+        format!("{path}.at"),
+        format_args!("{:?} m", x.coords.as_slice()),
+        &rule,
+    )
+}
+
+/// Turns the error about a point outside of a model into one that names the extent of the model.
+fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
+    if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
+        return core(format!("{path}.at"))(e);
+    }
+    let [low, high] = corners(body.model.nodes());
+    outside_box(path, model, x, low.into(), high.into())
+}
