@@ -172,7 +172,7 @@ function tellingCut() {
     return { axis, flipped, at: state.at, share: hotShare() };
   });
   const [whole, ...cuts] = choices, best = cuts.reduce((a, b) => (b.share > 1.5 * a.share ? b : a));
-  const { axis, flipped, at } = whole.share < 0.01 && best.share > 3 * whole.share ? best : whole;
+  const { axis, flipped, at } = whole.share < 0.005 && best.share > 3 * whole.share ? best : whole;
   [state.cut, state.flipped, state.at] = [axis, flipped, axis ? at : 500];
 }
 
