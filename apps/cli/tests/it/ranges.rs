@@ -386,7 +386,9 @@ fn assigned(scene: &str, assignment: &str) -> String {
 fn is_taken(folder: &Path, scene: &str) -> bool {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
-    arlequin(&["check", text(&path)]).status.success()
+    let code = arlequin(&["check", text(&path)]).status.code();
+    assert!(matches!(code, Some(0 | 2)), "{code:?}: {scene}");
+    code == Some(0)
 }
 
 /// Issue 28: an editor marks the mistakes that the program refuses.
